@@ -97,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stdout.flush()
     except (ValueError, ModuleNotFoundError) as error:
         code = _refused(str(error))
-    except (RecursionError, OverflowError, MemoryError) as error:  # a value that no door expected
+    except (RecursionError, OverflowError, MemoryError) as error:  # a value that no check expected
         code = _refused(f"the request asks for more than can be done: {_told(error)}")
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -121,7 +121,7 @@ def _refused(text: str) -> int:
 
 
 def _of_the_user(error: Exception) -> int:
-    """Refuse what failed in the user's own code in a line that says where; raise again what is a fault of ours."""
+    """Report a failure in the user's own code in one line that says where; raise again a failure of this package."""
     from calibench.bench.gate.frames import place_of, text_of
 
     if not (place := place_of(error)):
@@ -130,7 +130,7 @@ def _of_the_user(error: Exception) -> int:
 
 
 def _told(error: BaseException) -> str:
-    """Return an exception and where it was raised, as one line does for a traceback that nobody wants to read."""
+    """Return an exception and the place where it was raised, in one line without a traceback."""
     last = error.__traceback__
     while last is not None and last.tb_next is not None:
         last = last.tb_next
@@ -140,7 +140,7 @@ def _told(error: BaseException) -> str:
 
 @cache
 def _look_less_for_garbage() -> None:
-    """Look for garbage less often: what a library loads stays, and looking through all of it slows a small run."""
+    """Run the garbage collector less often: library objects stay, and examining all of them slows a small run."""
     gc.set_threshold(_OBJECTS)
     atexit.register(gc.freeze)  # at the end all of it goes, and needs no looking through
 

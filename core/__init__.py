@@ -1,4 +1,4 @@
-"""The base of all packages: names with checked options, and compilation. It knows no problem and no optimiser."""
+"""The base of all packages: registries with checked options, and compilation. It knows no problem and no optimiser."""
 
 from calibench._checkout import one_module
 

@@ -1,4 +1,4 @@
-"""A count with what is counted (``1 run``, ``2 runs``), a number, a length of time: as all messages say it."""
+"""Counts with their nouns (``1 run``, ``2 runs``), numbers and lengths of time, in the form that all messages use."""
 
 from __future__ import annotations
 

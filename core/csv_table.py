@@ -1,7 +1,8 @@
-"""Read a table of text as it lies on disk: comment lines, a preamble, a header with units in brackets, a row a reading.
+"""Read a table of text from disk: comment lines, a preamble, a header with units in brackets, a row a reading.
 
-One reader for every door: readings for a problem, plans, and measured data. Cells are parted by a comma, a semicolon,
-a tab, or spaces. What brackets hold behind a name is its unit, whatever their shape; who reads it asks if it is known.
+Readings for a problem, plans, and measured data all use it. Cells are separated by a comma, a semicolon, a tab, or
+spaces. Text in brackets behind a name is its unit, whatever the shape of the brackets; the caller checks whether the
+unit is known.
 """
 
 from __future__ import annotations
@@ -202,7 +203,7 @@ def _joined(head: Sequence[str], row: Sequence[str]) -> tuple[str, ...]:
 
 
 def _cut(row: Sequence[str], least: int) -> tuple[str, ...]:
-    """Return the cells without those at the end that hold nothing, at least so many."""
+    """Return the cells without the empty ones at the end, but at least so many."""
     end = len(row)
     while end > least and not row[end - 1].strip():
         end -= 1

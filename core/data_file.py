@@ -1,8 +1,8 @@
-"""The door for files of data: of which kind, how large, how wide; looked at before anything is read or parsed.
+"""Checks of a data file before it is read or parsed: its kind, size and width.
 
-One place for every reader: readings of a problem, plans, measured data. A pipe or a device never ends or never begins;
-a file that is read while something writes it is half of two files; a reader that is given a million columns takes
-minutes to say that they are wrong, and Arrow may take the process down. What is refused is told in one line.
+All readers use them: readings of a problem, plans, measured data. A pipe or a device never ends or never begins; a file
+that is read while another process writes it is half of two files; a reader that is given a million columns takes
+minutes to refuse them, and Arrow may crash the process. A refusal is one line.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What was worked out of a file's bytes, kept between processes: named by a digest of these bytes, so never stale.
+"""Results computed from a file's bytes, kept between processes: named by a digest of these bytes, so never stale.
 
-It stands in the user's cache folder beside the machine code of the kernels, and is worked out anew where that cannot be
-read or written.
+They are in the user's cache folder beside the machine code of the kernels, and are computed again where that folder
+cannot be read or written.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def cache_root() -> Path:
 
 
 def kept(kind: str, of: tuple[bytes, ...], make: Callable[[], Any]) -> Any:
-    """Return what `make` returned for the same bytes `of` in some process before, or now: a value as JSON holds it."""
+    """Return the result of `make`, of this or an earlier process, for the same bytes `of`: any value of JSON."""
     digest = blake2b(digest_size=16)
     for part in of:
         digest.update(len(part).to_bytes(8, "little") + part)

@@ -1,4 +1,4 @@
-"""What a table says of its rows: which are valid, and which are kept from the fit, in the same words for all files."""
+"""The words for rows in a table, the same for all files: which are valid, and which are kept from the fit."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def valid_rows(words: Any) -> NDArray[np.bool_]:
 
 
 def split_rows(words: Any) -> NDArray[np.str_]:
-    """Return what the words of a column `split`, (n,), say of each row: train, hold, or "" where the cell is empty.
+    """Return the part of each row by the words of a column `split`, (n,): train, hold, or "" for an empty cell.
 
     >>> split_rows(["Train", "hold", ""]).tolist()
     ['train', 'hold', '']
 
-    Raises `ValueError` for any other word: rows that are kept for checking must not be fitted in silence.
+    Raises `ValueError` for any other word, because rows that were kept for checking must not be fitted.
     """
     said = _said(words)
     _refuse_others("split", said, (*_SPLIT, *_UNTOLD), "train (fitted) or hold (kept back)")

@@ -1,4 +1,4 @@
-"""What to do about a cell that should hold a number and does not, told by how it is written."""
+"""Advice on a cell that should be a number and is not, by the way it is written."""
 
 from __future__ import annotations
 

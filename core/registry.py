@@ -134,11 +134,11 @@ class Registry(Generic[T]):
         return self._factory(self._known(name))
 
     def told_name(self, name: str) -> str:
-        """Return what results call the entry `name`: of a file of one's own, no path of this machine."""
+        """Return the name of the entry `name` in results; for a user's file it has no path of this machine."""
         return self._known(name)
 
     def place(self, name: str) -> str:
-        """Return the name under which another process, wherever it stands, finds the entry `name`."""
+        """Return the name under which another process, in any folder, finds the entry `name`."""
         known = self._known(name)
         return f"{self._places[known]}:{known.rpartition(':')[2]}" if known in self._places else known
 
@@ -302,7 +302,7 @@ def suggest_or_own(name: str, choices: Iterable[str]) -> str:
 
 
 def about(factory: Callable[..., Any]) -> str:
-    """Return the first line of what `factory` says of itself."""
+    """Return the first line of `factory`'s docstring."""
     described = "__doc__" in getattr(factory, "__dict__", {})  # a partial tells of itself, or of what it calls
     target = factory.func if hasattr(factory, "func") and not described else factory
     return (target.__doc__ or "").strip().partition("\n")[0]
@@ -313,6 +313,6 @@ def _holder(thing: Any) -> Callable[[], Any]:
 
 
 def _told(error: Exception) -> str:
-    """Return an exception in one line: its own words for a missing module, its type too for all else."""
+    """Return an exception in one line: its own text for a missing module, its type as well for others."""
     words = " ".join(str(error).split())
     return words if isinstance(error, ImportError) else f"{type(error).__name__}: {words}"

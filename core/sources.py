@@ -96,12 +96,12 @@ def closure(file: Path) -> set[Path]:
 
 
 def name_at_home(file: Path) -> str | None:
-    """Return what `file` is called by where it stands in our own folder; None for a file elsewhere."""
+    """Return the path of `file` inside our own folder; None for a file elsewhere."""
     return file.relative_to(_HOME).as_posix() if file.is_relative_to(_HOME) else None
 
 
 def call(files: Mapping[Path, str]) -> None:
-    """Call these files, which came from another machine, what `name_at_home` says there: their digests are the same."""
+    """Give these files, which came from another machine, the names that `name_at_home` has there; so digests agree."""
     _SENT.update(files)
 
 
@@ -146,7 +146,7 @@ def forget(files: set[Path]) -> None:
 
 
 def changed(files: set[Path]) -> bool:
-    """Tell whether some of `files` means something else now than when it was loaded."""
+    """Tell whether the code of some of `files` differs from the code that was loaded."""
     return any(
         path in _SEEN and _stamp(path) != _SEEN[path].stamp and _read(path).digest != _SEEN[path].digest
         for path in files
@@ -314,7 +314,7 @@ def _standard() -> tuple[Path, ...]:
 
 
 def _told_name(file: Path, root: Path) -> str:
-    """Return where a file stands, the same on every machine."""
+    """Return the path of a file, the same on every machine."""
     if file in _SENT:
         return _SENT[file]
     for base in (_HOME, root):

@@ -1,8 +1,8 @@
-"""The door for words: what one word of a request may be, and how a message shows what it was given.
+"""Checks of the words of a request, and how a message shows a word.
 
-A parser behind this door calls itself for each bracket inside another, and Python ends that after some hundred calls;
-a terminal obeys control characters; a table holds no text that is not Unicode. All of it is refused here, in one line,
-before anything reads the word.
+A parser calls itself for each nested bracket, and Python ends that after some hundred calls; a terminal obeys control
+characters; a table holds no text that is not Unicode. All of it is refused here, in one line, before anything parses
+the word.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def depth(text: str) -> int:
 
 
 def one_line(text: str) -> str:
-    """Return a message as one line for a terminal: nothing in it is obeyed, and long texts are cut in their middle."""
+    """Return a message as one line for a terminal, without control characters; long texts are cut in their middle."""
     line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in " ".join(text.split()))
     return shortened(re.sub(rf"\S{{{_SHOWN + 1},}}", lambda found: shortened(found[0]), line), _LONGEST_LINE)
 

@@ -1,9 +1,9 @@
 """Find where a model and measured data disagree, name the missing effect, add it, and measure what is left.
 
 An effect is a value: the identity at zero coefficients. "Add it to the model" is `model.with_effects(effect)`, a longer
-parameter vector over the same data, and the gap is measured by the same residual. Of the rooms `explain` is the table
-of contents; `Constraints`, `Sensor`, `EffectFamily` and `LinearEffect` are what a user's own machine and effect are
-written with (`Cause` and `Linear` are the names they had first).
+parameter vector over the same data, and the gap is measured by the same residual. Begin to read with `explain`: it
+calls the other packages step by step. `Constraints`, `Sensor`, `EffectFamily` and `LinearEffect` serve to write a
+machine and an effect of one's own (`Cause` and `Linear` are their former names).
 """
 
 from __future__ import annotations

@@ -66,7 +66,7 @@ def explain(
     machine: str | Machine, data: MeasuredData, *, seed: int = 0, level: float = 0.01,
     thresholds: Thresholds = THRESHOLDS,
 ) -> Report:  # fmt: skip
-    """Return what `data` say is missing from the machine's model, with error rates held at `level`.
+    """Return what is missing from the machine's model according to `data`, with error rates held at `level`.
 
     The same data and seed give the same report. Raises `DataError` for data that cannot be of this machine.
     """
@@ -102,16 +102,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     known = catalogue(whole)
     refuse_unused(machine.name, data, asked)
 
-    found = select_stepwise(base, known.candidates, terms, rng, level)
-    if cleared := _cleared(found, suspects):
-        suspects = tuple(s for s in suspects if s not in cleared)
-        noise, remarks = _without(cleared, found, noise)
-        base = fit(Model(formulation), noise, base.x)
-        found = select_stepwise(base, known.candidates, terms, rng, level)
-    if (calmer := _relearned(found, noise)) is not None:
-        noise, remarks = calmer
-        base = fit(Model(formulation), noise, base.x)
-        found = select_stepwise(base, known.candidates, terms, rng, level)
+    found, base, suspects, remarks = _searched(base, known.candidates, terms, suspects, remarks, rng, level)
     found = replace(found, sets=with_alternatives(found.sets, base, known.alternatives))
     verdict, findings, found = judged(found, base, terms, suspects, level)
     final = found.fit
@@ -163,7 +154,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
 
 
 def _calibrated(formulation: Formulation) -> tuple[Fit, tuple[Undetermined, ...], tuple[str, ...]]:
-    """Return the fit without any effect, the parameters that these data do not determine, and notes on other starts."""
+    """Return the fit without effects, the parameters that these data do not determine, and notes on other starts."""
     plain, started = fit_from_several(formulation)
     formulation, plain, lacking = determined(formulation, plain)
     if lacking and started:  # the parameters that led the fit away from the nominal machine may be held now
@@ -171,12 +162,34 @@ def _calibrated(formulation: Formulation) -> tuple[Fit, tuple[Undetermined, ...]
     return plain, lacking, started
 
 
+def _searched(
+    base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm], suspects: tuple[NoiseFinding, ...],
+    remarks: tuple[str, ...], rng: np.random.Generator, level: float,
+) -> tuple[Selection, Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:  # fmt: skip
+    """Return the selection, the fit without effects, the suspects that remain, and remarks on the noise.
+
+    The search is repeated where what was found explains a suspect, or explains why repeats scattered so much.
+    """
+    model = Model(base.model.formulation)
+    found = select_stepwise(base, candidates, terms, rng, level)
+    if cleared := _cleared(found, suspects):
+        suspects = tuple(s for s in suspects if s not in cleared)
+        noise, remarks = _without(cleared, found, base.noise)
+        base = fit(model, noise, base.x)
+        found = select_stepwise(base, candidates, terms, rng, level)
+    if (calmer := _relearned(found, base.noise)) is not None:
+        noise, remarks = calmer
+        base = fit(model, noise, base.x)
+        found = select_stepwise(base, candidates, terms, rng, level)
+    return found, base, suspects, remarks
+
+
 def _noise_of(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -> tuple[Noise, tuple[str, ...]]:
-    """Return the law of the noise that repeated readings tell, and remarks on it. `whole` has the held-out rows too."""
+    """Return the noise that repeated readings show, and remarks on it. `whole` has the held-out rows too."""
     data = sound.model.formulation.data
     noise, told, remarks = law_of(sound.r.reshape(len(data), -1), data)
     if told.few and NO_REPEATS in whole.data.noted:
-        remarks = ()  # the machine's own remark on it stands
+        remarks = ()  # the machine has its own remark on it
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # coarse readings repeat the same value, so repeats tell nothing about their noise
     noise = replace(noise, extra=sound.noise.extra)
@@ -187,7 +200,7 @@ def _noise_of(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) 
 
 
 def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
-    """Return the fit under the noise as it seems to be where it is not as stated; the suspected sensors; and notes."""
+    """Return the fit with its noise corrected where repeats contradict the stated one; the suspected sensors; notes."""
     at = plain
     added, notes = sensor_scales(plain)
     if added:
@@ -203,10 +216,10 @@ def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
 
 
 def _cleared(found: Selection, suspects: Sequence[NoiseFinding]) -> tuple[NoiseFinding, ...]:
-    """Return the suspects of outlying readings of which less than one is outlying beside what was found.
+    """Return the suspects of outlying readings that have less than one such reading beside the effects that were found.
 
-    Repeats that were read from both sides differ by the play of a joint. That looks like wild readings: half are far
-    off.
+    Repeats that were approached from both sides differ by the play of a joint. That looks like wild readings: half of
+    them are far off.
     """
     if not found.sets:
         return ()
@@ -216,7 +229,7 @@ def _cleared(found: Selection, suspects: Sequence[NoiseFinding]) -> tuple[NoiseF
 
 
 def _without(cleared: Sequence[NoiseFinding], found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]]:
-    """Return the law of the noise beside what was found, without the variance of the suspects, and remarks on it."""
+    """Return the noise given what was found, without the variance of the `cleared` suspects, and remarks on it."""
     extra = dict(noise.extra)
     for suspect in cleared:
         for name, variance in suspect.extra.items():
@@ -229,10 +242,10 @@ def _without(cleared: Sequence[NoiseFinding], found: Selection, noise: Noise) ->
 
 
 def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]] | None:
-    """Return a calmer law of the noise, with remarks, where what was found is what the repeats differed by; else None.
+    """Return a smaller noise, with remarks, where the found effects explain the differences of the repeats; else None.
 
-    Repeats some time apart differ by a drift, too. Taken for noise, the drift would stay hidden and widen all
-    intervals.
+    Repeats some time apart also differ by a drift. If the drift were taken for noise, it would stay hidden and widen
+    all intervals.
     """
     as_stated = noise.scale <= 1 and not np.isfinite(noise.t_degrees)
     if not found.sets or noise.autocorrelation > 0 or as_stated:
@@ -256,7 +269,7 @@ def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
 
 
 def _impossible(found: Selection, machine: str) -> tuple[str, ...]:
-    """Return a note where the best explanation was excluded for its impossible size: it must not vanish silently."""
+    """Return a note where the best explanation was excluded because its size is impossible."""
     if not found.alarm:
         return ()
     best = best_of_each(found.first.names, found.first.on)[:1]
@@ -279,7 +292,10 @@ def _where(tests: Tests) -> tuple[Place, ...]:
 
 
 def _short_of(verdict: Verdict, left: Left | None, noise: float = 1.0) -> Verdict:
-    """Return the verdict; but partly where more is left than so many times the noise floor, at so much `noise`."""
+    """Return the verdict, or "partly" where the remaining error is above `floors_left` noise floors.
+
+    `noise` is the factor at which the stated noise is multiplied in this search.
+    """
     many = left is not None and left.times > noise * current_thresholds().floors_left
     return "partly" if many and verdict in ("named", "ambiguous", "negligible") else verdict
 
@@ -288,7 +304,7 @@ def _at_other_noise(
     base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm], suspects: Sequence[NoiseFinding],
     left: Left | None, seed: int, level: float,
 ) -> tuple[OtherNoise, ...]:  # fmt: skip
-    """Return what the search says at half and at twice the stated noise."""
+    """Return the verdict and the names of the search at half and at twice the stated noise."""
     told = []
     for factor in _OTHERS:
         at = replace(base, noise=replace(base.noise, scale=factor * base.noise.scale))
@@ -299,9 +315,10 @@ def _at_other_noise(
 
 
 def _left(gap: Gap, final: Fit, last: Tests) -> Left:
-    """Return what the names leave: on held-out rows, else on all rows with a penalty for each number.
+    """Return the error that remains with the names: on held-out rows, or else on all fitted rows.
 
-    Where only a few poses are left out in turn, an excess counts only if its whole interval is above the limit.
+    On fitted rows it is corrected for the number of parameters. Where only a few poses are left out in turn, an excess
+    counts only if its whole interval is above the limit.
     """
     most = current_thresholds().floors_left
     kept = np.isfinite(gap.held_out_after) and not gap.cross_validated
@@ -350,17 +367,17 @@ def _beyond(final: Fit) -> tuple[str, ...]:
 
 
 def _scarce(base: Fit) -> tuple[str, ...]:
-    """Return a note where calibration leaves so few equations that the verdict "none" says little."""
+    """Return a note where calibration leaves so few equations that the verdict "none" has little weight."""
     left = len(base.r) - base.J.shape[1]
     if left > current_thresholds().few_degrees:
         return ()
     return (
-        f"{counted(left, 'equation')} left beside what is calibrated: nearly nothing could show; take more readings",
+        f"{counted(left, 'equation')} left after calibration, too few to show a missing effect; take more readings",
     )
 
 
 def _unfollowed(formulation: Formulation) -> tuple[str, ...]:
-    """Return a note on further columns of a machine of which joints alone are read: no named error follows them."""
+    """Return a note on further columns of a machine that reads joints alone: no named error depends on them."""
     columns = roles_of(formulation).columns
     if not columns or measured_columns(formulation):
         return ()
@@ -372,7 +389,10 @@ def _unfollowed(formulation: Formulation) -> tuple[str, ...]:
 
 
 def _lost(verdict: Verdict, gap: Gap) -> bool:
-    """Tell whether a model is so far off that the readings may be of another machine; noisy readings are not enough."""
+    """Tell whether a model is so far off that the readings may be of another machine.
+
+    Noise alone does not cause that.
+    """
     return verdict == "unknown" and gap.train_before > _FAR_OFF
 
 

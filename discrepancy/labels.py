@@ -22,7 +22,7 @@ _PLACE = {
 
 
 def effect_label(machine: str, family: str, target: str, again: bool = False) -> str:
-    """Return an effect in words; without a target, its family; told `again`, by the code alone that its field has.
+    """Return an effect in words; without a target, its family. With `again`, the short code of its field alone.
 
     >>> effect_label("gpm2002", "backlash", "joint 2"), effect_label("gpm2002", "thermal_links", "all")
     ('backlash of joint 2', 'thermal growth of all links')

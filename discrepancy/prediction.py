@@ -1,8 +1,8 @@
-"""`Prediction`: what a machine with its findings says that instruments will read, at readings that were not fitted.
+"""`Prediction`: what a machine with its findings predicts for instruments, at readings that were not fitted.
 
-A machine that predicts has one measured column in each constraint, with a slope of 1 or -1: what it predicts is that
-column less the constraint. Of a machine that only states what vanishes, the constraints at the new readings are all
-there is.
+A machine that predicts has one measured column in each constraint, with a slope of 1 or -1: its prediction is that
+column less the constraint. For a machine that states only constraints, the result is the constraints at the new
+readings.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ def predicted_at(
     data: MeasuredData,
     machine: Callable[[], Machine | None],
 ) -> Prediction:
-    """Return what `model` at `x`, of a `covariance` (p, p), says of `data`.
+    """Return the prediction of `model` at `x`, with `covariance` (p, p), for `data`.
 
-    `start` are the parameters of the machine without effects, at which what has no name was described. `machine()`
-    makes the columns that the model takes of those of a file, where they are others; what is measured may be missing.
-    Raises `DataError` for an input that is missing.
+    `start` are the parameters of the machine without effects, at which unnamed smooth functions were found. `machine()`
+    makes the columns of the model from those of a file, where they differ; measured columns may be missing. Raises
+    `DataError` for a missing input.
     """
     if not len(data):
         raise DataError(f"{data.name}: there are no rows to predict")
@@ -132,7 +132,10 @@ def _constraints(model: Model, x: Array) -> Array:
 
 
 def _signs(model: Model, x: Array) -> dict[str, Array]:
-    """Return for each reading where it stands in the constraints, (n, c) of 1, -1 and 0; {} where some are mixed."""
+    """Return for each reading its sign in the constraints, (n, c) of 1, -1 and 0.
+
+    The mapping is empty where a constraint mixes several readings.
+    """
     slopes = model.formulation.slopes(model.quantities(x)[1])
     signs = {name: np.asarray(slopes[name]) for name in model.formulation.readings}
     size = np.abs(np.stack(list(signs.values())))

@@ -1,4 +1,4 @@
-"""The machines and the effects there are, by name; other packages enter theirs through entry points."""
+"""The registered machines and effects, by name; other packages register theirs through entry points."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ def describe(machine: str, description: Description) -> None:
 
 
 def description_of(machine: str) -> Description:
-    """Return what a machine declares; nothing for one that declares nothing."""
+    """Return the description of a machine; an empty one where it declares none."""
     return _descriptions.get(machine, Description())
 
 
 def descriptions() -> dict[str, Description]:
-    """Return machine -> what it declares, in order of entry."""
+    """Return machine -> its description, in order of registration."""
     return dict(_descriptions)
 
 
 def families(machine: str) -> tuple[EffectFamily, ...]:
     """Return the families of effects that a machine is searched for, by name: its own, then the general ones.
 
-    Its own of the same name takes the place of a general one, and a machine may have declared that it has no others.
+    A family of its own replaces a general one of the same name. A machine may also declare that it has no others.
     """
     own = own_families(machine)
     if machine == GENERAL or not description_of(machine).general:

@@ -1,4 +1,4 @@
-"""`Report`: what is missing, where, how large, with which rivals; the gap before and after; what could not be told."""
+"""`Report`: what is missing, where, how large, with which rivals; the gap before and after; what was not testable."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Amplitude:
 @final
 @dataclass(frozen=True)
 class Rival:
-    """A member of the set that the data cannot tell apart, with its weight among them; weights sum to 1."""
+    """A member of a set that the data cannot tell apart, with its weight in the set; weights sum to 1."""
 
     effect: str
     family: str
@@ -56,12 +56,12 @@ class Coefficient:
 @final
 @dataclass(frozen=True)
 class Finding:
-    """One effect that is missing: the most likely name and its rivals, the gain over the model without it.
+    """One missing effect: the most likely name and its rivals, the gain over the model without it.
 
-    `visible` is its size in sigma: the rms of what it leaves in the whitened constraints after calibration. `form`
-    tells how it differs from the catalogue's formula ("size depends on the angle of joint 2"): then it is like the
-    effect of that name, and not it. `caution` is a doubt that stands beside the name. `coefficients` are the numbers of
-    its formula, and `period` [of what it depends on] is that of an effect that comes again; 0 otherwise.
+    `visible` is its size in sigma: the rms of its signature in the whitened constraints after calibration. `form` tells
+    how it differs from the catalogue's formula ("size depends on the angle of joint 2"): then it is like the effect of
+    that name, and not that effect. `caution` is a doubt about the name. `coefficients` are the numbers of its formula.
+    `period` is that of a periodic effect, in the unit of its argument; 0 otherwise.
     """
 
     effect: str
@@ -81,9 +81,9 @@ class Finding:
 @final
 @dataclass(frozen=True)
 class Gap:
-    """Rms of the whitened constraints, in units of the stated noise; `noise_floor` is what noise alone leaves.
+    """Rms of the whitened constraints, in units of the stated noise; `noise_floor` is the rms of noise alone.
 
-    What was not measured is no number.
+    Values that were not measured are NaN.
     """
 
     noise_floor: float = nan
@@ -99,7 +99,7 @@ class Gap:
 @final
 @dataclass(frozen=True)
 class Place:
-    """A smooth term that shows something: p is of this term alone."""
+    """A smooth term that is significant; p is of this term alone."""
 
     target: str
     covariate: str
@@ -109,7 +109,10 @@ class Place:
 @final
 @dataclass(frozen=True)
 class Left:
-    """What is left beside the names: the error in `times` of what noise leaves, and the `place` that shows it best."""
+    """What remains beside the names: `times` is the error over the noise floor.
+
+    `place` is the clearest one, or None.
+    """
 
     times: float
     place: Place | None = None
@@ -120,8 +123,8 @@ class Left:
 class Unnamed:
     """A smooth function without a name that was fitted: `quantity` errs by it over `covariate`.
 
-    `size` is from its least to its largest value, in `unit`; `course` says in words what it looks like, "" where that
-    cannot be told.
+    `size` is from its least to its largest value, in `unit`; `course` is its shape in words, "" for a shape without
+    words.
     """
 
     quantity: str
@@ -134,7 +137,7 @@ class Unnamed:
 @final
 @dataclass(frozen=True)
 class Nearest:
-    """The formula nearest to what has no name: the `share` of what is more than noise that it explains, in squares."""
+    """The formula nearest to an unnamed error: it explains the `share` of the excess over the noise, in squares."""
 
     effect: str
     family: str
@@ -145,7 +148,7 @@ class Nearest:
 @final
 @dataclass(frozen=True)
 class Shortest:
-    """The shortest wave over a column that was looked for, its period in `unit`."""
+    """The shortest period of the waves over a column that were tried, in `unit`."""
 
     column: str
     period: float
@@ -155,7 +158,7 @@ class Shortest:
 @final
 @dataclass(frozen=True)
 class OtherNoise:
-    """What a search would say if the noise were `factor` times that stated: its verdict, and the names that stand."""
+    """The result of a search under noise of `factor` times the stated one: its verdict, and the names that stand."""
 
     factor: float
     verdict: Verdict
@@ -165,7 +168,7 @@ class OtherNoise:
 @final
 @dataclass(frozen=True)
 class Invisible:
-    """A candidate that calibration all but absorbs, and how large it would have to be."""
+    """A candidate that calibration absorbs nearly completely, and the smallest amplitude that would be found."""
 
     effect: str
     family: str
@@ -188,7 +191,7 @@ class ParameterChange:
 @final
 @dataclass(frozen=True)
 class Candidate:
-    """A line of the table of candidates, against the model without effects."""
+    """A line of the table of candidates, each tested against the model without effects."""
 
     effect: str
     family: str
@@ -203,7 +206,7 @@ class Candidate:
 @final
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """The machine with the findings added, and without: problems that every optimiser here can work on.
+    """The machine with the findings and without: problems that every optimiser here can solve.
 
     `machine` is the one that was searched, with its options.
     """
@@ -257,11 +260,11 @@ class Report:
         return self._fitted().before
 
     def predict(self, readings: MeasuredData | Mapping[str, Any], machine: str | Machine | None = None) -> Prediction:
-        """Return what the machine with its findings says of new `readings`, of which what is measured may be missing.
+        """Return the prediction of the machine with its findings for new `readings`; measured columns may be missing.
 
-        Readings that are a mapping, name -> n numbers, are in the units in which the machine is fitted. `machine`
-        makes the columns of the fit from a file's own; without it, the one that was searched does. Raises `DataError`
-        for an input that is missing, `LookupError` for a report that was read from a file.
+        Readings that are a mapping, name -> n numbers, are in the units in which the machine is fitted. `machine` makes
+        the columns of the fit from those of a file; by default it is the machine that was searched. Raises `DataError`
+        for a missing input, `LookupError` for a report that was read from a file.
         """
         at, plain = self._fitted().model, self._fitted().before
 
@@ -279,15 +282,15 @@ class Report:
             return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, made)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the report as plain values, as `discover --json` prints it; what is not a number is None."""
+        """Return the report as plain values, as `discover --json` prints it; NaN and infinity become None."""
         told = {f.name: finite(getattr(self, f.name)) for f in fields(self) if f.name not in ("candidates", "fitted")}
         return {"schema_version": SCHEMA_VERSION, **told, "gap": told["gap"] | {"unit": "sigma"}}
 
     @classmethod
     def from_dict(cls, told: Mapping[str, Any]) -> Report:
-        """Return the report that `to_dict` told. What is not there is empty, and a number that is None is no number.
+        """Return the report that `to_dict` wrote. A missing part is empty; None in place of a number becomes NaN.
 
-        Raises `KeyError` without a case, a machine or a verdict, `ValueError` for a verdict there is not.
+        Raises `KeyError` without a case, a machine or a verdict, `ValueError` for an unknown verdict.
         """
         if told["verdict"] not in get_args(Verdict):
             raise ValueError(f"verdict {told['verdict']!r}; there are {', '.join(get_args(Verdict))}")

@@ -25,25 +25,27 @@ class Stop(Exception):
 
 
 class BudgetExhausted(Stop):
-    """The evaluation after the last one allowed was asked for."""
+    """An evaluation beyond the budget was asked for."""
 
 
 class TargetReached(Stop):
-    """The value asked for has been found."""
+    """A value at or below the target has been found."""
 
 
 class TimeUp(Stop):
-    """The time allowed has passed."""
+    """The allowed time has passed."""
 
 
 class Objective(Protocol):
-    """What an optimiser may ask: values, residuals, derivatives, the box, and what is left of the budget.
+    """The questions an optimiser may ask: values, residuals, derivatives, the box, and the rest of the budget.
 
+    Shapes: x (dim,), ``batch(points)`` (k,) of points (k, dim), ``residuals(x)`` (m,), ``jacobian(x)`` (m, dim).
     `residuals` and `jacobian` exist where `has_residuals` and `has_jacobian` say so. A Jacobian costs `dimension`.
     ``restart()`` notes that the optimiser begins again and returns a random point to begin at, shape (dim,): the k-th
-    one is the same for every method on the same problem, data and repetition. Who has a better point ignores it.
-    ``batch_below(points, limits)`` is `batch` for who only asks which values are below their `limits`: those are exact,
-    of any other it is only told that it is not below. It costs the same.
+    one is the same for every method on the same problem, data and repetition. An optimiser with a better point ignores
+    it. ``batch_below(points, limits)`` is `batch` for optimisers that only need the values below their `limits`: those
+    are exact; any other value is not below its limit, and nothing more is known of it. It costs the same. Every call
+    raises `Stop` when no more is left.
     """
 
     lower: Array

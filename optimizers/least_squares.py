@@ -208,7 +208,7 @@ def _box_width(objective: Objective, start: Array) -> Array:
 
 
 def _remembering(function: Callable[[Array], Array]) -> Callable[[Array], Array]:
-    """Answer a question asked twice in a row once: SciPy hands MINPACK the start it has just evaluated."""
+    """Cache the last answer: SciPy gives MINPACK the start that it has just evaluated."""
     last: list[Array] = []
 
     def ask(x: Array) -> Array:

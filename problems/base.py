@@ -46,7 +46,9 @@ class Calibration(Problem, Protocol):
     """A calibration problem: a sum of squared residuals, ``problem(x) == r @ r`` with ``r = problem.residuals(x)``.
 
     `parameters` are the physical unknowns; `coordinates` are what the vector x holds (the same but for J3, which
-    searches l_a cos z and l_a sin z in place of l_a and z).
+    searches l_a cos z and l_a sin z in place of l_a and z). `truth`, shape (dim,), is None where it is not known.
+    Shapes: x (dim,), ``residuals(x)`` (m,), ``jacobian(x)`` (m, dim), ``batch(points)`` (k,) of points (k, dim),
+    ``physical(x)`` one number for each parameter in its unit; ``merit(x)`` is name -> figure of merit.
     """
 
     @property
@@ -77,7 +79,7 @@ def parameters_of(problem: Any) -> tuple[Parameter, ...]:
 
 
 def coordinates_of(problem: Any) -> tuple[Parameter, ...]:
-    """Return what the vector x holds: the `coordinates` of a problem, or where it has none its parameters."""
+    """Return the meaning of the vector x: the `coordinates` of a problem, or its parameters where it has none."""
     if getattr(problem, "coordinates", None) is not None:
         return _named(problem, "coordinates", own=True)
     converted = hasattr(problem, "physical") and len(getattr(problem, "parameters", None) or ()) != len(problem.lower)
@@ -85,7 +87,7 @@ def coordinates_of(problem: Any) -> tuple[Parameter, ...]:
 
 
 def _named(problem: Any, attribute: str, own: bool) -> tuple[Parameter, ...]:
-    """Return what `attribute` lists as `Parameter`s; `own`: they are what x holds, one for one."""
+    """Return the entries of `attribute` as `Parameter`s; `own`: x holds them, one for one."""
     given = getattr(problem, attribute, None)
     if isinstance(given, str):
         raise ValueError(f"{attribute}={given!r}: a tuple of names is needed, such as ({given!r},)")
@@ -126,7 +128,7 @@ def frozen(values: Any) -> Array:
 
 
 def numbers_of(readings: Any) -> Array:
-    """Return readings that are given as they are, an array of their own. Raises `ValueError` for what is no number."""
+    """Return readings as a new array of floats. Raises `ValueError` for values that are not numbers."""
     try:
         return np.array(readings, dtype=float)
     except (TypeError, ValueError):

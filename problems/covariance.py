@@ -51,7 +51,10 @@ class Estimate:
         return np.asarray(self.covariance / np.outer(errors, errors))
 
     def intervals(self, level: float = 0.95) -> Array:
-        """Return confidence intervals, shape (dim, 2): Student's, or normal where sigma is known."""
+        """Return confidence intervals, shape (dim, 2), in the units of the coordinates.
+
+        They are Student's, or normal where sigma is known. Raises `ValueError` for a `level` outside 0 to 1.
+        """
         if not 0 < level < 1:
             raise ValueError(f"level={level:g}: a probability between 0 and 1 is needed")
         from scipy.stats import norm, t  # here, as listing the problems must not load SciPy
@@ -62,7 +65,10 @@ class Estimate:
         return np.column_stack([self.x - half, self.x + half])
 
     def of(self, weights: dict[str, float]) -> tuple[float, float]:
-        """Return value and standard error of a combination such as ``{"drho_x": 1, "dL_x": -1}``."""
+        """Return value and standard error of a combination such as ``{"drho_x": 1, "dL_x": -1}``.
+
+        Raises `ValueError` for a name that is no parameter.
+        """
         unknown = [name for name in weights if name not in self.names]
         if unknown:
             raise ValueError(f"{', '.join(unknown)}: no parameter of {self.problem}; it has {', '.join(self.names)}")
@@ -202,7 +208,10 @@ def f_test(small: Any, large: Any, *, covariance: Array | None = None) -> FTest:
 
 
 def f_test_of_sums(value_small: float, dim_small: int, value_large: float, dim_large: int, rows: int) -> FTest:
-    """Return the F test of two sums of squares with their numbers of parameters, from the same number of residuals."""
+    """Return the F test of two sums of squares with their numbers of parameters, from the same number of residuals.
+
+    Raises `ValueError` where the larger set adds no parameter or leaves no residual.
+    """
     added, left = dim_large - dim_small, rows - dim_large
     if added < 1 or left < 1:
         raise ValueError(f"{rows} residuals, {dim_small} and {dim_large} parameters: there is nothing to test")

@@ -1,6 +1,6 @@
 """The least squares answer of a problem with residuals and a Jacobian: pseudo-inverse, Gauss-Newton, weighted or not.
 
-It is the reference that tables, tests and statistics need, not an optimiser to be compared: it passes no gate.
+It is a reference for tables, tests and statistics, not an optimiser to be compared: it passes no gate.
 """
 
 from __future__ import annotations

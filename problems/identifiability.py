@@ -1,7 +1,7 @@
 """Identifiability of a calibration problem: rank, null directions, condition number and standard errors.
 
-Angles are brought to millimetres (times a link length) before singular values are taken, so that they can be compared.
-What no singular value supports, no optimiser can find.
+Angles are converted to millimetres (times a link length) before singular values are taken, so that they can be
+compared. No optimiser can find a direction without a singular value.
 """
 
 from __future__ import annotations

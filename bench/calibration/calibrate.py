@@ -85,7 +85,7 @@ def _urdf_text(request: CalibrateRequest) -> bytes:
 
 
 def _refuse_unused(request: CalibrateRequest, readings: Readings) -> None:
-    """Raise `DataError` for what is stated of readings of another kind."""
+    """Raise `DataError` for statements on readings of another kind, which nothing would read."""
     if request.distance and readings.observed != "sockets":
         raise DataError(f"distance= is that of two sockets, and {readings.table.name} has none; leave it out")
     if request.rotation and readings.angles is None:
@@ -158,7 +158,7 @@ def _many_wild(fit: Fit) -> list[str]:
 
 
 def _step(fit: Fit, readings: Readings) -> list[str]:
-    """Return a remark where base or tracker was moved too little to be seen before the calibration."""
+    """Return a remark where base or tracker moved so little that it was not seen before the calibration."""
     if readings.position is None:
         return []
     known = np.flatnonzero(~fit.wild)

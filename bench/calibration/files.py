@@ -43,7 +43,7 @@ class Table:
         return len(self.row)
 
     def told(self, i: int) -> str:
-        """Return a row as a person finds it: its number, and its file where there are several."""
+        """Return how a message names a row: its number, and its file where there are several."""
         several = len(set(self.file.tolist())) > 1
         return f"{self.file[i]} row {self.row[i]}" if several else f"row {self.row[i]}"
 
@@ -87,7 +87,7 @@ def _one_after_the_other(tables: Sequence[Table]) -> Table:
 
 
 def _check_names(read: Sequence[MeasuredData], stated: Mapping[str, Any]) -> None:
-    """Refuse what `columns=` and `units=` say of a column that none of the files has."""
+    """Refuse a column in `columns=` and `units=` that none of the files has."""
     there = list(dict.fromkeys(name for one in read for name in one.columns))
     names = pairs_of("columns", stated.get("columns", {}))
     lost = [("columns", source) for target, source in names.items() if target not in there]
@@ -98,7 +98,7 @@ def _check_names(read: Sequence[MeasuredData], stated: Mapping[str, Any]) -> Non
 
 
 def _row_by_row(read: Sequence[MeasuredData]) -> Table:
-    """Return files that lie beside each other, such as joints and tracker, as one. Raises `DataError`."""
+    """Return files that are joined row by row, such as joints and tracker, as one table. Raises `DataError`."""
     lengths = {one.name: len(one) for one in read}
     if len(set(lengths.values())) > 1:
         said = ", ".join(f"{name} {n}" for name, n in lengths.items())

@@ -1,10 +1,11 @@
-"""The adjustment of an arm: which parameters the readings determine, Gauss-Newton with damping, wild readings named.
+"""The adjustment of an arm: the parameters that the readings determine, damped Gauss-Newton, wild readings named.
 
-A parameter is determined if it moves the residuals in a way that no earlier one does, by so much that it and all
+A parameter is determined if it changes the residuals in a way that no earlier one does, by so much that it and all
 earlier ones are known better than `WORST`. The order decides which of several similar parameters is kept: first the
-frames, which nobody knew, then joint zeros, then lengths, then angles, so that a shift of a millimetre is not told as
-some degrees about a short link. The others keep their nominal values. (The placement of the first joint cannot be told
-from the base; nor can, for parallel axes, the shifts along them: Hayati and Mirmirani 1985 keep an angle there.)
+frames, which nobody knew, then joint zeros, then lengths, then angles, so that a shift of a millimetre is not reported
+as some degrees about a short link. The others keep their nominal values. (The placement of the first joint cannot be
+distinguished from the base; nor can, for parallel axes, the shifts along them: Hayati and Mirmirani 1985 keep an angle
+there.)
 """
 
 from __future__ import annotations
@@ -57,10 +58,10 @@ _UP_TO = {"frames": 1, "zeros": 2, "geometry": 6, "gains": 7}
 
 
 def order_of(names: Sequence[str], level: str) -> list[int]:
-    """Return which parameters a level frees, those first that are kept where several look alike.
+    """Return which parameters a level frees, in the order in which similar ones are kept.
 
-    `frames` are base and tool, which have to be found even of a perfect arm; `zeros` are the joints' zeros beside
-    them, `geometry` lengths and angles as well, `gains` the scale of each joint's reading too.
+    `frames` are base and tool, which must be found even for a perfect arm; `zeros` are the joints' zeros beside them,
+    `geometry` lengths and angles as well, `gains` the scale of each joint's reading too.
     """
     ranks = [(_RANK[name.partition("_")[0]], k) for k, name in enumerate(names)]
     return [k for rank, k in sorted(ranks) if rank <= _UP_TO[level]]
@@ -69,7 +70,7 @@ def order_of(names: Sequence[str], level: str) -> list[int]:
 def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, hopeful: bool = False) -> Index:
     """Return which of the parameters in `order` the readings determine, as places in p, sorted.
 
-    The residuals at p tell how well; `hopeful` takes them for small.
+    The residuals at p give the noise; `hopeful` assumes that they will be small.
     """
     order = list(order)
     rows = _stacked(*model.jacobian(p, np.array(order, dtype=np.int64), weights), weights)
@@ -100,9 +101,9 @@ def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, 
 
 
 def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) -> Fit:
-    """Return the fit of the parameters in `order` that are determined, the wild readings left out and named.
+    """Return the fit of the parameters in `order` that are determined; wild readings are left out and named.
 
-    The noise of position and rotation is told by what is left, where both were read.
+    The noise of position and rotation is estimated from the residuals, where both were read.
     """
     begun = model.start if start is None else start
     p, n = begun, len(model.joints)
@@ -145,7 +146,7 @@ def fitted_from(fit: Fit, order: Sequence[int], keep: Mask) -> Array:
 
 
 def _held(begun: Array, p: Array, kept: Index) -> Array:
-    """Return the parameters of `p` that are kept, and those of `begun` that are not."""
+    """Return `p` in the parameters that are kept, and `begun` in all others."""
     made = begun.copy()
     made[kept] = p[kept]
     return made
@@ -157,7 +158,7 @@ def norms(errors: tuple[Array, Array | None]) -> Array:
 
 
 def _adjusted(model: ArmModel, p: Array, kept: Index, weights: Array, soft: bool) -> Array:
-    """Return the least squares solution by Levenberg's damping; `soft` lets far readings pull less (soft L1)."""
+    """Return the least squares solution by Levenberg's damping; `soft` reduces the weight of far readings (soft L1)."""
     p = p.copy()
     if not len(kept):
         return p
@@ -190,7 +191,7 @@ def _adjusted(model: ArmModel, p: Array, kept: Index, weights: Array, soft: bool
 
 
 def _scattered(model: ArmModel, p: Array, wild: Mask) -> tuple[ArmModel, Mask]:
-    """Return the model with the noise that is left of each kind of reading, and which readings are wild."""
+    """Return the model with the noise estimated from the residuals of each kind of reading; which readings are wild."""
     weights = np.where(wild, 0.0, 1.0)
     left, turned = model.errors(p, weights)
     far = np.zeros(len(left), dtype=bool)
@@ -206,7 +207,7 @@ def _scattered(model: ArmModel, p: Array, wild: Mask) -> tuple[ArmModel, Mask]:
 
 
 def _by_socket(model: ArmModel, p: Array, weights: Array) -> ArmModel:
-    """Return the model with a scatter for each socket: what no geometry explains differs between places of an arm.
+    """Return the model with a separate scatter for each socket: errors that no geometry explains differ by place.
 
     Each is that of its postures, mixed with `_KNOWN` numbers of the usual scatter.
     """
@@ -227,7 +228,7 @@ def _value(model: ArmModel, p: Array, weights: Array, soft: bool) -> float:
 
 
 def _soft_weights(model: ArmModel, p: Array, weights: Array) -> Array:
-    """Return what each reading counts under the soft L1 loss of the length of its residual, (n,)."""
+    """Return the weight of each reading under the soft L1 loss of the length of its residual, (n,)."""
     square = (model.residuals(p, weights)[0] ** 2).sum(axis=1)
     return np.asarray(weights / np.sqrt(1 + square / 9))
 

@@ -1,4 +1,4 @@
-"""How good a calibration is: errors of poses that were not fitted, and intervals of what was found.
+"""How good a calibration is: errors of poses that were not fitted, and intervals of the parameters.
 
 Every pose is held out once, with all its repeats. Each of five folds has every fifth pose (of a tool with sockets,
 whole places), and is predicted by a fit to the other folds. A file that says which rows it holds back has one such
@@ -65,7 +65,7 @@ def held_out(fit: Fit, order: Sequence[int], fold: Index) -> HeldOut:
 
 
 def _say(part: ArmModel, p: Array) -> Array:
-    """Return the weights by which the point of a socket is found: its wild postures have none, (n,)."""
+    """Return the weights with which the point of a socket is computed, (n,): wild postures have weight 0."""
     weights = np.ones(len(part.joints))
     for _ in range(3 if part.position is None else 0):
         size = norms(part.errors(p, weights))
@@ -110,7 +110,7 @@ def resampled(fit: Fit, count: int, seed: int = 0) -> Array:
 @final
 @dataclass(frozen=True, eq=False)
 class _Spans:
-    """The way of each ball from its socket's point, (n, 3) [mm], and of each known distance its ends and direction."""
+    """The vector of each ball from its socket's point, (n, 3) [mm]; of each known distance its ends and direction."""
 
     left: Array
     socket: Index
@@ -140,7 +140,7 @@ class _Spans:
 
 
 def _points(socket: Index) -> Array:
-    """Return the slopes of the way from a socket's point in that point, (n, 3, 3 sockets)."""
+    """Return the slopes of the vector from a socket's point, in that point, (n, 3, 3 sockets)."""
     slopes = np.zeros((len(socket), 3, 3 * (int(socket.max()) + 1)))
     for axis in range(3):
         slopes[np.arange(len(socket)), axis, 3 * socket + axis] = -1.0

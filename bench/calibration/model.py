@@ -1,9 +1,10 @@
-"""`ArmModel`: the small errors of an arm, and what they leave of its readings.
+"""`ArmModel`: the small errors of an arm, and the residuals that they leave of its readings.
 
-The frames that were found stand in the chain, so that every parameter is a small number around 0: `base_x` ...
-`tool_rz` correct them, `x_J` ... `rz_J` the placement of joint J, `zero_J` its zero, `gain_J` its scale.
-Residuals are (n, c), in units of the noise of each kind of reading. Of a ball in sockets they are the way from the mean
-point of its socket, and one more for each pair of sockets whose distance is known.
+The frames that were found are in the chain, so that every parameter is a small number around 0: `base_x` ... `tool_rz`
+correct them, `x_J` ... `rz_J` the placement of joint J, `zero_J` its zero, `gain_J` its scale.
+
+Residuals are (n, c), in units of the noise of each kind of reading. For a ball in sockets they are the vector from the
+mean point of its socket, and one more for each pair of sockets whose distance is known.
 """
 
 from __future__ import annotations
@@ -75,9 +76,9 @@ class ArmModel:
         return forward(self.chain, p, self.joints)
 
     def errors(self, p: Array, weights: Array | None = None) -> tuple[Array, Array | None]:
-        """Return what is left of the position, (n, 3) [mm], and of the rotation as a vector, (n, 3) [rad] or None.
+        """Return the residual position, (n, 3) [mm], and the residual rotation as a vector, (n, 3) [rad] or None.
 
-        Of a ball in sockets it is the way to the mean point of its socket, by `weights` (n,).
+        For a ball in sockets it is the vector from the mean point of its socket, by `weights` (n,).
         """
         poses = self.placed(p)
         if self.position is None:

@@ -1,4 +1,4 @@
-"""`bench design machine=arm plan.n=N`: from the request to the poses that are worth most for this arm."""
+"""`bench design machine=arm plan.n=N`: from the request to the poses whose measurement is worth most for this arm."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def _measured(given: Mapping[str, str], chain: Chain, observe: str) -> tuple[Fit
 def _model(
     given: Mapping[str, str], chain: Chain, fit: Fit | None, observe: str, sigma: float, turned: float
 ) -> tuple[ArmModel, Array]:
-    """Return a model that observes as the measurement will, and the parameters at which it is looked at."""
+    """Return a model with the observations of the measurement to come, and the parameters at which it is linearised."""
     if fit is not None:
         return fit.model, fit.p
     target = coerce("plan.target", json_or_text(given.get("plan.target", "[0,100,100]")), tuple[float, float, float])
@@ -177,7 +177,7 @@ def _model(
 
 
 def _rows(model: ArmModel, p: Array, pool: Array, fit: Fit | None) -> tuple[Array, Index]:
-    """Return the whitened Jacobian of the pool, (m, c, k), and which parameters it is of."""
+    """Return the whitened Jacobian of the pool, (m, c, k), and the parameters that its columns belong to."""
     if fit is not None:
         return _whitened(model, p, pool, fit.kept), fit.kept
     at = _at(model, pool)
@@ -190,7 +190,7 @@ def _whitened(model: ArmModel, p: Array, joints: Array, kept: Index) -> Array:
 
 
 def _at(model: ArmModel, joints: Array) -> ArmModel:
-    """Return the model at other joints; what is read there does not matter to its Jacobian."""
+    """Return the model at other joints; the readings there do not affect its Jacobian."""
     n = len(joints)
     poses = forward(model.chain, nominal(model.chain), joints)
     turns = None if model.turns is None else poses[:, :3, :3]

@@ -27,9 +27,9 @@ _PAYS = 3.0  # times below the scatter: with parameters so well known, more pose
 @final
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """`places` in the pool, in the order in which they are worth most; after each the `error` of the arm [mm].
+    """`places` in the pool, in the order of their value; after each the `error` of the arm [mm].
 
-    `error` (n + 1,) begins with what is known before any of them. `logdet` and `least` are the criteria D and E.
+    `error` (n + 1,) begins with the error before any of them. `logdet` and `least` are the criteria D and E.
     """
 
     places: tuple[int, ...]
@@ -38,7 +38,10 @@ class Chosen:
     least: float
 
     def enough(self, sigma: float) -> int | None:
-        """Return the number of poses after which more do not help beside a scatter `sigma` [mm]; None: not reached."""
+        """Return the number of poses after which the error is small relative to a scatter `sigma` [mm].
+
+        It is None where no number of the chosen poses suffices.
+        """
         below = np.flatnonzero(self.error <= np.sqrt(3.0) * sigma / _PAYS)
         return int(below[0]) if len(below) else None
 
@@ -107,6 +110,6 @@ def _least(rows: Array, information: Array) -> Array:
 
 
 def _spread(information: Array, workspace: Array) -> float:
-    """Return the rms error of the target over the workspace by the uncertainty of the numbers [mm]."""
+    """Return the rms error of the target over the workspace that follows from the parameters' uncertainty [mm]."""
     inverse = np.linalg.inv(information)
     return float(np.sqrt(np.einsum("wci,ij,wcj->w", workspace, inverse, workspace).mean()))

@@ -69,7 +69,7 @@ class Readings:
         return len(self.joints)
 
     def told(self, i: int) -> str:
-        """Return pose i as a person finds it in the file."""
+        """Return how a message names pose i in the file."""
         return self.table.told(int(self.rows[i]))
 
     def noted(self, *notes: str) -> Readings:
@@ -197,7 +197,7 @@ def poses_of(joints: Array) -> Index:
 
 
 def longer_than_urdf(table: Table, matched: Matched) -> str:
-    """Return, for the end of a refusal, which columns are of joints that the URDF has not; "" without any."""
+    """Return, for the end of a refusal, which columns are of joints that the URDF lacks; "" for none."""
     given = [name for name in table.columns if table.columns[name].dtype.kind in "iuf"]
     left = [name for name in _beside(given, matched) if is_called_joint(name, matched.joints.values())]
     if not left:
@@ -209,7 +209,7 @@ def longer_than_urdf(table: Table, matched: Matched) -> str:
 
 
 def _not_read(given: Sequence[str], matched: Matched) -> list[str]:
-    """Return a remark on columns of numbers that nothing reads; what was only asked for, and scatter, are none."""
+    """Return a remark on columns of numbers that nothing reads; commanded values and scatter get no remark."""
     left = _beside(given, matched)
     listed = ", ".join(left[:_LISTED]) + (f" and {len(left) - _LISTED} more" if len(left) > _LISTED else "")
     return [f"not read: {listed}"] if left else []
@@ -221,7 +221,7 @@ def _beside(given: Sequence[str], matched: Matched) -> list[str]:
 
 
 def _without_copies(table: Table, values: Array, whole: Mask) -> list[str]:
-    """Take rows that are the same as an earlier one, in joints and readings, out of `whole`; return what to say of it.
+    """Leave rows out of `whole` that equal an earlier one in joints and readings; return a remark.
 
     Two readings of a pose differ by noise, so equal rows are copies: a held-out copy would be among the fitted rows,
     too.
@@ -311,7 +311,7 @@ def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
 
 
 def _check_moves(readings: Readings, chain: Chain) -> None:
-    """Refuse poses in which so few joints move that base and target stay open."""
+    """Refuse poses in which so few joints move that base and target are not determined."""
     moves = [name for k, name in enumerate(chain.driven) if np.ptp(readings.joints[:, k]) > _ALIKE]
     if len(moves) < min(_MOVING, len(chain.driven)):
         raise DataError(
@@ -321,7 +321,7 @@ def _check_moves(readings: Readings, chain: Chain) -> None:
 
 
 def _degrees(readings: Readings, chain: Chain) -> list[str]:
-    """Return the columns of joints that are in degrees: all that turn, or those beyond all turns where they fit."""
+    """Return the columns of joints in degrees: all rotary ones, or those beyond all turns where degrees fit."""
     turning = [k for k, name in enumerate(chain.driven) if name not in readings.sliding]
     beyond = [k for k in turning if np.abs(readings.joints[:, k]).max() > _TURNS]
 

@@ -1,4 +1,4 @@
-"""What `bench calibrate` is asked: a URDF, data, what is stated of them, and where the result goes."""
+"""The request of `bench calibrate`: a URDF, data, statements on them, and the folder of the result."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""Where a calibration starts: frames in closed form; with them units and orders that the file does not state.
+"""The start of a calibration: frames in closed form, and with them units and orders that the file does not state.
 
 The unit of positions, the order and unit of rotations, a left-handed frame, joints in degrees, reversed or exchanged:
-each shows as its own pattern of differences between the nominal arm and the readings, whatever the frames. What a file
-states, or its column names usually mean, is kept; what contradicts the arm is refused in a line that says what to do.
+each causes its own pattern of differences between the nominal arm and the readings, whatever the frames. A statement of
+the file, or the usual meaning of its column names, is kept. What contradicts the arm is refused in a line that says
+what to do.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ def _check_one_stand(readings: Readings, found: Frames, poses: Array) -> None:
 
 
 def _slid(readings: Readings, chain: Chain, poses: Array) -> tuple[Readings, Array, Frames]:
-    """Return the readings, nominal poses and frames, joints that slide taken for m where only that fits the arm."""
+    """Return readings, nominal poses and frames; sliding joints are taken for m where only that fits the arm."""
     assert readings.position is not None
     found = frames_of_positions(poses, readings.position)
     columns = {name: readings.matched.joints[name] for name in readings.sliding if name in chain.driven}
@@ -90,7 +91,7 @@ def _slid(readings: Readings, chain: Chain, poses: Array) -> tuple[Readings, Arr
 
 
 def _in_metres(readings: Readings) -> tuple[Readings, str]:
-    """Return positions in mm where FIGAROH's names say metres, and who says the unit ("": nobody)."""
+    """Return positions in mm where FIGAROH's names mean metres, and the source of the unit ("": none)."""
     assert readings.position is not None
     columns = readings.matched.position
     if any(name in readings.table.units for name in columns.values()):
@@ -134,7 +135,7 @@ def _in_mm(readings: Readings, found: Frames, poses: Array, chain: Chain, said: 
 
 
 def _why(readings: Readings, found: Frames, chain: Chain) -> str:
-    """Return what is wrong with readings that do not fit the arm, as far as trials can tell."""
+    """Return what is wrong with readings that do not fit the arm, as far as trials can find it."""
     assert readings.position is not None
     left = f"readings and nominal arm lie {plain(found.left, 3)} mm apart, wherever the frames are"
     turning = [k for k, name in enumerate(chain.driven) if name not in readings.sliding]
@@ -236,7 +237,7 @@ def _with_rotations(readings: Readings, found: Frames, poses: Array, rotation: s
 
 
 def _rotations(readings: Readings, columns: list[str], rotation: str) -> dict[str, Array]:
-    """Return what the rotations may be in words -> (n, 3, 3)."""
+    """Return the possible meanings of the rotations, in words -> (n, 3, 3)."""
     assert readings.angles is not None
     angles = readings.angles
     if angles.shape[1] == 4:

@@ -1,1 +1,1 @@
-"""What follows `bench`: a file a verb, each with ``run(words) -> exit code``. `bench.cli` tells which file is whose."""
+"""The commands of `bench`, one file each, with ``run(words) -> exit code``. `bench.cli` maps commands to files."""

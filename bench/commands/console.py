@@ -18,7 +18,7 @@ from calibench.bench.statistics.summary import names_of_methods, runs_once
 
 
 def print_json(value: Any) -> None:
-    """Print `value` as JSON that any reader takes: null for what is no finite number, text for what JSON has not."""
+    """Print `value` as standard JSON: null for a number that is not finite, text for types that JSON does not have."""
     print(json.dumps(_plain(value), indent=1, allow_nan=False, default=str))
 
 

@@ -1,4 +1,4 @@
-"""``bench list``: what the registries hold, with traits and options."""
+"""``bench list``: the entries of the registries, with traits and options."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from calibench.core.registry import about
 
 
 def run(argv: list[str]) -> int:
-    """Print the kind that `argv` names. Imports only what that kind needs: the answer must be there at once."""
+    """Print the kind that `argv` names. Only modules of that kind are imported, so that the answer comes at once."""
     flags, words = split_flags(argv, ("--json", "--all"))
     kinds: dict[str, Callable[[], list[dict[str, Any]]]] = {
         "problems": _problem_rows, "optimizers": _optimizer_rows, "effects": _effect_rows, "machines": _machine_rows,

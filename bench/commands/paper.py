@@ -1,4 +1,4 @@
-"""``bench paper``: both papers rerun, and the ledger of it."""
+"""``bench paper``: rerun both papers and write their ledger."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "pr
 
 
 def run(argv: list[str]) -> int:
-    """Rerun the papers at the budget that `argv` names and print what came of it; 1 where a run failed."""
+    """Rerun the papers at the budget in `argv` and print the result; 1 where a run failed."""
     words, rest = [], list(argv)
     while rest:
         word = rest.pop(0).removeprefix("--")
@@ -35,7 +35,7 @@ def run(argv: list[str]) -> int:
     print(f"\n{'by kind':24}{''.join(f'{kind:>9}' for kind in KINDS)}")
     for verdict, of in by_kind(ledger.rows).items():
         print(f"{verdict:24}{''.join(f'{of[kind] or NONE:>9}' for kind in KINDS)}")
-    print("\nsaid or implied, and does not hold:")
+    print("\nclaims of the papers that do not hold:")
     for row in ledger.rows:
         if row.kind == "claim" and row.verdict == "not reproduced":
             print(f"  {row.quantity} ({row.place}): ours {plain(row.ours_median, 3)}, {row.method}")

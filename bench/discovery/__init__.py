@@ -1,5 +1,6 @@
-"""`bench discover` and `bench design`: what is asked, a search a set of data, its record on disk, and the advice on it.
+"""`bench discover` and `bench design`: the request, one search for each set of data, its record on disk, and advice.
 
-`request` reads the command line, `batch` searches set after set, `record` and `store` keep what came of it, `advice`
-says what to measure next, `design` answers before anything is fitted, `page` draws and words one verdict.
+`request` reads the command line, `batch` searches set after set, `record` and `store` keep the results, `advice`
+proposes the next measurement, `design` answers before anything is fitted, `page` shows one verdict in words and
+drawings.
 """

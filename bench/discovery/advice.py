@@ -1,7 +1,7 @@
-"""What to measure next so that the rivals of a finding come apart: further poses, or a tracker beside the encoders.
+"""The next measurement that separates the rivals of a finding: further poses, or a tracker beside the encoders.
 
-How far apart rivals stand is asked of the data themselves: what is left of one, in sigma, when calibration and the
-other do their best to mimic it (`discrepancy.design.next_poses`).
+The distance of rivals follows from the data themselves: what remains of one, in sigma, when calibration and the other
+imitate it as well as they can (`discrepancy.design.next_poses`).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _POSES = 4
 _MOST_RIVALS = 4
 _MANY = 200  # readings above which it is no advice to take more
 _LEAST = 0.01  # sigma of a finding's visible size
-_APART = 4.0  # sigma: rivals that far apart are told from each other
+_APART = 4.0  # sigma: separation at which data distinguish two rivals
 _UNIT = "standard deviations of the noise"
 
 
 def with_advice(report: Report, data: MeasuredData, machine: Machine) -> Report:
-    """Return the report with what a computation adds to `separated_by` of findings that have rivals.
+    """Return the report with computed proposals added to `separated_by` of findings that have rivals.
 
-    `machine` is the very one that was searched: its options, such as an arm's URDF, are not in the report.
+    `machine` is the very object that was searched, because the report lacks its options, such as an arm's URDF.
     """
     findings = []
     for finding in report.findings:
@@ -52,7 +52,7 @@ def _advice(report: Report, data: MeasuredData, machine: Machine, finding: Findi
             kind, detail = found
             by_kind.setdefault(kind, []).append(effect_label(report.machine, other.family, other.target, again=True))
             details.setdefault(kind, detail)
-    name = effect_label(report.machine, first.family, first.target, again=True)  # the headline has told what they are
+    name = effect_label(report.machine, first.family, first.target, again=True)  # the headline has their full words
     said = [f"{kind} {name} from {' and '.join(names)}{details[kind]}" for kind, names in by_kind.items()]
     return "; ".join(said) or None
 

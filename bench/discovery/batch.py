@@ -33,7 +33,7 @@ _MANY = 24  # sets of data above which pages are not drawn unless asked for: a p
 @final
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one set: its record, whether it was there before, and its page if it has one."""
+    """The result for one set of data: its record, whether it was there before, and its page if it has one."""
 
     record: SearchRecord
     before: bool
@@ -41,7 +41,7 @@ class Outcome:
 
 
 def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]:
-    """Yield what became of each set of data, in order, as it is done; the tables are folded at the end.
+    """Yield the result for each set of data, in order, as soon as it is there; the tables are written at the end.
 
     Raises `DataError` with nothing written where `data=` names nothing, or one set that cannot be used.
     """
@@ -69,7 +69,7 @@ def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]
 @final
 @dataclass(frozen=True)
 class _Task:
-    """What is done with each set; a set that is `alone` and cannot be used is an error instead of a report."""
+    """The work on each set; an unusable set that is `alone` raises an error and gets no report."""
 
     request: DiscoverRequest
     pages: bool
@@ -122,7 +122,7 @@ def _drawn(record: SearchRecord, report: Report, data: MeasuredData, folder: Pat
 
 
 def _said(error: Exception) -> str:
-    """Return a line for an error: what is wrong with the data, or a fault's kind and its place in the user's code."""
+    """Return a line for an error: what is wrong with the data, or a failure's type and place in the user's code."""
     text = one_line(text_of(error))
     if isinstance(error, DataError):
         return text

@@ -1,4 +1,4 @@
-"""Which code searched a set: a machine that was edited is another machine, and its data are searched again."""
+"""A digest of the code that searched a set: after an edit of a machine its data are searched again."""
 
 from __future__ import annotations
 

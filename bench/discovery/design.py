@@ -1,4 +1,4 @@
-"""What data or a plan could tell before anything is fitted, and which readings would tell more: `bench design`."""
+"""What data or a plan can show before anything is fitted, and which readings would show more: `bench design`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MOST_RIVALS = 4  # of a class that next poses are asked to split
 @final
 @dataclass(frozen=True, eq=False)
 class Designed:
-    """The answer: what can be told, and the readings that would best split `further.rivals` (None: not asked)."""
+    """The answer: what can be detected, and the readings that best split `further.rivals` (None: not asked)."""
 
     design: Design
     further: NextPoses | None
@@ -35,7 +35,7 @@ class Designed:
 
 
 def designed(request: DesignRequest) -> Designed:
-    """Return what was asked. Raises `RequestError`, `DataError` or `ValueError`, in one line."""
+    """Return the answer to a request. Raises `RequestError`, `DataError` or `ValueError`, in one line."""
     data = _data(request)
     found = design(request.build_machine(), data, size=request.size)
     if not request.further:

@@ -10,11 +10,11 @@ from calibench.discrepancy import DataError, MeasuredData, Report, explain
 
 
 def discover(machine: str, data: str | Path | MeasuredData, **stated: Any) -> Report:
-    """Return what `data` say is missing from the model of `machine`, a registered name or ``FILE.py:Class``.
+    """Return what is missing from the model of `machine`, a registered name or ``FILE.py:Class``, according to `data`.
 
     `data` is what ``data=`` names on the command line (a file, or a set that ships), or data that are read already.
-    `stated` is what the file should say and does not (``sigma_enc=5e-5``, in the units of docs/discover.md). Raises
-    `DataError` in one line for what cannot be used.
+    `stated` is what the file should state and does not (``sigma_enc=5e-5``, in the units of docs/discover.md). Raises
+    `DataError` in one line for data that cannot be used.
     """
     if not isinstance(data, MeasuredData):
         found = sources(str(data), machine)

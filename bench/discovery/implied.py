@@ -1,8 +1,8 @@
-"""What residuals say of the quantity that an effect acts on: the error of it that each reading implies.
+"""Residuals as errors of the quantity that an effect changes: the error that each reading implies.
 
-A whitened residual says little to an engineer, and its sign turns with the pose. So the residuals of each reading are
-told as the error of the one quantity that an effect acts on (an encoder's angle, a link's length) which would leave
-them: with the whitened slopes s of that quantity, s . r / s . s, of weight s . s.
+A whitened residual has no direct meaning for an engineer, and its sign depends on the pose. So the residuals of each
+reading are shown as the error of the one quantity that an effect changes (an encoder's angle, a link's length) which
+would cause them: with the whitened slopes s of that quantity, s . r / s . s, of weight s . s.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ class Implied:
 
 
 def implied_errors(report: Report) -> tuple[Implied, ...]:
-    """Return one an effect that changes a quantity, in the order of the findings.
+    """Return one for each effect that changes a quantity, in the order of the findings.
 
-    Each is against the model with all others but not it, nor its forms, which is fitted anew. Curves of a smooth
+    Each is against the model with all others but without it and its forms, which is fitted anew. Curves of a smooth
     correction are one correction, however many: they are against the model without any effect.
     """
     before, after = report.before.fit, report.model.fit

@@ -10,7 +10,7 @@ from typing import final
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.report import Place, Report
 
-_SHOWS = 0.01  # p of a place below which it is told
+_SHOWS = 0.01  # p below which a place is reported
 
 
 @final
@@ -18,9 +18,10 @@ _SHOWS = 0.01  # p of a place below which it is told
 class NextStep:
     """The advice of a report.
 
-    `separating` is what would tell the rivals of a finding apart, in words. `unnamed` tells that something is missing
-    which no effect explains: then `place` is where to take readings with repeats, None where these readings do not tell
-    it. `columns` are columns of data -> labels of the effects that could be tested with them, each label once.
+    `separating` are the measurements, in words, that would tell the rivals of a finding apart. `unnamed` tells that
+    something is missing which no effect explains: then `place` is where to take readings with repeats, None where these
+    readings do not tell it. `columns` are columns of data -> labels of the effects that could be tested with them, each
+    label once.
     """
 
     separating: tuple[str, ...]
@@ -46,7 +47,10 @@ def clearest_place(report: Report) -> Place | None:
 
 
 def missing_columns(report: Report) -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Return which columns would let more effects be tested: those that the same effects ask for -> labels of these."""
+    """Return the columns that would let more effects be tested -> labels of these effects.
+
+    Columns that the same effects need are together.
+    """
     by_column: dict[str, list[str]] = {}
     for item in report.not_testable:
         for column in item.columns if item.missing else ():

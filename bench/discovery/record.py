@@ -1,4 +1,4 @@
-"""`SearchRecord`: what one search of one set of data left, as ``report.json`` holds it."""
+"""`SearchRecord`: the result of one search of one set of data, as ``report.json`` holds it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SCHEMA_VERSION = 1
 @final
 @dataclass(frozen=True)
 class SearchRecord:
-    """A report, or the error that ended the search, with what was asked and where it ran.
+    """A report, or the error that ended the search, with the request and the environment.
 
     `case_id` is a digest of case, data and options, `data_id` of the data alone ("" where they cannot be read);
     `options` is canonical JSON. `seconds` are of computing.
@@ -48,13 +48,13 @@ class SearchRecord:
         return {**own, **self.report.to_dict(), "case": self.case}
 
     def line(self) -> dict[str, Any]:
-        """Return the record as `bench discover --json` prints it: without what only a file needs."""
+        """Return the record as `bench discover --json` prints it, without the fields that only a file needs."""
         told = self.to_dict()
         return {key: value for key, value in told.items() if key not in _OF_THE_FILE}
 
     @classmethod
     def from_dict(cls, told: Mapping[str, Any]) -> SearchRecord:
-        """Return the record that `to_dict` told. Raises `KeyError` or `ValueError` for what is none."""
+        """Return the record that `to_dict` wrote. Raises `KeyError` or `ValueError` for any other mapping."""
         report = None if "error" in told else Report.from_dict(told)
         seconds = told.get("seconds")
         return cls(

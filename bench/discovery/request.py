@@ -1,4 +1,4 @@
-"""What `bench discover` and `bench design` are asked: a machine, data, what is stated of them, and where results go."""
+"""The requests of `bench discover` and `bench design`: a machine, data, statements on them, and the result folder."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Pages = Literal["auto", "all", "none"]
 @final
 @dataclass(frozen=True)
 class DiscoverRequest:
-    """A search in one or more sets of data: `stated` goes before the files' own metadata."""
+    """A search in one or more sets of data; `stated` overrides the files' own metadata."""
 
     machine: str
     machine_options: Mapping[str, Any]
@@ -39,7 +39,7 @@ class DiscoverRequest:
 
     @property
     def options(self) -> str:
-        """Return what besides the data decides the verdict, as canonical JSON."""
+        """Return all that decides the verdict besides the data, as canonical JSON."""
         return canonical({"machine": {"name": self.machine, **self.machine_options}, "stated": dict(self.stated)})
 
     def build_machine(self) -> Machine:
@@ -67,10 +67,10 @@ def read_discover(words: Sequence[str]) -> DiscoverRequest:
 @final
 @dataclass(frozen=True)
 class DesignRequest:
-    """A question to data or to a plan before anything is fitted.
+    """A question about data or a plan before anything is fitted.
 
-    Effects are of `size` sigma; `further` readings that split `rivals` (or the first class of names that look alike)
-    are looked for.
+    Effects are of `size` sigma; `further` is the number of readings to propose that split `rivals` (or the first class
+    of names that look alike).
     """
 
     machine: str
@@ -165,7 +165,7 @@ def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str
 
 
 def _of_the_machine(key: str, machine: str) -> str:
-    """Return how an option of the machine is written, where `key` is one; "" for any other."""
+    """Return how to write an option of the machine, where `key` is one; "" for any other."""
     return f"machine.{key}= is its option" if machine in machines.names() and key in machines.options(machine) else ""
 
 

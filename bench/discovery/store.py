@@ -1,7 +1,7 @@
-"""What searches for a missing effect left on disk: a folder a file searched, and two tables over all of them.
+"""The results of searches on disk: a folder for each file searched, and two tables over all of them.
 
 ``<study>/<case>/report.json`` is written last, whole or not at all: a case that has one of the same id has been done.
-``findings.parquet`` (a row a finding) and ``gaps.parquet`` (a row a case) are folded from the reports.
+``findings.parquet`` (a row for each finding) and ``gaps.parquet`` (a row for each case) are made from the reports.
 """
 
 from __future__ import annotations
@@ -63,11 +63,11 @@ class FindingStore:
         return self.folder.resolve().name
 
     def findings(self) -> pd.DataFrame:
-        """Return a row a finding of all cases (columns: `FINDINGS_SCHEMA`)."""
+        """Return a row for each finding of all cases (columns: `FINDINGS_SCHEMA`)."""
         return to_pandas(self._tables()[0])
 
     def gaps(self) -> pd.DataFrame:
-        """Return a row a case (columns: `GAPS_SCHEMA`)."""
+        """Return a row for each case (columns: `GAPS_SCHEMA`)."""
         return to_pandas(self._tables()[1])
 
     def check(self) -> None:

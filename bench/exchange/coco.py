@@ -33,7 +33,7 @@ _HEADER = (
 
 
 def write_coco(study: Study, folder: Path) -> list[str]:
-    """Write the runs of `study` into `folder`; return what is to be said of it, a line each.
+    """Write the runs of `study` into `folder`; return remarks, a line each.
 
     Raises `ValueError` where the study has a problem that cocopp has no suite for.
     """
@@ -127,7 +127,7 @@ def _final(run: ToldRun) -> float:
 
 
 def _told(runs: Sequence[ToldRun]) -> dict[str, Any]:
-    """Return what the runs of an entry share and COCO has no place for."""
+    """Return the facts that the runs of an entry share and for which COCO has no field."""
     return {
         name: runs[0].row[name]
         for name in ("optimizer", "optimizer_options", "library", "library_version", "start", "budget")

@@ -58,7 +58,7 @@ the problem's; `reached` of `runs` reached it, `success` is the share with its 9
 
 
 def write_csv(study: Study, folder: Path) -> list[str]:
-    """Write the tables of `study` into `folder`; return what is to be said of it, a line each."""
+    """Write the tables of `study` into `folder`; return remarks, a line each."""
     tables = {
         "runs": _flat(study.runs[[column.name for column in COLUMNS]]),
         "traces": study.traces,

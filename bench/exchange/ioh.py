@@ -33,7 +33,7 @@ _FORMAT = "0.3.22"
 
 
 def write_ioh(study: Study, folder: Path) -> list[str]:
-    """Write the runs of `study` into `folder`; return what is to be said of it, a line each."""
+    """Write the runs of `study` into `folder`; return remarks, a line each."""
     runs = told_runs(study)
     names = file_names(sorted({run.algorithm for run in runs}))
     functions = _functions(runs, problem_titles(study.runs, but=_OF_A_PROBLEM))
@@ -138,7 +138,7 @@ def _run(run: ToldRun) -> dict[str, Any]:
 
 
 def _told(runs: Sequence[ToldRun]) -> dict[str, Any]:
-    """Return what all runs of a function share, and what those of each dimension and instance do."""
+    """Return the facts that all runs of a function share, and those that runs of a dimension and instance share."""
     shared = ("problem", "optimizer", "optimizer_options", "library", "library_version", "start", "budget", "unit")
     instances: dict[str, Mapping[str, Any]] = {}
     for run in runs:

@@ -49,7 +49,7 @@ _DOCUMENT = r"""\documentclass{article}
 
 
 def write_latex(study: Study, folder: Path) -> list[str]:
-    """Write the summary of `study` into `folder`; return what is to be said of it, a line each."""
+    """Write the summary of `study` into `folder`; return remarks, a line each."""
     table = shown(summary(study.runs))
     (folder / "summary.tex").write_text(latex_table(table), encoding="utf-8")
     (folder / "document.tex").write_text(_DOCUMENT, encoding="utf-8")

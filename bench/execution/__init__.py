@@ -1,1 +1,1 @@
-"""One run: what is asked for, what came of it, and the row that is kept."""
+"""One run: the request, the execution, and the row that is kept."""

@@ -1,4 +1,4 @@
-"""What the best point of a run means: its place in the box, its physical parameters, its merit, its judged value."""
+"""The meaning of the best point of a run: its place in the box, physical parameters, merit, judged value."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _JUDGING = "in judging the answer: "
 @final
 @dataclass(frozen=True)
 class Answer:
-    """The best point as the problem reads it; of a run without one, nothing is inside and nothing is known."""
+    """The best point as the problem reads it; for a run without one all fields are empty."""
 
     inside_box: bool = False
     at_bound: list[str] = field(default_factory=list)
@@ -37,9 +37,9 @@ class Answer:
 def judged_apart(
     pair: Pair, x: Array | None, ending: Ending, repetition: int, limit: float | None
 ) -> tuple[Answer, Ending]:
-    """Return what `answer_of` does, found in a child process, so that what the problem does there is a failed row too.
+    """Return the result of `answer_of`, computed in a child process, so that a crash becomes a failed row.
 
-    It has `limit` seconds, or `PATIENCE` where there is none.
+    The child has `limit` seconds, or `PATIENCE` without a limit.
     """
     if x is None:
         return Answer(), ending
@@ -91,7 +91,7 @@ def _read(pair: Pair, x: Array) -> dict[str, Any]:
 
 
 def _placed(pair: Pair, x: Array) -> dict[str, Any]:
-    """Return where x lies in the box: what can be told without a call of the problem."""
+    """Return the place of x in the box: everything that needs no call of the problem."""
     lower, upper, above_lower, below_upper = pair.box
     at_bound = (x <= above_lower) | (x >= below_upper)
     return {

@@ -1,6 +1,6 @@
-"""What a run with a costly objective is made in: processes for its batches, and the file of its values.
+"""The environment of a run with a costly objective: processes for its batches, and the file of its values.
 
-`costly` is entered in the process that makes the run: here, or in the child of a run with a time limit.
+`costly` is entered in the process that makes the run: this one, or the child of a run with a time limit.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def around(
     replay: ReplayFolder | None = None,
     time_limit: float | None = None,
 ) -> AbstractContextManager[Any]:
-    """Return what the search with `gate`, which asks `problem`, is to be made in; `code` is the digest of its code."""
+    """Return the context for the search with `gate` on `problem`; `code` is the digest of their code."""
     if replay is not None and _keeps_its_noise(problem):
         replay = None
     if inner == 1 and replay is None:

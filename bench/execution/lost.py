@@ -1,8 +1,8 @@
-"""The row of a run whose process ended, or was ended, where no gate could tell of it: written by who watched it.
+"""The row of a run whose process ended before the gate could write one; the process that watched it writes the row.
 
-What the run was asked for is learned by building its problem and optimiser once more, in a child process with little
-time. Where that ends the child too, the classes are only looked at; and where even their files cannot be loaded, the
-`Spec` alone tells. So a row always comes of it.
+The request of the run is read from its problem and optimiser, built once more in a child process with little time.
+Where that ends the child too, only the classes are read; and where even their files cannot be loaded, only the `Spec`.
+So there is always a row.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def lost_run(
 ) -> Run:
     """Return the failed run of `spec`: of status timeout where it `timed_out`, else failed with this type and error.
 
-    Nothing is known of its evaluations, so there are none in it. `patience` [s] is given to each of the two looks.
+    Its evaluations are not known, so there are none in it. `patience` [s] is given to each of the two looks.
     """
     ending = Ending("" if timed_out else error_type or "Lost", error, wall_s, cpu_s)
     provenance()  # here, where it is kept, and not in every child
@@ -68,7 +68,7 @@ def _as_built(spec: Spec, ending: Ending) -> RunRow:
 
 
 def _as_declared(spec: Spec, ending: Ending) -> RunRow:
-    """Return the row with what names, options and code tell of classes that cannot be built."""
+    """Return the row with the names, options and code of classes that cannot be built."""
     known, methods = problems.registry, optimizers.registry
     problem, optimizer = known.factory(spec.problem), methods.factory(spec.optimizer)
     return _bare(

@@ -1,7 +1,7 @@
-"""Figures of merit: those of the machines have columns of their own, any other that a problem returns is kept as JSON.
+"""Figures of merit: those of the machines have columns of their own; all others of a problem are kept as JSON.
 
 ``runs.parquet`` has one text column `merit` for the others, so that its columns are the same for every problem.
-`offered` makes a number column ``merit.KEY`` of each key for who reads the rows.
+`offered` makes a number column ``merit.KEY`` of each key for readers of the rows.
 """
 
 from __future__ import annotations
@@ -33,9 +33,10 @@ class Merit:
 
 
 def merit_of(found: Any) -> Merit:
-    """Return what ``merit(x)`` gave as columns of a row.
+    """Return the result of ``merit(x)`` as columns of a row.
 
-    A number that is not finite is null there, as JSON has none. Raises `TypeError` for what is no number, flag or text.
+    A number that is not finite is null there, as JSON has none. Raises `TypeError` for a value that is not a number,
+    flag or text.
     """
     if not isinstance(found, Mapping):
         raise TypeError(f"merit(x) returned {type(found).__name__}: names and numbers are needed, {{name: number}}")

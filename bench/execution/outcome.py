@@ -1,4 +1,4 @@
-"""What a run came to: failed before it began, failed without an answer, out of time, or ended by itself and why."""
+"""The end of a run: failed before it began, failed without an answer, out of time, or ended by itself and why."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from calibench.bench.gate.time_limit import BEFORE, Ending, text_of
 
 
 def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
-    """Do what should not be timed; return the ending of a run whose problem or optimiser fails in it."""
+    """Do the work that is not timed; return the ending of a run whose problem or optimiser fails in it."""
     for part in (problem, optimizer):
         try:
             if hasattr(part, "compile"):
@@ -26,7 +26,7 @@ def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
 
 
 def with_an_answer(gate: Evaluator, ending: Ending) -> Ending:
-    """Return the ending, which is a failure where nothing was asked for, or nothing finite came back."""
+    """Return the ending; it is a failure where no point was asked for, or no value was finite."""
     if ending.error_type or gate.stopped == "timeout" or gate.best_x is not None:
         return ending
     if gate.charged == 0:
@@ -44,7 +44,7 @@ def status_of(gate: Evaluator, ending: Ending) -> str:
 
 
 def stop_reason_of(gate: Evaluator, ending: Ending) -> StopReason:
-    """Return failed, or what ended the run: timeout, target, budget, or converged where it stopped with budget left."""
+    """Return failed, or the reason for the end: timeout, target, budget, or converged with budget left."""
     if ending.error_type:
         return "failed"
     return gate.stopped or ("budget" if gate.remaining <= 0 else "converged")

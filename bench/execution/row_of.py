@@ -1,4 +1,4 @@
-"""A finished run as its row: each column of `RunRow` beside what it is read from."""
+"""A finished run as its row: each column of `RunRow` beside its source."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from calibench.bench.provenance.run_id import digest
 
 
 def row_of(asked: Asked, gate: Evaluator, answer: Answer, ending: Ending, began: datetime) -> RunRow:
-    """Return the row: what was asked, what the gate counted, what the answer means and how the run ended."""
+    """Return the row: the request, the gate's counts, the meaning of the answer and how the run ended."""
     pair = asked.pair
     hits, hits_charged = hits_of(pair.problem, gate, answer)
     return RunRow(

@@ -67,7 +67,7 @@ class Spec:
 @final
 @dataclass(frozen=True, eq=False, repr=False)
 class Run:
-    """What came of a run: its row of ``runs.parquet``, the study still to be said, and the points of its trace."""
+    """The result of a run: its row of ``runs.parquet`` without the study, and the points of its trace."""
 
     record: RunRow
     points: tuple[TracePoint, ...]
@@ -123,7 +123,7 @@ class Run:
         return self.record.error
 
     def __repr__(self) -> str:
-        """Return the run in a line; `row` has all that is known of it."""
+        """Return the run in a line; `row` has everything."""
         told, unit = self.record, f" {self.record.unit}" if self.record.unit else ""
         why = f": {told.error_type} {told.error}" if told.error_type or told.error else ""
         return (

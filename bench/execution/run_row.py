@@ -22,7 +22,7 @@ _PARQUET = {str: "string", int: "int64", float: "double", bool: "bool", datetime
 @final
 @dataclass(frozen=True)
 class Says:
-    """What is said of a column besides its name and type: `added` tells that the rows of earlier versions have null."""
+    """Metadata of a column besides its name and type: with `added`, rows of earlier versions have null."""
 
     group: Group
     meaning: str
@@ -32,7 +32,7 @@ class Says:
 @final
 @dataclass(frozen=True, kw_only=True)
 class RunRow:
-    """One run as a row, its fields in the order of the columns. None is null: there is no such thing in this run."""
+    """One run as a row, its fields in the order of the columns. None is null: this run has no such value."""
 
     run_id: Annotated[str, Says("identity", "digest of what the run is: the same run, the same id")]
     study: Annotated[str, Says("identity", "the folder it is kept in; empty before it is stored")]
@@ -111,7 +111,7 @@ class RunRow:
 @final
 @dataclass(frozen=True)
 class Column:
-    """A column of ``runs.parquet``: `parquet` is its Arrow type by name, `added` tells that older rows have null."""
+    """A column of ``runs.parquet``: `parquet` is its Arrow type by name; with `added`, older rows have null."""
 
     name: str
     parquet: str

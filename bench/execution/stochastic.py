@@ -31,7 +31,7 @@ def is_stochastic(problem: Any) -> bool:
 
 
 def check_stochastic(problem: Any, who: str) -> None:
-    """Raise `ValueError` where what `problem` says of its noise is no flag, or it cannot be given a generator."""
+    """Raise `ValueError` where `stochastic` of `problem` is not a flag, or no generator can be given to it."""
     said = getattr(problem, "stochastic", False)
     if not isinstance(said, bool | np.bool_):
         raise ValueError(f"problem {who}: stochastic={said!r}: True or False is needed")
@@ -64,7 +64,7 @@ class Judged:
 
 
 def judged(problem: Any, x: Array | None, key: Any, repetition: int) -> Judged:
-    """Return the value of the answer `x` apart from luck.
+    """Return the value of the answer `x` from evaluations of its own.
 
     A mean with a value that is not finite is infinite.
     """
@@ -78,9 +78,10 @@ def judged(problem: Any, x: Array | None, key: Any, repetition: int) -> Judged:
 
 
 def hits_of_the_answer(gate: Evaluator, value: float) -> tuple[list[int | None], list[int | None]]:
-    """Return what each of the gate's targets cost, in evaluations and charged, where the judged `value` is within it.
+    """Return the cost of each of the gate's targets, in evaluations and charged, where the judged `value` is within it.
 
-    A lucky value reaches nothing: the answer does, at the evaluation that proposed it.
+    The lowest value that a run saw may be luck, so it reaches no target. The answer does, at the evaluation that
+    proposed it.
     """
     after = next((point for point in gate.trace if point[0] >= gate.best_evaluation), None)
     derivatives = 0 if after is None else after[1] - after[0]

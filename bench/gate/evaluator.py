@@ -41,7 +41,7 @@ _STATE = (
     "jacobian_evaluations", "non_finite", "outside_evaluations", "residual_evaluations", "restarts", "stopped", "trace",
 )  # fmt: skip
 _ARRAY = np.ndarray
-_NONE, _NOT_FINITE = -1, -2  # what the scan of a batch says besides an index
+_NONE, _NOT_FINITE = -1, -2  # results of the scan of a batch besides an index
 _MOST_ATTEMPTS = 20  # different ones that a row names
 _LARGE_RESIDUAL = 1e100  # replaces a residual that is not finite: its square is still finite
 
@@ -197,7 +197,7 @@ class Evaluator:
         return self._ask(lambda some: below(some, limits[: len(some)]), points)
 
     def _ask(self, function: Any, points: Array) -> Array:
-        """Return what `function` says of `points`, where they are none of ours or an event may be met on the way."""
+        """Return `function` of `points`, the slow way for foreign arrays and where an event may happen on the way."""
         if type(points) is not _ARRAY or points.ndim != 2 or points.shape[1] != self.dimension:
             points = self._as_points(points)
         return self._ask_with_event(function, points)

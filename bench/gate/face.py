@@ -1,4 +1,4 @@
-"""What an optimiser gets of a gate: its calls and live values, and no way to the counters.
+"""The object that an optimiser gets instead of the gate: its calls and live values, and no way to the counters.
 
 A face has the calls of `optimizers.base.Objective` and the values below, which nobody can set. A wall
 (`bench.gate.guard.wall`) stands between each of them and the gate, so that neither an attribute nor ``__self__`` nor a
@@ -7,9 +7,8 @@ pickle a face raises an error in the optimiser; the attempt is noted in the run'
 itself: pygmo copies what it is given, and all must be counted in one place.
 
 A call through a face takes as long as a call of the gate: the face's class is made for one gate and holds its call.
-
-This package's own optimisers, which the tests hold to the rules, get the same names without the walls: making a class
-with forty of them is a tenth of the time of a run of sixty evaluations.
+This package's own optimisers, which the tests check, get the same names without the walls: making a class with forty of
+them is a tenth of the time of a run of sixty evaluations.
 """
 
 from __future__ import annotations
@@ -116,7 +115,7 @@ def own_face_of(gate: Evaluator, doors: Doors) -> Objective:
 
 
 class _OwnFace:
-    """What the faces for this package's optimisers share: values to read, each from the gate."""
+    """The common part of the faces for this package's optimisers: values to read, each from the gate."""
 
     __slots__ = ("_gate",)
 
@@ -142,7 +141,7 @@ for _name in (*NUMBERS, *COPIES, *FIXED):
 
 @final
 class _Attributes(dict[str, Any]):
-    """What a face says its attributes are: none that could be written."""
+    """The result of `vars(face)`: an empty mapping that cannot be written."""
 
     def __init__(self, refuse: Callable[[str], NoReturn]) -> None:
         super().__init__()

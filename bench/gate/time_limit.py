@@ -46,7 +46,7 @@ BEFORE = "before the first evaluation: "
 @final
 @dataclass(frozen=True)
 class Ending:
-    """How a run ended: the type, text and last frames of its error (empty: none), and what it took."""
+    """How a run ended: the type, text and last frames of its error (empty: none), and its times."""
 
     error_type: str
     error: str
@@ -227,7 +227,7 @@ class Mirror:
 
     @property
     def earlier(self) -> tuple[float, float]:
-        """Return the seconds, wall and processor, that the run took before the child went on with it."""
+        """Return the seconds, wall and processor, that the run took before the child continued it."""
         wall, cpu = self._head[13:].tolist()
         return wall, cpu
 
@@ -250,7 +250,7 @@ class Mirror:
         self._head[11] = yes
 
     def publish(self, gate: Evaluator, evaluations: int) -> None:
-        """Write down what `gate` knows, and that `evaluations` have been made or are being made."""
+        """Write the state of `gate`, and that `evaluations` have been made or are being made."""
         best = gate.best_x
         if self._head[5] != gate.best_evaluation and best is not None:
             self._best_x[:] = best
@@ -272,7 +272,7 @@ class Mirror:
             self._attempts[: len(told)] = np.frombuffer(told, dtype=np.uint8)
 
     def read(self) -> dict[str, Any]:
-        """Return the state of the gate as it was last told."""
+        """Return the last state of the gate that was written."""
         evaluations, jacobians, non_finite, restarts, best_value, best_evaluation, points, found = self._head[
             :8
         ].tolist()

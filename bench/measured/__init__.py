@@ -1,4 +1,4 @@
-"""Measured data on disk: Parquet, CSV, Excel or MATLAB with units, what is stated of them, and what `data=` names."""
+"""Measured data on disk: Parquet, CSV, Excel or MATLAB with units, statements on them, and the meaning of `data=`."""
 
 from __future__ import annotations
 

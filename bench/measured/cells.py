@@ -1,7 +1,7 @@
-"""What the cells of one column say: numbers with a point or a comma, true and false, times, words, or nothing.
+"""The meaning of the cells of one column: numbers with a point or a comma, true and false, times, words, or nothing.
 
-A cell that says that there is no value (n/a, NaN, -, #NV, or nothing) is NaN. A decimal comma is read where commas do
-not part the cells, and never where the same file has decimal points too. A time of the ISO form is seconds.
+A cell that means "no value" (n/a, NaN, -, #NV, or nothing) is NaN. A decimal comma is read where commas do not separate
+the cells, and never where the same file has decimal points too. A time of the ISO form becomes seconds.
 """
 
 from __future__ import annotations

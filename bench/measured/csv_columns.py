@@ -30,7 +30,7 @@ def read_csv(path: Path, text: Collection[str]) -> Found:
 
 
 def of_table(table: Table, text: Collection[str]) -> Found:
-    """Return what a table of text holds. Raises `DataError` for rows that do not fit the header."""
+    """Return the content of a table of text. Raises `DataError` for rows that do not fit the header."""
     names, units, rows = table.names, dict(table.units), table.rows
     notes = table.notes
     if not names:

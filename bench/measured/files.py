@@ -89,7 +89,10 @@ def read_measured(
 
 
 def write_measured(data: MeasuredData, path: str | Path) -> Path:
-    """Write `data` to `path`, ``.parquet`` or ``.csv``, whole or not at all; reading it gives the same values back."""
+    """Write `data` to `path`, ``.parquet`` or ``.csv``, whole or not at all; reading it gives the same values back.
+
+    Raises `DataError` for a path with another ending.
+    """
     path = Path(path)
     if path.suffix.lower() not in WRITTEN:
         raise DataError(f"{path}: the name must end in {' or '.join(WRITTEN)}")
@@ -109,9 +112,9 @@ def write_measured(data: MeasuredData, path: str | Path) -> Path:
 
 
 def _of_its_field(path: Path, machine: str) -> tuple[Found, dict[str, Any]] | None:
-    """Return what a file in a format of the machine's field holds and states; None for any other file.
+    """Return the content and the statements of a file in a format of the machine's field; None for any other file.
 
-    Text of an ending that says nothing (night.txt) is in the first format that takes it.
+    Text with an unspecific ending (night.txt) is read in the first format that accepts it.
     """
     formats, ending = description_of(machine).files, path.suffix.lower()
     if ending in formats:
@@ -138,7 +141,7 @@ def _of_a_table(path: Path) -> tuple[Found, dict[str, Any]]:
 
 
 def _read(path: Path) -> Found:
-    """Return what a file holds, by the reader that its ending asks for; any other is a table of text."""
+    """Return the content of a file, by the reader for its ending; without one it is read as a table of text."""
     ending = path.suffix.lower()
     if ending == ".parquet":
         return _read_parquet(path)
@@ -171,7 +174,7 @@ def _read_parquet(path: Path) -> Found:
 
 
 def _metadata(path: Path, found: Found) -> dict[str, Any]:
-    """Return what is stated in a file, and in the JSON file beside it where it is no Parquet file."""
+    """Return the statements in a file, and in the JSON file beside it where it is not a Parquet file."""
     if path.suffix.lower() == ".parquet":
         return _checked(_json(found.said, f"metadata {KEY}")) if found.said else {}
     beside = path.with_suffix(".json")
@@ -183,7 +186,7 @@ def _metadata(path: Path, found: Found) -> dict[str, Any]:
 
 
 def _beside(path: Path) -> Any:
-    """Return what the JSON file beside a CSV file states."""
+    """Return the statements of the JSON file beside a CSV file."""
     try:
         return _json(text_of(read_whole(path, LARGEST_METADATA)), path.name)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""`Found`: what a file of measured data holds, whatever its format, before names and units are told apart."""
+"""`Found`: the content of a file of measured data, whatever its format, before names and units are interpreted."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def renamed(found: Found, machine: str, columns: Mapping[str, str], units: Mappi
 def of_part(
     found: Found, columns: Mapping[str, str], units: Mapping[str, str]
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Return of `columns` and `units`, which are stated of several files, what one of them holds."""
+    """Return those of `columns` and `units`, stated for several files, that concern this one."""
     names = {target: source for target, source in columns.items() if _plain(source, found) in found.columns}
     there = {*found.columns, *names, *names.values()}
     return names, {name: unit for name, unit in units.items() if name in there}

@@ -20,7 +20,7 @@ from calibench.discrepancy.registries import description_of
 @final
 @dataclass(frozen=True)
 class Source:
-    """One set of data to be: its case name, its file or folder of sockets, and the machine that was asked for."""
+    """One set of data: its case name, its file or folder of sockets, and the machine that was asked for."""
 
     case: str
     path: Path | None
@@ -117,12 +117,15 @@ def _reads_sockets(machine: str) -> bool:
 
 
 def _shown(name: str) -> str:
-    """Return a name with an underscore for what a table or a terminal cannot show, and for dots that lead elsewhere."""
+    """Return a name with an underscore for each character that a table or a terminal cannot show.
+
+    A name of dots alone becomes underscores, because as a path it would lead to another folder.
+    """
     return "".join(c if c.isprintable() else "_" for c in name) if name.strip(".") else "_" * len(name)
 
 
 def _data_files(paths: Iterable[Path], machine: str) -> list[Path]:
-    """Return those that end as data do, sorted. What is no file stays: it is told, where leaving it out would not."""
+    """Return those whose ending is that of data, sorted. A path that is no file stays, so that it is reported."""
     return sorted(p for p in paths if p.suffix.lower() in endings_of(machine))
 
 

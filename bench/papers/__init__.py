@@ -1,4 +1,4 @@
-"""The ledger of the papers: each printed number, claim and erratum beside what a rerun gives, with a verdict.
+"""The ledger of the papers: each printed number, claim and erratum beside the result of a rerun, with a verdict.
 
 A paper is a module with ``KEY``, ``STUDIES`` (prepared studies that rerun it) and ``rows(evidence)``; `PAPERS` lists
 them. The verdicts are functions in `bench.papers.row`; `run_paper` carries out the studies and writes the three files.

@@ -1,4 +1,4 @@
-"""What the rows of a paper are judged by: the runs that were asked for, by name, options and budget."""
+"""The evidence for the rows of a paper: the runs that were asked for, by name, options and budget."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def solved_for(misfit: Callable[[float], Array], start: float, scale: float = 1.
 
 
 def found(runs: pd.DataFrame, quantity: str) -> Array:
-    """Return a calibrated parameter, or a column of the runs, one number a run."""
+    """Return a calibrated parameter, or a column of the runs, one number for each run."""
     if quantity in runs.columns:
         return runs[quantity].to_numpy(dtype=float)
     kept = runs[runs["parameter_values"].notna()]

@@ -13,13 +13,13 @@ from calibench.bench.papers.row import Row
 
 
 def agreed(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows, an explanation kept only where the verdict is another than that of what the row is about."""
+    """Return the rows; an explanation is kept only where the verdict differs from that of the row's subject."""
     apart = {id(row) for row, _ in differing(rows)}
     return [row if id(row) in apart else replace(row, differs="") for row in rows]
 
 
 def unexplained(rows: Sequence[Row]) -> list[str]:
-    """Return a sentence for each pair of rows about one print whose verdicts differ without a word."""
+    """Return a sentence for each pair of rows about one print whose verdicts differ without an explanation."""
     return [
         f"{row.paper} {row.key}: {row.verdict}, but {other.key}: {other.verdict}"
         for row, other in differing(rows)

@@ -51,9 +51,9 @@ def gate_digest() -> str:
 
 
 def changed_parts(before: str, now: str) -> list[str]:
-    """Return what of two digests differs: some of problem, optimizer, gate, files.
+    """Return which parts differ between two digests: some of problem, optimizer, gate, files.
 
-    A digest from before files were part of it says nothing of them.
+    A digest from before files were part of it has no part for them.
     """
     return [part for part, a, b in zip(PARTS, _parts(before), _parts(now), strict=False) if a != b and (a and b)]
 
@@ -96,7 +96,7 @@ def _told(target: Any) -> str:
 
 
 def _of_live_code(target: Any, module: str, seen: set[int]) -> list[Any]:
-    """Return what a class or function without a source file does: its functions, and what of its module they name."""
+    """Return the code of a class or function without a source file: its functions, and the names that they use."""
     if id(target) in seen:
         return []
     seen.add(id(target))

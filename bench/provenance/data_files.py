@@ -1,7 +1,7 @@
-"""What stands in the files that a problem is given as options of type `Path`: a digest, so that a change is noticed.
+"""A digest of the files that a problem is given as options of type `Path`, so that a change is noticed.
 
-A problem that has a `data_id` says itself what its data are, and its files are not looked at. A relative path is looked
-for where the process stands, then beside the module of the class.
+A problem that has a `data_id` names its data itself, and its files are not read. A relative path is searched for in the
+working folder, then beside the module of the class.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def _paths(value: Any, depth: int = 0) -> Iterator[PurePath]:
 
 
 def _content(path: PurePath, home: Path | None) -> str:
-    """Return the digest of what stands in a file; '' where there is none that can be read."""
+    """Return the digest of a file's content; '' for a file that is missing or cannot be read."""
     for place in (Path(path), *(() if home is None else (home.parent / path,))):
         try:
             if place.is_file():

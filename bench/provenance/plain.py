@@ -1,7 +1,7 @@
-"""Values of options as JSON can hold them, so that what tells two runs apart never vanishes.
+"""Values of options as JSON, so that every difference between two runs is kept.
 
-Numbers, texts, lists and mappings stand as they are, a dataclass by its fields; a large array, another object or a
-nameless function is told by a digest of its content. What has no content to tell it by, such as a random generator or
+Numbers, texts, lists and mappings stay as they are, a dataclass becomes its fields; a large array, another object or a
+nameless function is represented by a digest of its content. A value without such content, such as a random generator or
 an open file, is refused.
 """
 
@@ -30,7 +30,7 @@ class NotPlain(ValueError):
 
 
 def plain(value: Any, depth: int = 0) -> Any:
-    """Return `value` as JSON has it; equal values give equal JSON. Raises `NotPlain` for what cannot be told apart."""
+    """Return `value` as JSON; equal values give equal JSON. Raises `NotPlain` for indistinguishable values."""
     if isinstance(value, Enum):
         return f"{_path_of(type(value))}.{value.name}"
     if isinstance(value, np.ndarray) and (value.size > _WHOLE or value.dtype.kind not in "biuf"):
@@ -57,14 +57,14 @@ def plain(value: Any, depth: int = 0) -> Any:
 
 
 def code_of(value: Any, depth: int = 0) -> Any:
-    """Return what the function `value` does as JSON: its bytecode, constants, defaults, and what it closes over."""
+    """Return the code of the function `value` as JSON: its bytecode, constants, defaults, and its closure."""
     closed = [cell.cell_contents for cell in value.__closure__ or ()]
     bound = [value.__defaults__ or (), value.__kwdefaults__ or {}, closed]
     return [_code(value.__code__, value.__doc__), plain(bound, depth + 1)]
 
 
 def _object(value: Any, depth: int) -> Any:
-    """Return a function or class by where it stands, and another object by its class and what it holds."""
+    """Return a function or class by its module and name, and another object by its class and attributes."""
     if isinstance(value, type | types.BuiltinFunctionType | np.ufunc) or _is_importable(value):
         return _path_of(value)
     if isinstance(value, types.FunctionType):
@@ -88,7 +88,7 @@ def _object(value: Any, depth: int) -> Any:
 
 
 def _held(value: Any) -> dict[str, Any] | None:
-    """Return the attributes that an object holds; None where Python keeps its content out of sight."""
+    """Return the attributes of an object; None where Python gives no access to its content."""
     slots = [
         name
         for kind in type(value).__mro__

@@ -1,4 +1,4 @@
-"""Who a run is: canonical names and options, the digest that names it, and the seeds that follow from the names.
+"""The identity of a run: canonical names and options, the digest that names it, and the seeds that follow from names.
 
 Nothing here depends on the order of jobs, on the machine, or on Python's `hash`: an optimiser added to a sweep leaves
 every other row as it was, to the last bit.
@@ -27,7 +27,7 @@ UNSEEN = "unseen, box"  # stands, with a digest of the box, for a parameter that
 
 
 def name_of(thing: Any) -> str:
-    """Return what a problem or optimiser was made as, its `name`, or where its class stands if it has none."""
+    """Return the registered name of a problem or optimiser, its `name`, or the place of its class without one."""
     made = made_as(thing)
     if made is not None:
         return made.name
@@ -41,10 +41,11 @@ def name_of(thing: Any) -> str:
 def options_of(thing: Any) -> dict[str, Any]:
     """Return the options of a problem or optimiser as JSON can hold them.
 
-    Of what a registry made: the arguments it was given, then what it says itself (`options`), then the defaults; an
-    option of its `said_if_chosen` only where it was given. Of another object: its `options`, or its dataclass fields,
-    or its attributes that are named as the parameters of its `__init__`; a parameter that is no attribute (``self.n``
-    or ``self._n``) is told by the box alone, with a warning.
+    For an entry of a registry: the arguments it was given, then its own `options`, then the defaults; an option of its
+    `said_if_chosen` only where it was given. For another object: its `options`, or its dataclass fields, or its
+    attributes that are named as the parameters of its `__init__`; a parameter that is no attribute (``self.n`` or
+    ``self._n``) shows only in the box, with a warning.
+
     Raises `ValueError` for a value that cannot be told from others, such as a random generator.
     """
     made, own = made_as(thing), getattr(thing, "options", None)
@@ -72,7 +73,7 @@ def options_as_asked(registry: Registry[Any], name: str, options: Mapping[str, A
 
 
 def made_as(thing: Any) -> Made | None:
-    """Return what `thing` was made with by the registry of problems or of optimisers; None where by neither."""
+    """Return the name and options with which the registry of problems or of optimisers made `thing`; None otherwise."""
     return problems.registry.made(thing) or optimizers.registry.made(thing)
 
 
@@ -92,8 +93,8 @@ def chosen_options(registry: Registry[Any], name: str, options: Mapping[str, Any
 def given_options(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options of a row as `make` takes them.
 
-    None stands in a row also for what a registered name leaves unsaid: an instance says plan and noise by itself. What
-    a row says of a default that is a function or an object is a word for it, and is left out: the default is meant.
+    None in a row also means an option that a registered name leaves out: an instance determines plan and noise by
+    itself. The word that a row has for a default that is a function or an object is left out, so the default is used.
     """
     if name not in registry.names():  # somebody's own: None is what was given
         try:
@@ -106,7 +107,7 @@ def given_options(registry: Registry[Any], name: str, options: Mapping[str, Any]
 
 
 def _is_word_of(value: Any, option: Option) -> bool:
-    """Tell whether `value` is what a row says in place of the option's default, which is no word itself."""
+    """Tell whether `value` is the word that a row has for the option's default, which is not a word itself."""
     try:
         return not option.required and isinstance(value, str) and value == plain(option.default) != option.default
     except NotPlain:
@@ -161,7 +162,7 @@ def _as_plain(thing: Any, options: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _seen(thing: Any) -> dict[str, Any]:
-    """Return what tells an object that nobody says anything of: its fields, or its attributes named as parameters."""
+    """Return the fields of an object that no registry made, or its attributes that are named as parameters."""
     if isinstance(thing, type):
         return {}
     if dataclasses.is_dataclass(thing):
@@ -202,7 +203,7 @@ def _declared(kind: type) -> Mapping[str, Option]:
 
 
 def _parameters(kind: type) -> list[str]:
-    """Return the names of the parameters of a class, none where it takes what comes."""
+    """Return the names of the parameters of a class, none where it takes any keyword."""
     begin: Any = vars(kind).get("__init__") or getattr(kind, "__init__", None)
     if begin is object.__init__:
         return []

@@ -1,1 +1,1 @@
-"""What many runs say: cells, medians, success, ranks, and what is known of the least value."""
+"""Statistics of many runs: cells, medians, success, ranks, and the least value that is known."""

@@ -1,6 +1,6 @@
-"""What the answers of runs are worth: as they were seen, or where values are noisy as they were judged afterwards.
+"""The values of the answers of runs: as they were seen, or as they were judged afterwards where values are noisy.
 
-How an answer is judged is told in `bench.execution.stochastic`.
+`bench.execution.stochastic` judges an answer.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a cell is: runs that differ in nothing but their repetition. Every statistic is of one cell, never of a mixture.
+"""A cell: runs that differ only in their repetition. Every statistic is of one cell, never of a mixture.
 
 A problem is its name with its options and data, a method an optimiser with its options; a cell is both under one start,
 budget and target. A task is what methods are compared on: a problem under one start, budget and goal.

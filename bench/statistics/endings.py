@@ -1,7 +1,7 @@
-"""How a method ends: it stops by its own test, begins again where it would have stopped, or spends the budget anyway.
+"""How a method ends: it stops by its own test, begins again where it would have stopped, or spends the whole budget.
 
 A method that stops with budget left cannot be compared with one that spends all of it. So a field of methods has each
-local method in both kinds, and says which is which.
+local method in both kinds, and marks the kind.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""What is known of a problem's least value: it decides what is drawn, told, and called a floor.
+"""What is known of a problem's least value. It decides what is drawn and reported, and what is called a floor.
 
 Four cases, decided by what the problem declares and by what the runs found, never by its name:
 
 - a `minimum` f* other than 0 is declared: f - f* is drawn on a logarithmic axis;
 - the problem has a `truth`: its value there is a line, and called the rounding floor only where it is rounding;
 - nothing is known: the value itself, on a logarithmic axis where every value is above 0, else on a linear one;
-- the values are noisy: the value itself, and tables tell the judged values.
+- the values are noisy: the value itself, and tables have the judged values.
 
-A declared minimum that a run inside the box falls below is not believed, and the page says so.
+A declared minimum that a run inside the box falls below is not used, and the page says so.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class Optimum:
 
 
 def optimum_of(runs: pd.DataFrame) -> Optimum:
-    """Return what is known of the least value in `runs`, all of one problem with its options."""
+    """Return the `Optimum` of `runs`, all of one problem with its options."""
     row = {name: runs[name].iloc[0] for name in PROBLEM[:2]}
     try:
         problem = problem_of(row)
@@ -168,7 +168,7 @@ def in_brackets(unit: str) -> str:
 
 
 def _of_rows(runs: pd.DataFrame, column: str) -> Any:
-    """Return what the rows say in `column`, where any does: the last that was written."""
+    """Return the value of the rows in `column`, where any has one: the last that was written."""
     if column not in runs:
         return None
     known = runs[column].notna().to_numpy()

@@ -1,4 +1,4 @@
-"""Which method is best: its places within the tasks, with ties, and their mean. Tasks that it did not solve count, too.
+"""Ranking of methods: their places within the tasks, with ties, and their mean. Unsolved tasks count.
 
 Medians of different problems have no common scale, and a sum over solved problems would favour a method that solves
 few; places have neither fault. Values at the floor are tied, because below it they differ by rounding.
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 
 def places(cells: Columns) -> Array:
-    """Return the place of each cell (a row of `bench.statistics.summary.summary`) on its task: 1 is best, ties share
-    their mean.
+    """Return the place of each cell on its task, shape (cells,): 1 is best, ties share their mean.
 
-    By the share of runs at the goal, then what it cost to get there, then the median value, as far as the floor.
+    A cell is a row of `bench.statistics.summary.summary`. The order is by the share of runs at the goal, then the cost
+    to get there, then the median value, as far as the floor.
     """
     success, cost = floats(cells["success"]), floats(cells["charged_to_target"])
     keys = np.column_stack(

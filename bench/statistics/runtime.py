@@ -1,9 +1,9 @@
-"""Fixed target: what a method pays until it gets there. Expected running time (ERT), success, and runtime ECDF.
+"""Fixed target: the cost of a method until it reaches a target. Expected running time (ERT), success, runtime ECDF.
 
 ERT = (sum over all runs of what each spent) / (number of runs that reached the target): a run that reached it spent
 until its hit, one that did not spent all that *it* was charged, not the budget and not the largest count of others. It
-is the expected cost of a method that begins again until it is there. Where no run reached the target it is infinite and
-only a bound is known: `at_least`, all that was spent.
+is the expected cost of a method that begins again until it reaches the target. Where no run reached the target it is
+infinite and only a bound is known: `at_least`, all that was spent.
 
 Source: Hansen et al., COCO: Performance Assessment, 2016, section 4; Auger and Hansen, CEC 2005.
 """
@@ -121,7 +121,7 @@ Units = tuple[Array, Array, str]  # of each unit what it paid and won, shapes (u
 
 
 def _units(paid: Array, won: NDArray[np.bool_], instance: NDArray[np.int64]) -> Units:
-    """Return what is resampled of the runs of a cell: the runs, or from five of them on the instances."""
+    """Return the units that are resampled for a cell: the runs, or from five instances on these."""
     starts = np.flatnonzero(np.diff(instance, prepend=-1))
     if len(starts) < _ENOUGH:
         return paid, won.astype(float), "runs"

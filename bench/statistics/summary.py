@@ -213,7 +213,7 @@ def success_interval(successes: int, count: int) -> tuple[float, float]:
 
 
 def chances(runs: Columns, cells: ByCell) -> NDArray[np.bool_]:
-    """Tell of each cell whether chance has a part in its runs: in the method, in its start, or seen in what they gave.
+    """Tell for each cell whether its runs depend on chance: by the method, by its start, or by differing results.
 
     A deterministic method from one start gives one answer, however often it is run: nothing there is uncertain.
     """
@@ -227,7 +227,7 @@ def chances(runs: Columns, cells: ByCell) -> NDArray[np.bool_]:
 
 
 def has_chance(cell: pd.DataFrame) -> bool:
-    """Tell whether chance has a part in the runs of one cell (`chances`)."""
+    """Tell whether the runs of one cell depend on chance (`chances`)."""
     return bool(chances(cell, by_number(np.zeros(len(cell), dtype=np.int64)))[0])
 
 

@@ -1,4 +1,4 @@
-"""Which targets a study is read by: in the value, above the best, in the user's terms, and the noise of the readings.
+"""The targets by which a study is read: in the value, above the best, in the user's quantities, in reading noise.
 
 Quantities, and what reaches a target of each:
 
@@ -52,8 +52,9 @@ _NEEDED = [
 
 
 def hits_of(store: ResultStore, levels: pd.DataFrame | None = None) -> pd.DataFrame:
-    """Return the hits of a study for `levels`, by default all of `levels_of`: columns of `HITS_SCHEMA`, a row a run and
-    target.
+    """Return the hits of a study for `levels`, by default all of `levels_of`, a row for each run and target.
+
+    The columns are those of `HITS_SCHEMA`.
     """
     return store.hits(levels_of_study(store) if levels is None else levels)
 

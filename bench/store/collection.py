@@ -214,7 +214,7 @@ def _held(table: pa.Table) -> _Piece:
 
 
 def _kept(table: pa.Table, folder: Path, stack: ExitStack) -> _Piece:
-    """Return a piece that stands in a file until `stack` ends."""
+    """Return a piece that is stored in a file until `stack` ends."""
     path = temporary_name(folder / f"piece-{token_hex(4)}")
     stack.callback(path.unlink, missing_ok=True)
     with pa.OSFile(str(path), "wb") as file, pa.ipc.new_stream(file, table.schema) as writer:

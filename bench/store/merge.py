@@ -30,7 +30,7 @@ _COMPARED = [column.name for column in COLUMNS if column.group != "origin" and c
 @final
 @dataclass(frozen=True)
 class Merged:
-    """What became of it: runs in the folder now, those that stood in several, and those planned and not done."""
+    """The result: runs in the folder now, those that stood in several, and those planned and not done."""
 
     runs: int
     twice: int

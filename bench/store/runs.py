@@ -167,7 +167,7 @@ class ResultStore:
         """Note which runs are intended: {run_id: label}, and by which command. `status` tells what is left of them.
 
         `files` are those of a user's own classes, {name in the rows: absolute path}; `called` is what cells are called
-        on a terminal, {label: name}.
+        on a terminal, {label: name}. Raises `StoreError` for a study of imported results.
         """
         with self.locked():
             manifest = self.manifest()

@@ -1,4 +1,4 @@
-"""Carry out a request: skip what is done, let the workers do the rest, collect the tables.
+"""Carry out a request: skip finished runs, give the rest to the workers, collect the tables.
 
 Runs do not depend on each other, and their seeds come from their names. So the rows are the same in any order, with any
 number of workers, on any machines.
@@ -115,9 +115,9 @@ def carry_out(
 
 
 def _settled(request: Request, store: ResultStore, way: Way, tell: Callable[[str], None]) -> Stale:
-    """Return the finished runs of other code, once it is told what is done with them and the store has forgotten some.
+    """Return the finished runs of other code after the decision on them, and after the store has forgotten some.
 
-    Raises `RequestError` where there are such and the way is "ask".
+    Raises `RequestError` where there are such runs and the way is "ask".
     """
     stale = find_stale(request, store)
     again = settle(stale, way)
@@ -211,7 +211,7 @@ def _run_all(
 
 
 def _here(packs: Packs, store: ResultStore) -> Iterator[Notice]:
-    """Do the runs in this process, where there is no other way."""
+    """Do the runs in this process, where no other way exists."""
     while (pack := packs.take()) is not None:
         told: list[Notice] = []
         do_pack(pack, lambda run, _: store.write(run), told.extend)

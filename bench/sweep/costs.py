@@ -1,6 +1,6 @@
-"""What one call of a problem takes, in seconds: a value, a candidate of a batch, residuals, a Jacobian.
+"""The time of one call of a problem, in seconds: a value, a candidate of a batch, residuals, a Jacobian.
 
-A Jacobian is charged `dimension` evaluations, however long it takes. The counts times these costs tell how many seconds
+A Jacobian is charged `dimension` evaluations, however long it takes. The counts times these costs give the seconds that
 the objective itself took in a run: a second currency, which is reported beside the first and never charged. Costs are
 measured once for each problem, before its first run and outside every run's clock, and kept in the study's manifest.
 """
@@ -132,10 +132,10 @@ def costs_of(
 
 
 def unlike(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
-    """Return as `UNLIKE` two values of the start that differ by more than rounding; nothing where they do not.
+    """Return as `UNLIKE` two values of the start that differ by more than rounding; an empty result where they agree.
 
-    As `TWO_GOALS` its value and the sum of its squared residuals likewise: methods that use residuals search the sum.
-    Nothing of a problem that says it is noisy, and of one that takes long: `record` has the seconds of its calls.
+    As `TWO_GOALS`, return its value and the sum of its squared residuals likewise, because methods that use residuals
+    search the sum. Noisy problems and slow ones are not tried: `record` has the seconds of its calls.
     """
     if is_stochastic(problem) or not _is_quick(record[KINDS[0]]):
         return {}
@@ -149,13 +149,13 @@ def unlike(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[float, fl
             if not _is_quick(record[KINDS[2]]):
                 return {}
             squared = float(np.sum(np.square(problem.residuals(start.copy()))))
-    except Exception:  # its runs will say what is wrong with it
+    except Exception:  # the rows of its runs will have the error
         return {}
     return {TWO_GOALS: (first, squared)} if _differ(first, squared, _SINGLE) else {}
 
 
 def _is_quick(seconds: float | None) -> bool:
-    """Tell whether a call takes no long; None: not known, or there is no such call."""
+    """Tell whether a call takes little time; None: not known, or there is no such call."""
     return seconds is not None and seconds <= _QUICK
 
 
@@ -176,7 +176,7 @@ def _here(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record 
                 record |= costs_of(problem, seconds=_share(specs))
                 record |= unlike(problem, record)
             yield record
-        except Exception:  # its runs will say what is wrong with it
+        except Exception:  # the rows of its runs will have the error
             yield None
 
 
@@ -204,7 +204,7 @@ def _in_a_child(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[R
                     known = costs_of(problem, lambda kind, took: theirs.send({kind: took}), _share(specs))
                     theirs.send(known)
                     theirs.send(unlike(problem, known))
-            except Exception:  # its runs will say what is wrong with it
+            except Exception:  # the rows of its runs will have the error
                 pass
             theirs.send(None)
 

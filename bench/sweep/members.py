@@ -194,7 +194,7 @@ def _class_names(choices: Sequence[str]) -> dict[str, str]:
 
 
 def _unbuilt(kind: str, name: str, options: Mapping[str, Any], globbed: bool, why: Lost) -> Member:
-    """Return the member whose class cannot be built, named as if it could; `built` is the class."""
+    """Return the member whose class cannot be built, with the name that it would have; `built` is the class."""
     registry = registry_of(kind)
     told = registry.told_name(name)
     key: list[Any] = [told, chosen_options(registry, told, options_as_asked(registry, name, options))]

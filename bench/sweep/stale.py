@@ -68,7 +68,7 @@ def find_stale(request: Request, store: ResultStore) -> Stale:
 
 
 def settle(stale: Stale, way: Way) -> set[str]:
-    """Return the runs to do again. Raises `RequestError` where nobody said what to do with rows of other code."""
+    """Return the runs to do again. Raises `RequestError` where the user did not decide about rows of other code."""
     if way == "ask" and stale.other:
         raise RequestError(f"{stale.told()}; --rerun does them again, --keep goes on with them; nothing was run")
     return {*stale.other, *stale.unknown} if way == "rerun" else set()

@@ -73,7 +73,7 @@ def _word_beside(home: Path, word: str) -> str:
 
 
 def _beside(home: Path, value: Any) -> Any:
-    """Return the choice `value` with each file of a class that stands in `home` as seen from here."""
+    """Return the choice `value` with paths from the working folder for class files that stand in `home`."""
 
     def seen(found: re.Match[str]) -> str:
         file = home / found[0]

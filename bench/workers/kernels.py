@@ -45,7 +45,7 @@ def load_kernels(specs: Iterable[Spec], fork: bool = True) -> None:
     if fork:
         _compile_at_once({word: parts[word] for word in unseen(parts) if _is_own(*parts[word][:2])})
     for registry, name, options in parts.values():
-        with suppress(Exception):  # its runs will say what is wrong with it
+        with suppress(Exception):  # the rows of its runs will have the error
             part: Any = registry.make(name, **options) if _is_own(registry, name) else None
             if registry is optimizers.registry and (part is None or not stays_inside(part)):
                 looks()
@@ -71,7 +71,7 @@ def _compile_at_once(parts: Mapping[str, Part]) -> None:
 
     def compiled(some: Sequence[Part]) -> None:
         for registry, name, options in some:
-            with suppress(Exception):  # its runs will say what is wrong with it
+            with suppress(Exception):  # the rows of its runs will have the error
                 made: Any = registry.make(name, **options)
                 if hasattr(made, "compile"):
                     made.compile()

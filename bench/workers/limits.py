@@ -1,7 +1,7 @@
-"""What the system lets a process have (memory, files, processor time), put back after a run that has changed it.
+"""The limits of the process (memory, files, processor time), restored after a run that has changed them.
 
 A run may set such a limit for itself, to fail early instead of filling the memory. It is that of the whole process, so
-the runs that come after it there would fail too. A hard limit that was lowered can be raised again by root alone.
+later runs there would fail too. A hard limit that was lowered can be raised again by root alone.
 """
 
 from __future__ import annotations

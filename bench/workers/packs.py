@@ -33,7 +33,7 @@ class Job:
 @final
 @dataclass(frozen=True)
 class How:
-    """How runs are executed: `inner` processes for the batches of each, and where values are kept to go on from."""
+    """The way of executing runs: `inner` processes for the batches of each, and the folder of values to resume from."""
 
     inner: int = 1
     replay: ReplayFolder | None = None

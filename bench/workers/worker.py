@@ -1,4 +1,4 @@
-"""What a worker does: execute run after run, tell of each as it ends."""
+"""The work of a worker: execute run after run, and report each as it ends."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Compilation by numba: how, where its results are kept, and trigonometry that keeps its bits."""
+"""Compilation by numba, the cache of its results, and trigonometry with the same bits everywhere."""

@@ -86,12 +86,12 @@ class _Interpreted:
 
 
 def unseen(words: Iterable[str]) -> list[str]:
-    """Return those of `words` that no process has noted as compiled from the present sources, by `seen`."""
+    """Return those of `words` that no process has noted, by `seen`, as compiled from the present sources."""
     return [word for word in words if not (_cache_folder() / _SEEN / _named(word)).exists()]
 
 
 def seen(words: Iterable[str]) -> None:
-    """Note that what these words stand for is compiled, and kept for the processes to come."""
+    """Note that the code behind these words is compiled and kept for later processes."""
     folder = _cache_folder() / _SEEN
     with suppress(OSError):  # a read-only home: the next process asks again
         folder.mkdir(exist_ok=True)
@@ -105,7 +105,7 @@ def _named(word: str) -> str:
 
 @cache
 def _full_width() -> str | None:
-    """Return what this processor can do less the habit of leaving half of a 512-bit unit idle; None: nothing to change.
+    """Return this processor's features without the one that leaves half of a 512-bit unit idle; None: no change.
 
     Compilers keep to 256 bits because the first processors with 512 slowed down for them. With candidates in the lanes
     the whole width takes a fifth off the time of a planar batch. No bit of a result depends on it.
@@ -131,7 +131,7 @@ def _cache_folder() -> Path:
 
 
 def _source_digest() -> str:
-    """Return a digest of every source that a kernel may stand in, with its place, however deep in its room."""
+    """Return a digest of every source that may contain a kernel, with its path, at any depth."""
     root, digest = Path(__file__).resolve().parents[2], blake2b(digest_size=8)
     for package, sources in (("core", "*"), ("problems", "*"), ("optimizers", "*"), ("bench", "_*_kernels")):
         for source in sorted((root / package).rglob(f"{sources}.py")):

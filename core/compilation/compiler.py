@@ -1,6 +1,6 @@
-"""The compiler's own start: what numba loads before it compiles, as long as loading ten kernels takes.
+"""Load numba's compiler in advance; that takes as long as loading ten kernels from the cache.
 
-Kernels that are kept need none of it (`core.compilation.loading`).
+Kernels in the cache need none of it (`core.compilation.loading`).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Any
 
 
 def load_compiler() -> None:
-    """Load now what the first function that is compiled would load, so that forked children need not, each.
+    """Load now what the first compilation would load, so that forked children need not load it each.
 
     Nothing happens where numba was not imported, or nothing is to be compiled.
     """

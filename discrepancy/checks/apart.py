@@ -1,8 +1,8 @@
-"""A cell that stands apart from all others of its column: a code for "no value", a lost comma, a sensor that failed.
+"""A cell far from all others of its column: a code for "no value", a lost comma, a sensor that failed.
 
 A wild reading is seen by its misfit in the model. That is not possible for a column that only an effect may depend on,
-nor for an angle, because its sine is never large. Such a cell is found by its distance from the rest of its column,
-measured in the range of the rest.
+nor for an angle, because its sine is never large. Such a cell is found by its distance from the other cells of its
+column, relative to the range of these.
 """
 
 from __future__ import annotations
@@ -23,7 +23,10 @@ _ANGLES = ("rad", "deg")
 
 
 def rows_apart(formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
-    """Return which rows hold a cell that stands apart, (n,), and a note on them, "" where none does."""
+    """Return which rows hold a cell far from all others of its column, (n,), and a note on them.
+
+    The note is "" where there is no such row.
+    """
     data = formulation.data
     out, told = np.zeros(len(data), dtype=bool), []
     for name in _looked_at(formulation):
@@ -42,7 +45,7 @@ def rows_apart(formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
 
 
 def _apart(column: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which cells of a column stand apart, (n,): few, and many ranges of all others away from them."""
+    """Return which cells of a column are far from all others, (n,): few cells, many ranges of the others away."""
     apart = np.zeros(len(column), dtype=bool)
     finite = np.flatnonzero(np.isfinite(column))
     few = max(2, int(_FEW * len(column)))
@@ -59,7 +62,7 @@ def _apart(column: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _looked_at(formulation: Formulation) -> tuple[str, ...]:
-    """Return the columns that an error may follow, but the time, and the readings and inputs that are angles."""
+    """Return the columns that an error may depend on, without the time and without readings and inputs that turn."""
     data, roles = formulation.data, roles_of(formulation)
     read = (*formulation.readings, *inputs_of(formulation))
     followed = (*columns_of(roles), *(column.name for column in description_of(data.machine).columns))

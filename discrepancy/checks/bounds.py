@@ -1,4 +1,4 @@
-"""Parameters that end outside their bounds: the fit has no bounds, so these are told, before all other notes."""
+"""Notes on parameters that end outside their bounds, which the fit does not enforce. They precede all other notes."""
 
 from __future__ import annotations
 
@@ -30,6 +30,9 @@ def outside_bounds(parameters: Sequence[Parameter], found: Mapping[str, float]) 
 
 
 def _beyond(p: Parameter, found: Mapping[str, float]) -> float:
-    """Return how far a parameter ends outside its bounds, in their width; 0 inside, and for one that is not found."""
+    """Return how far a parameter ends outside its bounds, in widths of the box.
+
+    It is 0 inside, and for a parameter without a value.
+    """
     at = found.get(p.name, p.lower)
     return 0.0 if p.lower <= at <= p.upper else max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)

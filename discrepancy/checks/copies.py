@@ -1,9 +1,9 @@
 """Rows that are exact copies of others: a copy is no repeat, and noise estimated from copies is too small.
 
-Two readings of one pose differ by noise. On a scale with steps d they agree by chance with probability
-d / (2 sqrt(pi) sigma). So the steps of the columns that carry noise, and their stated noise, tell how many equal rows
-may be expected. Where there can be none, the data are refused; where there are more than expected, the copies are left
-out, with a note.
+Two readings of one pose differ by noise. On a scale with steps d they agree by chance with probability d / (2 sqrt(pi)
+sigma). So the steps of the columns that carry noise, and their stated noise, give the expected number of equal rows.
+Data with equal rows are refused where that number is zero. Where there are more equal rows than expected, the copies
+are left out, with a note.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def step_of(values: NDArray[Any]) -> float:
     """
     found = np.unique(values[np.isfinite(values)].astype(float))
     if len(found) < 3:
-        return np.inf  # two values tell no scale
+        return np.inf  # two values determine no scale
     gaps = np.sort(np.diff(found))[:_MOST_GAPS]
     tiny = 1e-9 * float(np.ptp(found)) + 16 * float(np.spacing(np.abs(found).max()))
     step = float(gaps[-1])
@@ -89,7 +89,7 @@ def _common(a: float, b: float, tiny: float) -> float:
 
 
 def _repeats(data: MeasuredData) -> int:
-    """Return how many pairs of rows were read at one pose, as far as is known; else as many as there are rows."""
+    """Return how many pairs of rows were read at one pose; the number of rows where the data do not tell poses."""
     if "visit_id" not in data:
         return len(data)
     count = np.unique(data["visit_id"], return_counts=True)[1]
@@ -99,7 +99,7 @@ def _repeats(data: MeasuredData) -> int:
 def _chance(data: MeasuredData, formulation: Formulation) -> float:
     """Return the probability that two readings of one pose agree in all columns that carry noise.
 
-    A reading that was made of several columns stands on no scale of the file's, and says nothing.
+    A reading that was computed from several columns has no step in the file, so it does not count.
     """
     chance = 1.0
     for name in formulation.readings:
@@ -111,7 +111,10 @@ def _chance(data: MeasuredData, formulation: Formulation) -> float:
 
 
 def _in_file(name: str, data: MeasuredData, formulation: Formulation) -> NDArray[Any] | None:
-    """Return a reading as the file has it, perhaps under another name; None for what was made of several columns."""
+    """Return the column of the file that a reading comes from, perhaps under another name.
+
+    It is None for a reading that was computed from several columns.
+    """
     if name in data:
         return data[name] if data[name].dtype.kind in "iuf" else None
     if name not in formulation.data:
@@ -124,15 +127,15 @@ def _in_file(name: str, data: MeasuredData, formulation: Formulation) -> NDArray
 
 
 def _spoken_of(formulation: Formulation) -> frozenset[str]:
-    """Return the columns that belong to a reading even if they increase by one each row, such as readings or months."""
+    """Return the columns that count as readings even where they increase by one each row, such as months."""
     roles = roles_of(formulation)
     return frozenset((*formulation.readings, *inputs_of(formulation), *roles.columns, roles.time))
 
 
 def _pairs(data: MeasuredData, spoken_of: frozenset[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows that come again, and for each the row it is the same as, two arrays (m,).
+    """Return the rows that equal an earlier row, and for each of them that earlier row, two arrays (m,).
 
-    A column that only numbers the rows makes no difference, unless it is `spoken_of`.
+    A column that only numbers the rows is not compared, unless it is `spoken_of`.
     """
     rows = np.arange(len(data))
     alike = np.zeros(len(data), dtype=np.int64)

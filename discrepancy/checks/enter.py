@@ -1,4 +1,4 @@
-"""What is checked of any table of readings, whatever the machine: valid, split, poses and visits, time."""
+"""Checks of any table of readings, whatever the machine: valid, split, poses and visits, time."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from calibench.discrepancy.model.measured.visits import told_visits
 
 
 def entered(data: MeasuredData) -> MeasuredData:
-    """Return the rows that are marked as valid, with `split`, poses and visits spelt in one way, and notes.
+    """Return the rows that are marked as valid, with `split`, poses and visits in one spelling, and notes.
 
-    Poses without visits are visits where their rows follow each other. Data that entered before come out as they are.
-    Raises `DataError` for words that `valid` and `split` do not know, and a time that is no number.
+    Where poses are given without visits, rows of one pose that follow each other are one visit. Data that were entered
+    before are returned unchanged. Raises `DataError` for unknown words in `valid` and `split`, and for a time that is
+    not a number.
     """
     if not len(data):
         raise DataError(f"{data.name}: there are no readings; a row for each is needed")
@@ -64,7 +65,7 @@ def _timed(data: MeasuredData) -> MeasuredData:
 
 
 def _with_visits(data: MeasuredData) -> MeasuredData:
-    """Return the data with a visit for each run of rows of one pose, in time, where only poses are told."""
+    """Return the data with one visit for each run of rows of one pose, in time, where only poses are given."""
     if "visit_id" in data or "pose_id" not in data:
         return data
     order = np.argsort(data["t_s"], kind="stable") if "t_s" in data else np.arange(len(data))
@@ -77,10 +78,9 @@ def _with_visits(data: MeasuredData) -> MeasuredData:
 
 
 def visits_at(data: MeasuredData, inputs: Sequence[str]) -> MeasuredData:
-    """Return the data with poses and visits told by `inputs`, what was commanded, where nothing else tells them.
+    """Return the data with poses and visits found from the commanded `inputs`, where no column gives them.
 
-    Rows that follow each other with the same inputs, and the same words and levels in all columns of few values, are
-    one visit.
+    Successive rows with equal inputs, and with equal words and levels in all columns of few values, are one visit.
     """
     if not inputs or data.has("visit_id") or data.has("pose_id"):
         return data

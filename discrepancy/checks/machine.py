@@ -1,4 +1,4 @@
-"""An object that is no machine is refused in one line, before anything is asked of it."""
+"""Refuse an object that is not a machine, in one line, before any method of it is called."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ _FORMULATE = "formulate(data), which returns Predicted(...) or Constraints(...)"
 
 
 def refuse_no_machine(machine: object, told: str = "") -> None:
-    """Raise `DataError` for what has no `name`, or no `formulate` that takes data; `told` is how its owner wrote it."""
+    """Raise `DataError` for an object without `name` or without a `formulate` that takes data.
+
+    `told` is what the user wrote.
+    """
     if isinstance(machine, type):
         raise DataError(
             f"{told or 'machine'}: {machine.__name__} is a class; {machine.__name__}(), one of it, is needed"

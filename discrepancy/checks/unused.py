@@ -1,7 +1,7 @@
-"""Statements about data that nothing reads: the user meant to change something, and changed nothing.
+"""Refuse statements about the data that nothing reads: the user wanted to change something, and nothing changed.
 
-Machines that declare what may be stated are asked. For other machines the keys are recorded that their code, and that
-of their effects, looks up.
+A machine that declares which keys may be stated gives the list. For any other machine the keys that its code and its
+effects look up are recorded.
 """
 
 from __future__ import annotations
@@ -19,19 +19,22 @@ _ALWAYS = ("machine", "schema_version", "columns", "units")
 
 @final
 class Asked(dict[str, Any]):
-    """Metadata that know which of their keys were looked up; `__iter__` is ours so that a merge looks them up, too."""
+    """Metadata that record which of their keys are looked up.
+
+    `__iter__` records as well, because a merge reads all keys.
+    """
 
     def __init__(self, of: Mapping[str, Any]) -> None:
         super().__init__(of)
         self.read: set[str] = set()
 
     def __getitem__(self, key: str) -> Any:
-        """Return what is stated under `key`, and remember that it was asked for."""
+        """Return what is stated under `key`, and record that it was looked up."""
         self.read.add(key)
         return super().__getitem__(key)
 
     def get(self, key: str, default: Any = None) -> Any:
-        """Return what is stated under `key`, or `default`, and remember that it was asked for."""
+        """Return what is stated under `key`, or `default`, and record that it was looked up."""
         self.read.add(key)
         return super().get(key, default)
 
@@ -40,7 +43,7 @@ class Asked(dict[str, Any]):
 
 
 def listening(data: MeasuredData) -> tuple[MeasuredData, Asked]:
-    """Return the data with metadata that know what is read of them, and these."""
+    """Return the data with metadata that record what is read of them, and these metadata."""
     asked = Asked(data.metadata)
     return replace(data, metadata=asked), asked
 

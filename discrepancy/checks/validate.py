@@ -1,4 +1,4 @@
-"""`validated`: the one way by which measured data become a formulation that is searched."""
+"""`validated` is the only way from measured data to a formulation that is searched."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ from calibench.discrepancy.registries import descriptions
 
 
 def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
-    """Return the formulation of readings that are not searched yet, perhaps of a plan; it may hold copies."""
+    """Return the formulation of readings that are not searched yet, such as those of a plan.
+
+    Copied rows are allowed.
+    """
     refuse_no_machine(machine)
     return _tame(formulated(machine, entered(data)))
 
@@ -29,10 +32,11 @@ def _as_they_are(data: MeasuredData) -> MeasuredData:
 def validated(
     machine: Machine, data: MeasuredData, ordered: Callable[[MeasuredData], MeasuredData] = _as_they_are
 ) -> Formulation:
-    """Return what `machine` makes of `data` after every check; what costs some rows or columns only is a note.
+    """Return the formulation of `data` after all checks.
 
-    `ordered` puts rows into another order before they are formulated. Raises `DataError`, in one line, with the column
-    or the rows, what is wrong with them, and what to do.
+    Where some rows or columns are left out, its data carry a note. `ordered` puts rows into another order before they
+    are formulated. Raises `DataError`, in one line that names the column or the rows, what is wrong with them, and what
+    to do.
     """
     refuse_no_machine(machine)
     rows, data = file_rows(data), entered(data)
@@ -50,7 +54,10 @@ def validated(
 
 
 def _tame(formulation: Formulation) -> Formulation:
-    """Return the formulation without the rows that no machine of its kind gives, and a note; refuse what is far off."""
+    """Return the formulation without rows that no machine of its kind can give, and a note.
+
+    Refuse data that are far off.
+    """
     refuse_wild(formulation)
     apart, note = rows_apart(formulation)
     if note:
@@ -62,9 +69,9 @@ def _tame(formulation: Formulation) -> Formulation:
 
 
 def _remarked(machine: Machine, formulation: Formulation) -> Formulation:
-    """Return the formulation with the remarks that its noise is not stated, and that nothing is held out.
+    """Return the formulation with remarks that its noise is not stated and that nothing is held out.
 
-    A machine of its own has both in its words.
+    A machine that makes its own remarks on the two gets neither.
     """
     data = formulation.data
     if unknown := unknown_noise_of(formulation):

@@ -2,8 +2,8 @@
 
 At the start values the constraints are compared with those of shuffled readings, which fit no machine. Where the model
 is hardly nearer to the readings than to shuffled ones, but much nearer after one factor or one shift, the message tells
-that factor or shift. Where none helps, the start is poor or the model is a wrong one: the fit may still succeed. Rows
-of different kinds, such as heights and distances, are compared and shuffled separately.
+that factor or shift. Where none helps, the start is poor or the model is wrong: the fit may still succeed. Rows of
+different kinds, such as heights and distances, are compared and shuffled separately.
 """
 
 from __future__ import annotations
@@ -30,15 +30,16 @@ from calibench.problems.base import Array
 
 # parts of the misfit of shuffled readings: before a cure, after it; and the least improvement
 _FAR, _NEAR, _BETTER = 0.4, 0.2, 4.0
-_ROWS = 300  # at most, that are looked at
+_ROWS = 300  # most rows that are compared
 _LEAST = 8  # rows that are needed at least
 _TURN = 72  # places of a zero that are tried
 _ALIKE = 1.02  # times the best misfit: a cure within this is as good
-_TOLD = 2  # cures that are told
+_TOLD = 2  # cures that a message names
 FAR = (
     "the calibrated model is hardly nearer to the readings than to shuffled ones"  # in a note, by which a page knows it
 )
 _OUT = 10.0  # times the largest misfit of shuffled readings: no reading of this machine
+_EXACT = 1e-10  # times the misfit of shuffled readings: a row this near to the model differs from it by rounding alone
 _MOST_OUT = 0.05  # part of the rows that may be so far off
 _UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units that numbers may be in if none is stated
 
@@ -46,14 +47,17 @@ _UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units 
 @final
 @dataclass(frozen=True)
 class Cure:
-    """A change that would bring the readings to the model, in `words`; the misfit after it, 1 for shuffled readings."""
+    """A change that brings the readings to the model, in `words`.
+
+    `misfit` after the change is relative to that of shuffled readings.
+    """
 
     words: str
     misfit: float
 
 
 def refuse_wild(formulation: Formulation) -> None:
-    """Raise `DataError` with the cure for readings that one factor or one shift brings near to the model."""
+    """Raise `DataError` for readings that one factor or one shift brings near to the model; the message names it."""
     for rows in _alike(formulation):
         _refuse_wild(formulation if len(rows) == len(formulation.data) else formulation.on(formulation.data.rows(rows)))
 
@@ -79,7 +83,7 @@ def _refuse_wild(formulation: Formulation) -> None:
 
 
 def far_words(formulation: Formulation, x: Array) -> tuple[str, ...]:
-    """Return a note where a model, calibrated to parameters x, is as far from its readings as from shuffled."""
+    """Return a note where a model, calibrated to parameters x, is as far from its readings as from shuffled ones."""
     kinds = [formulation.on(formulation.data.rows(rows)) for rows in _alike(formulation) if len(rows) >= _LEAST]
     if not any(_misfit(few, Model(few).quantities(x)[0]) > _FAR for few in kinds):
         return ()
@@ -88,7 +92,7 @@ def far_words(formulation: Formulation, x: Array) -> tuple[str, ...]:
 
 
 def wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
-    """Return which rows no machine of this kind can give, (n,): a comma lost, a unit of its own, a code for no value.
+    """Return which rows no machine of this kind can give, (n,): a lost comma, another unit, a code for no value.
 
     Raises `DataError` where they are too many to be accidents.
     """
@@ -110,13 +114,10 @@ def _wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
     size = np.abs(formulation.constraints(q)).max(axis=1)
     if not np.isfinite(size).all():
         return wild
-    sound = size <= _OUT * np.median(size)
+    sound = size <= max(_OUT * np.median(size), _EXACT * _shuffled(formulation, q, np.full(n, True)))
     if sound.all() or sound.sum() < _LEAST:
         return wild
-    order = np.random.default_rng(0)
-    rows = {name: value[sound] for name, value in q.items() if np.ndim(value)}
-    mixed = {**q, **{name: order.permutation(value) for name, value in rows.items()}}
-    most = float(np.abs(formulation.on(formulation.data.rows(sound)).constraints(mixed)).max())
+    most = _shuffled(formulation, q, sound)
     wild = size > _OUT * most if np.isfinite(most) else wild
     if wild.mean() > _MOST_OUT:
         raise DataError(
@@ -126,8 +127,15 @@ def _wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
     return wild
 
 
+def _shuffled(formulation: Formulation, q: Mapping[str, Numbers], rows: NDArray[np.bool_]) -> float:
+    """Return the largest misfit of some rows, each of whose readings is of another one of them."""
+    order = np.random.default_rng(0)
+    mixed = {name: order.permutation(value[rows]) if np.ndim(value) else value for name, value in q.items()}
+    return float(np.abs(formulation.on(formulation.data.rows(rows)).constraints(mixed)).max())
+
+
 def _worst(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
-    """Return the reading that is furthest from its column, in words."""
+    """Return the reading that is furthest from the rest of its column, in words."""
     told = ("", 0.0, 0.0)
     reads = getattr(formulation, "reads", None)
     for name in formulation.readings:
@@ -152,7 +160,7 @@ def wild_words(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
 
 
 def formulated(machine: Machine, data: MeasuredData) -> Formulation:
-    """Return `machine.formulate(data)`; a `MisfitError` tells, where one is found, the factor that cures it."""
+    """Return `machine.formulate(data)`; a `MisfitError` gets the factor that corrects the data, where one is found."""
     try:
         made = machine.formulate(data)
     except MisfitError as error:
@@ -202,7 +210,10 @@ def _start(formulation: Formulation) -> dict[str, Numbers]:
 
 
 def _misfit(formulation: Formulation, q: Mapping[str, Numbers]) -> float:
-    """Return the middle size of a constraint at `q` in that of shuffled readings, the worst; 1 if that is none."""
+    """Return the median constraint at `q` relative to that of shuffled readings, of the worst kind of rows.
+
+    It is 1 where that is undefined.
+    """
     order = np.random.default_rng(0)
     mixed = {name: order.permutation(value) if np.ndim(value) else value for name, value in q.items()}
     with np.errstate(all="ignore"):
@@ -246,7 +257,7 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers]) -> Iterator[Cure]
 
 
 def _moved(formulation: Formulation) -> Iterator[Cure]:
-    """Yield the cures of one kind of column that is a row late, or early: two files put side by side."""
+    """Yield the changes in which one kind of column is shifted by a row: two files that were put side by side."""
     n = min(len(formulation.data), _ROWS)
     few = formulation.on(formulation.data.rows(np.arange(n)))
     q = _start(few)
@@ -260,9 +271,10 @@ def _moved(formulation: Formulation) -> Iterator[Cure]:
 
 
 def _way_out(names: tuple[str, ...], look: str, other: str, said: Mapping[str, str], own_units: bool) -> str:
-    """Return what to write: the unit that nobody stated; one that was stated is wrong, and only its owner knows it.
+    """Return what the user may write: the missing unit.
 
-    Where a machine's numbers are in the `own_units` of the file, no unit that is stated turns them.
+    A unit that was stated is wrong, and only the user can correct it. Where a machine takes the file's `own_units`,
+    stating a unit changes nothing, so the text does not propose it.
     """
     if own_units:
         return "file and model are in units that differ by this factor; write one of them in those of the other"
@@ -282,7 +294,10 @@ def _changed(
 
 
 def _shifted(formulation: Formulation, q: Mapping[str, Numbers], name: str, unit: str) -> Iterator[Cure]:
-    """Yield the best shift of an angle, told in ` rad` or no `unit`, unless a parameter does it within its bounds."""
+    """Yield the best shift of an angle, in ` rad` or without a `unit`.
+
+    A shift that a parameter makes within its bounds is left out.
+    """
 
     def misfit(shift: float) -> float:
         return _changed(formulation, q, (name,), lambda value: value + shift)

@@ -1,8 +1,9 @@
 """What a set of readings can show before any fit: which effects, of what smallest size, and which look alike.
 
-Each candidate's signature in the whitened constraints is projected off what calibration absorbs. What is left over what
-there was is its *visible fraction*; the amplitude at which the rest would be noticed is its minimum detectable one;
-the angle between the rests of two candidates says whether data of this design can tell them apart.
+Each candidate's signature in the whitened constraints is projected off what calibration absorbs. The length of the
+projected signature over that of the signature is its *visible fraction*. The amplitude at which a test would notice the
+projected signature is the minimum detectable one. The angle between the projected signatures of two candidates tells
+whether data of this design can tell them apart.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ _FULL = 1e-10  # of the largest singular value, below which the Jacobian is shor
 class Detectability:
     """One candidate: its visible fraction, its minimum detectable amplitude in `unit`, and the class it belongs to.
 
-    The amplitude is found with 90 % power by the 1 % test over all candidates; that of several coefficients is a mean
-    over their directions, that of several forms the median. Infinite where the candidate is invisible.
+    The 1 % test over all candidates finds that amplitude with a power of 90 %. With several coefficients it is a mean
+    over their directions, with several forms the median. It is infinite where the candidate is invisible.
     """
 
     effect: str
@@ -53,18 +54,19 @@ class Detectability:
 
     @property
     def visible(self) -> bool:
-        """Return whether calibration leaves anything of it."""
+        """Return whether calibration leaves a part of the candidate."""
         return self.visible_fraction >= thresholds().invisible
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Design:
-    """What one design can tell. `classes` are names that an effect of `size` sigma (rms) would not tell apart.
+    """What one design can tell. `classes` are sets of names that an effect of `size` sigma (rms) would not tell apart.
 
     `sines`, (m, m), are between the visible candidates in the order of `visible`: 0 where one is contained in the
-    other. `threshold` is the sine below which two are in one class: the gain of 6 that separates them at that size. Of
-    two that see unlike many directions the one with more is charged log(constraints) for each, as in a BIC.
+    other. `threshold` is the sine below which two are in one class: there the better of two explains 6 more in
+    chi-square at that size. Of two candidates with unequal numbers of visible directions, the one with more has a
+    penalty of log(constraints) for each further direction, as in a BIC.
     """
 
     name: str
@@ -147,8 +149,8 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
 class ProjectedSignature:
     """What calibration leaves of a candidate: `projected` (rows, k), whitened; orthonormal `directions` (rows, r).
 
-    `fraction` is the length of the rest over that of the signature, in the direction where that is largest; where
-    several quantities change, over the signatures that they would leave one by one.
+    `fraction` is the length of the projected signature over that of the signature, in the direction where it is
+    largest. Where a candidate changes several quantities, it is over the signatures that they would leave one by one.
     """
 
     effect: Effect
@@ -170,7 +172,7 @@ class WhitenedDesign:
         self.formulation = formulation
         self.q: Quantities = model.quantities(model.start)[0]
         self.slopes = formulation.slopes(self.q)
-        self.nudged = _nudged(formulation)
+        self.nudged = Model(_nudged(formulation))
         n = len(formulation.data)
         noisy = np.stack([self.slopes[name] for name in formulation.readings], axis=-1)
         sigma = np.stack([np.broadcast_to(formulation.sigma[name], n) for name in formulation.readings], axis=-1)
@@ -184,14 +186,17 @@ class WhitenedDesign:
         return len(self.jacobian)
 
     def signature(self, effect: Effect) -> Array:
-        """Return what a unit of each coefficient leaves in the whitened constraints, (rows, k); 0 for rounding.
+        """Return what a unit of each coefficient leaves in the whitened constraints, (rows, k).
 
-        Twice the sine of readings at 0 and 180 degrees is no signature, however much of it calibration leaves.
+        It is 0 where only rounding is left. Example: twice the sine of readings that are all at 0 and 180 degrees is
+        rounding.
         """
         zero = np.zeros(len(effect.coefficients))
         trace = self.white(signature(effect, zero, self.q, self.slopes, self.formulation))
-        model = Model(self.nudged)
-        other = self.white(signature(effect, zero, model.quantities(model.start)[0], self.slopes, self.nudged))
+        there = self.nudged.quantities(self.nudged.start)[0]
+        basis = effect.basis(there, self.nudged.formulation.data, zero)
+        raw = sum(self.slopes[name][:, :, None] * change[:, None, :] for name, change in basis.items())
+        other = self.white(self.formulation.decorrelate(np.asarray(raw)))  # in the groups that exact numbers make
         rounding = np.linalg.norm(other - trace, axis=0) > _HANGS * np.linalg.norm(trace, axis=0)
         return np.where(rounding, 0.0, trace)
 
@@ -212,7 +217,7 @@ class WhitenedDesign:
     def _uncancelled(self, effect: Effect, raw: Array) -> float:
         """Return the length of a signature over that of its parts, one for each quantity.
 
-        All encoders late leave rounding only.
+        Example: if all encoders are late together, the parts cancel, and only rounding is left.
         """
         zero = np.zeros(len(effect.coefficients))
         basis = effect.basis(self.q, self.formulation.data, zero)
@@ -246,7 +251,7 @@ def _spread(alike: list[Effect]) -> list[Effect]:
 
 
 def _sines(forms: list[list[Array]]) -> Array:
-    """Return the sines between names, (m, m): of the largest principal angle, at the forms where that is smallest."""
+    """Return the sines between names, (m, m): of the largest principal angle, for the two forms with the smallest."""
     owner = np.array([k for k, alike in enumerate(forms) for d in alike if d.shape[1]], dtype=int)
     bases = [d for alike in forms for d in alike if d.shape[1]]
     sines = 1.0 - np.eye(len(forms))

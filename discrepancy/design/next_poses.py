@@ -1,8 +1,9 @@
-"""Which readings to take next, so that rivals for one disagreement come apart.
+"""Which readings to take next, so that data tell rivals for one disagreement apart.
 
-For rivals a and b let D be what is left, in sigma squared, of an effect a when calibration and b do their best to mimic
-it. A reading more adds to D what the best mimicry mispredicts there, over how well it could be predicted. Readings are
-chosen one by one from a pool, each time the one that leaves the smallest D of all pairs largest.
+For rivals a and b let D be what is left, in sigma squared, of an effect a when calibration and b imitate it as well as
+they can. A further reading adds to D the squared error of the best imitation at that reading, over the variance with
+which the imitation predicts it. Readings are chosen one by one from a pool, each time the one after which the smallest
+D of all pairs is largest.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ from calibench.problems.base import Array
 
 
 class NoPool(ValueError):
-    """No readings can be made up for a machine."""
+    """Raised where no candidate readings can be computed for a machine."""
 
 
 class UnknownRival(ValueError):
-    """A rival is no candidate of these data: it moves no mean, or they cannot test it."""
+    """Raised for a rival that is not a candidate of these data: it changes no mean, or the data cannot test it."""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class NextPoses:
-    """The readings chosen, in order, and how far apart they bring the rivals.
+    """The chosen readings, in order, and how well they separate the rivals.
 
     `separation` is the root of the smallest D, in sigma, before and after each reading, (k + 1,), for rivals of `size`
     sigma rms in the data so far. It stays at zero for twins, which no reading separates.
@@ -104,7 +105,7 @@ def next_poses(
 
 
 def _chosen(formulation: Formulation, rivals: Sequence[str]) -> list[Effect]:
-    """Return one candidate for each name, of several places the middle one."""
+    """Return one candidate for each name; of several places the middle one."""
     forms: dict[str, list[Effect]] = {}
     for effect in catalogue(formulation).candidates:
         forms.setdefault(name_of(effect), []).append(effect)
@@ -117,9 +118,9 @@ def _chosen(formulation: Formulation, rivals: Sequence[str]) -> list[Effect]:
 
 
 class _Pair:
-    """Effect a, mimicked by calibration and b: the distance so far, and all readings of the pool as they would add.
+    """Effect a, imitated by calibration and b: the distance D so far, and the contribution of each reading of the pool.
 
-    It changes as readings are taken: the inverse information and the mimicry are updated, never computed anew.
+    It changes as readings are taken: the inverse information and the imitation are updated, not computed again.
     """
 
     def __init__(self, information: Array, mimicry: Array, distance: float, mimic: Array, signal: Array) -> None:

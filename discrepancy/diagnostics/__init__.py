@@ -1,6 +1,6 @@
-"""Tests of one fit: which candidate or smooth term would explain its residuals, and whether the noise is to blame.
+"""Tests of one fit: which candidate or smooth term explains its residuals, and whether the stated noise is wrong.
 
-`score` tests all candidates at once (`sums` for very many readings), `smooth_term` covers what has no name,
-`detectable` tells the smallest size that would be found, `noise_diagnostic` and `sensor_scale` suspect sensors,
-`confounded` tells which parameters readings know only together.
+`score` tests all candidates at once (`sums` for very many readings), `smooth_term` tests disagreement that no name of
+the catalogue describes, `detectable` computes the smallest size that would be found, `noise_diagnostic` and
+`sensor_scale` test the noise of sensors, `confounded` finds parameters of which readings determine only a combination.
 """

@@ -1,7 +1,7 @@
 """Confounded parameters: each alone has a wide standard error, but one combination of two has a narrow one.
 
-Calibration returns a value for each of them all the same, and its fit is as good as any. What such values are worth is
-read off the covariance before anything is measured.
+Calibration returns a value for each of them all the same, and its fit is as good as any other. The covariance shows,
+before anything is measured, how uncertain these values are.
 """
 
 from __future__ import annotations

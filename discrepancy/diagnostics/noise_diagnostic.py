@@ -1,8 +1,8 @@
 """Test the stated noise: coarse steps or outlying readings of one sensor, heavy tails of all.
 
-Coarse steps are read off the recorded values. The others must show between back-to-back repeats, where nothing the
-model lacks can be taken for them: as a core as noisy as stated with some readings far beyond it. Heavy tails within the
-stated standard deviation (a t law of that variance) are not a discrepancy; they are not reported.
+Coarse steps are found from the recorded values. Outlying readings and heavy tails must show between back-to-back
+repeats, because there no missing effect can look like them: most differences are as small as stated, some are far
+larger. Heavy tails within the stated standard deviation (a t law of that variance) are not reported.
 """
 
 from __future__ import annotations
@@ -29,17 +29,18 @@ _QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the 
 
 
 def coarse_sensors(at: Fit) -> tuple[NoiseFinding, ...]:
-    """Return the sensors read in steps that are coarse enough to matter, of a fit under the stated noise."""
+    """Return the sensors whose values have steps coarse enough to matter, for a fit under the stated noise."""
     r, signatures = whitened(at)
     formulation = at.model.formulation
-    found = [quantisation_of(formulation, sensor, r, signatures) for sensor in blamable(formulation.sensors)]
+    sensors = blamable(formulation.sensors)
+    found = [quantisation_of(formulation, sensor, r, signatures[sensor.column]) for sensor in sensors]
     return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > thresholds().step_gain)
 
 
 def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
-    """Return the finding with its variance multiplied where readings repeat: the same value errs by the same amount.
+    """Return the finding with its variance multiplied where readings repeat, because equal values have the same error.
 
-    m readings of one value tell of it no more than one does; each with m times the variance they weigh as one.
+    m readings of one value tell no more than one reading does; with m times the variance each, they weigh as one.
     """
     [(name, variance)] = found.extra.items()
     data = at.model.formulation.data
@@ -53,7 +54,7 @@ def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
 def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
     """Return the cause of readings far beyond the stated noise: one sensor, or all; nothing without repeats.
 
-    Sensors of each kind are compared with each other: those of another kind say nothing of their noise.
+    Only sensors of one kind are compared with each other, because each kind has its own noise.
     """
     found: list[NoiseFinding] = []
     for alike in kinds_of(blamable(at.model.formulation.sensors)):
@@ -83,7 +84,7 @@ def _outlying_among(at: Fit, alike: Sequence[Sensor]) -> tuple[NoiseFinding, ...
     r, signatures = whitened(at)
     blamed = alike[worst]
     if concentrated or one > 0.5:
-        found = outliers_of(formulation, blamed, alike, r, {blamed.column: signatures[blamed.column]})
+        found = outliers_of(formulation, blamed, r, signatures[blamed.column])
         rival = ("heavy_tails", "all", 1 - one)
     else:
         found, rival = heavy_tails_in(formulation, r), ("outlier", blamed.part, one)
@@ -92,7 +93,10 @@ def _outlying_among(at: Fit, alike: Sequence[Sensor]) -> tuple[NoiseFinding, ...
 
 
 def _beyond(d: Array, part: float = 1.0) -> bool:
-    """Return whether changes have readings far beyond the noise, of all encoders or of one, by part of the gain."""
+    """Return whether changes have readings far beyond the noise, for all sensors or one.
+
+    `part` multiplies the thresholds.
+    """
     if len(d) < thresholds().repeat_pairs:
         return False
     return contamination(d) > part * thresholds().wild_gain_all or any(
@@ -101,7 +105,10 @@ def _beyond(d: Array, part: float = 1.0) -> bool:
 
 
 def _elsewhere(d: Array, first: Array) -> Array:
-    """Return the changes but those around the largest in time: a step is there and then, wild readings are anywhere."""
+    """Return the changes without those around the largest in time.
+
+    A step shows only there, wild readings show everywhere.
+    """
     place = np.argsort(np.argsort(first, kind="stable"))
     away = np.abs(place - place[np.argmax(np.abs(d).max(axis=1))])
     return np.asarray(d[away > max(1.0, thresholds().wild_moment * len(d))])
@@ -111,19 +118,18 @@ def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:
     """Return the outlying readings of the sensor at `target` under a model at x, over all rows of its formulation."""
     formulation = model.formulation
     sensor = sensor_of(formulation.sensors, target)
-    [alike] = [kind for kind in kinds_of(blamable(formulation.sensors)) if sensor in kind]
     readings = readings_of(model)
     at = linearise(model, Noise(), x, readings, readings)
     r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
     k = formulation.readings.index(sensor.column)
     trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
-    return outliers_of(formulation, sensor, alike, r, {sensor.column: trace})
+    return outliers_of(formulation, sensor, r, trace)
 
 
 def contamination(d: Array) -> float:
-    """Return the gain of "a quiet core, and some far beyond it" over the best law of one kind, of differences d.
+    """Return the gain of "small noise, and some values far beyond it" over laws without outliers, for differences d.
 
-    The core is as stated, or quieter where part of the noise is carried on and cancels.
+    The small noise is as stated, or less where noise is correlated between readings and cancels in differences.
     """
     seen = -np.inf
     for core in _CORES:
@@ -134,14 +140,15 @@ def contamination(d: Array) -> float:
 
 
 def _scale(d: Array, t_degrees: float) -> float:
-    """Return the likeliest scale, near that stated, of a law with such tails."""
+    """Return the most likely scale of a law with such tails, limited to the neighbourhood of the stated one."""
     return float(np.clip(np.sqrt(variance(d.ravel(), t_degrees)), *_SCALES))
 
 
 def _changes(at: Fit, names: Sequence[str], first: Array, second: Array) -> Array:
     """Return the changes of readings between repeats in their standard deviations, shape (m, k).
 
-    Where the middle half of them is surely wider than stated, of all or of one, it gives the deviation instead.
+    Where the middle half of the changes is significantly wider than stated, of all sensors or of one, its spread
+    replaces the stated deviation.
     """
     data, readings = at.model.formulation.data, at.model.formulation.readings
     change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in names], axis=-1)
@@ -153,13 +160,16 @@ def _changes(at: Fit, names: Sequence[str], first: Array, second: Array) -> Arra
 
 
 def _wider(values: Array, deviations: float) -> float:
-    """Return the spread of the middle half of `values` if it is that many deviations above 1, and else 1."""
+    """Return the spread of the middle half of `values` if it is significantly above 1, by `deviations`; else 1."""
     spread = float(np.subtract(*np.percentile(values, [75, 25]))) / 1.349
     return spread if spread > 1 + deviations * _QUARTILES / np.sqrt(len(values)) else 1.0
 
 
 def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
-    """Return the whitened residuals (n, c), and what one stated deviation of each blamable reading leaves, (n, c)."""
+    """Return the whitened residuals (n, c), and the signature of one stated deviation of each blamable reading.
+
+    A signature has shape (n, c) as well.
+    """
     shape = at.at.misclosure.shape
     names = at.model.formulation.readings
     blamed = {sensor.column for sensor in blamable(at.model.formulation.sensors)}

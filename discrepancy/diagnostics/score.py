@@ -1,10 +1,10 @@
 """Score tests: what each candidate would explain of the residuals, before anything is fitted.
 
-A candidate's whitened columns are projected off the calibration Jacobian; what is left of them, U, is what the data can
-see. With scores y of unit variance T = |U^T y|^2 is chi2 of U's rank, and with their variance taken from what remains
-(T / m) / ((y'y - T) / (N - p - m)) is F, exactly so for Gaussian noise however few the rows: the level rests on
-neither the stated noise nor the number of readings. The smallest p of many candidates is calibrated by drawing
-noise in the same design.
+A candidate's whitened columns are projected off the calibration Jacobian; U is an orthonormal basis of the result, the
+part that data can show. With scores y of unit variance, T = |U^T y|^2 is chi2 of U's rank. With the variance taken from
+the rest, (T / m) / ((y'y - T) / (N - p - m)) is F, exactly so for Gaussian noise however few the rows are. So the level
+depends neither on the stated noise nor on the number of readings. The smallest p of many candidates is calibrated with
+noise drawn in the same design.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ class Subspace:
 @final
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """A candidate with its statistic T of rank m, its F test's p, linear coefficients, and what is `seen` of it.
+    """A candidate with its statistic T of rank m, its F test's p, linear coefficients, and its visible part `seen`.
 
-    `seen` comes without rows; `scale` is what its columns count in units of sigma.
+    `seen` comes without rows; `scale` is the factor from its columns to units of sigma.
     """
 
     effect: Effect
@@ -96,10 +96,11 @@ class Scored:
 @final
 @dataclass(frozen=True, eq=False)
 class ProjectedScores:
-    """What scores are tested on: scores y (N,) and an orthonormal basis Q (N, p) of what calibration takes up.
+    """What the tests need of a fit: scores y (N,) and an orthonormal basis Q (N, p) of what calibration absorbs.
 
-    `bounded`: the noise is stated from above, as readings that err alike were; a quieter rest is no evidence.
-    `profiled`: nothing but the statement tells its size, see `Noise`.
+    `bounded`: the stated noise is an upper bound, because readings with a common error were given more variance;
+    residuals smaller than it are no evidence. `profiled`: nothing but the statement gives the size of the noise, see
+    `Noise`.
     """
 
     y: Array
@@ -139,7 +140,7 @@ def f_test(T: float, m: int, total: float, degrees: int) -> float:
 
 
 def projected_scores(fit: Fit) -> ProjectedScores:
-    """Return the scores of a fit, free of what its Jacobian can take up."""
+    """Return the scores of a fit, projected off what its Jacobian can absorb."""
     size = np.sqrt((fit.J**2).sum(axis=0))
     size[size == 0] = 1.0
     Q, R = (
@@ -154,7 +155,7 @@ def projected_scores(fit: Fit) -> ProjectedScores:
 
 
 def _orthonormal(A: Array) -> tuple[Array, Array]:
-    """Return Q and R of very many rows: A R^-1, once more for what rounding left; LAPACK's where A is short of rank."""
+    """Return Q and R of very many rows: A R^-1, repeated once against rounding; LAPACK's QR where A lacks full rank."""
     R = triangle(A)
     if not np.linalg.cond(R) <= _FULL:
         return np.linalg.qr(A)
@@ -193,10 +194,10 @@ def _columns(fit: Fit, effects: Sequence[Effect]) -> Array:
 
 
 def uncancelled(effect: Effect, fit: Fit) -> float:
-    """Return the length of an effect's signature over those of its parts, a quantity each; 1 where it changes one
-    alone.
+    """Return the length of an effect's signature over the lengths of its parts, one for each quantity that it changes.
 
-    All encoders read late together say the pose of a moment ago: what they leave is rounding, and no signature.
+    It is 1 for an effect that changes one quantity. Example: if all encoders are late together, the parts describe the
+    pose of a moment before and cancel, so that only rounding is left.
     """
     data, slopes = fit.at.model.formulation.data, fit.at.slopes
     basis = effect.basis(fit.at.recorded, data, np.zeros(len(effect.coefficients)))
@@ -214,9 +215,9 @@ def subspaces(on: ProjectedScores, D: Array, least: float | None = None) -> list
 
 
 def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspace, Array]]:
-    """Yield of each of K candidates, columns D (N, K, k), the part that is visible, and the scores along it, (m,).
+    """Yield for each of K candidates, columns D (N, K, k), the part that is visible, and the scores along it, (m,).
 
-    All columns are projected at once: one product of matrices.
+    All columns are projected at once, by one product of matrices.
     """
     N, K, k = D.shape
     size = np.sqrt(np.einsum("nkj,nkj->kj", D, D))
@@ -248,10 +249,10 @@ def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspac
 def score_all(
     fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: float | None = None, *, bases: bool = True
 ) -> list[tuple[Scored, Array]]:
-    """Return the score test of each candidate, and the orthonormal basis (N, m) of what is seen of it.
+    """Return the score test of each candidate, and an orthonormal basis (N, m) of its visible part.
 
-    From `drawn_rows` on nobody draws noise in the bases: they come without rows, and take a tenth of the time. Without
-    `bases`, those of a wave at each of very many periods come without rows as well.
+    From `drawn_rows` rows on no noise is drawn in the bases, so they are returned without rows, which takes a tenth of
+    the time. Without `bases`, the bases of a wave at very many periods are returned without rows as well.
     """
     least = thresholds().visible if least is None else least
     if len(on.y) >= thresholds().drawn_rows:
@@ -304,9 +305,9 @@ def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Ar
 
 
 def smallest_p_law(on: ProjectedScores, seen: Sequence[Array], rng: np.random.Generator) -> Array:
-    """Return draws of the smallest p of F tests on orthonormal bases (N, m) under noise alone, sorted, or empty.
+    """Return sorted draws, under noise alone, of the smallest p of F tests on orthonormal bases (N, m).
 
-    Empty where there are too many rows to draw them: then the count of tests is what the smallest p is charged.
+    Empty where there are too many rows to draw noise: then the smallest p is corrected by the number of tests.
     """
     N = on.Q.shape[0]
     if not seen or thresholds().drawn_rows < N:

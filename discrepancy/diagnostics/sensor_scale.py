@@ -1,8 +1,8 @@
 """Estimate from repeated readings whether the stated noise of one kind of sensor is wrong by a factor.
 
-One scale for all, which `repeats` finds, cannot mend that: the constraints are then weighted by the wrong sensor. From
-differences of the constraints between back-to-back readings, which whatever the model lacks leaves alone, a scale of
-each kind's noise is found by maximum likelihood under a t law, so that single bad readings do not decide.
+One scale for all sensors, as `repeats` estimates it, cannot correct that, because the constraints would still have the
+wrong weights. The scale of each kind's noise is found by maximum likelihood from differences of the constraints between
+back-to-back readings: a missing effect cancels in these. The law is a t law, so that single bad readings do not decide.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _GRIDDED = 3  # kinds of sensors up to which every combination of scales is trie
 
 
 def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Return what to add to the stated variance of each reading of a kind that was misstated, and a note."""
+    """Return what to add to the stated variance of each reading whose kind has the wrong stated noise, and a note."""
     names = at.model.formulation.readings
     kinds = [tuple(sensor.column for sensor in alike) for alike in kinds_of(at.model.formulation.sensors)]
     first, second = pairs_of(at.model.formulation.data)
@@ -36,11 +36,11 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     if 1 / thresholds().scatter_asked < scatter < thresholds().scatter_asked:
         return {}, ()
     parts = [_part(at, kind, first, second) for kind in kinds]
-    read = [k for k, part in enumerate(parts) if part.any()]  # of the others no repeat says anything: they are believed
+    read = [k for k, part in enumerate(parts) if part.any()]  # no repeat reads the others: their statement is kept
     scales = [1.0] * len(kinds)
     for k, scale in zip(read, _scales(at, [parts[k] for k in read], first, second)):
         scales[k] = scale
-    if len(read) < len(kinds):  # the scale of a t law is no deviation, and those of the others are
+    if len(read) < len(kinds):  # a t law's scale is not a deviation; the others' scales are
         left = _whitened(at, np.asarray(sum(scales[k] ** 2 * parts[k] for k in read)), first, second)[0]
         deviation = float(np.sqrt(np.median(left**2) / 0.455))
         scales = [scale * deviation if k in read else scale for k, scale in enumerate(scales)]
@@ -50,11 +50,14 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     for kind, scale in ((kinds[k], scales[k]) for k in read):
         extra |= {name: (scale**2 - 1) * float(np.mean(at.at.sigma[:, names.index(name)] ** 2)) for name in kind}
     told = "; ".join(f"{', '.join(kinds[k])}: {plain(scales[k], 2)} times" for k in read)
-    return extra, (f"repeats scatter otherwise than the stated noise ({told}); the repeats are believed",)
+    return extra, (f"repeats scatter otherwise than the stated noise ({told}); their scatter is used",)
 
 
 def _part(at: Fit, kind: tuple[str, ...], first: Array, second: Array) -> Array:
-    """Return what the stated noise of one kind puts into the differences of pairs, (m, c, c); 0 where none reads it."""
+    """Return what the stated noise of one kind adds to the differences of pairs, (m, c, c).
+
+    It is 0 where no pair reads the kind.
+    """
     names = at.model.formulation.readings
     own = (at.at.reading_slopes * at.at.sigma[:, None, :])[:, :, [names.index(name) for name in kind]]
     spread = own @ own.transpose(0, 2, 1)
@@ -62,7 +65,10 @@ def _part(at: Fit, kind: tuple[str, ...], first: Array, second: Array) -> Array:
 
 
 def _scales(at: Fit, parts: list[Array], first: Array, second: Array) -> list[float]:
-    """Return the factors by which the stated noise of each kind, of which `parts` are told, must be multiplied."""
+    """Return the factors by which the stated noise of each kind must be multiplied.
+
+    `parts` are their shares of the variance.
+    """
     white = at.r.reshape(at.at.misclosure.shape)
     tails = thresholds().scale_tails
 

@@ -1,7 +1,8 @@
-"""Smooth terms: tests for a smooth disagreement of any shape, of each leg by each covariate and over the workspace.
+"""Smooth terms: tests for a smooth disagreement of any shape, of each leg over each covariate and over the workspace.
 
-Each is an effect of no name: an unknown smooth function of one covariate added to what one encoder says (or of
-the place, to each constraint). It finds what the catalogue does not have, tells where, and is the fallback model.
+A smooth term is an effect without a name: an unknown smooth function of one covariate that is added to one reading (or
+a function of the place, added to each constraint). It detects what the catalogue lacks, tells where it is, and is the
+model that is used where no named effect fits.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from calibench.problems.base import Array
 @final
 @dataclass(frozen=True, eq=False)
 class SmoothTerm:
-    """An unnamed `Effect`: a smooth function of `covariates` added to `quantities`, one of its own for each.
+    """An unnamed `Effect`: a smooth function of `covariates` added to `quantities`, a separate one for each.
 
-    `mix`, (k, m), keeps to combinations of its columns, those that calibration does not absorb.
+    `mix`, (k, m), restricts it to those combinations of its columns that calibration does not absorb.
     """
 
     target: str
@@ -95,13 +96,13 @@ class SmoothTerm:
 
 
 def curve(values: Array, low: float, high: float, knots: int) -> Array:
-    """Return `knots` Chebyshev polynomials of values (n,) mapped from [low, high], (n, knots); flat beyond."""
+    """Return `knots` Chebyshev polynomials of values (n,) mapped from [low, high], (n, knots); constant outside."""
     s = np.clip(2 * (values - low) / (high - low) - 1, -1, 1) if high > low else np.zeros(len(values))
     return np.cos(np.arange(knots) * np.arccos(s)[:, None])
 
 
 def smooth_columns(formulation: Formulation, x: Array) -> dict[str, Array]:
-    """Return the columns that smooth terms need beside those measured, of the rows of a formulation at parameters x."""
+    """Return the columns that smooth terms need beside the measured ones, for a formulation at parameters x."""
     extra: dict[str, Array] = {}
     for target, covariates in formulation.covariates(Model(formulation).quantities(x)[0]).items():
         for name, values in covariates.items():
@@ -133,10 +134,10 @@ def smooth_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
 
 
 def joint_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
-    """Return smooth terms of what joints read as inputs, over where they stand and what they met.
+    """Return smooth terms of joints that are inputs, over their position and over what acted on them.
 
-    They take no part in the tests: an error of a joint shows in what is measured. Where no name explains it, they tell
-    of which joint it is.
+    They are not tested, because an error of a joint shows in the measured columns. Where no name explains the error,
+    they tell which joint has it.
     """
     formulation, found = fit.model.formulation, []
     roles, inputs, data = roles_of(formulation), inputs_of(formulation), formulation.data
@@ -149,7 +150,7 @@ def joint_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
 
 
 def _over(target: str, name: str, column: str, values: Array, quantities: tuple[str, ...]) -> list[SmoothTerm]:
-    """Return the term over one covariate, in a list; none where its values, (n,), are all alike."""
+    """Return a list with the term over one covariate; an empty list where its values, (n,), are all equal."""
     levels = np.unique(values)
     if len(levels) < 2:
         return []
@@ -159,13 +160,13 @@ def _over(target: str, name: str, column: str, values: Array, quantities: tuple[
 
 
 def _column(target: str, name: str, formulation: Formulation) -> str:
-    """Return where a covariate of a target is kept: in its own column, or in one made for the term."""
+    """Return the name of the column that holds a covariate of a target: its own column, or one made for the term."""
     if target == WORKSPACE:
         return f"place_{name}"
     return name if name in formulation.data else f"{target} {name}"
 
 
 def _quantities(target: str, sensors: tuple[Sensor, ...]) -> tuple[str, ...]:
-    """Return the readings that show a smooth error of a target: its own, or the first where none is stated."""
+    """Return the readings that show a smooth error of a target: the stated one, or the first where none is stated."""
     own = tuple(s.column for s in sensors if target == s.column or target in s.targets)
     return own or (sensors[0].column,)

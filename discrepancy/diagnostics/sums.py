@@ -1,11 +1,12 @@
 """Score tests of very many readings: the same numbers from sums of products, so that no full matrix is stored.
 
-With orthonormal Q for what calibration takes up, and columns D of unit length, (D - Q Q'D)'(D - Q Q'D) is
-D'D - (Q'D)'(Q'D): what of a column is visible is known to rounding over its square, and the least that is kept,
-2e-4, squared stands eight figures above that. Where each reading's noise is its own, a change of a quantity enters by
-its slope, whitened and multiplied into Q and y once for all candidates: a sum then runs over readings, not constraints.
-A change from some reading on is a sum from there to the end, so that a scan for its place costs one pass. Where noise
-is carried on, the readings next after the change are whitened anew, until what came before it is forgotten.
+With orthonormal Q for what calibration absorbs, and columns D of unit length, (D - Q Q'D)'(D - Q Q'D) is D'D -
+(Q'D)'(Q'D). Its relative error is rounding over the square of the visible part; the smallest part that is kept is 2e-4,
+whose square is eight decimal orders above rounding. Where each reading's noise is independent, a change of a quantity
+enters by its slope, whitened and multiplied into Q and y once for all candidates; so a sum runs over readings, not
+constraints. A change from some reading on is a sum from there to the end, so that a scan for its place costs one pass.
+Where noise is correlated between readings, the readings after the change are whitened again until the readings before
+the change have no influence.
 """
 
 from __future__ import annotations
@@ -106,7 +107,7 @@ class Sums:
         return square, across
 
     def _anew(self, name: str, start: int, stop: int) -> Array:
-        """Return the whitened slope of readings `start` to `stop`, (m, c), before which nothing was."""
+        """Return the whitened slope of readings `start` to `stop`, (m, c), as if no reading came before `start`."""
         slope = self.fit.at.slopes[name][start:stop]
         return self.fit.at.whiten.of(slice(start, stop), slope.shape[1])(slope).reshape(slope.shape)
 
@@ -140,7 +141,7 @@ class Sums:
             pull = np.einsum("nc,nct->nt", slope, self.targets.reshape(*slope.shape, -1))
             if len(self._pulls) >= _HELD:
                 del self._pulls[next(iter(self._pulls))]
-        self._pulls[name] = pull  # the last in line to go
+        self._pulls[name] = pull  # used last, so it is dropped last
         return pull
 
     def _pair(self, one: str, other: str) -> Array:

@@ -16,7 +16,7 @@ __all__ = ["catalogue", "families", "family_of"]
 def catalogue(formulation: Formulation) -> Catalogue:
     """Return what the data can test of every family of their machine, and what they cannot.
 
-    A candidate keeps those of its twins that this catalogue has: what nobody looks for here is nobody's rival.
+    A candidate keeps only those of its twins that this catalogue has, because only these are tested as its rivals.
     """
     known = families(formulation.data.machine)
     whole = sum((family.candidates(formulation) for family in known), Catalogue())

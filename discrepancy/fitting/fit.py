@@ -38,7 +38,7 @@ _CALM = 1e-5  # damping below which a step is one of Gauss and Newton
 @final
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A model about x and adjusted readings: misclosure f (n, c), slopes J (n, c, p), their whitener, quantities."""
+    """A model linearised at x and adjusted readings: misclosure f (n, c), slopes J (n, c, p), whitener, quantities."""
 
     model: Model
     misclosure: Array
@@ -75,13 +75,13 @@ class Fit:
 
     @property
     def reach(self) -> float:
-        """Return how many standard deviations of `covariance` hold 95 %: Student's where nothing told the noise."""
+        """Return how many standard deviations of `covariance` hold 95 %: Student's t where the noise is not known."""
         return float(stdtrit(self.degrees, 0.975)) if self.noise.profiled else REACH
 
     def covariance(self, stated: bool = False) -> Array:
-        """Return the covariance of x, shape (p, p); where nothing tells the noise, by what the fit leaves.
+        """Return the covariance of x, shape (p, p); where the noise is not known, it is estimated from the residuals.
 
-        `stated`: by the stated noise all the same.
+        `stated`: use the stated noise in any case.
         """
         size = np.sqrt((self.J**2).sum(axis=0))
         size[size == 0] = 1.0
@@ -101,7 +101,7 @@ def fit(
     model: Model, noise: Noise, start: Array | None = None, *, near: bool = True, steps: int = 60,
     about: Fit | None = None,
 ) -> Fit:  # fmt: skip
-    """Return `model` fitted under `noise`: damped from its nominal start; undamped from a `start` that is `near`.
+    """Return `model` fitted under `noise`: with damping from its nominal start; without from a `start` that is `near`.
 
     `about` is a fit of nearly the same model to the same rows: its adjusted readings are the first ones.
     """
@@ -139,13 +139,13 @@ def fit_at(model: Model, noise: Noise, x: Array, adjusted: Array, converged: boo
 
 
 def rests(found: Fit) -> bool:
-    """Return whether a further step is as small as the last one of a fit has to be."""
+    """Return whether a further step is as small as the last step of a converged fit."""
     step = _step(found.r, found.J, found.noise)
     return bool(np.sqrt(np.mean((found.J @ step) ** 2)) < thresholds().step_still * found.noise.scale)
 
 
 def with_columns(found: Fit, extra: Mapping[str, Array]) -> Fit:
-    """Return a fit whose data have `extra` columns, (n,) each, that no constraint asks for."""
+    """Return a fit whose data have `extra` columns, (n,) each, that no constraint reads."""
 
     def wider(model: Model) -> Model:
         return replace(model, formulation=model.formulation.on(model.formulation.data.with_columns(extra)))
@@ -154,7 +154,7 @@ def with_columns(found: Fit, extra: Mapping[str, Array]) -> Fit:
 
 
 def _settled(r: Array, J: Array, noise: Noise) -> Array:
-    """Return the step after which the weights of heavy tails stand still: they change, and no slope does."""
+    """Return the step for which the weights of heavy-tailed noise no longer change; slopes are kept."""
     step = _step(r, J, noise)
     for _ in range(_REWEIGHTED if np.isfinite(noise.t_degrees) else 0):
         further = _step(r + J @ step, J, noise)
@@ -165,7 +165,7 @@ def _settled(r: Array, J: Array, noise: Noise) -> Array:
 
 
 def part_of(model: Model, noise: Noise) -> tuple[Model, Noise]:
-    """Return the model and the noise of a part of very many readings, drawn alike at every call."""
+    """Return the model and the noise of a random part of very many readings, the same at every call."""
     data = model.formulation.data
     some = np.sort(np.random.default_rng(0).choice(len(data), thresholds().part_readings, replace=False))
     extra = {name: v if np.ndim(v) == 0 else np.asarray(v)[some] for name, v in noise.extra.items()}
@@ -173,7 +173,10 @@ def part_of(model: Model, noise: Noise) -> tuple[Model, Noise]:
 
 
 def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: Array) -> Linearised:
-    """Return `model` about x and `adjusted` readings (n, k), with the misclosure carried back to the real ones."""
+    """Return `model` linearised at x and `adjusted` readings (n, k).
+
+    The misclosure is that of the recorded readings.
+    """
     formulation = model.formulation
     data = formulation.data
     if adjusted is not readings:
@@ -203,7 +206,7 @@ def reading_order(data: MeasuredData) -> Array:
 
 
 def _sigma(model: Model, noise: Noise) -> Array:
-    """Return the standard deviation of each reading but for `scale`, (n, k): what is stated, and what is extra."""
+    """Return the standard deviation of each reading without `scale`, (n, k), from the stated and the extra variance."""
     n = len(model.formulation.data)
     stated = model.formulation.sigma
     variances = [np.asarray(stated[name]) ** 2 + noise.extra.get(name, 0.0) for name in model.formulation.readings]
@@ -211,9 +214,10 @@ def _sigma(model: Model, noise: Noise) -> Array:
 
 
 def _noise_of(at: Linearised, misclosure: Array, noise: Noise) -> Array:
-    """Return the readings' noise as far as the misclosure tells it: Sigma B^T (B Sigma B^T)^-1 f, shape (n, k).
+    """Return the readings' noise as estimated from the misclosure: Sigma B^T (B Sigma B^T)^-1 f, shape (n, k).
 
-    Row by row: what is carried on from the neighbours is left out, for it only has to be free of this row's residual.
+    It is computed row by row. The correlation with neighbouring rows is ignored, because the estimate only has to be
+    uncorrelated with the residual of its own row.
     """
     scaled = at.reading_slopes * at.sigma[:, None, :]
     covariance = scaled @ scaled.transpose(0, 2, 1)
@@ -241,9 +245,9 @@ def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
 
 
 def _folded(J: Array, r: Array, root: Array) -> tuple[Array, Array]:
-    """Return the triangle that weighted rows of J fold into, and -r turned with them: blocks first, then what is left.
+    """Return the triangle R of the weighted rows of J, and -r transformed in the same way, block by block.
 
-    It has the lengths and angles of all the rows, to rounding, as any orthogonal decomposition.
+    Lengths and angles are those of all rows, to rounding, as in any orthogonal decomposition.
     """
     whole = triangle(np.column_stack([J, -r]), root)
     return whole[:, :-1], whole[:, -1]

@@ -28,9 +28,9 @@ from calibench.problems.base import Array
 @final
 @dataclass(frozen=True, eq=False)
 class _End:
-    """Where a fit ended: x (p,) and adjusted readings (n, k), under noise of what scale, and whether it came to rest.
+    """Where a fit ended: x (p,) and adjusted readings (n, k), the scale of the noise, and whether it converged.
 
-    `alive` are the objects it is known by, which must live on.
+    `alive` are the objects whose ids are in the key; the reference keeps them alive.
     """
 
     x: Array
@@ -45,7 +45,7 @@ _ENDS: ContextVar[dict[tuple[Any, ...], _End] | None] = ContextVar("ends", defau
 
 @contextmanager
 def keeping_fits() -> Iterator[None]:
-    """Keep inside the block where the fits of `fit_once` end."""
+    """Inside the block, remember where the fits of `fit_once` end."""
     before = _ENDS.set({})
     try:
         yield
@@ -54,7 +54,7 @@ def keeping_fits() -> Iterator[None]:
 
 
 def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, about: Fit | None = None) -> Fit:
-    """Return what `fit` returns; where it was found before from this start, without walking there again."""
+    """Return what `fit` returns; a fit that was made before from this start is not made again."""
     ends, readings = _ENDS.get(), readings_of(model)
     if ends is None or np.isfinite(noise.t_degrees) or len(readings) >= thresholds().many_readings:
         return fit(model, noise, start, near=near, about=about)

@@ -1,8 +1,8 @@
-"""Parameters that data cannot determine: combinations of them change no reading, so some are held at nominal values.
+"""Parameters that data cannot determine: a combination of them changes no reading, so some are held at nominal values.
 
-About a fit a parameter whose column is a combination of others' columns is held at its nominal value; it and those
-others carry no standard deviation, for only their combination is determined. Equations are counted by rank as well:
-constraints of a reading that its noise cannot move apart count once.
+At a fit, a parameter whose column is a combination of others' columns is held at its nominal value. It and those others
+have no standard deviation, because only their combination is determined. Equations are counted by rank as well:
+constraints of a reading that its noise cannot change independently count once.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ _SEEN = 1e-9  # part of a column, all scaled to length 1, that must be left besi
 _TAKES_PART = 1e-6  # of a combination, scaled likewise
 _TAKES_A_PART = 0.02  # of one that is nearly undetermined, scaled by the bounds
 _ANY = 1e12  # sigma, for the width of a parameter without bounds
-_COSTS = 4.0  # times the squares: what a fit far away may have gained by going there
+_COSTS = 4.0  # cost, times that of the far fit, up to which the fit with held parameters is taken
 
 
 @final
 @dataclass(frozen=True)
 class Undetermined:
-    """A parameter that is held, and `others`, name -> change of it that a unit of the held one is like."""
+    """A parameter that is held. `others`, name -> change, together change the readings like a unit of the held one."""
 
     name: str
     others: Mapping[str, float]
@@ -39,17 +39,17 @@ class Undetermined:
         """Return the note for the report."""
         held = f"{self.name} is held at {parameter.start:g}{f' {parameter.unit}' if parameter.unit else ''}"
         if not self.others:
-            return f"these data say nothing of {self.name}: {held} and carries no error"
+            return f"these data do not determine {self.name}: {held} and has no standard error"
         return (
             f"these data cannot tell {self.name} from {', '.join(self.others)}: only a combination of them is "
-            f"determined; {held}, and none of them carries an error"
+            f"determined; {held}, and none of them has a standard error"
         )
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Held:
-    """A formulation with some of its parameters held at their nominal values; all else is as it was."""
+    """A formulation with some of its parameters held at their nominal values; everything else is unchanged."""
 
     inner: Formulation
     names: frozenset[str]
@@ -75,8 +75,8 @@ class Held:
 def undetermined(at: Fit, within: Array | None = None) -> tuple[Undetermined, ...]:
     """Return which parameters of a fitted machine, without effects, its data cannot tell from others.
 
-    With widths `within`, (p,), these are those that may go through all of theirs and change the readings by less than
-    their noise.
+    With widths `within`, (p,), these are the parameters that can change by their width and change the readings by less
+    than their noise.
     """
     names = [p.name for p in at.model.formulation.parameters]
     J = at.J[:, : len(names)]
@@ -103,7 +103,7 @@ def undetermined(at: Fit, within: Array | None = None) -> tuple[Undetermined, ..
 
 
 def determined(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, tuple[Undetermined, ...]]:
-    """Return the formulation with what its data cannot tell held, its fit, and what that is.
+    """Return the formulation with the undetermined parameters held, its fit, and these parameters.
 
     Raises `DataError` where the data leave no equation to check the machine with.
     """
@@ -125,10 +125,11 @@ def determined(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, 
 
 
 def _led_astray(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, tuple[Undetermined, ...]] | None:
-    """Return the same with what data cannot tell within the bounds held, where a fit has gone far beyond these for it.
+    """Return the same with nearly undetermined parameters held, where these have led a fit far outside its bounds.
 
-    A combination that is nearly undetermined costs nothing, so noise alone leads far away, where the machine is no
-    longer what it was. None where the fit stayed near, where holding does not bring it back, or costs too much.
+    A combination that is nearly undetermined hardly changes the residuals, so noise alone leads it far away, where the
+    linearised machine is wrong. Returns None where the fit stayed near, where holding does not bring it back, or where
+    holding makes the fit too bad.
     """
     width = np.array([p.upper - p.lower for p in formulation.parameters])
     if _inside(plain, width):
@@ -148,19 +149,19 @@ def _led_astray(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit,
 
 
 def _inside(at: Fit, width: Array) -> bool:
-    """Return whether no parameter of a fit is further outside its bounds than these are wide."""
+    """Return whether no parameter of a fit is further outside its bounds than the width of its box."""
     x = at.x[: len(width)]
     known = at.model.formulation.parameters
     return all(p.lower - w <= value <= p.upper + w for p, value, w in zip(known, x.tolist(), width.tolist()))
 
 
 def equations_of(at: Fit) -> int:
-    """Return how many equations the readings give: of each row as many as its noise moves apart."""
+    """Return how many equations the readings give: for each row, the number that its noise changes independently."""
     return int(np.sum(np.linalg.matrix_rank(at.at.reading_slopes * at.at.sigma[:, None, :])))
 
 
 def without_error(lacking: tuple[Undetermined, ...]) -> frozenset[str]:
-    """Return the parameters that carry no standard deviation."""
+    """Return the parameters that have no standard deviation."""
     return frozenset(name for u in lacking for name in (u.name, *u.others))
 
 

@@ -30,7 +30,7 @@ class ResidualProblem:
 
     @property
     def options(self) -> dict[str, object]:
-        """Return what tells this problem from others in a table of results: its data and what was added."""
+        """Return what distinguishes this problem in a table of results: its data and the added effects."""
         return {"case": self.model.formulation.data.name, "names": list(self.names)}
 
     @property

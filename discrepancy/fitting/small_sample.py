@@ -57,7 +57,7 @@ class Calibrated:
 @final
 @dataclass(frozen=True, eq=False)
 class Supported:
-    """What the data say of one candidate of visible rank m.
+    """The statistics of one candidate of visible rank m.
 
     `share` of the misfit it explains, F with p of this candidate alone and `p_tried` of the best of all tried; `aicc`
     relative to the calibration alone (below 0: better; None where there are too few rows); `loo`, the rms error [unit
@@ -81,10 +81,10 @@ class Supported:
 @final
 @dataclass(frozen=True, eq=False)
 class SmallSample:
-    """The calibration alone (rms and leave-one-out rms, `degrees` of freedom left), and all candidates, best p first.
+    """The calibration alone (rms and leave-one-out rms, `degrees` of freedom), and all candidates, smallest p first.
 
-    `needed` is the share of the misfit that a single coefficient had to explain to be held up against all that was
-    tried at 5 %.
+    `needed` is the share of the misfit that a single coefficient must explain to be significant at 5 % among all that
+    were tried.
     """
 
     case: str
@@ -105,10 +105,10 @@ class SmallSample:
 
 
 def linear(formulation: Formulation, *effects: Effect, weighted: bool) -> Calibrated:
-    """Return a formulation with `effects` about its least squares answer, weighted by the noise that rows share or not.
+    """Return a formulation with `effects` at its least squares answer.
 
-    It needs one constraint a row, and noise of one size in all of them. A direction of which the data see less than
-    `SEEN` is held where it was.
+    `weighted`: rows are weighted by the noise that they share. It needs one constraint a row, and noise of one size in
+    all of them. A direction of which the data see less than `SEEN` is held where it was.
     """
     model = Model(formulation).with_effects(*effects)
     x = gauss_newton(
@@ -124,10 +124,10 @@ def small_sample(
     about: Calibrated, candidates: Sequence[Effect], plausible: Mapping[str, float] | None = None,
     draws: int = 5_000, seed: int = 0,
 ) -> SmallSample:  # fmt: skip
-    """Return what the residuals of a calibration support among `candidates`, each alone.
+    """Return what each of the `candidates`, alone, explains of the residuals of a calibration.
 
     `plausible` is family -> the largest size of a coefficient that such a machine can have. Candidates that calibration
-    takes up, or that leave no degree of freedom, are not tried.
+    absorbs, or that leave no degree of freedom, are not tried.
     """
     q = orthonormal(about.J, _FULL)
     r = project_off(about.r, q)
@@ -181,9 +181,9 @@ def small_sample(
 @final
 @dataclass(frozen=True)
 class Likeness:
-    """How one residual vector is like another in the same residual space: cosine, slope, one-sided p that it is so.
+    """The similarity of two residual vectors in one residual space: cosine, slope, and one-sided p.
 
-    The p is that of a vector with no direction of its own in `degrees` dimensions.
+    The p is that of a vector with random direction in `degrees` dimensions.
     """
 
     cosine: float
@@ -200,7 +200,7 @@ def likeness(earlier: Calibrated, later: Calibrated) -> Likeness:
 
 
 def direction(predicted: Array, measured: Array, degrees: int) -> Likeness:
-    """Return the likeness of a prediction and what was measured, vectors in a space of `degrees` dimensions."""
+    """Return the similarity of a prediction and a measurement, vectors in a space of `degrees` dimensions."""
     cosine = float(predicted @ measured / np.linalg.norm(predicted) / np.linalg.norm(measured))
     t = cosine * np.sqrt((degrees - 1) / max(1 - cosine**2, 1e-300))
     slope = float(predicted @ measured / (predicted @ predicted))
@@ -231,7 +231,7 @@ def _columns(model: Model, recorded: Quantities, slopes: dict[str, Array], effec
 
 
 def _visible(D: Array, q: Array) -> tuple[Array, Array]:
-    """Return a basis U (n, m) of what calibration leaves of D (n, k), and back (k, m): D back = U + what it takes."""
+    """Return a basis U (n, m) of what calibration leaves of D (n, k), and back (k, m): D back = U + absorbed part."""
     size = np.linalg.norm(D, axis=0)
     if not size.max() > 0:
         return np.empty((len(D), 0)), np.empty((D.shape[1], 0))
@@ -264,7 +264,10 @@ def _aicc(n: int, k: int, left: float, k_plain: int, left_plain: float) -> float
 
 
 def _loo(columns: Array, r: Array) -> float:
-    """Return the rms error of each row predicted from the others by `columns`; infinite where one cannot be."""
+    """Return the rms error of each row predicted from the others by `columns`.
+
+    It is infinite where a row cannot be predicted.
+    """
     q = orthonormal(columns, _FULL)
     lever = 1 - (q**2).sum(axis=1)
     if lever.min() < 1e-9:

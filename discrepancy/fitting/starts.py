@@ -18,10 +18,10 @@ _BETTER = 0.9  # part of the cost: another minimum below this is taken for bette
 
 
 def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[str, ...]]:
-    """Return the machine without effects fitted to its data, and a note where another start than the nominal won.
+    """Return the machine without effects fitted to its data, and a note where the nominal start is not the best.
 
-    Other starts are drawn evenly from the box of the parameters, the same at every call, and only where the fit from
-    the nominal machine did not settle or leaves far more than noise.
+    Other starts are drawn evenly from the box of the parameters, the same at every call. They are used only where the
+    fit from the nominal machine did not converge or leaves far more than noise.
     """
     model = Model(formulation)
     nominal = fit(model, Noise())
@@ -43,7 +43,7 @@ def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[str, ...]]:
 
 
 def _refuse_no_number(found: Fit) -> None:
-    """Raise `DataError` where a fit has led to where the model has no value or no slope."""
+    """Raise `DataError` where a fit ended at parameters at which the model has no value or no slope."""
     if not all(np.isfinite(values).all() for values in (found.r, found.J, found.at.reading_slopes)):
         raise DataError(
             f"{found.model.formulation.data.name}: no numbers of the machine come near these readings: its fit leads "

@@ -25,8 +25,9 @@ from calibench.problems.base import Array
 class ChangePoint:
     """An `Effect`: each of `quantities` is larger by its coefficient from time `at` [s] of the column `clock` on.
 
-    `one` is a coefficient of 1 in the unit of the quantities. Of quantities of several kinds, `kinds` are the unit of
-    each coefficient and what 1 of it is; then `unit` is that of the first, and the amplitude is told of its kind alone.
+    `one` is a coefficient of 1 in the unit of the quantities. For quantities of several kinds, `kinds` are the unit of
+    each coefficient and the value of 1 of it; then `unit` is that of the first kind, and the amplitude is of that kind
+    alone.
     """
 
     family: str
@@ -79,7 +80,7 @@ def change_times(t: Array) -> Array:
 def finer(effect: Effect, data: MeasuredData) -> tuple[Effect, ...]:
     """Return `effect` at every time between its neighbouring places, at most `_PLACES`; () if it has no place.
 
-    An effect that has places of another kind says itself what is between them (`nearer`).
+    An effect with places of another kind has a method for those between them (`nearer`).
     """
     if not isinstance(effect, ChangePoint):
         nearer = getattr(effect, "nearer", None)
@@ -94,7 +95,7 @@ def finer(effect: Effect, data: MeasuredData) -> tuple[Effect, ...]:
 
 
 def _gaps(t: Array) -> Array:
-    """Return the middle of every gap between two different times, but those at the edges of the run."""
+    """Return the middle of every gap between two different times, without those near the ends of the run."""
     ordered = np.sort(t)
     edge = int(thresholds().change_edge * len(t))
     times = np.unique(ordered[edge : len(t) - edge])

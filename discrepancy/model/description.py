@@ -18,9 +18,9 @@ from calibench.discrepancy.model.measured.data import Column, MeasuredData
 @final
 @dataclass(frozen=True)
 class Quantity:
-    """A named number of every reading: its unit ("" for a count), and what it is in words.
+    """A named number of every reading: its unit ("" for a count), and its name in words.
 
-    `own` is the target whose own it is (the torque of leg 2), where each target has one. `text`: it holds words.
+    `own` is the target to which it belongs (the torque of leg 2), where each target has one. `text`: it holds words.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Quantity:
 @final
 @dataclass(frozen=True)
 class Stated:
-    """A key that may be stated of the data beside the file: what is needed, and an example of it."""
+    """A key that may be stated of the data beside the file: the required value, and an example of it."""
 
     key: str
     rule: Literal["any", "positive", "list", "names"] = "any"
@@ -43,7 +43,7 @@ class Stated:
 @final
 @dataclass(frozen=True)
 class Completed:
-    """Data as a further sensor in the same run would complete them, and that sensor in words."""
+    """The data as a further sensor in the same run would complete them, and the name of that sensor in words."""
 
     data: MeasuredData
     words: str
@@ -52,7 +52,7 @@ class Completed:
 @final
 @dataclass(frozen=True, eq=False)
 class Foreign:
-    """What a file in the field's own format holds: columns in base units, what it states, and remarks."""
+    """The content of a file in the field's own format: columns in base units, statements, and remarks."""
 
     columns: Mapping[str, Column]
     metadata: Mapping[str, Any] = field(default_factory=dict)
@@ -62,7 +62,7 @@ class Foreign:
 @final
 @dataclass(frozen=True)
 class Correction:
-    """What was found, in the form the owner of the machine gives it back to the machine: a file's ending and text."""
+    """The findings in the form in which the user enters them into the machine: the text of a file, and its ending."""
 
     ending: str
     text: str
@@ -74,7 +74,7 @@ class Correction:
 
 
 def last_word(target: str) -> str:
-    """Return the part of the machine that a target is about: 2 for `joint 2` and for `leg 2`."""
+    """Return the part of the machine in a target: 2 for `joint 2` and for `leg 2`."""
     return target.rpartition(" ")[2]
 
 
@@ -116,6 +116,6 @@ class Description:
     own_units: bool = False
 
     def quantity(self, name: str) -> Quantity | None:
-        """Return what is declared of a quantity; None where nothing is."""
+        """Return the declaration of a quantity; None where there is none."""
         known = next((q for q in (*self.columns, *self.quantities) if q.name == name), None)
         return self.named(name) if known is None and self.named is not None else known

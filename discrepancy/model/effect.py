@@ -58,9 +58,9 @@ class Effect(Protocol):
 @final
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """Where something stands, `at` (n,), as an effect acts: the effect's change of `of` is one of `quantity` there.
+    """The position of something, `at` (n,), while an effect acts: its change of `of` is one of `quantity` there.
 
-    Where `quantity` is another than `of`, it is what that one is more at this moment than at home, where `at` is zero.
+    Where `quantity` is another than `of`, it is the change of `of` at this moment relative to home, where `at` is zero.
     """
 
     quantity: str
@@ -72,16 +72,16 @@ Along = Callable[[MeasuredData], Mapping[str, Sequence[Moment]]]  # covariate ->
 
 
 def along_of(effect: Effect) -> Along | None:
-    """Return what tells where something stands as an effect acts; None of one that does not say."""
+    """Return the function that gives the positions at which an effect acts; None for an effect without one."""
     return cast(Along | None, getattr(effect, "along", None))
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Alternative:
-    """A candidate that is never named by itself, but stands beside a name it cannot be told from, up to `largest`.
+    """A candidate that is never named alone, but joins a set beside a name that data cannot tell from it.
 
-    `largest` is an amplitude in the effect's unit.
+    `largest` is the amplitude, in the effect's unit, up to which it does.
     """
 
     effect: Effect
@@ -91,7 +91,7 @@ class Alternative:
 @final
 @dataclass(frozen=True, eq=False)
 class HeldBack:
-    """What a family builds for a target that is not looked for by itself: the reason, and its alternatives."""
+    """The result of a family for a target that is not searched for alone: the reason, and its alternatives."""
 
     reason: str
     alternatives: tuple[Alternative, ...]
@@ -100,9 +100,9 @@ class HeldBack:
 @final
 @dataclass(frozen=True)
 class Untestable:
-    """A family, or one target of it, that these data cannot test, and why.
+    """A family, or one target of it, that these data cannot test, and the reason.
 
-    `columns` are those the reason names; `missing`: the data do not have them, with them the target could be tested.
+    `columns` are those in the reason. `missing`: the data do not have them; with them the target could be tested.
     """
 
     family: str
@@ -133,7 +133,10 @@ class Catalogue:
 
 
 class NotTestable(Exception):
-    """These data cannot test one target of a family. `columns` are those the message names; `missing`: not there."""
+    """Raised where these data cannot test one target of a family.
+
+    `columns` are those in the message; `missing`: the data do not have them.
+    """
 
     def __init__(self, why: str, columns: tuple[str, ...] = (), missing: bool = False) -> None:
         super().__init__(why)
@@ -152,7 +155,7 @@ class OfFreePeriod(Protocol):
 
     @property
     def period_unit(self) -> str:
-        """Return the unit of the column that it comes again with, "" where nobody states it."""
+        """Return the unit of the column over which it repeats, "" where nobody states it."""
         ...
 
     def period(self, c: Array) -> float:
@@ -161,7 +164,10 @@ class OfFreePeriod(Protocol):
 
 
 def has_free_period(effect: Effect) -> bool:
-    """Return whether an effect is `OfFreePeriod`: asked once for each class, for a protocol takes long to be asked."""
+    """Return whether an effect is `OfFreePeriod`.
+
+    The answer is cached for each class, because a protocol check is slow.
+    """
     kind = type(effect)
     if kind not in _FREE:
         _FREE[kind] = isinstance(effect, OfFreePeriod)
@@ -172,9 +178,10 @@ _FREE: dict[type, bool] = {}  # what a class is does not change
 
 
 def still_open(candidates: Iterable[Effect], taken: Collection[str]) -> list[Effect]:
-    """Return the candidates beside effects whose names are `taken`: not those, nor what comes after one not taken.
+    """Return the candidates beside effects whose names are `taken`, without these and those that must come later.
 
-    What comes after another comes after all that this one comes after: the fourth of a kind when three are taken.
+    A candidate that comes after another comes after all before that one: the fourth of a kind is tried when three are
+    taken.
     """
     known = list(candidates)
     before = {name_of(e): str(getattr(e, "after", "")) for e in known}
@@ -190,5 +197,5 @@ def still_open(candidates: Iterable[Effect], taken: Collection[str]) -> list[Eff
 
 
 def is_possible(effect: Effect, size: float) -> bool:
-    """Return whether an effect may have such an amplitude: an effect that states no `largest` may have any."""
+    """Return whether an effect may have such an amplitude; any is possible for an effect that states no `largest`."""
     return bool(abs(size) <= getattr(effect, "largest", math.inf))

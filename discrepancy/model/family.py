@@ -53,7 +53,7 @@ class EffectFamily:
         return self.targets if self.targets_in is None else self.targets_in(formulation)
 
     def candidates(self, formulation: Formulation) -> Catalogue:
-        """Return what the data can test of all targets, and what not."""
+        """Return the candidates of all targets, and the targets that the data cannot test."""
         found = Catalogue()
         for target in self.names_in(formulation):
             try:
@@ -78,7 +78,10 @@ class EffectFamily:
 
 
 def needs(data: MeasuredData, *columns: str) -> None:
-    """Raise `NotTestable` unless all `columns` are there and vary: what is constant, the calibration absorbs."""
+    """Raise `NotTestable` unless all `columns` are there and vary.
+
+    Calibration absorbs the effect of a constant column.
+    """
     needs_there(data, *columns)
     for column in columns:
         if why := told_gaps(data[column]):

@@ -25,8 +25,8 @@ def size(c: Array) -> float:
 class LinearEffect:
     """An `Effect` with `shift = changes @ c`; `changes(q, data)` returns quantity -> (n, k).
 
-    Beyond `largest`, in the effect's unit, no machine has it. `along(data)` returns covariate -> the moments at which
-    it acts: its size may go with where something stands at each of them.
+    No machine has an amplitude above `largest`, in the effect's unit. `along(data)` returns covariate -> the moments at
+    which it acts: its size may depend on the position at each of them.
     """
 
     family: str

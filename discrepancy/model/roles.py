@@ -1,7 +1,7 @@
-"""`Roles`: what a machine is made of, so that whoever looks for errors need not know what its columns are called.
+"""`Roles`: the parts of a machine, so that the search for errors does not depend on the names of its columns.
 
 A machine declares its joints, its lengths, its clock, its thermometer, its instruments and its further columns. The
-general families of effects ask for roles and for nothing else: what a machine has, it is searched for.
+general families of effects ask only for roles, so a machine is searched for the errors of the parts that it has.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Length:
 @final
 @dataclass(frozen=True)
 class Instrument:
-    """What measures from outside: its measured `columns`, and where there are any the columns of their velocities.
+    """An outside measurement: its measured `columns`, and the columns of their velocities where there are any.
 
     `frame`: the columns are coordinates of one frame that may move during the run.
     """
@@ -146,7 +146,7 @@ def refuse_word(told: str, names: object) -> None:
 
 
 def roles_of(formulation: Formulation) -> Roles:
-    """Return what a formulation is made of; nothing where it declares nothing."""
+    """Return the roles that a formulation declares; empty roles where it declares none."""
     roles = getattr(formulation, "roles", None)
     return roles if isinstance(roles, Roles) else Roles()
 
@@ -169,7 +169,7 @@ def directions_of(roles: Roles) -> tuple[str, ...]:
 
 
 def words_of(roles: Roles) -> dict[str, str]:
-    """Return column or quantity -> what it is in words, as the roles have it: `direction of joint 2`.
+    """Return column or quantity -> its name in words, by the roles: `direction of joint 2`.
 
     >>> words_of(Roles(joints=(Joint("joint 2", "Winkel", direction="von"),), time="clock"))
     {'clock': 'time', 'Winkel': 'angle of joint 2', 'von': 'direction of joint 2'}

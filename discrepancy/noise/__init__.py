@@ -1,5 +1,5 @@
-"""The noise of the readings: how it enters the constraints, what repeats tell of it, and other distributions.
+"""The noise of the readings: its propagation into the constraints, its estimation from repeats, other distributions.
 
-`whiten` carries noise into the constraints and out again, `repeats` compares readings of one pose, `mixture` and `laws`
-fit outlying readings, coarse steps and heavy tails, `size` tells how large they are.
+`whiten` propagates noise into the constraints and removes it again, `repeats` compares readings of one pose, `mixture`
+and `laws` fit outlying readings, coarse steps and heavy tails, `size` estimates how large they are.
 """

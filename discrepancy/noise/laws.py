@@ -2,12 +2,10 @@
 
 They move no mean, so a score test cannot find them. Each is fitted to the residuals of the model that is otherwise
 best; `calibench.discrepancy.diagnostics` compares them with each other and with the noise as stated. `r` are whitened
-residuals, (n, c); `signatures` are reading -> (n, c), what one stated standard deviation of it leaves in r.
+residuals, (n, c); a `signature`, (n, c), is what one stated standard deviation of a reading leaves in r.
 """
 
 from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -20,9 +18,7 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 
-def quantisation_of(
-    formulation: Formulation, sensor: Sensor, r: Array, signatures: Mapping[str, Array]
-) -> NoiseFinding:
+def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, signature: Array) -> NoiseFinding:
     """Return what coarse steps of one sensor explain: steps coarser than its stated noise and resolution.
 
     The step is read off the recorded values, which is practically certain; the gain says whether it matters. Gain and
@@ -34,68 +30,49 @@ def quantisation_of(
     if step and _off_lattice(formulation.data[name], step) > thresholds().off_step * stated:
         step = 0.0  # values that are nearly whole steps apart: equally spaced poses, not coarse readings
     extra = step**2 / 12.0  # the variance of a rounding
-    energy, share = _along(r, signatures[name])
+    energy, share = _along(r, signature)
     grown = 1.0 + extra / stated**2 * share
     gain = float((energy * (1.0 - 1.0 / grown) - np.log(grown)).sum()) if step else 0.0
     n = len(r)
     _, low, high = step_size(formulation.data[name], step) if step else (0.0, 0.0, 0.0)
     return NoiseFinding(
-        "quantisation", sensor.part, step, sensor.unit, gain, 1, 1.0 if step else 0.0, 1.0,
-        np.ones(n), {name: np.full(n, extra)}, (low, high),
+        "quantisation", sensor.part, step, sensor.unit, gain, np.ones(n), {name: np.full(n, extra)}, (low, high)
     )  # fmt: skip
 
 
 def _off_lattice(values: Array, step: float) -> float:
-    """Return how far, root mean square, differences of neighbouring values lie from whole steps, in their unit."""
+    """Return the rms distance of differences of neighbouring values from whole steps, in their unit."""
     between = np.diff(np.unique(values))
     return float(np.sqrt(np.mean((between - step * np.round(between / step)) ** 2)))
 
 
-def outliers_of(
-    formulation: Formulation, sensor: Sensor, alike: Sequence[Sensor], r: Array, signatures: Mapping[str, Array]
-) -> NoiseFinding:
+def outliers_of(formulation: Formulation, sensor: Sensor, r: Array, signature: Array) -> NoiseFinding:
     """Return what outlying readings of one sensor explain; the amplitude is their spread, in its unit.
 
-    `alike` are all sensors of its kind, itself among them.
-
-    Two sources tell which sensor it is: the residuals, which hardly do with one constraint a reading, and the
-    differences between back-to-back repeats, which do at once. `concentration` is this sensor's part in all outlying
-    energy, where no single reading counts for more than ten deviations. Ask for .8 before one sensor is blamed, or
-    heavy tails of all sensors will be blamed on it. Where neither source tells the sensors of a kind apart (no repeats,
-    and one constraint a reading or the signatures of one sensor), each has an equal part.
+    `signature` is that of the sensor, (n, c). The size is fitted to the differences between back-to-back repeats where
+    these show the outlying readings clearly, else to the residuals. Which sensor of several is to blame is not decided
+    here, but in `calibench.discrepancy.diagnostics.noise_diagnostic`.
     """
-    encoder, names = sensor.column, [other.column for other in alike]
-    stated, count = _sigma(formulation, encoder), len(names)
-    energies = {name: _along(r, signatures[name]) for name in names if name in signatures}
-    seen = mixture(*energies[encoder])
+    name = sensor.column
+    stated = _sigma(formulation, name)
+    energy, share = _along(r, signature)
+    seen = mixture(energy, share)
     first, second = pairs_of(formulation.data)
-    gain, fraction, tau = seen.gain, seen.epsilon, seen.tau
-    size, unit = outlying_size(*energies[encoder], seen.epsilon, seen.tau), stated
+    gain, tau = seen.gain, seen.tau
+    size, unit = outlying_size(energy, share, seen.epsilon, seen.tau), stated
     if len(first) >= thresholds().repeat_pairs:
-        changes = {name: _difference(formulation, name, first, second) for name in names}
-        witnesses = {name: change**2 for name, (change, _) in changes.items()}
-        told = mixture(witnesses[encoder], np.ones(len(first)))
+        change, deviation = _difference(formulation, name, first, second)
+        told = mixture(change**2, np.ones(len(first)))
         gain += told.gain
-        if told.gain > seen.gain:
-            fraction, tau = told.epsilon / 2, told.tau  # either of a pair may be the outlying one
+        tau = told.tau if told.gain > seen.gain else tau
         if told.gain > thresholds().wild_size_gain:  # nothing else that is missing shows between repeats
-            size = outlying_size(witnesses[encoder], np.ones(len(first)), told.epsilon, told.tau)
-            unit = changes[encoder][1]
-    else:
-        told_apart = r.shape[1] > 1 and len(energies) == len(names)
-        witnesses = {name: energy for name, (energy, _) in energies.items()} if told_apart else {}
+            size = outlying_size(change**2, np.ones(len(first)), told.epsilon, told.tau)
+            unit = deviation
     value, low, high = (unit * end for end in size)
     return NoiseFinding(
-        "outlier", sensor.part, value, sensor.unit, gain, 2, fraction, _part(witnesses, encoder, count), seen.weights,
-        {encoder: seen.weights * (tau * stated) ** 2}, (low, high),
+        "outlier", sensor.part, value, sensor.unit, gain, seen.weights,
+        {name: seen.weights * (tau * stated) ** 2}, (low, high),
     )  # fmt: skip
-
-
-def _part(witnesses: Mapping[str, Array], encoder: str, count: int) -> float:
-    """Return an encoder's part in the outlying energies, (m,) each, in variances: those between 4^2 and 10^2."""
-    outlying = {name: float(np.minimum(e[e > 16.0], 100.0).sum()) for name, e in witnesses.items()}
-    whole = sum(outlying.values())
-    return outlying[encoder] / whole if whole else 1.0 / count
 
 
 def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
@@ -104,9 +81,7 @@ def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
     seen = mixture((r**2).sum(axis=1), np.ones(n), degrees=c)
     value, low, high = kurtosis_size(r)
     extra = {name: seen.weights * (seen.tau * _sigma(formulation, name)) ** 2 for name in formulation.readings}
-    return NoiseFinding(
-        "heavy_tails", "all", value, "1", seen.gain, 2, seen.epsilon, 1.0, seen.weights, extra, (low, high)
-    )
+    return NoiseFinding("heavy_tails", "all", value, "1", seen.gain, seen.weights, extra, (low, high))
 
 
 def _along(r: Array, s: Array) -> tuple[Array, Array]:
@@ -119,14 +94,14 @@ def _sigma(formulation: Formulation, name: str) -> float:
     return float(np.median(formulation.sigma[name]))
 
 
-def _difference(formulation: Formulation, encoder: str, first: Array, second: Array) -> tuple[Array, float]:
-    """Return the change of an encoder between repeats in its standard deviations, (m,), and one of these, rad.
+def _difference(formulation: Formulation, name: str, first: Array, second: Array) -> tuple[Array, float]:
+    """Return the changes of a reading between repeats in their standard deviation, (m,), and that deviation.
 
-    The machine may have moved a little between them: the spread of the middle half is taken for the deviation if it is
-    wider than stated.
+    The machine may have moved a little between repeats: where the spread of the middle half of the changes is larger
+    than the stated noise, that spread is the deviation.
     """
-    change = formulation.data[encoder][second] - formulation.data[encoder][first]
+    change = formulation.data[name][second] - formulation.data[name][first]
     change = change - np.median(change)
     spread = float(np.subtract(*np.percentile(change, [75, 25]))) / 1.349
-    deviation = max(float(np.sqrt(2)) * _sigma(formulation, encoder), spread)
+    deviation = max(float(np.sqrt(2)) * _sigma(formulation, name), spread)
     return np.asarray(change / deviation), deviation

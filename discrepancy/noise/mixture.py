@@ -22,11 +22,9 @@ from calibench.problems.base import Array
 class NoiseFinding:
     """One law fitted: `gain` is twice the log-likelihood it brings over noise as stated, before any penalty.
 
-    `charged` is the number of its own numbers (what a BIC multiplies by log n). `fraction` of the readings are
-    outlying, each with probability `weights`, (n,); `extra` is what to add to the variance of a reading, (n,), in its
-    own unit squared. `concentration` is the part of the outlying energy that the target alone accounts for. `ci95` is
-    the interval of the amplitude. `rival` is another family and target that explains nearly as much, with its weight:
-    then one of the two blames a single sensor of the kind `alike`.
+    Each reading is outlying with probability `weights`, (n,); `extra` is what to add to the variance of a reading,
+    (n,), in its own unit squared. `ci95` is the interval of the amplitude. `rival` is another family and target that
+    explains nearly as much, with its weight: then one of the two blames a single sensor of the kind `alike`.
     """
 
     family: str
@@ -34,9 +32,6 @@ class NoiseFinding:
     amplitude: float
     unit: str
     gain: float
-    charged: int
-    fraction: float
-    concentration: float
     weights: Array
     extra: Mapping[str, Array]
     ci95: tuple[float, float]
@@ -80,9 +75,9 @@ def mixture(energy: Array, share: Array, degrees: int = 1) -> Mixture:
 def lattice(values: Array, least: float) -> float:
     """Return the step, at least `least`, of the lattice on which all `values`, (n,), lie; 0 if they lie on none.
 
-    A step is tried where the smallest difference, or a whole part of it, suggests one, and fitted to the differences
-    of neighbours, small ones first; it is accepted if they are whole numbers of steps to within a tenth or so. The
-    lattice may itself be recorded with a finer one, or printed with few digits.
+    Trial steps are the smallest difference and whole parts of it. Each is fitted to the differences of neighbours,
+    small ones first; it is accepted if these are whole numbers of steps to within a tenth or so. The lattice may itself
+    be recorded with a finer one, or printed with few digits.
     """
     distinct = np.unique(values)
     if len(distinct) < 6:
@@ -99,7 +94,7 @@ def lattice(values: Array, least: float) -> float:
 
 
 def _fitted(between: Array, step: float) -> float:
-    """Return `step` fitted to whole numbers of it, first the smallest, then up to twice as many at a time."""
+    """Return `step` fitted to whole numbers of it: first the smallest, then up to twice as many at a time."""
     window = 2.0 * step
     while True:
         near = between[between <= window + 0.5 * step]

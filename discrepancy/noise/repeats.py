@@ -1,15 +1,15 @@
 """Estimate the noise from repeats: from back-to-back pairs, and from separated visits of one pose.
 
-Back-to-back readings differ by noise alone, whatever the model lacks; but noise that is carried on from reading to
+Back-to-back readings differ by noise alone, whatever the model lacks. But noise that is correlated from reading to
 reading cancels in their difference, which is then too small. Visits of one pose some time apart are free of that, but
-they also differ by whatever changes in time, by direction or by load. The stated noise stands between the two:
-pairs below it while visits agree with it mean that noise is carried on (AR(1)); both below or above it alike mean that
-it was misstated.
+they also differ by whatever changes in time, by direction or by load. The stated noise is compared with both: if pairs
+scatter less and visits as stated, the noise is correlated (AR(1)); if both scatter less, or both more, the statement is
+wrong.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -20,14 +20,14 @@ from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-_FOR_ANY = "names, weights and intervals hold for any, the rest for the one that is taken"
+_FOR_ANY = "names, weights and intervals hold at any noise, all else at the one that is assumed"
 TAILS = (3.0, 4.0, 6.0, 10.0)  # tried besides the Gaussian
 
 
 @final
 @dataclass(frozen=True)
 class Repeats:
-    """Mean squares of whitened differences over 2: of `pairs` back to back and of `visits`; and how many there are."""
+    """Half the mean squares of whitened differences: of `pairs` back to back and of `visits`; and their numbers."""
 
     pairs: float
     n_pairs: int
@@ -36,7 +36,7 @@ class Repeats:
 
     @property
     def few(self) -> bool:
-        """Return whether the pairs are too few to tell anything."""
+        """Return whether the pairs are too few to estimate the noise."""
         return self.n_pairs < thresholds().repeat_pairs
 
 
@@ -61,7 +61,7 @@ def visits_of(data: MeasuredData) -> tuple[Array, Array]:
 
 
 def compare(r: Array, data: MeasuredData) -> Repeats:
-    """Return what residuals whitened by the stated noise, (n, c), say between repeats."""
+    """Return the differences between repeats of residuals that are whitened by the stated noise, (n, c)."""
 
     def square(rows: tuple[Array, Array]) -> tuple[float, int]:
         first, second = rows
@@ -72,9 +72,9 @@ def compare(r: Array, data: MeasuredData) -> Repeats:
 
 
 def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...]]:
-    """Return the law of the noise behind residuals whitened by the stated one, (n, c), with remarks for the report.
+    """Return the law of the noise behind residuals whitened by the stated one, (n, c), with the repeats and remarks.
 
-    The stated noise is kept where the repeats allow it.
+    The stated noise is kept unless the repeats contradict it. The remarks are for the report.
     """
     told = compare(r, data)
     first, second = pairs_of(data)
@@ -89,27 +89,30 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
         part = 1 - spread
         if told.n_visits < thresholds().repeat_pairs or _as_stated(told, spread):
             return Noise(1.0, float(min(part, 0.8))), told, (_quieter(spread, told),)
-        return Noise(float(np.sqrt(spread)), 0.0, t_degrees, n), told, _misstated(spread)
+        return _estimated(spread, t_degrees, n), told, _misstated(spread)
     if spread > thresholds().statement_useless and told.n_visits >= thresholds().repeat_pairs:
         first, second = visits_of(data)
         visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), t_degrees)
         if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(t_degrees) else 5) / np.sqrt(told.n_visits)):
             part = float(min(1 - spread / visits, 0.8))  # no statement contradicts it: noise is likelier than an effect
             more = f"visits scatter more: {100 * part:.0f} % of the noise is taken to be carried on"
-            return Noise(float(np.sqrt(visits)), part, known=told.n_visits), told, (*_misstated(visits), more)
+            law = replace(_estimated(visits, np.inf, told.n_visits), autocorrelation=part)
+            return law, told, (*_misstated(visits), more)
     if spread > 1 + 3 * width:
-        return Noise(float(np.sqrt(spread)), 0.0, t_degrees, n), told, _misstated(spread)
+        return _estimated(spread, t_degrees, n), told, _misstated(spread)
     if np.isfinite(t_degrees):  # the tests rest on the core, and only the repeats tell it
-        return (
-            Noise(float(np.sqrt(spread)), 0.0, t_degrees, n),
-            told,
-            (f"the noise has heavier tails than a Gaussian: as of a t law of {t_degrees:g} degrees of freedom",),
-        )
+        heavier = f"the noise has heavier tails than a Gaussian: as of a t law of {t_degrees:g} degrees of freedom"
+        return _estimated(spread, t_degrees, n), told, (heavier,)
     return Noise(), told, ()
 
 
+def _estimated(variance: float, t_degrees: float, known: int) -> Noise:
+    """Return the law whose scale repeats give: `variance` in units of the stated one, from `known` differences."""
+    return Noise(float(np.sqrt(variance)), 0.0, t_degrees, known, from_repeats=True)
+
+
 def _untold(told: Repeats) -> str:
-    """Return why repeats do not tell the noise: there are none, or too few of them."""
+    """Return why the noise cannot be estimated from repeats: there are none, or too few of them."""
     if not told.n_pairs:
         return "no repeats tell the noise"
     few = f"{told.n_pairs} difference{'s' * (told.n_pairs > 1)} between readings"
@@ -117,7 +120,7 @@ def _untold(told: Repeats) -> str:
 
 
 def _as_stated(told: Repeats, spread: float) -> bool:
-    """Return whether visits scatter as stated or more, and not as little as pairs do: then noise is carried on."""
+    """Return whether visits scatter as stated or more, and not as little as pairs do: then the noise is correlated."""
     if told.visits >= 1:
         return True
     gain = told.n_visits * (told.visits / spread - told.visits + np.log(spread))
@@ -138,7 +141,7 @@ def _quieter(spread: float, told: Repeats) -> str:
 
 
 def _misstated(spread: float) -> tuple[str, ...]:
-    return (f"repeats scatter {np.sqrt(spread):.2f} times the stated noise; the repeats are believed",)
+    return (f"repeats scatter {np.sqrt(spread):.2f} times the stated noise; their scatter is used",)
 
 
 def _tails(difference: Array) -> float:
@@ -155,7 +158,7 @@ def _tails(difference: Array) -> float:
 
 
 def variance(values: Array, t_degrees: float) -> float:
-    """Return the variance of a t law fitted to `values`, by its core; the mean square for a Gaussian."""
+    """Return the variance of a t law fitted to `values`, from its scale; the mean square for a Gaussian."""
     square = float(np.mean(values**2))
     if not (np.isfinite(t_degrees) and square > 0):
         return square

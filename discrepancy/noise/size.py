@@ -1,7 +1,6 @@
-"""The size of a noise effect: a value with its 95 % interval, apart from the test whether it exists.
+"""The size of a noise effect: a value with its 95 % interval, separate from the test whether it exists.
 
-Whether readings are outlying is decided by a coarse ladder of sizes. That is enough to decide, but too coarse to be
-reported. Here the size is fitted.
+That test uses a coarse grid of sizes, which is enough to decide, but too coarse to report. Here the size is fitted.
 """
 
 from __future__ import annotations
@@ -22,8 +21,8 @@ _Z = 1.959964
 def outlying_size(energy: Array, share: Array, epsilon: float, tau: float) -> Size:
     """Return tau, the extra noise of the outlying readings in stated deviations, from `energy` and `share`, (n,).
 
-    A mixture as in `discrepancy.noise.mixture`, begun at `epsilon` and `tau` and followed until it stands still.
-    The interval is that of a variance estimated from as many readings as are outlying.
+    The mixture of `discrepancy.noise.mixture` is fitted from `epsilon` and `tau` until it converges. The interval is
+    that of a variance estimated from as many readings as are outlying.
     """
     epsilon, some = max(epsilon, 1e-6), share > 1e-12
     energy, share = energy[some], share[some]

@@ -1,12 +1,12 @@
 """Whitening: the noise of the readings propagated into the constraints, r = L^-1 F with L L^T = B Sigma B^T.
 
 B is the slope of the constraints in the noisy readings, Sigma the readings' covariance: independent sensors, and in
-each sensor noise of which the next reading inherits the part `autocorrelation` (an AR(1) in the order of reading,
-whatever the pause). Such noise makes L banded over the readings; nothing of n x n is ever formed.
+each sensor an AR(1) in the order of reading with the correlation `autocorrelation`, whatever the pause. Such noise
+makes L banded over the readings; no matrix of n x n is formed.
 
-Tails heavier than the Gaussian's are those of Student's t. `law` turns whitened residuals into weights (for fitting), a
-cost (for comparing) and *scores* of unit variance (for testing): residuals are clipped there, as Huber does, so that a
-single outlier cannot decide a test.
+Heavier tails than the Gaussian's are those of Student's t. `Noise` turns whitened residuals into weights (for fitting),
+a cost (for comparing) and *scores* of unit variance (for testing): residuals are clipped there, as Huber does, so that
+a single outlier cannot decide a test.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _MOST = 60.0  # largest exponent: gain a residual, whose exponential is still a 
 
 @cache
 def _huber(t_degrees: float, cut: float) -> tuple[float, float]:
-    """Return the root mean square of a t variable cut at `cut` cores, and the part of it that is not cut."""
+    """Return the root mean square of a t variable clipped at `cut` scales, and its probability of not being clipped."""
     x = np.linspace(-cut, cut, 4001)
     inside = float(stdtr(t_degrees, cut) - stdtr(t_degrees, -cut))
     density = np.exp(gammaln((t_degrees + 1) / 2) - gammaln(t_degrees / 2)) / np.sqrt(t_degrees * np.pi)
@@ -44,12 +44,13 @@ def _huber(t_degrees: float, cut: float) -> tuple[float, float]:
 class Noise:
     """The law of the readings' noise: `scale` times what is stated, AR(1), Gaussian or of a t distribution.
 
-    `autocorrelation` is the part of its noise that a reading hands on to the next, `t_degrees` the degrees of freedom
-    of the t distribution: infinite for Gaussian noise.
-    `known` is the number of degrees of freedom behind `scale`: infinite where it is taken as stated, few where nobody
-    states the noise and the residuals tell it. `extra` is what
-    is added to the stated variance of some readings, name -> (n,) or a number, in their own units squared. `profiled`:
-    `scale` is known from the statement only; then gains of models are computed with the likeliest scale of each.
+    `autocorrelation` is the correlation of the noise of two successive readings. `t_degrees` are the degrees of
+    freedom of the t distribution, infinite for Gaussian noise. `from_repeats`: repeated readings contradicted the
+    stated noise, and `scale` is estimated from them; otherwise `scale` is 1, the stated noise. `known` are the degrees
+    of freedom of that estimate, or of an estimate from residuals where nobody states the noise; infinite for stated
+    noise. `profiled`: nothing but the statement gives the size of the noise, so gains of models are computed with the
+    likeliest scale of each. `extra` is added to the stated variance of some readings, name -> (n,) or a number, in the
+    unit of the reading squared.
     """
 
     scale: float = 1.0
@@ -58,10 +59,11 @@ class Noise:
     known: float = np.inf
     extra: Mapping[str, Array | float] = field(default_factory=dict)
     profiled: bool = False
+    from_repeats: bool = False
 
     @property
     def core(self) -> float:
-        """Return the scale of the t distribution whose standard deviation is `scale` (for heavy tails, of its core)."""
+        """Return the scale of the t distribution whose standard deviation is `scale`."""
         return (
             self.scale * np.sqrt(max(self.t_degrees - 2, 0.5) / self.t_degrees)
             if np.isfinite(self.t_degrees)
@@ -75,7 +77,7 @@ class Noise:
         return np.asarray((self.t_degrees + 1) / (self.t_degrees * self.core**2 + r**2))
 
     def cost(self, r: Array) -> float:
-        """Return minus twice the log-likelihood of whitened residuals, but for what no fit changes."""
+        """Return minus twice the log-likelihood of whitened residuals, without the part that no fit changes."""
         return float(np.sum(self.costs(r)))
 
     def costs(self, r: Array) -> Array:
@@ -85,9 +87,10 @@ class Noise:
         return np.asarray((self.t_degrees + 1) * np.log1p(r**2 / (self.t_degrees * self.core**2)))
 
     def scores(self, r: Array) -> Array:
-        """Return scores of unit variance: r / scale; for heavy tails cut at twice the core (Huber's), not beyond.
+        """Return scores of unit variance: r / scale; for heavy tails r is clipped at `residual_cut` scales (Huber).
 
-        The score of the t distribution itself falls again far out: it would take a strong local error for bad readings.
+        The score of the t distribution itself decreases again for large residuals: a strong local error would then
+        count as bad readings.
         """
         if not np.isfinite(self.t_degrees):
             return np.asarray(r / self.scale)
@@ -104,7 +107,7 @@ class Noise:
 
     @property
     def precision(self) -> float:
-        """Return the root of the information in one whitened residual: what a fit under this law learns from it."""
+        """Return the root of the information in one whitened residual for a fit under this law."""
         return (
             float(np.sqrt((self.t_degrees + 1) / (self.t_degrees + 3)) / self.core)
             if np.isfinite(self.t_degrees)
@@ -123,9 +126,9 @@ class Noise:
     def told_apart(self, difference: float, degrees: int) -> float:
         """Return a difference of two models' gains as the chi-square of one degree of freedom with the same p.
 
-        `degrees` are those that the better model leaves. Where the noise is profiled, it is estimated from what both
-        models together leave, one degree less: the test is F of (1, degrees - 1), so with few degrees of freedom even a
-        large difference says little.
+        `degrees` are those that the better model leaves. Where the noise is profiled, it is estimated from the
+        residuals of both models together, with one degree less: the test is F of (1, degrees - 1), so with few degrees
+        of freedom even a large difference is weak evidence.
         """
         if not self.profiled or difference <= 0:
             return difference
@@ -148,7 +151,7 @@ class Noise:
 
     @property
     def stride(self) -> float:
-        """Return the factor by which weighted steps of heavy tails fall short of scoring by the law's information."""
+        """Return the factor by which a weighted step under heavy tails is shorter than a step by information."""
         return float((self.t_degrees + 3) / (self.t_degrees + 1)) if np.isfinite(self.t_degrees) else 1.0
 
     def loglikelihood(self, r: Array) -> float:

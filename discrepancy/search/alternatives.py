@@ -1,7 +1,7 @@
 """Add alternatives that are tested only beside a selected effect.
 
 Some causes are too unlikely to be searched for. Others have nearly the signature of a likelier cause, so that a test of
-their own would say nothing more. The search does not try them. But where such a cause explains the data as well as the
+their own would add nothing. The search does not try them. But where such a cause explains the data as well as the
 effect that was named, the name alone would be a guess: the set holds both.
 """
 

@@ -1,9 +1,9 @@
 """Exchange picks: search again for each one while the others stay in the model, then for two at a time.
 
-The first pick was chosen while the others were missing: it may have stood for two of them at once. Exchanging one pick
+The first pick was chosen while the others were missing, so it may represent two of them at once. Exchanging one pick
 finds the better name where all others are right. Two causes whose sum looks like a third one need more: two picks are
-taken out, and all pairs are tried in their place. Pairs are compared by their linear gains. A pair is fitted only where
-these say that it explains more.
+removed, and all pairs are tried in their place. Pairs are compared by their linear gains; a pair is fitted only where
+its linear gain is larger.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ def _beside(without: Fit, others: Sequence[Effect], candidates: Sequence[Effect]
 def settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept = NOTHING) -> Picked:
     """Return the picks after a last exchange, of pairs and then of single ones, without those that explain nothing.
 
-    A single pick gives way to two others that together explain clearly more.
+    A single pick is replaced by two others that together explain clearly more.
     """
     if not picked.sets or len(base.r) >= thresholds().drawn_rows:
         return picked
@@ -170,12 +170,12 @@ def _better_pair(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: 
 
 
 def _in_place_of_one(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept) -> Picked:
-    """Return two other names in the place of the only pick, which may stand for their sum; else the pick.
+    """Return two other names instead of the only pick, which may represent their sum; else the pick.
 
-    Joints that drift in opposite directions look like a member that grows. Two names more easily take up what an
-    inexact formula leaves than one does, so they must explain more than that, each must explain something beside the
-    other, and together they must predict poses that are left out better than the pick does. Of a handful of readings
-    two names leave too little to tell that.
+    Joints that drift in opposite directions look like a member that grows. Two names absorb the error of an inexact
+    formula more easily than one, so they must explain more than that error, each must explain something beside the
+    other, and together they must predict left-out poses better than the pick does. A handful of readings leaves too few
+    degrees of freedom for that test.
     """
     one, t = picked.sets[0][0], thresholds()
     few, many = base.degrees <= t.few_degrees, len(base.at.misclosure) >= t.many_readings
@@ -211,7 +211,7 @@ def energy_of(o: Option) -> float:
 
 
 def _without(at: Fit, gone: Sequence[Effect]) -> ProjectedScores:
-    """Return the scores of a fit as they would be without some of its effects, to first order."""
+    """Return the scores of a fit without some of its effects, to first order."""
     names, place = {name_of(e) for e in gone}, len(at.model.formulation.parameters)
     out: list[int] = []
     for effect in at.model.effects:
@@ -222,7 +222,7 @@ def _without(at: Fit, gone: Sequence[Effect]) -> ProjectedScores:
 
 
 def _together(pair: Sequence[tuple[Scored, Array]], on: ProjectedScores) -> float:
-    """Return the linear gain of two candidates together; what both of them explain counts once."""
+    """Return the linear gain of two candidates together, so that what both explain counts once."""
     (one, U), *rest = pair
     T, rank, paid = one.T, one.m, penalty(one.effect, one.m, on)
     for other, V in rest:
@@ -237,7 +237,8 @@ def _together(pair: Sequence[tuple[Scored, Array]], on: ProjectedScores) -> floa
 def predicts_better(current: Fit, found: Option) -> bool:
     """Return whether a further effect also predicts the fitted poses better when each is left out in turn.
 
-    To first order, about the fit with it: the squared errors of each pose without and with its columns.
+    It is computed to first order, at the fit with the effect, from the squared errors of each pose without and with its
+    columns.
     """
     k, at = len(found.effect.coefficients), found.fit
     if not len(at.r) or len(at.model.formulation.data) >= thresholds().many_readings:
@@ -255,7 +256,7 @@ def _squared_errors(at: Fit) -> Array:
 
 
 def _about(at: Fit, k: int) -> tuple[Array, Array]:
-    """Return the residuals of a fit as they are without its last k columns, to first order, and scaled columns."""
+    """Return the residuals of a fit without its last k columns, to first order, and the scaled columns."""
     size = np.sqrt((at.J**2).sum(axis=0))
     return at.r - at.J[:, len(at.x) - k :] @ at.x[len(at.x) - k :], at.J / np.where(size > 0, size, 1.0)
 
@@ -266,7 +267,7 @@ def _folds(at: Fit) -> Array:
 
 
 def _crossed(J: Array, scores: Callable[[Array], Array], y: Array, fold: Array) -> Array:
-    """Return the squared scores of the errors of y, (N,), on poses left out in turn, told by the columns J."""
+    """Return the squared scores of the errors of y, (N,), at poses left out in turn and predicted by the columns J."""
     whole, right, errors = J.T @ J, J.T @ y, np.empty(len(y))
     held = _HELD * np.eye(J.shape[1])
     for k in np.unique(fold):

@@ -1,4 +1,4 @@
-"""What is reported of one pick: its amplitude with an interval, and its rivals with their weights."""
+"""The report of one pick: its amplitude with an interval, and its rivals with their weights."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
 def _with_its_form(effect: Effect, found: Fit) -> Array:
     """Return the matrix, (k, p), from the numbers of a fit to those of the formula nearest to effect and form together.
 
-    Where form and formula are functions of the same argument, each may hold a part of the other. Then only their sum
-    has a size, and the formula's own numbers alone have none.
+    Where form and formula are functions of the same argument, each may contain a part of the other. Then only their sum
+    has a size, and the formula's own numbers alone have no meaning.
     """
     told = np.zeros((len(effect.coefficients), len(found.x)))
     told[:, _place_of(found.model, effect)] = np.eye(len(told))
@@ -112,9 +112,9 @@ def _period_of(effect: Effect, found: Fit) -> float:
 def doubted(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Finding, ...]:
     """Return findings, the largest first, with a caution where one may only be the error of another one's formula.
 
-    No formula is exact physics. Where it is off by a tenth, a hundredth of what it explains is left over (in squares),
-    and some other name of the catalogue will explain a part of that. On the same part of the machine it is a hundredth
-    of the whole effect there, `whole` (mean square in sigma), although calibration may have absorbed most of that.
+    No formula is exact physics. If it is off by a tenth, a hundredth of the explained energy remains, and another name
+    of the catalogue explains a part of that. On the same part of the machine it is a hundredth of the whole effect
+    there, `whole` (mean square in sigma), although calibration may have absorbed most of that.
     """
     told: list[Finding] = []
     for one in sorted(findings, key=lambda f: -f.gain):
@@ -126,14 +126,14 @@ def doubted(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Fi
 
 
 def _left_out(found: Fit) -> float:
-    """Return the weight that unlikely members may have together if left out: the rougher the gains, the less."""
+    """Return the total weight of unlikely members that may be left out: smaller where gains are less exact."""
     if len(found.r) > thresholds().few_residuals:
         return thresholds().weight_left_out
     return thresholds().weight_left_out_untold if found.noise.profiled else thresholds().weight_left_out_few
 
 
 def _of_the_same_course(options: Sequence[Option], found: Fit) -> list[str]:
-    """Return the rivals on the part of the first option whose column goes with that of the first one.
+    """Return the rivals on the part of the first option whose column has nearly the same course as that of the first.
 
     Where a column differs from another by less than formulas may be off, as a temperature that rises with time, the
     better fit of one of the two is no reason to leave the other out.
@@ -151,9 +151,9 @@ def _of_the_same_course(options: Sequence[Option], found: Fit) -> list[str]:
 
 
 def _held(weights: Mapping[str, float], safe: Sequence[str], share: float) -> dict[str, float]:
-    """Return the weights without the smallest ones, as long as all that are left out stay below a share of the whole.
+    """Return the weights without the smallest ones, whose total stays below a share of the whole.
 
-    Many unlikely rivals together may be likely. Those in `safe` stay.
+    Many unlikely rivals together may be likely. Those in `safe` are kept.
     """
     most, out = share * sum(weights.values()), 0.0
     held = dict(weights)
@@ -166,7 +166,7 @@ def _held(weights: Mapping[str, float], safe: Sequence[str], share: float) -> di
 
 
 def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
-    """Return what would tell the members of a set apart; None where one name stands alone."""
+    """Return a measurement that would tell the members of a set apart; None where one name stands alone."""
     families = {o.effect.family for o in options}
     twins = {twin.split(" ", 1)[0] for o in options for twin in o.effect.twins}
     formulation = found.model.formulation
@@ -198,7 +198,7 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
 
 
 def _one_signature(options: Sequence[Option]) -> bool:
-    """Return whether all members of a set leave the same signature, but for rounding, whatever their size."""
+    """Return whether all members of a set have the same signature, up to rounding and size."""
     signatures = [o.fit.J[:, -len(o.effect.coefficients) :] for o in options]
     if not all(len(one) for one in signatures):
         return False
@@ -208,7 +208,10 @@ def _one_signature(options: Sequence[Option]) -> bool:
 
 
 def _going_apart(options: Sequence[Option], formulation: Formulation) -> str:
-    """Return which columns go together in these data, of those that the members of a set follow; "" where none do."""
+    """Return which of the columns that the members of a set depend on have the same course in these data.
+
+    The text is "" where there are none.
+    """
     data, words = formulation.data, words_of(roles_of(formulation))
     followed = [o.effect.columns[0] for o in options if len(o.effect.columns) == 1 and o.effect.columns[0] in data]
     known = [name for name in dict.fromkeys(followed) if data[name].dtype.kind in "iuf"]

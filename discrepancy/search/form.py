@@ -1,10 +1,10 @@
-"""After naming, the form: does the size of a named effect depend on something that its formula does not know?
+"""After naming, test the form: does the size of a named effect depend on a quantity that its formula does not have?
 
-Example: the play of a worn gear is wider where the gear is worn. It is named play, because no other name comes near,
-but it is not the play of the catalogue. So the residuals are tested for each pick's own signature times a slow function
-of each covariate of its part. Where that is significant, and large against the pick itself, it belongs to the finding:
-the cause is "like" that effect, and its size depends on the covariate. It stays in the model, so that no other name is
-given to it.
+Example: the play of a worn gear is wider where the gear is worn. It is named play, because no other name is near, but
+it is not the play of the catalogue. So the residuals are tested for each pick's own signature times a slow function of
+each covariate of its part. Where that is significant, and large relative to the pick, it belongs to the finding: the
+cause is "like" that effect, and its size depends on the covariate. It stays in the model, so that no other name
+explains it.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ ALONG = 4  # functions of where a carriage stands: enough for one and a half wav
 class Slow:
     """Slow functions of a covariate between `low` and `high`, less their `middle`, (m,): their mean.
 
-    With `moments` the covariate is where something stands at each of them. Where that is what an effect is more than at
-    home, home is zero, and `middle` is of home.
+    With `moments` the covariate is a position at each of them. For an effect that is relative to home, home is zero,
+    and `middle` is the value there.
     """
 
     covariate: str
@@ -57,7 +57,7 @@ class Slow:
         return {one.quantity: product(self._waves(one.at), own[one.of]) for one in self._acting(own, data)}
 
     def nearest(self, own: Mapping[str, Array], data: MeasuredData) -> Array:
-        """Return the effect's own numbers that come nearest to each of the functions', (k, m k)."""
+        """Return, for each of the functions, the effect's own coefficients that fit it best, (k, m k)."""
         acting = self._acting(own, data)
         scale = {one.of: float(np.linalg.norm(own[one.of])) or 1.0 for one in acting}
         plain = np.concatenate([np.asarray(own[one.of]) / scale[one.of] for one in acting])
@@ -83,7 +83,7 @@ class Slow:
 @final
 @dataclass(frozen=True, eq=False)
 class Modulated:
-    """An `Effect`: another one, `of`, times slow functions of one or more covariates, each with numbers of its own."""
+    """An `Effect`: another one, `of`, times slow functions of one or more covariates, with their own coefficients."""
 
     of: Effect
     over: tuple[Slow, ...]
@@ -163,7 +163,7 @@ class Modulated:
         return whole
 
     def nearest(self, q: Quantities, data: MeasuredData) -> Array:
-        """Return the numbers of the effect itself that come nearest to each of the form's, (k, m)."""
+        """Return, for each coefficient of the form, the effect's own coefficients that fit it best, (k, m)."""
         own = self.of.basis(q, data, np.zeros(len(self.of.coefficients)))
         return np.concatenate([slow.nearest(own, data) for slow in self.over], axis=1)
 
@@ -174,10 +174,11 @@ class Modulated:
 
 def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms: Sequence[SmoothTerm], tests: Tests,
            level: float) -> Option | None:  # fmt: skip
-    """Return the clearest form of a pick that is not its formula's, fitted beside all picks; None where none shows.
+    """Return the clearest deviation of a pick from its formula, fitted beside all picks; None where there is none.
 
-    `known` are the forms that are in the model already: of each pick one. `tests` are those of `current`. A wave whose
-    size changes is one of waves of neighbouring periods, which have names: a wave of free period has no form.
+    `known` are the forms that are in the model already: one for each pick at most. `tests` are those of `current`. A
+    wave whose size changes is the sum of waves of neighbouring periods, which have names, so a wave of free period has
+    no form.
     """
     told = {name_of(e.of) for e in known if isinstance(e, Modulated)}
     told |= {name_of(e) for e in picks if isinstance(e, OfFreePeriod)}
@@ -204,8 +205,8 @@ def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
     """Return whether a pick beside a form of it is `form_runaway` times as large as without the form.
 
     Then form and formula are nearly the same function of the fitted readings: both are large, of opposite sign, and
-    cancel each other there and nowhere else. Example: an error of a joint's angle is already a function of that angle,
-    so it has no size that depends on the angle.
+    cancel each other only there. Example: an error of a joint's angle is already a function of that angle, so a size
+    that depends on the angle has no meaning.
     """
     sizes = [abs(pick.amplitude(c)) for at in (before, after) for e, c in at.model.coefficients(at.x)
              if name_of(e) == name_of(pick)]  # fmt: skip
@@ -218,9 +219,9 @@ def forms_of(effect: Effect, among: Sequence[Effect]) -> list[Modulated]:
 
 
 def form_words(effect: Effect, shapes: Sequence[Effect], formulation: Formulation) -> str:
-    """Return in words how the size of a named effect depends on what its formula does not know; "" where it does not.
+    """Return in words on what the size of a named effect depends; "" where it depends on nothing else.
 
-    Over a column that the formula itself follows, the words are that its course is another one.
+    For a column that the formula itself uses, the words say that the course over it differs.
     """
     machine, words = formulation.data.machine, words_of(roles_of(formulation))
     told: dict[bool, list[str]] = {True: [], False: []}
@@ -234,7 +235,8 @@ def form_words(effect: Effect, shapes: Sequence[Effect], formulation: Formulatio
 def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modulated]:
     """Return the effect times a function of each covariate of its part; of every part where its own has none.
 
-    Where the effect tells where carriages stand as it acts, they are covariates too: each, and all of them together.
+    Where the effect gives the positions of carriages as it acts, they are covariates too: each, and all of them
+    together.
     """
     data = current.at.model.formulation.data
     part_of = description_of(data.machine).part_of
@@ -257,7 +259,7 @@ def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modu
 
 
 def slow_along(effect: Effect, data: MeasuredData, terms: int) -> tuple[Slow, ...]:
-    """Return slow functions of where each carriage of an effect stands; none where the effect tells no carriage."""
+    """Return slow functions of the position of each carriage of an effect; none where the effect gives no carriage."""
     told = along_of(effect)
     if told is None:
         return ()
@@ -288,7 +290,7 @@ def waves_over(values: Array, low: float, high: float, terms: int) -> Array:
 
 
 def share(at: Fit, form: Modulated) -> float:
-    """Return the rms change of the size, relative to the size, in a fit with both; infinite without the effect."""
+    """Return the rms change of the size relative to the size, in a fit with both; infinite without the effect."""
     parts = {name_of(e): c for e, c in at.model.coefficients(at.x)}
     if name_of(form.of) not in parts:
         return np.inf

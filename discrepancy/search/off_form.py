@@ -1,12 +1,12 @@
-"""What a name explains if its formula is not exact: real causes differ from a catalogue's formulas by a tenth or so.
+"""The gain of a name if its formula is not exact: real causes differ from a catalogue's formulas by a tenth or so.
 
 A real cause has the signature of the formula times 1 + m(x). x is the argument of the formula (the joint's angle, the
-torque, the time) or where its carriage stands; m is smooth, of rms .1 or less. Calibration may absorb 99 % of a gear's
-wrong ratio, and nothing of the term with m. Then most of what is seen is the error of the form: a rival, or a smooth
-curve of x, may fit it and explain more than the true name. So a name gets a second gain, from its marginal likelihood
-with m drawn at random: what m explains is counted, and its freedom is paid for. Rivals are compared with the best by
-that gain, because the best one's formula may be off as well, and its exact fit may be luck. A smooth curve is believed
-only where it wins against that gain, too.
+torque, the time) or the position of its carriage; m is smooth, of rms .1 or less. Calibration may absorb 99 % of a
+gear's wrong ratio, and nothing of the term with m. Then most of what is seen is the error of the form. A rival, or a
+smooth curve of x, may fit that and explain more than the true name. So a name gets a second gain, from its marginal
+likelihood with a random m: it counts what m explains, less a penalty for its freedom. Rivals are compared with the best
+name by that gain, because the formula of the best one may be off as well, and its exact fit may be luck. A smooth curve
+is preferred only where it has more than that gain, too.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
     The order is kept, but the likeliest comes first where the first one is not close to it.
 
     An option on the same part as the best one has two likelihoods: of its exact formula, and of its formula being off.
-    They are added; beforehand the second is `form_odds` times as likely. So of two formulas that may both be off,
-    neither wins by an exact fit alone. An option without a form, or on another part, is judged by its gain. Where
-    effects tell where they act, options of all parts are compared with each other, because legs that meet share what
-    one of them does; one that is near by its gain stays. There both likelihoods have the same weight, because a form
-    shows for some options and not for others, and readings are few.
+    They are added; before the data the second is `form_odds` times as likely. So of two formulas that may both be off,
+    neither wins by an exact fit alone. An option without a form, or on another part, is compared by its gain. Where
+    effects give the positions at which they act, options of all parts are compared with each other, because legs that
+    meet share the effect of one of them; one that is near by its gain stays. There both likelihoods have the same
+    weight, because a form is visible for some options and not for others, and readings are few.
     """
     plain, top = close(found), max(found, key=lambda o: o.gain)
     if not _are_few(top):
@@ -90,7 +90,7 @@ def _go_along(o: Option, top: Option) -> bool:
 
 
 def _worth(o: Option, top: Option) -> float | None:
-    """Return twice the log of an option's likelihood, its form off or not, against that of no effect; None without one.
+    """Return twice the log-likelihood of an option, its form off or not, over that of no effect; None without a form.
 
     A random form is weighted as the readings in the fit `top`. With heavy tails an option's own weights would forgive a
     poor fit the readings that it misses by far. A formula of many numbers can follow any course over its argument: it
@@ -110,9 +110,9 @@ def _is_rich(o: Option) -> bool:
 
 
 def bonus(o: Option) -> float:
-    """Return by how much more an option explains if its formula may be off; 0 where it explains no more.
+    """Return how much more an option explains if its formula may be off; 0 where it explains no more.
 
-    It is compared with smooth curves, so its form may be as rough as they are.
+    It is compared with smooth curves, so its form may vary as fast as they do.
     """
     told = [
         _drawn(o, [[form] for form in _slow_forms(o, terms)], (1.0,), o)
@@ -128,11 +128,11 @@ def _squares(o: Option, top: Option) -> float:
 def _drawn(
     o: Option, forms: Sequence[Sequence[Array]], off: Sequence[float], top: Option
 ) -> tuple[float, float] | None:
-    """Return minus twice the log-likelihood of an option: of its exact formula, and with a form drawn at random.
+    """Return minus twice the log-likelihood of an option: of its exact formula, and with a random form.
 
-    `forms` are the signatures of what a form is made of, (N, m k) each, rms one: of each argument those that are
-    equally likely; the best argument counts. A form is off by one of the parts `off` of `form_off`, all equally likely.
-    Under the weights that the residuals of `top` have; None where the option has no such form.
+    `forms` are the signatures that a form is made of, (N, m k) each, of rms one: those of each argument are equally
+    likely; the best argument counts. A form is off by one of the parts `off` of `form_off`, all equally likely. The
+    weights are those of the residuals of `top`; None where the option has no such form.
     """
     at, k = o.fit, len(o.effect.coefficients)
     c = at.x[len(at.x) - k :]
@@ -154,10 +154,10 @@ def _drawn(
 
 
 def _random_forms(o: Option) -> list[list[Array]]:
-    """Return, for each argument of an option's formula, its signatures times the parts of random curves of that
-    argument.
+    """Return for each argument of an option's formula its signatures times the parts of random curves of it.
 
-    Where the option tells where its carriages stand, its signatures times slow functions of these, all together.
+    Where the option gives the positions of its carriages, return its signatures times slow functions of these, all
+    together.
     """
     if slow_along(o.effect, o.fit.model.formulation.data, ALONG):
         return [_slow_forms(o, ALONG)]
@@ -171,9 +171,9 @@ def _random_forms(o: Option) -> list[list[Array]]:
 
 
 def _slow_forms(o: Option, terms: int) -> list[Array]:
-    """Return, for each argument of an option's formula, its signatures times so many slow functions of that argument.
+    """Return for each argument of an option's formula its signatures times so many slow functions of it.
 
-    Where the option tells where its carriages stand, times those of these instead, all together.
+    Where the option gives the positions of its carriages, return those times slow functions of these, all together.
     """
     data, k = o.fit.model.formulation.data, len(o.effect.coefficients)
     if along := slow_along(o.effect, data, ALONG):
@@ -199,11 +199,11 @@ def _arguments(o: Option, data: MeasuredData) -> Iterator[tuple[str, Array]]:
 
 
 def random_curve(x: Array, length: float) -> Array:
-    """Return the parts, (n, m), of a random smooth function of x, (n,): the parts times standard normal numbers,
-    summed.
+    """Return the parts, (n, m), of a random smooth function of x, (n,).
 
-    Its values are normal, their correlation is exp(-d^2 / 2) at a distance of d times `length`, a part of what x
-    covers. Its mean over the finite x is zero and its rms there one; elsewhere it is zero.
+    The function is the sum of the parts times standard normal numbers. Its values are normal, their correlation is
+    exp(-d^2 / 2) at a distance of d times `length`, a part of the range of x. Its mean over the finite x is zero and
+    its rms there one; elsewhere it is zero.
     """
     known = np.isfinite(x)
     low, high = float(np.min(x[known])), float(np.max(x[known]))
@@ -222,7 +222,7 @@ def _correlation(one: Array, other: Array, length: float) -> Array:
 
 
 def _least(y: Array, D: Array, T: Array, effect: Effect, c: Array, off: Sequence[float]) -> float:
-    """Return the least of minus twice the log of the likelihood of y over possible sizes of the effect.
+    """Return the minimum of minus twice the log-likelihood of y over possible sizes of the effect.
 
     The form m is integrated out: normal, as large as one of the parts `off` of T, all equally likely.
     """

@@ -1,4 +1,4 @@
-"""Which effects no pose can tell apart: beside calibration they leave the same signature wherever the joints stand.
+"""Which effects no pose can tell apart: beside calibration they have the same signature at all positions of the joints.
 
 Poses are drawn at random: each joint anywhere in the range of its readings, independently of the others, and from
 either side; the instruments read what the model predicts there. Where one effect is, up to rounding, a combination of
@@ -27,9 +27,9 @@ _FULL = 1e-10  # of the largest singular value, below which a direction is round
 
 
 def same_in_any_pose(found: Fit, effects: Sequence[Effect]) -> tuple[tuple[Effect, Effect], ...]:
-    """Return the pairs of `effects` that leave the same signature in every pose, as far as poses can be drawn.
+    """Return the pairs of `effects` that have the same signature in every pose.
 
-    They can be drawn for a machine that predicts what is measured from its joints; for any other there are no pairs.
+    Poses can be drawn for a machine that predicts measured columns from its joints; for any other there are no pairs.
     """
     posed = _posed(found)
     if posed is None:
@@ -75,7 +75,7 @@ def _columns(derivative: Array) -> Array:
 
 
 def _same(one: Array, other: Array) -> bool:
-    """Tell whether two sets of columns span the same space, beside nothing of either."""
+    """Tell whether two sets of columns span the same space."""
     if one.shape[1] != other.shape[1] or not one.shape[1]:
         return False
     ends = [np.linalg.svd(rest, full_matrices=False) for rest in (one, other)]

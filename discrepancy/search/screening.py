@@ -1,8 +1,8 @@
 """Screening: a part of very many readings shows which candidates can still win; only those are fitted to all readings.
 
 Each candidate is fitted to the same part of the readings. The difference of two candidates' gains is a sum over
-readings, so its value over all readings can be estimated, with a standard error. A candidate is out if it is behind by
-more than that error, and by more than a fit to all readings could change.
+readings, so its value over all readings can be estimated, with a standard error. A candidate is left out if it is
+behind by more than several standard errors, and by more than a fit to all readings could change.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class Tests:
 
     @property
     def still(self) -> float:
-        """Return the p of "nothing shows any more": the smaller of names and smooth terms, each by its share."""
+        """Return the p of "nothing is left": the smaller of names' and smooth terms', each over its share."""
         return min(1.0, self.p_names / thresholds().share_names, self.p_smooth / thresholds().share_smooth)
 
     @property
@@ -147,7 +147,7 @@ def _least(group: int) -> float:
 
 
 def _of_waves(at: Fit, on: ProjectedScores, candidates: Sequence[Effect]) -> list[Array]:
-    """Return the bases of the waves of free period: of those next to each other, two tell of one length, one is."""
+    """Return the visible bases of every second wave of free period, because neighbours are nearly the same."""
     waves = [effect for effect in candidates if has_free_period(effect)][::2]
     return [U for one, U in score_all(at, on, waves) if one.m and len(U)]
 
@@ -173,9 +173,10 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
 
 
 def _placed(base: Fit, on: ProjectedScores, ranked: Sequence[Scored]) -> list[Scored]:
-    """Return the best of each name, those that change once at the best of their finer places, the largest gain first.
+    """Return the best of each name, the largest gain first; a step is taken at the best of its finer places.
 
-    Beside a clear effect a step at the wrong one of two readings falls far behind, and would not be looked at again.
+    Without that, a step at the wrong one of two readings would be far behind beside a clear effect, and would not be
+    tried again.
     """
     top = max((delta_bic(s, on) for s in ranked), default=0.0)
     told = []
@@ -211,8 +212,7 @@ def _quoted(effect: Effect, x: Array) -> float:
 
 
 def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
-    """Return options by gain; but of those that differ from the best only by an error of form, the simplest comes
-    first.
+    """Return options by gain; of those that differ from the best only by an error of form, the simplest comes first.
 
     Of declared twins, which no data can order, the one of one instrument comes before the one of all joints.
     """
@@ -264,15 +264,15 @@ def close(found: Sequence[Option]) -> tuple[Option, ...]:
 
 
 def told_apart(top: Option, behind: float) -> float:
-    """Return how much it means that an option is so far `behind` the best one, where readings are very many."""
+    """Return the significance of the distance `behind` of an option to the best one, where readings are very many."""
     return top.fit.noise.told_apart(behind, top.fit.degrees)
 
 
 def spared(o: Option, top: Option) -> float:
-    """Return how much of the best one's gain is not counted against an option, because no formula is exact physics.
+    """Return the part of the best one's gain that is not counted against an option: no formula is exact physics.
 
-    A formula with more numbers has no excuse for fitting worse. One with fewer is forgiven what an error of its form
-    leaves, because the richer formula may fit better only as it absorbs that error.
+    A formula with more numbers has no such allowance. One with fewer has: what the error of its form leaves, because
+    the richer formula may fit better only as it absorbs that error.
     """
     numbers = len(o.effect.coefficients) - len(top.effect.coefficients)
     if o.effect.positions > top.effect.positions and abs(o.fit.cost - top.fit.cost) <= _SAME * top.fit.cost:

@@ -1,9 +1,9 @@
-"""The fallback where no named effect fits: smooth functions of the covariates, with length and size set by likelihood.
+"""The model where no named effect fits: smooth functions of the covariates, with length and size set by likelihood.
 
-A component adds an unknown function of one covariate (or of the place) to what one instrument says: a Gaussian process
-in the basis of its domain's cosines (Solin and Sarkka 2020), amplitude and length by marginal likelihood with the
-calibration's parameters integrated out. Components are taken one after the other, while they also predict the
-fitting poses better when those are left out in turn. Beyond the range of the fitting rows a function stays as it ends.
+A component adds an unknown function of one covariate (or of the place) to one reading: a Gaussian process in the basis
+of its domain's cosines (Solin and Sarkka 2020), with amplitude and length by marginal likelihood and the calibration's
+parameters integrated out. Components are added one after the other, while they also predict the fitted poses better
+when those are left out in turn. Outside the range of the fitted rows a function is constant.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ class Component:
     weights: Array = field(default_factory=lambda: np.zeros(0))
 
     def waves(self, data: Mapping[str, Array]) -> tuple[Array, Array]:
-        """Return the cosines at each row, (n, m), and their frequencies, (m,), in radians per range; 0 without value.
+        """Return the cosines at each row, (n, m), and their frequencies, (m,), in radians per range.
 
-        A covariate of a few levels has a column for each.
+        A row with a missing value has 0. A covariate of a few levels has a column for each.
         """
         values = [np.asarray(data[name], dtype=float) for name in self.columns]
         if self.levels:
@@ -75,7 +75,7 @@ class Component:
 class Smooth:
     """An `Effect` without a name and without coefficients: the sum of its components as they were found.
 
-    It holds the formulation and the parameters about which it was found, because a place is computed from both.
+    It holds the formulation and the parameters at which it was found, because a place is computed from both.
     """
 
     components: tuple[Component, ...]
@@ -115,7 +115,7 @@ class Smooth:
 def smoothed(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     """Return the fit with the smooth functions that these data support; `base` itself where none predicts.
 
-    Scores of heavy-tailed noise are clipped, and smooth errors with them: another pass then fits what is left.
+    Scores of heavy-tailed noise are clipped, and smooth errors with them, so another pass fits the remaining error.
     """
     current = base
     for _ in range(_PASSES if np.isfinite(base.noise.t_degrees) else 1):
@@ -187,7 +187,7 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
 
 
 def _columns(chosen: list[tuple[_Tried, Array]], n: int) -> Array:
-    """Return what calibration leaves of the chosen components' columns, each scaled to a weight of variance 1."""
+    """Return the chosen components' columns, projected off calibration, each scaled to a weight of variance 1."""
     return np.concatenate([np.zeros((n, 0)), *(one.seen * np.sqrt(v) for one, v in chosen)], axis=1)
 
 
@@ -212,7 +212,7 @@ def _components(term: SmoothTerm, n: int) -> list[Component]:
 @final
 @dataclass(frozen=True, eq=False)
 class _Tried:
-    """A component's cosines in the scores: as they are, `raw` (N, m), and as calibration leaves them, `seen`."""
+    """A component's cosines in the scores: `raw` (N, m), and projected off calibration, `seen`."""
 
     component: Component
     raw: Array
@@ -228,7 +228,7 @@ def _variances(component: Component, frequencies: Array, raw: Array) -> Array:
 
 
 def _likeliest(one: _Tried, B: Array, y: Array, degrees: int, least: float) -> tuple[float, _Tried, Array]:
-    """Return the gain in log-likelihood of a component beside what is chosen, B, at its best length and size.
+    """Return the gain in log-likelihood of a component beside the chosen ones, B, at its best length and size.
 
     All is relative to the unexplained part so far. The unexplained part afterwards is profiled out; its least value is
     `least`.
@@ -256,7 +256,7 @@ def _likeliest(one: _Tried, B: Array, y: Array, degrees: int, least: float) -> t
 
 
 def _crossed(J: Array, B: Array, rest: float, y: Array, fold: Array) -> Array:
-    """Return the squared errors of y, (N,), on poses left out in turn, told by calibration J and smooth columns B."""
+    """Return the squared errors of y, (N,), at poses left out in turn, predicted by calibration J and columns B."""
     X = np.concatenate([J, B], axis=1)
     held = np.concatenate([np.full(J.shape[1], 1e-9), np.full(B.shape[1], rest**2)])
     whole, right = X.T @ X, X.T @ y

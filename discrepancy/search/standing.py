@@ -1,8 +1,8 @@
-"""Which names still stand beside smooth functions: a name that only imitates a cause without a name does not.
+"""Which names are still significant beside smooth functions: a name that only imitates an unnamed cause is not.
 
-Where something is missing that no name explains, the nearest names explain a part of it, and smooth functions explain
-more. A named cause that is there as well explains more than any smooth function of one covariate, because it shows in
-all readings at once; and it still gains beside all smooth functions together.
+Where an error has no name, the nearest names explain a part of it, and smooth functions explain more. A named cause
+that is there as well explains more than any smooth function of one covariate, because it shows in all readings at once;
+and it still gains beside all smooth functions together.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from calibench.discrepancy.thresholds import thresholds
 
 
 def with_smooth_terms(base: Fit, terms: Sequence[SmoothTerm], most: int) -> Fit:
-    """Return the fit with the smooth terms that gain, at most as many as names, which must explain as much."""
+    """Return the fit with the smooth terms that gain, at most as many as names, with which they are compared."""
     current = base
     for _ in range(max(most, thresholds().smooth_beside)):
         tests = run_tests(current, (), terms, None)
@@ -44,8 +44,9 @@ def standing(
 ) -> tuple[tuple[Option, ...], ...]:
     """Return the sets that stand, each beside those before it, in the order of their gains.
 
-    The first name of one gains more than the best smooth term, and beside all smooth terms as much as a further name
-    must. `base` is the fit without effects. Of very many readings, where sets have no fits of their own, none stands.
+    The first name of a set must gain more than the best smooth term, and beside all smooth terms as much as a further
+    name must. `base` is the fit without effects. Of very many readings, where sets have no fits of their own, none
+    stands.
     """
     if len(base.r) >= thresholds().drawn_rows:
         return ()
@@ -65,7 +66,7 @@ def standing(
 
 
 def _with(at: Fit, one: Option) -> Fit | None:
-    """Return a fit with one name more; None where it does not settle."""
+    """Return a fit with one more name; None where it does not converge."""
     found = fit_with(at, [one.effect])
     return found if found.converged and np.isfinite(found.cost) else None
 

@@ -171,7 +171,7 @@ def _with_another(picked: Picked, ground: Fit, candidates: Sequence[Effect], kep
 
 
 def _needed(picked: Picked, base: Fit, ground: Fit) -> Picked:
-    """Return the picks without those that explain nothing beside the others, be the forms of `ground` there or not.
+    """Return the picks without those that explain nothing beside the others, with the forms of `ground` and without.
 
     They were found before the others, and were not tested again once a form was in the model.
     """
@@ -187,7 +187,7 @@ def _needed(picked: Picked, base: Fit, ground: Fit) -> Picked:
 
 
 def _worth(at: Fit, effect: Effect) -> float:
-    """Return what an effect of a fit gains there, to first order."""
+    """Return the gain of an effect of a fit, to first order."""
     place = len(at.model.formulation.parameters)
     for other in at.model.effects:
         if name_of(other) == name_of(effect):
@@ -205,7 +205,7 @@ def _gained(base: Fit, at: Fit) -> float:
 
 
 def _overall(at: Fit, tests: Tests) -> float:
-    """Return the p of "nothing more": the smallest of names, smooth terms and lack of fit, each by its share."""
+    """Return the p of "nothing is left": the smallest of names, smooth terms and lack of fit, each over its share."""
     y, degrees = tests.on.y, tests.on.degrees
     lack = excess_p(float(y @ y) / degrees, degrees, at.noise.known)
     return min(tests.still, lack / thresholds().share_misfit)
@@ -270,10 +270,10 @@ def _stand(sets: Sequence[tuple[Option, ...]], base: Fit, terms: Sequence[Smooth
 
 
 def _by_far(selection: Selection, explained: float) -> bool:
-    """Return whether the first name gains so much more than any smooth function that it stands, whatever is left.
+    """Return whether the first name gains so much more than any smooth function that it stands, whatever remains.
 
-    A cause without a name is nearer to some smooth function than to a wrong name. Where smooth functions explain
-    nothing at all, there is nothing to compare the name with.
+    An unnamed cause is nearer to some smooth function than to a wrong name. Where smooth functions explain nothing at
+    all, there is nothing to compare the name with.
     """
     smooth = selection.first.smooth_gain
     named = max(own[0].gain for own in selection.sets)
@@ -290,8 +290,8 @@ def _large_forms(selection: Selection) -> bool:
 def _form_errors(selection: Selection) -> float:
     """Return the excess that the names would leave if their formulas were off by as much as formulas may be.
 
-    Calibration may absorb nearly all of an effect, and nothing of the error of its form. So that error is a part of the
-    whole effect, not of its visible rest.
+    Calibration may absorb nearly all of an effect, and nothing of the error of its form. So that error is relative to
+    the whole effect, not to its visible part.
     """
     at = selection.fit
     whole = sum(max(energy_of(option) for option in own) for own in selection.sets)
@@ -303,7 +303,7 @@ def _formed(finding: Finding, effect: Effect, selection: Selection) -> Finding:
 
 
 def _said(findings: Sequence[Finding]) -> Verdict:
-    """Return the verdict that findings make."""
+    """Return the verdict that follows from findings."""
     if not findings:
         return "none"
     sure = [f for f in findings if not f.caution]  # a finding that may be the error of a formula is no second claim
@@ -329,10 +329,9 @@ def _few(at: Fit) -> bool:
 
 
 def _doubt(base: Fit, at: Fit) -> float:
-    """Return by how much a fit may explain more than it seems to, because degrees of freedom are few; 0 if they are
-    many.
+    """Return by how much the explained part may be underestimated, because degrees of freedom are few.
 
-    It is two standard deviations of the rest, which is a noncentral chi-square.
+    It is 0 if they are many, else two standard deviations of the rest, which is a noncentral chi-square.
     """
     before = _excess(base)
     if not _few(base) or before <= 0:

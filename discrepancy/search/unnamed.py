@@ -1,7 +1,7 @@
-"""An error without a name, told so that the owner can act: which number errs, over what, how much, in which course.
+"""An error without a name, described so that the user can act: which number errs, over what, how much, in what shape.
 
-Where no formula fits, smooth functions were fitted. Each is a function of one covariate, so its course can be told in
-words: over an angle that was read over its whole turn as waves a turn, over anything else as a line, a bend, an S, or
+Where no formula fits, smooth functions were fitted. Each is a function of one covariate, so words can describe its
+shape: over an angle that was read over its whole turn as waves a turn, over anything else as a line, a bend, an S, or
 by its number of waves.
 """
 
@@ -41,7 +41,10 @@ def unnamed_of(final: Fit) -> tuple[Unnamed, ...]:
 
 
 def nearest_of(tests: Tests) -> Nearest | None:
-    """Return the formula that explains most of the excess over the noise, and its share; None where none does."""
+    """Return the formula that explains most of the excess over the noise, and its share.
+
+    It is None where no formula explains any.
+    """
     best = best_of_each(tests.names, tests.on)[:1]
     excess = tests.on.total - tests.on.degrees
     if not best or not best[0].m or excess <= 0:
@@ -78,7 +81,7 @@ def _rows(part: Component, formulation: Formulation) -> Mapping[str, Array]:
 
 
 def _course(grid: Array, values: Array, turn: float) -> str:
-    """Return in words what a function on an even grid looks like; `turn` is that of its argument, 0 where it has none.
+    """Return the shape of a function on an even grid in words; `turn` is that of its argument, 0 where it has none.
 
     Shares are shares of its variance.
     """
@@ -112,14 +115,14 @@ def _shares(powers: Sequence[float], words: Sequence[str]) -> str:
 
 
 def _turn_of(covariate: str, formulation: Formulation) -> float:
-    """Return the turn of a rotary joint whose reading the covariate is, in its unit; 0 of anything else."""
+    """Return the turn of the rotary joint whose reading the covariate is, in its unit; 0 for any other covariate."""
     turns = {"rad": 2 * np.pi, "deg": 360.0}
     joints = {joint.reading: joint for joint in roles_of(formulation).joints if joint.kind == "rotary"}
     return turns.get(joints[covariate].unit, joints[covariate].period) if covariate in joints else 0.0
 
 
 def _unit_of(quantity: str, formulation: Formulation) -> tuple[str, float]:
-    """Return the unit in which a quantity is told, and how many of its own unit one of them is."""
+    """Return the unit in which a quantity is reported, and one of it in the quantity's own unit."""
     joint = next((joint for joint in roles_of(formulation).joints if joint.reading == quantity), None)
     if joint is not None:
         return (joint.told, between(quantity, joint.told, joint.unit)) if joint.told else (joint.unit, 1.0)

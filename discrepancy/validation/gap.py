@@ -1,6 +1,6 @@
 """The gap before and after, on the fitted rows and on held-out poses, relative to the noise floor there.
 
-On unseen rows noise leaves two things: that of the readings, and that of the parameters it was calibrated with.
+On unseen rows noise has two parts: that of the readings, and that of the calibrated parameters.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def gap_of(
 
 
 def _surely_placed(hold: Formulation, final: Fit) -> Formulation:
-    """Return the unseen rows without those between the fitted readings around a step: on which side, nothing tells."""
+    """Return the unseen rows without those between the fitted readings around a step, whose side is unknown."""
     sure = np.ones(len(hold.data), dtype=bool)
     for effect in final.model.effects:
         if isinstance(effect, ChangePoint):
@@ -100,17 +100,17 @@ def _wild(final: Fit, suspects: Sequence[NoiseFinding]) -> bool:
 def _floor(
     final: Fit, learned: Sequence[tuple[Fit, Formulation, Noise]], unseen: MeasuredData, left: Array, wild: bool
 ) -> tuple[float, float]:
-    """Return the rms that noise leaves on unseen rows, of their readings and of the parameters found; and its spread.
+    """Return the rms error of noise alone on unseen rows, of their readings and of the parameters, and its spread.
 
-    `learned` are the calibrations, each with the rows it predicts and their law: few readings say less of the rest of
-    them than of themselves, so those of a cross-validation are taken one by one. The spread is the standard deviation
-    of the logarithm over calibrations anew: parameters err on all rows together, which no resampling of rows can tell.
-    Where single readings far out decide, no variance is told beforehand: there it is that of the differences between
-    repeats of the unseen rows, which the same readings decide.
+    `learned` are the calibrations, each with the rows it predicts and their law. Few readings predict the others worse
+    than themselves, so the calibrations of a cross-validation are used one by one. The spread is the standard deviation
+    of the logarithm over repeated calibrations: errors of parameters are common to all rows, so resampling rows does
+    not show them. Where a few outlying readings dominate, the variance cannot be computed beforehand; it is then taken
+    from the differences between repeats of the unseen rows, which the same readings dominate.
     """
     own, spread = final.noise.scale**2, 0.0
-    told_by_repeats = not final.noise.profiled or final.noise.scale != 1.0
-    if np.isfinite(final.noise.known) and told_by_repeats:  # else errors are compared with each other, not with noise
+    estimated = not final.noise.profiled or final.noise.from_repeats  # else errors are compared with each other
+    if np.isfinite(final.noise.known) and estimated:
         spread = 2 * own**2 / max(final.noise.known, 1.0)
     if wild:
         first, second = pairs_of(unseen)
@@ -133,7 +133,7 @@ def _floor(
 
 
 def _law(final: Fit, rows: Formulation, suspects: Sequence[NoiseFinding]) -> Noise:
-    """Return the law of some rows' readings where the noise is blamed: coarse steps, and which are outlying."""
+    """Return the law of some rows' readings where the noise is blamed: coarse steps, and outlying readings."""
     extra = {name: variance for name, variance in final.noise.extra.items() if np.ndim(variance) == 0}  # all rows alike
     for suspect in suspects:
         if suspect.family == "quantisation":

@@ -27,8 +27,8 @@ def held_out(before: Array, after: Array, data: MeasuredData, rng: np.random.Gen
     """Return the gap of whitened residuals (n, c) on held-out rows; its interval by a bootstrap over whole poses.
 
     The interval is symmetric in the logarithm, Student's with one degree of freedom a pose: percentiles of the
-    resamples themselves are too narrow for the few dozen poses that are held out. `common` is what all rows share of
-    its spread: the standard deviation of the logarithm that the errors of the parameters add.
+    resamples themselves are too narrow for the few dozen poses that are held out. `common` is the part of the spread
+    that all rows share: the standard deviation of the logarithm that the errors of the parameters add.
     """
     poses = np.unique(
         np.asarray(data["pose_id"] if data.has("pose_id") else np.arange(len(data))), return_inverse=True
@@ -55,10 +55,10 @@ def root(values: Array) -> float:
 
 
 def folds(data: MeasuredData, count: int = 5) -> Array:
-    """Return the fold of each row, (n,): whole poses, dealt in the order of their names.
+    """Return the fold of each row, (n,): whole poses, distributed in the order of their names.
 
-    Where data have a `shared_id`, of poses whose readings share noise, those of one are not parted: noise that is in
-    the fit and in what it is compared with would pass for a prediction.
+    Where data have a `shared_id`, of poses whose readings share noise, all rows of one are in one fold: noise in both
+    the fit and the left-out rows would look like a prediction.
     """
     name = next((name for name in ("shared_id", "pose_id") if data.has(name)), None)
     whole = np.asarray(data[name]) if name else np.arange(len(data))
@@ -66,6 +66,6 @@ def folds(data: MeasuredData, count: int = 5) -> Array:
 
 
 def shrink(before: float, after: float, floor: float) -> float:
-    """Return the part of the excess over the floor, in squares, that is gone; NaN where there was none."""
+    """Return the part of the excess over the floor, in squares, that was removed; NaN where there was no excess."""
     excess = before**2 - floor**2
     return float(1 - max(after**2 - floor**2, 0.0) / excess) if excess > 0 else float("nan")

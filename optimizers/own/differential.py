@@ -12,6 +12,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from calibench.optimizers.base import Objective, Reason, Traits, registry
+from calibench.optimizers.own.population_traits import population_traits
 from calibench.optimizers.own.warm_up import rehearse
 
 
@@ -44,13 +45,7 @@ class DifferentialEvolution:
     @property
     def traits(self) -> Traits:
         """Return the traits; the first sample is one population."""
-        return Traits(
-            stochastic=True,
-            uses_start=False,
-            minimum_budget=self.population,
-            needs_finite_bounds=True,
-            batches=True,
-        )
+        return population_traits(self.population)
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Breed generations until the objective stops it."""

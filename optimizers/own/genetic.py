@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry
+from calibench.optimizers.own.population_traits import population_traits
 from calibench.optimizers.own.warm_up import rehearse
 
 _LONGEST = 53  # bits of a parameter that a double holds exactly
@@ -75,13 +76,7 @@ class GeneticAlgorithm:
     @property
     def traits(self) -> Traits:
         """Return the traits; the first sample is one population."""
-        return Traits(
-            stochastic=True,
-            uses_start=False,
-            minimum_budget=self.population,
-            needs_finite_bounds=True,
-            batches=True,
-        )
+        return population_traits(self.population)
 
     def lengths(self, width: Array) -> NDArray[np.int64]:
         """Return the bits of each parameter, shape (dim,), at least one: L = ceil(log2(width / precision)).

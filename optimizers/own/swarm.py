@@ -13,6 +13,7 @@ from typing import ClassVar, Literal, final
 import numpy as np
 
 from calibench.optimizers.base import Objective, Reason, Traits, registry
+from calibench.optimizers.own.population_traits import population_traits
 from calibench.optimizers.own.warm_up import rehearse
 
 
@@ -80,13 +81,7 @@ class ParticleSwarm:
     @property
     def traits(self) -> Traits:
         """Return the traits; the first sample is one population."""
-        return Traits(
-            stochastic=True,
-            uses_start=False,
-            minimum_budget=self.population,
-            needs_finite_bounds=True,
-            batches=True,
-        )
+        return population_traits(self.population)
 
     def inertia(self, flight: int, flights: int) -> float:
         """Return w of a flight, 0 .. flights - 1: `w_first` at the first, `w_last` at the last, linear between."""

@@ -1,4 +1,4 @@
-"""Where a delta is measured: places on the bed that the probe touches, and pairs of places on a printed object.
+"""The places where a delta is measured: on the bed that the probe touches, and in pairs on a printed object.
 
 The object is a hexagon with spokes, as firmwares propose it: six distances from its middle to its corners, and its six
 sides. Lengths are shares of the bed's radius.

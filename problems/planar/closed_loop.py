@@ -114,6 +114,7 @@ class Planar:
         """Return the errors, shape (k,), that are below `limits`, shape (k,), to the last bit those of `batch`.
 
         Of any other candidate the value only tells that it is not below its limit: its sum may have been given up.
+        Raises `ValueError` for limits of another shape.
         """
         if limits.shape != (len(points),):
             raise ValueError(f"{self.name}: limits have shape {limits.shape}, ({len(points)},) is needed")
@@ -243,7 +244,10 @@ class Planar:
 
     @property
     def gauge_curve(self) -> Callable[[float], Array]:
-        """Return phi [rad] -> physical parameters on the gauge curve through the truth (or start), shape (dim,)."""
+        """Return phi [rad] -> physical parameters on the gauge curve through the truth (or start), shape (dim,).
+
+        Raises `ValueError` for a problem without a gauge.
+        """
         if self.gauge is None:
             raise ValueError(f"{self.name} has no gauge: all its parameters can be seen in the readings")
         machine, gauge = self._machine(self.start if self.truth is None else self.truth), self.gauge

@@ -154,7 +154,10 @@ class Tracking:
         return self.parameters
 
     def with_reading_errors(self, errors: Array) -> Tracking:
-        """Return the problem whose recorded readings are wrong by `errors`, shape (n, 3), rad (section 2.3)."""
+        """Return the problem whose recorded readings are wrong by `errors`, shape (n, 3), rad (section 2.3).
+
+        Raises `ValueError` for errors of another shape.
+        """
         n = len(self.points)
         if np.shape(errors) != (n, 3):
             raise ValueError(f"errors have shape {np.shape(errors)}: ({n}, 3) is needed, a row for a pose")

@@ -24,7 +24,10 @@ _GROUPS = (  # last function of each, as the suite divides them
 
 @registry.register("bbob")
 def bbob(function: Function = 1, dimension: Literal[2, 3, 5, 10, 20, 40] = 5, instance: int = 1) -> BlackBox:
-    """One of COCO's 24 noiseless functions (bbob), in an instance; needs the package coco-experiment."""
+    """One of COCO's 24 noiseless functions (bbob), in an instance; needs the package coco-experiment.
+
+    Raises `ValueError` for an instance below 1, and where the package is missing.
+    """
     if instance < 1:
         raise ValueError(f"bbob.instance={instance}: must be 1 or above")
     package("cocoex", "coco-experiment", "bbob")

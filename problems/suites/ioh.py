@@ -54,7 +54,11 @@ _COMPETITION = tuple(10.0**-k for k in range(1, 6))  # the accuracy levels of CE
 
 @registry.register("ioh")
 def ioh(suite: Suite = "BBOB", function: int = 1, dimension: int | None = None, instance: int = 1) -> BlackBox:
-    """A function of one of IOHexperimenter's continuous suites, in an instance; needs the package ioh."""
+    """A function of one of IOHexperimenter's continuous suites, in an instance; needs the package ioh.
+
+    Raises `ValueError` for a function, an instance or a dimension that the suite lacks, and where the package is
+    missing.
+    """
     kind = _KINDS[suite]
     if not kind.first <= function <= kind.last:
         raise ValueError(f"ioh.function={function}: {suite} has {kind.first} to {kind.last}")

@@ -59,6 +59,18 @@ def test_a_wrong_question_is_one_line(words, said, capsys):
     assert err.count("\n") == 1
 
 
+def test_readings_that_a_model_meets_to_rounding_are_none_too_far_off_and_show_effects(capsys):
+    """A parallel leg of the plan reads exactly 0, and rows that share their Zero are known by exact numbers."""
+    code, out, err = call("design machine=orthoglide plan=cross next=0 --json", capsys)
+    assert (code, err) == (0, "")
+    seen = {one["effect"]: one["visible_fraction"] for one in json.loads(out)["candidates"]}
+    assert seen["guide_lean axis x"] == pytest.approx(
+        seen["guide_lean axis z"], rel=1e-6
+    )  # the plan is alike in x, y, z
+    assert 0.2 < seen["guide_lean axis x"] < 0.6
+    assert seen["axis_orthogonality all"] > 0.9
+
+
 @pytest.mark.slow
 def test_every_plan_that_is_listed_can_be_made(capsys):
     assert {"grid", "disc"} <= set(plan_names("gpm2002"))

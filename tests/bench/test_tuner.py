@@ -43,7 +43,7 @@ def test_trials_are_ordinary_rows_and_the_choice_is_told(run_bench, tmp_path) ->
     assert len(_trials(out)) == 5
     assert "(nested, leaving one instance out)" in out
     assert "gain over the default" in out
-    assert "the nested score knows nothing of that optimism" in out
+    assert "the nested score leaves out that optimism" in out
     found = choose(rows)
     told = {round(float(number), 3) for number in re.findall(r"score (-?[\d.]+)", "\n".join(_trials(out)))}
     assert told == {round(float(score), 3) for score in found.nested.scores}

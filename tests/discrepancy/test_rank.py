@@ -1,4 +1,4 @@
-"""What data cannot tell of a machine is named, held, and carries no error; equations count by rank."""
+"""A parameter that data do not determine is named and held, without a standard error; equations count by rank."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -49,7 +49,7 @@ def report():
 def test_what_the_data_cannot_tell_is_named_and_held(report):
     assert report.verdict == "none"
     notes = " ".join(report.notes)
-    assert "these data say nothing of unseen: unseen is held at 5 mm and carries no error" in notes
+    assert "these data do not determine unseen: unseen is held at 5 mm and has no standard error" in notes
     assert "cannot tell base from z1: only a combination of them is determined; base is held at 0 rad" in notes
 
 

@@ -57,7 +57,7 @@ def test_repeats_are_believed_where_pairs_and_visits_agree_against_the_statement
     law, _, notes = law_of(factor * np.random.default_rng(2).standard_normal((len(data), 1)), data)
     assert law.autocorrelation == 0.0
     assert law.scale == pytest.approx(factor, rel=0.15)
-    assert "repeats are believed" in notes[0]
+    assert "their scatter is used" in notes[0]
 
 
 def test_noise_as_stated_is_left_alone() -> None:

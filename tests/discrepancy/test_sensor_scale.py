@@ -1,4 +1,4 @@
-"""A statement that is wrong for one kind of sensor: the repeats are believed, and nothing is made up."""
+"""A statement that is wrong for one kind of sensor: the scatter of the repeats is used, and nothing is made up."""
 
 from __future__ import annotations
 

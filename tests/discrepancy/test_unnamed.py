@@ -109,7 +109,7 @@ def test_a_further_column_beside_joints_alone_is_told_to_have_no_names() -> None
 def test_a_few_readings_are_told_to_show_nearly_nothing() -> None:
     azimuth = np.linspace(0, 6, 5)
     report = explain(Circle(), MeasuredData({"azimuth": azimuth, "hz": azimuth, "clock": azimuth}, "circle", {}, "run"))
-    assert any("4 equations left beside what is calibrated" in note for note in report.notes)
+    assert any("4 equations left after calibration" in note for note in report.notes)
     assert not any("equations left" in note for note in told("fine").notes)
 
 

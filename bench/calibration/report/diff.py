@@ -1,4 +1,4 @@
-"""What a calibration changes in the URDF, with errors, and what it leaves as it was because the data do not tell."""
+"""The changes of the URDF by a calibration, with errors, and the numbers that the data do not determine."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def undetermined_of(fit: Fit, draws: Array) -> tuple[Undetermined, ...]:
 def origins_of(robot: Robot, fit: Fit, tip: str) -> dict[str, Array]:
     """Return the new origins of the URDF's joints that change, joint -> (4, 4) [mm].
 
-    With a stated `tip` the target is that link, so the fixed joint before it takes up where the target was found.
+    With a stated `tip` the target is that link, so the fixed joint before it gets the transform to the target.
     """
     own = {joint.name: joint for joint in robot.joints}
     found = {}
@@ -92,9 +92,9 @@ def origins_of(robot: Robot, fit: Fit, tip: str) -> dict[str, Array]:
 
 
 def changes_of_tip(robot: Robot, fit: Fit, tip: str, draws: Array) -> tuple[Change, ...]:
-    """Return how far the fixed joint before a stated `tip` moves along and turns about the axes that it has behind it.
+    """Return the shift and turn of the fixed joint before a stated `tip`, along and about the axes of its frame.
 
-    Empty without one: the target is somewhere on the last link then, and the URDF has no place for it.
+    Empty without one: the target is then somewhere on the last link, and the URDF has no place for it.
     """
     last = _before(robot, tip)
     if last is None:

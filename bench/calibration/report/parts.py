@@ -12,7 +12,7 @@ from calibench.bench.calibration.report.result import Drawn, Part
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array
 
-_FEWEST = 5  # poses of a part that is told
+_FEWEST = 5  # fewest poses of a part that is reported
 _RANGES = 4
 
 

@@ -47,7 +47,7 @@ class Change:
 @final
 @dataclass(frozen=True)
 class Undetermined:
-    """A number that keeps its nominal value: what moves the readings as it does, or how badly it would be known."""
+    """A number that keeps its nominal value: the numbers that act like it, or how uncertain it would be."""
 
     parameter: str
     reason: str

@@ -1,7 +1,7 @@
-"""The calibrated URDF: the owner's own file, in which nothing but the origins of some joints is another text.
+"""The calibrated URDF: the user's own file, in which only the origins of some joints have new text.
 
-Comments, meshes, order and spaces stay as they are: the place of each origin is told by an XML parser, and only the
-two attributes are written anew. A first comment says what was done.
+Comments, meshes, order and spaces stay as they are. An XML parser gives the place of each origin, and only its two
+attributes are written anew. A first comment says what was done.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def rpy_of(turn: Array) -> tuple[float, float, float]:
 @final
 @dataclass
 class _Place:
-    """Bytes of a joint: from where its inside begins, and the tag of its origin."""
+    """Bytes of a joint: where its content begins, and the tag of its origin."""
 
     inside: int
     origin: tuple[int, int] | None = None
@@ -65,7 +65,7 @@ class _Place:
 @final
 @dataclass
 class _Reader:
-    """What the parser has met: the open elements, and the joints by name ("" is the robot itself)."""
+    """State of the parser: the open elements, and the joints by name ("" is the robot itself)."""
 
     text: bytes
     parser: Any

@@ -1,4 +1,4 @@
-"""A calibration in words: what it says first, what it says of itself, and the cells of its tables."""
+"""A calibration in words: the headline, further sentences, and the cells of its tables."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def headline(found: Calibration) -> str:
     before, after = found.before, found.after
     if found.chosen == "frames":
         return (
-            f"calibrating does not make poses that were not fitted more true: {plain(before.rms, 3)} mm rms as the "
-            f"URDF is; nothing in it is changed{_but(found)}"
+            f"calibration does not reduce the error of poses that were not fitted: {plain(before.rms, 3)} mm rms as "
+            f"the URDF is; nothing in it is changed{_but(found)}"
         )
     low, high = after.ci95
     turned = ""
@@ -41,7 +41,7 @@ def _but(found: Calibration) -> str:
 
 
 def sentences(found: Calibration) -> list[str]:
-    """Return what else belongs to the answer."""
+    """Return the sentences after the headline."""
     said = [
         f"{found.poses} poses of {len(found.joints)} joints, {_SHORT[found.observed]} read, {found.base} to "
         f"{found.tip}; {found.folds}"
@@ -78,12 +78,12 @@ def _level(error: Error, found: Calibration) -> list[str]:
 
 
 def rows_of_changes(found: Calibration) -> list[list[str]]:
-    """Return joint, what, by how much and its interval, a row for each number that the data determine."""
+    """Return joint, number, change and its interval: a row for each number that the data determine."""
     return [[change.joint, change.what, by(change), interval(change)] for change in found.changes]
 
 
 def by(change: Change) -> str:
-    """Return how far a number is off its nominal value.
+    """Return the difference of a number from its nominal value.
 
     >>> by(Change("zero_a", "a", "zero", "rad", 0.0021, 1e-4, (0.0019, 0.0023)))
     '+2.100 mrad (+0.120°)'
@@ -96,7 +96,7 @@ def by(change: Change) -> str:
 
 
 def interval(change: Change) -> str:
-    """Return the 95 % interval of a change, in the unit in which it is told."""
+    """Return the 95 % interval of a change, in the unit of the change."""
     size = {"rad": 1e3, "mm": 1.0}.get(change.unit, 100.0)
     low, high = change.ci95
     return f"{size * low:+.3f} to {size * high:+.3f}"

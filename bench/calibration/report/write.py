@@ -1,4 +1,4 @@
-"""What a calibration leaves on disk: the URDF, the readings as a table of ours, JSON, drawings and a page."""
+"""The files of a calibration: the URDF, the readings as a table, JSON, drawings and a page."""
 
 from __future__ import annotations
 

@@ -28,17 +28,17 @@ def run(argv: list[str]) -> int:
     told = f"beside {found.measured} that are measured" if found.measured else "to begin with"
     print(f"{len(found.joints)} poses {told}, for {found.numbers} numbers of the arm; limits of the {found.limits}\n")
     _print_poses(found)
-    print("\nerror that the calibrated arm has by what is uncertain in its numbers, over the workspace")
+    print("\nerror of the calibrated arm over the workspace, from the uncertainty of its numbers alone")
     count = len(found.joints)
     steps = [n for n in _STEPS if n < count] + [count]
     print_table(["poses more", "error [mm, rms]"], [[str(n), _size(found.chosen.error[n])] for n in steps])
     enough, scatter = found.chosen.enough(found.sigma), f"the scatter of a reading, {plain(found.sigma, 3)} mm"
     if enough is None:
-        print(f"more poses pay: the numbers are not yet known to a third of {scatter}")
+        print(f"more poses help: the numbers are not yet known to a third of {scatter}")
     elif enough == 0:
-        print(f"more poses do not pay: the numbers are known to a third of {scatter}")
+        print(f"more poses do not help: the numbers are known to a third of {scatter}")
     else:
-        print(f"from {enough} on more poses hardly pay: the numbers are known to a third of {scatter}")
+        print(f"from {enough} on more poses hardly help: the numbers are known to a third of {scatter}")
     for note in found.notes:
         print(f"note: {note}")
     if to is not None:

@@ -1,4 +1,4 @@
-"""``bench identify``: what the data of a problem can tell at all."""
+"""``bench identify``: which parameters the data of a problem determine."""
 
 from __future__ import annotations
 

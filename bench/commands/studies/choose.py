@@ -1,4 +1,4 @@
-"""``bench choose STUDY_DIR``: the best setting of a sweep, told with the optimism of having chosen it."""
+"""``bench choose STUDY_DIR``: the best setting of a sweep, with the optimism of choosing it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ABOUT = {
 
 
 def run(argv: list[str]) -> int:
-    """Print of each method that was swept what choosing its best setting is worth; 0."""
+    """Print for each method that was swept what choosing its best setting is worth; return 0."""
     flags, words = split_flags(argv, ("--json",))
     folders = [word for word in words if "=" not in word]
     given = read_pairs("choose", [word for word in words if "=" in word], _KNOWN)
@@ -72,7 +72,7 @@ def _methods(runs: pd.DataFrame, optimizer: str | None) -> list[pd.DataFrame]:
 
 
 def told(chosen: Chosen) -> dict[str, Any]:
-    """Return all that is known of a choice, as plain values."""
+    """Return the statistics of a choice as plain values."""
     nested = asdict(chosen.nested)
     return {
         **{name: getattr(chosen, name) for name in ("optimizer", "by", "over", "units", "runs", "without_answer")},
@@ -112,7 +112,7 @@ def print_chosen(chosen: Chosen) -> None:
 
 
 def _lines(chosen: Chosen) -> list[str]:
-    """Return what is said under the table."""
+    """Return the sentences under the table."""
     found, unit = chosen.nested, chosen.over[:-1]
     seen = "an instance" if chosen.over == "instances" else "a seed"
     lines = [
@@ -123,7 +123,7 @@ def _lines(chosen: Chosen) -> list[str]:
     if found.default is None:
         or_ = "" if chosen.optimizer in optimizers.registry.names() else ", or its class is not here"
         lines.append(
-            f"the default is not among the settings{or_}, so what is won over it is not known; add it to the sweep"
+            f"the default is not among the settings{or_}, so the gain over it is not known; add it to the sweep"
         )
     else:
         says = (
@@ -144,7 +144,7 @@ def _lines(chosen: Chosen) -> list[str]:
 
 
 def _score(chosen: Chosen, value: float) -> str:
-    """Return a score as it is read: log10 gap, or evaluations."""
+    """Return a score for reading: log10 gap, or evaluations."""
     return f"{value:.3f}" if chosen.by == "value" else f"{10**value:.0f}" if value < 300 else "never"
 
 

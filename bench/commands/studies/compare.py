@@ -59,7 +59,7 @@ def _methods(words: list[str]) -> tuple[list[str], tuple[str, str] | None]:
 
 
 def _as_in_rows(name: str) -> str:
-    """Return what rows call an optimiser: of a class in a file, ``./mine.py:Mine``, no path."""
+    """Return the name that rows have for an optimiser: for ``./mine.py:Mine``, a class in a file, no path."""
     if not user_file.is_file_path(name):
         return name
     return f"{user_file.told_name(user_file.place_of(name))}:{name.rpartition(':')[2]}"
@@ -86,7 +86,7 @@ def _sides(folders: list[str], methods: tuple[str, str] | None) -> tuple[pd.Data
 
 
 def _why_none(first: pd.DataFrame, second: pd.DataFrame, any_method: bool) -> str:
-    """Return in which of what cells must share the two sides have nothing in common."""
+    """Return which part of a cell the two sides never have in common."""
     for name in ("problem", *(() if any_method else ("optimizer",)), "start", "budget", "target"):
         a, b = (runs[name].astype(object).fillna("not told").astype(str).unique().tolist() for runs in (first, second))
         if not {*a} & {*b}:
@@ -142,12 +142,12 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
 
 
 def _left(count: int) -> str:
-    """Return how many answers lie outside the box, marked as in the table of a study."""
+    """Return the number of answers outside the box, marked as in the table of a study."""
     return f"◇ {count}" if count else "-"
 
 
 def _apart(first: float, second: float) -> str:
-    """Return two values with three digits, or with as many, up to six, as part them."""
+    """Return two values with three digits, or with up to six where they are needed to distinguish them."""
     texts = ((plain(first, digits), plain(second, digits)) for digits in range(3, 7))
     a, b = next((pair for pair in texts if pair[0] != pair[1]), (plain(first, 3), plain(second, 3)))
     return f"{a} -> {b}"

@@ -1,4 +1,4 @@
-"""``bench status [--watch] STUDY_DIR``: how far a sweep is, seen from any shell that reaches its folder."""
+"""``bench status [--watch] STUDY_DIR``: progress of a sweep, from any shell that can read its folder."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def run(argv: list[str]) -> int:
 
 
 def lines_of(store: ResultStore, progress: SweepProgress) -> list[str]:
-    """Return what is told of a sweep, a line each."""
+    """Return the progress of a sweep as lines."""
     late = f", {progress.timeouts} out of time" if progress.timeouts else ""
     told = [f"{store.folder}: {progress.done} done ({progress.failed} failed{late}), {progress.to_do} left"]
     if progress.pace > 0:

@@ -1,4 +1,4 @@
-"""``bench collect|report STUDY_DIR`` and ``bench merge``: what is made of folders of results."""
+"""``bench collect|report STUDY_DIR`` and ``bench merge``: tables, reports and merged studies from result folders."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def _tell_damaged(paths: list[Path], what: str) -> int:
 
 
 def _findings(path: Path) -> list[str]:
-    """Return, once a problem whatever its error function, what its data cannot tell."""
+    """Return a sentence on what the data cannot determine, once for each problem whatever its error function."""
     if not path.exists():
         return []
     table = pd.read_csv(path, keep_default_na=False)

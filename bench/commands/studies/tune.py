@@ -1,4 +1,4 @@
-"""``bench run tuner=optuna ...``: trials as they end, and what choosing the best of them is worth."""
+"""``bench run tuner=optuna ...``: trials as they end, and the worth of choosing the best of them."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def tune(words: list[str], command: str, carry: Carry, dry_run: bool) -> int:
 
 
 def _line(trial: Trial, done: list[Trial], of: int) -> str:
-    """Return what came of a trial."""
+    """Return the result of a trial as a line."""
     said = ", ".join(f"{option}={_text(value)}" for option, value in trial.values.items())
     name = f"trial {trial.number} of {of}: {said}" if trial.number else "the default"
     if math.isnan(trial.score):
@@ -75,6 +75,6 @@ def _print_choice(mine: pd.DataFrame, tuning: Tuning) -> None:
         return
     if tuning.sampler != "random":
         print(
-            f"trials were proposed ({tuning.sampler}) by their scores on all instances: the nested score knows nothing "
-            "of that optimism; tuner.sampler=random has none, other instances test the choice"
+            f"trials were proposed ({tuning.sampler}) by their scores on all instances: the nested score leaves out "
+            "that optimism; tuner.sampler=random has none, other instances test the choice"
         )

@@ -1,7 +1,7 @@
 """The four drawings of a search for a missing effect, each with its numbers.
 
-WHERE the disagreement sits (target by covariate, and over the workspace); the candidates by what they explain; the
-residuals before and after against what the effect depends on; the error on unseen readings, and the best possible.
+Where the disagreement is (target by covariate, and over the workspace); the candidates by what they explain; the
+residuals before and after over what the effect depends on; the error on unseen readings, and the best possible one.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def discovery_figures(report: Report, series: Series) -> Iterator[tuple[str, Dra
 
 
 def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = NO_WORDS) -> Drawing:
-    """Draw the strength of the disagreement, -log10 p: a column a target, a row what it may depend on."""
+    """Draw the strength of the disagreement, -log10 p: a column for each target, a row for each covariate."""
     table = pd.DataFrame([asdict(place) for place in where])
     table["strength"] = 0.0 - np.log10(np.clip(table["p"], 1e-16, 1.0))
     table["over"] = [_own(machine, str(t), str(c), words) for t, c in zip(table["target"], table["covariate"])]
@@ -76,7 +76,10 @@ def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = N
 
 
 def _own(machine: str, target: str, covariate: str, words: Mapping[str, str]) -> str:
-    """Return a covariate in words; what each target has of its own, such as a velocity, is one row for all targets."""
+    """Return a covariate in words.
+
+    A covariate that each target has of its own, such as a velocity, is one row for all.
+    """
     known = quantity_of(machine, covariate)
     if known.own and known.own == target:
         return f"its own {known.label.partition(' of ')[0]}"
@@ -137,9 +140,9 @@ def candidate_chart(machine: str, candidates: pd.DataFrame) -> Drawing:
 
 
 def residual_chart(residuals: Residuals) -> Drawing:
-    """Draw what the residuals say of the quantity an effect acts on over what the effect depends on, before and after.
+    """Draw the implied errors of the quantity an effect changes, over what the effect depends on, before and after.
 
-    Faint dots are the readings that know it best; the line joins means of many readings, bars two standard errors.
+    Faint dots are the readings of largest weight; the line joins means of many readings, bars are two standard errors.
     """
     table = pd.DataFrame(
         {"value": residuals.values, "before": residuals.before, "after": residuals.after, "weight": residuals.weight}
@@ -209,7 +212,7 @@ def gap_chart(gap: Gap, names: tuple[str, str], noise: str = "the stated noise",
 
 
 def _far(dots: pd.DataFrame) -> tuple[float, float]:
-    """Return how far out all dots but one in fifty stand, before and after."""
+    """Return the limits of the axis before and after: a tenth above all dots but the outer 2 %."""
     before, after = (1.1 * float(dots[when].abs().quantile(0.98)) if len(dots) else 0.0 for when in ("before", "after"))
     return before, after
 

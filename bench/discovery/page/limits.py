@@ -1,4 +1,4 @@
-"""What the data of a search could not tell, as a section of its page: what went untested or unseen."""
+"""What the data of a search could not show, as a section of its page: what went untested or unseen."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def limits(report: Report) -> Limits:
 
 
 def _hidden(report: Report) -> Table:
-    """Return what calibration absorbs, or all but; no row where everything shows."""
+    """Return the candidates that calibration absorbs fully or nearly; no row where there are none."""
     hidden = {(item.family, item.target) for item in report.invisible}
     hardly = [c for c in report.candidates if c.visible_fraction < _HARDLY and (c.family, c.target) not in hidden]
     return _table(report.machine, [*report.invisible, *_ordered(hardly)])
@@ -76,7 +76,9 @@ def _table(machine: str, items: Sequence[Candidate | Invisible]) -> Table:
 
 
 def untested_lines(machine: str, items: Sequence[Untestable]) -> list[str]:
-    """Return what could not be tested, a line a reason; reasons that differ by the target's number are one.
+    """Return what could not be tested, one line for each reason.
+
+    Reasons that differ only by the target's number are one.
 
     >>> untested_lines("gpm2002", [
     ...     Untestable("backlash", f"joint {i}", f"needs column dir_{i}", (f"dir_{i}",), True) for i in (1, 2)
@@ -105,7 +107,7 @@ def _reason_for_any(machine: str, item: Untestable) -> str:
 
 
 def _of_targets(machine: str, family: str, targets: Sequence[str]) -> str:
-    """Return a family with its targets in words, their kind said once."""
+    """Return a family with its targets in words; the kind of targets stands once."""
     kinds: dict[str, list[str]] = {}
     alone = []
     for target in targets:
@@ -119,7 +121,7 @@ def _of_targets(machine: str, family: str, targets: Sequence[str]) -> str:
 
 
 def smallest(value: float, unit: str) -> str:
-    """Return the smallest size that would have been seen; one that is no machine's is none."""
+    """Return the smallest size that would have been seen; "" for one that no machine can have."""
     if not isfinite(value):
         return "none: no size shows"
     most, told = _BEYOND.get(unit, (float("inf"), ""))

@@ -55,10 +55,10 @@ _ENOUGH = {
 @final
 @dataclass(frozen=True)
 class Page:
-    """What a page is made of: the report, drawings as SVG text by name, and what the data said.
+    """The content of a page: the report, drawings as SVG text by name, and facts about the data.
 
-    `causes` are family -> what it is in words, and its formula; `units` are those of the calibrated parameters; `noise`
-    is what is stated of one reading, in words; `correction` is what the owner gives back to the machine.
+    `causes` are family -> its words, and its formula; `units` are those of the calibrated parameters; `noise` is the
+    stated noise of one reading, in words; `correction` is the file that the user gives back to the machine.
     """
 
     report: Report

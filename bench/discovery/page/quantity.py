@@ -1,4 +1,4 @@
-"""Amplitudes as an engineer writes them: a prefix that suits, as many digits as the interval allows, degrees beside."""
+"""Amplitudes as an engineer writes them: a suitable prefix, as many digits as the interval allows, degrees beside."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What the drawings of a search are made of: the series behind a report, in plain arrays, units and words.
+"""The series behind the drawings of a search, in plain arrays, units and words.
 
-Nothing is fitted here: what the residuals say of a quantity is computed in `discovery.implied`.
+Nothing is fitted here: `discovery.implied` computes the implied errors of a quantity.
 """
 
 from __future__ import annotations
@@ -94,7 +94,8 @@ def _residuals(report: Report) -> tuple[Residuals, ...]:
 def _drawn(implied: Implied) -> Residuals:
     """Return an implied error in the unit and words of a drawing.
 
-    An effect that depends on no column is drawn over its own trace: what it changes, calibrated anew, of each reading.
+    An effect that depends on no column is drawn over its own signature: what it changes, calibrated anew, of each
+    reading.
     """
     effect, quantity, column = implied.effect, implied.quantity, implied.column
     formulation = implied.without.model.formulation
@@ -118,7 +119,7 @@ def _drawn(implied: Implied) -> Residuals:
 
 
 def _drawn_in(quantity: str, formulation: Formulation, size: float) -> tuple[float, str]:
-    """Return the factor to the unit in which errors of a quantity are drawn, and its name: a joint's owner may say.
+    """Return the factor to the unit in which errors of a quantity are drawn, and its name; a joint may declare it.
 
     `size` is the largest of the errors.
     """

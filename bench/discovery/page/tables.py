@@ -28,7 +28,7 @@ def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> Table:
 
 
 def score_table(report: Report) -> Table:
-    """Return what decided: the weight of each member of a shortlist, and the gain of its first."""
+    """Return the decisive numbers: the weight of each member of a shortlist, and the gain of its first."""
     rows = [
         [
             effect_label(report.machine, rival.family, rival.target),

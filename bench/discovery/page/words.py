@@ -61,10 +61,10 @@ def headline(report: Report) -> str:
 
 
 def left_sentence(report: Report) -> str:
-    """Return what is left without a name, in times the noise, and where; empty where nothing is told of it.
+    """Return the error that remains without a name, in times the noise, and its place; "" without such an error.
 
-    Where no repeats tell the noise, too little of it may be left for its size to say anything: that it follows
-    something does.
+    Where no repeats tell the noise, the size may have no meaning because too little of it remains; the sentence then
+    says only that something depends on a covariate.
     """
     left = report.left
     if left is None or not isfinite(left.times):
@@ -76,7 +76,7 @@ def left_sentence(report: Report) -> str:
 
 
 def unnamed_sentences(report: Report) -> list[str]:
-    """Return what is known of an error without a name: what errs, over what, by how much, and the nearest formula."""
+    """Return sentences on an error without a name: which number errs, over what, how much, the nearest formula."""
     if report.verdict != "unknown":
         return []
     said = [f"{_where(report, one.quantity)} errs {_over_itself(report, one)} by {amount(one.size, one.unit)} from "
@@ -105,7 +105,7 @@ def shortest_words(report: Report) -> str:
 
 
 def _where(report: Report, column: str) -> str:
-    """Return a column with what it is in words, where that says more."""
+    """Return a column with its words, where these add something."""
     label = quantity_label(report.machine, column, report.words)
     return column if label == column.replace("_", " ") else f"{column} ({label})"
 
@@ -117,11 +117,11 @@ def _over_itself(report: Report, one: Unnamed) -> str:
 
 
 def doubt_sentences(report: Report) -> list[str]:
-    """Return what stands beside the names: doubts, and which names hold if the noise is not as stated."""
+    """Return the doubts on the names, and which names hold if the noise is not as stated."""
     said = [f"{_label(report.machine, f)} {f.caution}." for f in report.findings if f.caution]
     said = [f"{line[:1].upper()}{line[1:]}" for line in said]
     if report.other_noise:
-        known = {f.effect for f in report.findings}  # the headline has told what they are
+        known = {f.effect for f in report.findings}  # the headline has their full words
         told = [
             f"at {_times(o.factor)} {noise_words(report)}, {_standing(report, o, known)}" for o in report.other_noise
         ]
@@ -134,7 +134,7 @@ def _times(factor: float) -> str:
 
 
 def _standing(report: Report, other: OtherNoise, known: set[str]) -> str:
-    """Return which of the names hold at another noise; what is told here is `known` from then on."""
+    """Return which of the names hold at another noise; names returned here are added to `known`."""
     names = [f for f in report.findings if not is_noise(f)]
     held = [_label(report.machine, f) for f in names if f.effect in other.effects]
     if not names:
@@ -154,18 +154,18 @@ def _named(machine: str, effect: str, again: bool) -> str:
 
 
 def _label(machine: str, finding: Finding) -> str:
-    """Return an effect that the headline has told in words; one of another form is like it, and not it."""
+    """Return an effect in words after the headline; one of another form is "like" it."""
     words = effect_label(machine, finding.family, finding.target, again=True)
     return f"{words}, or like it: {finding.form}" if finding.form else words
 
 
 def first_notes(report: Report) -> list[str]:
-    """Return the notes that stand before the verdict: on what would make it worthless."""
+    """Return the notes that stand before the verdict, because they could make it worthless."""
     return [note for note in report.notes if any(mark in note for mark in (BEYOND, FAR, SAME, STILL))]
 
 
 def noise_words(report: Report) -> str:
-    """Return what the noise of a reading is called: nobody stated what the data themselves told."""
+    """Return the words for the noise of a reading: stated, or estimated from the data."""
     return "the noise" if _unstated(report) else "the stated noise"
 
 
@@ -174,14 +174,14 @@ def _unstated(report: Report) -> bool:
 
 
 def floor_holds_the_gap(report: Report) -> bool:
-    """Tell whether what stands for the noise held the gap as well: it is no bound on what a model could do."""
+    """Tell whether the noise estimate contains the gap as well, so that it does not bound what a model could reach."""
     gap = report.gap
     after = gap.held_out_after if isfinite(gap.held_out_before) else gap.train_after
     return _unstated(report) and after < _BELOW * gap.noise_floor
 
 
 def is_noise(finding: Finding) -> bool:
-    """Tell whether a finding blames the noise: it moves no mean, it says which readings to trust less."""
+    """Tell whether a finding blames the noise: it changes no mean, and tells which readings to trust less."""
     return finding.family in _NOISE
 
 
@@ -218,7 +218,7 @@ def _interval(low: float, high: float) -> str:
 
 
 def compared(report: Report) -> tuple[str, str]:
-    """Return what the two errors of the gap are of, in words."""
+    """Return in words which readings the two errors of the gap are of."""
     if report.verdict == "unknown":
         return "for the model as it is", "with a smooth correction without a name"
     if report.findings and all(is_noise(f) for f in report.findings):
@@ -246,7 +246,7 @@ def moved_sentence(report: Report, units: Mapping[str, str]) -> str:
 
 
 def chance_sentence(report: Report) -> str:
-    """Return how often data would look so if nothing were missing."""
+    """Return the probability of such data if nothing were missing, as a sentence."""
     p = report.p
     if isnan(p):
         return ""
@@ -259,7 +259,7 @@ def chance_sentence(report: Report) -> str:
 
 
 def size_of(finding: Finding, brief: bool = False) -> str:
-    """Return a finding's amplitude with its interval, but where it is to be `brief`; empty where it has none."""
+    """Return a finding's amplitude with its interval (without it where `brief`); "" where it has none."""
     size = finding.amplitude
     if not isfinite(size.value):
         return ""
@@ -282,9 +282,9 @@ def coefficients_of(finding: Finding) -> str:
 
 
 def _free_period(finding: Finding, brief: bool = False) -> str:
-    """Return a period that was fitted, in the unit of its column, with its interval; empty for any other finding.
+    """Return a period that was fitted, in the unit of its column, with its interval; "" for any other finding.
 
-    Of an angle it is also told how often it comes in a turn; where it is to be `brief` that alone, and no interval.
+    For an angle it also tells the number of periods in a turn; where `brief`, only that, without an interval.
     """
     last = finding.coefficients[-1] if finding.coefficients else None
     if last is None or last.name != FREE_PERIOD or not finding.period > 0:
@@ -322,7 +322,7 @@ def column_sentence(report: Report) -> str:
 
 
 def _widest(names: Sequence[str]) -> list[str]:
-    """Return the names without those that say another one more narrowly."""
+    """Return the names without those that repeat another one more narrowly."""
     return [name for name in names if not any(name.startswith(f"{other} ") for other in names)]
 
 

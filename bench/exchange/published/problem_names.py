@@ -1,4 +1,4 @@
-"""What a function of another suite is here: our own problem, where we have it, so that rows stand beside ours.
+"""The names of other suites' functions here: our own problem where we have it, so that rows are compared.
 
 COCO's suite `bbob` is our problem `bbob`, IOHexperimenter's suites are our problem `ioh` (its instances are numbered in
 another way). Ids of the data are those that COCO and IOHexperimenter give their problems.

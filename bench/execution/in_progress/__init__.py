@@ -1,1 +1,1 @@
-"""How far a run is while it runs: read by another thread, told as files and lines."""
+"""Progress of a run while it runs: read by another thread, shown as files and lines."""

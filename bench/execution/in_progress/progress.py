@@ -1,9 +1,10 @@
-"""How far a run is while it runs: told every second by another thread, which only reads the gate's counts.
+"""Progress of a run, published every second by another thread, which only reads the gate's counts.
 
-``with publishing(publish):`` around all runs of a process; `publish` then gets a `Progress` a second of each run that
-lasts longer than that, and a last one with ``ended``. Shorter runs cost a few microseconds, evaluations nothing. What
-`publish` raises is lost: no run fails by it. While foreign code holds Python's lock in a loop in C this thread does not
-run either; the last `Progress` then grows old, which a reader can see (`bench.execution.in_progress.running`).
+Use ``with publishing(publish):`` around all runs of a process. `publish` then gets a `Progress` every second for each
+run that lasts longer than that, and a last one with ``ended``. Shorter runs cost a few microseconds, evaluations
+nothing. An exception of `publish` is ignored: no run fails by it. While foreign code holds Python's lock in a C loop
+this thread does not run either; the last `Progress` then becomes old, which a reader can see
+(`bench.execution.in_progress.running`).
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ class Counts(Protocol):
 
 @contextmanager
 def publishing(publish: Publish, every: float = 1.0) -> Iterator[None]:
-    """Let `publish` be told of the runs in this process that last longer than `every` seconds, as often."""
+    """Call `publish` every `every` seconds for the runs in this process that last longer than that."""
     look, leave = _enter(publish, every)
     try:
         with looked_at(look, every):
@@ -79,9 +80,10 @@ def publishing(publish: Publish, every: float = 1.0) -> Iterator[None]:
 
 @contextmanager
 def followed(asked: Asked, gate: Counts) -> Iterator[Callable[[Counts, int | None], None]]:
-    """Follow the run of `asked` while the block lasts; call what is yielded when it goes on in another process.
+    """Follow the run of `asked` while the block lasts.
 
-    That takes the counts to read from then on, and the number of the process.
+    The yielded function is called when another process continues it. That function takes the counts to read from then
+    on, and the number of the process.
     """
     goes_on, end = _follow(asked, gate)
     try:
@@ -176,9 +178,9 @@ class _Followed:
 
 
 def _publishers() -> tuple[Any, Any]:
-    """Return ``enter(publish, every)``, which gives a look and what leaves, and ``follow(asked, counts)``.
+    """Return ``enter(publish, every)``, which gives a look and its end, and ``follow(asked, counts)``.
 
-    Both behind walls: a run that is followed leads to the counters of its gate.
+    Both stand behind walls, because a followed run has a reference to the counters of its gate.
     """
     publishers: list[_Publisher] = []  # the last one is told
 
@@ -201,7 +203,7 @@ _enter, _follow = _publishers()
 
 
 def born(pid: int) -> str:
-    """Return when a process of this machine began, in the system's own count; '' where it does not say."""
+    """Return the start time of a process of this machine in the system's own count; '' where it is not known."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
     except (OSError, IndexError):

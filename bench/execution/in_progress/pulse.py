@@ -1,7 +1,7 @@
-"""One thread a process that looks at the runs in progress now and then, so that no evaluation pays for being watched.
+"""One thread for each process that reads the runs in progress now and then, so that no evaluation pays for it.
 
-It begins with the first thing to look at and ends some seconds after the last one. What it looks at leads to the
-counters of the gate, so it stands behind a wall (`bench.gate.guard.wall`).
+It starts with the first run and ends some seconds after the last one. It has references to the counters of the gate, so
+it stands behind a wall (`bench.gate.guard.wall`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _IDLE = 10.0  # seconds for which the thread waits for something to look at
 
 @contextmanager
 def looked_at(look: Callable[[], None], every: float = 1.0) -> Iterator[None]:
-    """Call `look` every so many seconds, from another thread, while the block lasts. What it raises is lost."""
+    """Call `look` every so many seconds, from another thread, while the block lasts. Its exceptions are ignored."""
     key = _add(look, every)
     try:
         yield

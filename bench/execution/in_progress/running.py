@@ -84,7 +84,7 @@ class Running:
 
 
 def running_of(progress: Progress) -> Running:
-    """Return a run in progress as it stands now: since its last word it has been silent, as far as we know."""
+    """Return a run in progress as it is now: since its last message it has been silent, as far as is known."""
     age = max(0.0, time.time() - progress["updated_at"])
     told: dict[str, Any] = dict(progress)
     known = {field.name: told[field.name] for field in fields(Running)}
@@ -102,7 +102,7 @@ def read_running(folder: Path | str) -> list[Running]:
 
 
 def was_silent(folder: Path | str, run_id: str) -> bool:
-    """Tell whether a run of `folder` had made no evaluation for ten minutes when it was last heard of, or since."""
+    """Tell whether a run of `folder` had made no evaluation for ten minutes at its last message, or since then."""
     told = [_read(path) for path in (Path(folder) / "running").glob(f"{run_id}-*.json")]
     return any(running_of(progress).silent_s >= SILENT for progress in told if progress is not None)
 
@@ -132,7 +132,7 @@ def _read(path: Path) -> Progress | None:
 
 def _is_gone(progress: Progress) -> bool:
     if progress["host"] != platform.node():
-        return False  # who knows
+        return False  # not known
     try:
         os.kill(progress["pid"], 0)
     except ProcessLookupError:

@@ -1,1 +1,1 @@
-"""What is asked for: checked once, named, and made ready for all runs of a pair."""
+"""The request of a run: checked once, named, and prepared for all runs of a problem and an optimiser."""

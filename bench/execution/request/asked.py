@@ -1,4 +1,4 @@
-"""A run as it is asked for: checked, with all that its id and its seeds follow from."""
+"""A checked request of a run, with all that determines its id and its seeds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from calibench.bench.provenance.run_id import run_id
 class Asked:
     """Problem and optimiser, and the request.
 
-    `start` is what the start is called, `first` the point, shape (dim,); `targets` are the problem's and the run's own.
+    `start` is the name of the start, `first` the point, shape (dim,); `targets` are the problem's and the run's own.
     """
 
     pair: Pair
@@ -44,7 +44,7 @@ def read_asked(
     target: float | None = None,
     time_limit: float | None = None,
 ) -> Asked:
-    """Return the request as it is run. Raises `ValueError` where it makes no sense."""
+    """Return the request of a run. Raises `ValueError` for a request without meaning."""
     check_numbers(budget, repetition, target, time_limit)
     check_target(pair.problem, target)
     budget, repetition, target = int(budget), int(repetition), None if target is None else float(target)

@@ -1,6 +1,6 @@
-"""What can be asked for: a problem and an optimiser that fit each other, a budget, a repetition and a start.
+"""The checks of a request: a problem and an optimiser that fit each other, a budget, a repetition and a start.
 
-All of it is checked once, before anything runs. A run that has begun raises nothing: its row tells.
+All are made once, before anything runs. A run that has begun raises nothing: its row reports the failure.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def _check_is_object(kind: str, thing: Any) -> None:
 
 
 def unmet_need(problem: Any, optimizer: Any) -> str:
-    """Return what `optimizer` needs and `problem` has not, such as "residuals"; '' where it can run."""
+    """Return what `optimizer` needs and `problem` lacks, such as "residuals"; '' where it can run."""
     traits = getattr(optimizer, "traits", None)
     if traits is None:
         return ""
@@ -176,7 +176,7 @@ def _check_inside(who: str, start: Array, lower: Array, upper: Array) -> None:
 
 
 def _has(problem: Any, needs: str) -> str:
-    """Return what a problem has in place of what is needed, and the way out."""
+    """Return what a problem has in place of what is needed, and what to do."""
     if needs == "residuals":
         return "none; choose another optimizer"
     if needs == _FINITE_BOUNDS:

@@ -1,8 +1,8 @@
-"""What a problem may say of itself besides its box, start and call: read and checked once, before anything runs.
+"""The optional attributes of a problem besides its box, start and call: read and checked once, before anything runs.
 
-All of it is optional: `targets`, `minimum`, `unit`, `group`, `parameters`, `truth`, `merit`, `stochastic` with
-`noise_free` (`bench.execution.stochastic`). What no optimiser here can do (constraints, whole numbers, several
-objectives) is refused.
+They are `targets`, `minimum`, `unit`, `group`, `parameters`, `truth`, `merit`, `stochastic` with `noise_free`
+(`bench.execution.stochastic`). Tasks that no optimiser here can solve (constraints, whole numbers, several objectives)
+are refused.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _ALIKE = {
 
 
 def check_extras(problem: Any, who: str) -> None:
-    """Raise `ValueError`, one line, where what `problem` says of itself is wrong or asks for what is out of scope."""
+    """Raise `ValueError`, one line, where an attribute of `problem` is wrong or asks for an unsupported task."""
     for attribute, kind in {**{key: key for key in _OUT_OF_SCOPE}, **_ALIKE}.items():
         asked = getattr(problem, attribute, None)
         if asked is not None and _asks(asked, kind, np.size(problem.lower)):
@@ -104,7 +104,7 @@ def _is_finite(value: Any) -> bool:
 
 
 def _asks(asked: Any, kind: str, dimension: int) -> bool:
-    """Tell whether an attribute asks for something: nothing listed, False, 0 a coordinate, or one objective do not."""
+    """Tell whether an attribute asks for such a task; an empty list, False, 0 coordinates, or one objective do not."""
     if callable(asked) or isinstance(asked, str):
         return True
     if kind == "n_objectives":

@@ -1,7 +1,7 @@
-"""A look at a class of a user's own before this process builds it: in a child, which it may take down or stop for ever.
+"""A trial of a user's class in a child process before this process builds it: it may crash or hang there.
 
-Planning a sweep builds every problem and optimiser once. What ends the child there would have ended the command, and
-all other problems with it.
+Planning a sweep builds every problem and optimiser once. A crash there would end the command, and with it the runs of
+all other problems.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ _READ = ("lower", "upper", "start", "data_id", "name", "options", "traits", "lib
 
 
 def probe(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> Lost | None:
-    """Return why the entry `name` cannot be built with `options`: its process ended, or not in time; None: it can.
+    """Return why the entry `name` cannot be built with `options`: its process ended, or took too long; None: it can.
 
-    What raises is not told here, it raises again where it is built. Ours are not looked at, and where a system cannot
-    fork nothing is.
+    An exception is not reported here, because building raises it again. Our own classes are not tried, and nothing is
+    tried where a system cannot fork.
     """
     factory = registry.factory(name)
     file = file_of(getattr(factory, "func", factory).__module__)

@@ -1,6 +1,6 @@
-"""What a problem or optimiser says of itself, read once before anything runs: it can be read, and is of its kind.
+"""Read the attributes of a problem or optimiser once before anything runs: each can be read, and is of its kind.
 
-An attribute may be a property, which is foreign code: whatever it raises is told in one line.
+An attribute may be a property, which is foreign code: any exception of it is reported in one line.
 """
 
 from __future__ import annotations

@@ -81,12 +81,12 @@ class Replayed:
         )  # fmt: skip
 
     def arm(self) -> None:
-        """Have the gate ask us."""
+        """Replace the gate's calls by ours."""
         self._armed = True
         self._gate.ask(self._ours)
 
     def look(self) -> None:
-        """See, once a second from another thread, whether evaluations have become dear, and have them timed again."""
+        """Check, once a second from another thread, whether evaluations have become costly, and time them again."""
         if self._armed or self._useless:
             return
         made = self._gate.evaluations + self._gate.jacobian_evaluations
@@ -106,14 +106,14 @@ class Replayed:
         return value
 
     def _again(self, x: Array) -> float:
-        """Raise what we raised; where it was the problem that did, just before we were armed, ask as without us."""
+        """Raise our own exceptions; repeat the call as without us where the problem failed before we were armed."""
         if sys.exception() is self._told:
             raise
         value: float = self._bare.again(x)
         return value
 
     def _ahead(self, points: Array) -> None:
-        """Let those points be computed ahead whose values are not known."""
+        """Have those points computed ahead whose values are not known."""
         known = self._file.known(self._place() + 1, len(points))
         if known < len(points):
             self._bare.ahead(points[known:])
@@ -161,7 +161,7 @@ class Replayed:
         return record.answer
 
     def _note(self, kind: int, place: int, given: tuple[Array, ...], answer: Any, took: float) -> None:
-        """Write an answer down, hold it in memory, or switch ourselves off, as the time it took says."""
+        """Write an answer to the file, hold it in memory, or switch ourselves off, depending on its time."""
         each = took * self._processes / (len(given[0]) if kind in (_BATCH, _BELOW) else 1)
         state = None if self._noise is None else dict(self._noise.bit_generator.state)
         if self._writing or each >= DEAR:
@@ -192,7 +192,7 @@ class Replayed:
         self._held = []
 
     def _give_up(self, ask: Callable[..., Any], given: tuple[Array, ...]) -> Any:
-        """Answer a call from a second thread: threads ask in no order that could be asked in again."""
+        """Answer a call from a second thread, and switch ourselves off: the order of calls cannot be repeated."""
         with self._noting:
             self._useless = True
             self._off()

@@ -1,1 +1,1 @@
-"""What keeps an optimiser from the counters: walls, a class of its own, a hook for what looks behind them."""
+"""Protection of the counters from an optimiser: walls, a private class, a hook for attempts to look behind them."""

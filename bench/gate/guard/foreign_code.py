@@ -58,7 +58,7 @@ def _is_ours(file: str) -> bool:
 
 @contextmanager
 def held(optimizer: Any, problem: Any, objective: Any, note: Callable[[str], None]) -> Iterator[None]:
-    """Hold the code of `optimizer` back for as long as the block lasts, and `note` what it tried."""
+    """Restrict the code of `optimizer` for as long as the block lasts, and `note` its attempts."""
     before = [(place, dict(place)) for place in _places(problem, objective)]
     release = _hold(type(optimizer).__module__.partition(".")[0], note)
     try:
@@ -71,14 +71,14 @@ def held(optimizer: Any, problem: Any, objective: Any, note: Callable[[str], Non
 
 
 def _places(problem: Any, objective: Any) -> list[Mapping[str, Any]]:
-    """Return where names stand that a run relies on: of the gate, of its face, of the problem's class, Python's."""
+    """Return the places of the names that a run relies on: of the gate, its face, the problem's class, Python."""
     modules = [vars(sys.modules[name]) for name in _WATCHED if name in sys.modules]
     classes = [vars(kind) for kind in (sys.modules[_GATE].Evaluator, type(objective), *type(problem).__mro__[:-1])]
     return [*modules, *classes, vars(builtins)]
 
 
 def _changed(place: Mapping[str, Any], was: dict[str, Any]) -> list[str]:
-    """Return the names that mean another thing than they did: not of values, as a class may count in its own."""
+    """Return the names whose meaning has changed, without values, as a class may count in its own."""
     if len(place) == len(was) and all(map(is_, place.values(), was.values())):
         return []  # as nearly always
     return [
@@ -89,7 +89,7 @@ def _changed(place: Mapping[str, Any], was: dict[str, Any]) -> list[str]:
 
 
 def _holder() -> Callable[[str, Callable[[str], None]], Callable[[], None]]:
-    """Return what begins to hold: ``hold(package of the optimiser, note)`` gives back what ends it."""
+    """Return the function that begins the restriction: ``hold(package of the optimiser, note)`` returns its end."""
     held_back: dict[int, tuple[str, Callable[[str], None], frozenset[int]]] = {}
     looking: set[int] = set()  # threads in which the hook itself looks at frames
     installed = False

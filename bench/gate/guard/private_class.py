@@ -1,8 +1,8 @@
-"""A class of its own for one object, so that nobody who imports the public class can change what the object does.
+"""A private class for one object, so that nobody who imports the public class can change the object.
 
-``Evaluator._exhausted = lambda self: None`` would take the wall from every gate. The gate of a run of foreign code is
-made by a copy of the class: the same code, bound to a copy of the module's names, and named nowhere. What is copied is
-the class as it was when this package was imported: a change that one run leaves behind does not reach the next.
+``Evaluator._exhausted = lambda self: None`` would remove the budget from every gate. The gate of a run of foreign code
+is made by a copy of the class: the same code, bound to a copy of the module's names, and named nowhere. The copy is of
+the class as it was when this package was imported, so a change by one run does not reach the next.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 
 def copier(kind: type[T]) -> Callable[[], type[T]]:
-    """Return what makes a class like `kind`, which has no base, whose methods nobody else can replace."""
+    """Return a function that makes a class like `kind`, which has no base; nobody else can replace its methods."""
     own_names = dict(vars(sys.modules[kind.__module__]))
     own_builtins = dict(vars(builtins))  # `min` too is a name that can be given another meaning
     slots = ("__dict__", "__weakref__", *getattr(kind, "__slots__", ()))

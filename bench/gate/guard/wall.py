@@ -1,8 +1,8 @@
-"""A wall: a function that can be called and not looked into.
+"""A wall: a function that can be called, and whose content cannot be reached.
 
-What stands behind a closure is open to all: ``f.__closure__[0].cell_contents``. The wrapper that `functools.lru_cache`
-makes for ``maxsize=0`` is written in C, keeps nothing of what passes, and has no attribute that shows what it wraps
-(the ``__wrapped__`` of a decorated function is put there by Python). It costs no frame of Python.
+A closure is readable: ``f.__closure__[0].cell_contents``. The wrapper that `functools.lru_cache` makes for
+``maxsize=0`` is written in C, keeps no argument, and has no attribute that shows what it wraps (the ``__wrapped__`` of
+a decorated function is put there by Python). It costs no frame of Python.
 """
 
 from __future__ import annotations

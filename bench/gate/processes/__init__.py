@@ -1,1 +1,1 @@
-"""Child processes: forked for a run or a batch, heard, and ended with all that they have started."""
+"""Child processes: forked for a run or a batch, heard, and ended with all processes that they have started."""

@@ -58,7 +58,7 @@ class Receiver:
         return True
 
     def recv(self) -> Any:
-        """Return the next message. Raises `EOFError` where the child ended without another whole one."""
+        """Return the next message. Raises `EOFError` where the child ended without a further complete one."""
         self.poll(None)
         if not self._is_whole():
             raise EOFError("the process ended")
@@ -84,7 +84,7 @@ class Receiver:
         with suppress(BlockingIOError):
             while data := os.read(self._descriptor, _CHUNK):
                 self._heard += data
-            self._over = True  # its end: nobody holds the other one
+            self._over = True  # the process has only this end
 
     def _size(self) -> int:
         return _LENGTH.size + int(_LENGTH.unpack_from(self._heard)[0])

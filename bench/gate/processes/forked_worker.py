@@ -57,9 +57,9 @@ def forked(work: Work) -> Iterator[tuple[BaseProcess, Receiver]]:
 @final
 @dataclass(eq=False)  # not frozen: Python writes the traceback of what is raised
 class Lost(Exception):
-    """What was done apart has no result: the type, text and frames of what it raised, or how its process ended.
+    """The work in the child has no result: the type, text and frames of its exception, or how its process ended.
 
-    `timed_out`: it was ended for its time.
+    `timed_out`: it was ended because of its time.
     """
 
     error_type: str
@@ -119,7 +119,7 @@ def _in_child(work: Work, theirs: int, ours: int, parent_pipe: int, held: int, p
 
 
 def _follow(parent_pipe: int) -> None:
-    """Wait until the parent is gone; then go, with all that was started here, where the system has not done so."""
+    """Wait until the parent is gone; then exit with all processes started here, where the system has not done so."""
     os.read(parent_pipe, 1)
     end_own_children()
     os._exit(1)

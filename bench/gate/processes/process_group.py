@@ -61,7 +61,7 @@ def end_family(pid: int) -> None:
 
 @contextmanager
 def leaving_nothing() -> Iterator[None]:
-    """End with the block all processes that were begun in it: also daemons, which come to this process on Linux."""
+    """End with the block all processes that were started in it, also daemons, which become ours on Linux."""
     mine = os.getpid()
     before = set(_descendants(mine))
     if _LINUX:
@@ -86,7 +86,7 @@ def exit_of(code: int | None) -> str:
 
 
 def end_own_children() -> None:
-    """Kill all that this worker has started and that is still there: the last thing it does before it ends."""
+    """Kill all remaining processes that this worker has started: its last action."""
     _end_descendants(os.getpid())
 
 

@@ -45,7 +45,7 @@ class WorkerPool:
         self._broken: ProcessDied | None = None
 
     def begin(self, jobs: Sequence[Job]) -> None:
-        """Take up these jobs; answers of earlier ones that nobody has taken are thrown away."""
+        """Take these jobs; answers of earlier jobs that nobody has taken are dropped."""
         self._jobs, self._sent, self._taken, self._answers = jobs, 0, 0, {}
         self._round += 1
 
@@ -65,7 +65,7 @@ class WorkerPool:
         raise answer.rebuilt()
 
     def interrupt(self) -> None:
-        """End the processes from another thread: who waits in `take` is told so. `close` is still to come."""
+        """End the processes from another thread; a waiting `take` raises. `close` must still be called."""
         for worker in self._workers:
             end_family(worker.pid)
 
@@ -102,7 +102,7 @@ class WorkerPool:
             self._sent += 1
 
     def _hear(self) -> None:
-        """Wait for an answer of some process."""
+        """Wait for an answer of any process."""
         busy = {worker.connection: worker for worker in self._workers if worker.busy}
         heard = wait(list(busy), _LOOK)
         for connection in heard:

@@ -1,1 +1,1 @@
-"""One run told in a terminal: `found` looks it up, `story` tells it, `curve` draws it, `again` repeats it."""
+"""One run in a terminal: `found` looks it up, `story` describes it, `curve` draws it, `again` repeats it."""

@@ -1,4 +1,4 @@
-"""One run on one page: what was asked, how it went, how it ended, what it found and how well that is known."""
+"""One run on one page: the request, its course, its end, its answer and how well that is known."""
 
 from __future__ import annotations
 

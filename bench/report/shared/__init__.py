@@ -1,1 +1,1 @@
-"""What all pages and figures share: style, colours, Markdown tables."""
+"""The common parts of all pages and figures: style, colours, Markdown tables."""

@@ -83,7 +83,7 @@ def _as_text(formula: str) -> str:
 
 
 def _lay_out_once(figure: Figure) -> None:
-    """Find where all stands, once for both files: each `savefig` would draw twice to find it anew."""
+    """Compute the layout once for both files, because each `savefig` would draw twice to compute it."""
     engine = figure.get_layout_engine()
     if engine is not None:
         figure.set_dpi(_DPI)  # letters fit their pixels: at another resolution words are some percent wider

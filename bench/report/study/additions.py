@@ -1,7 +1,8 @@
-"""What somebody adds to the report of a study: printed tables beside ours, figures, marks in a figure, links.
+"""Additions of others to the report of a study: printed tables beside ours, figures, marks in a figure, links.
 
-The report itself knows no paper. Who has published numbers of a problem describes them as an `Addition`, the command
-hands the additions to `bench.report.study.write.write_report`, and each decides by the runs whether it has a part.
+The report itself knows no paper. A package with published numbers of a problem describes them as an `Addition`, the
+command passes the additions to `bench.report.study.write.write_report`, and each decides by the runs whether it
+applies.
 """
 
 from __future__ import annotations

@@ -186,7 +186,7 @@ def _told_apart(ours: _Side, theirs: _Side, times: int) -> int:
 def _sign(ours: Array, theirs: Array, paired: bool, chance: bool, times: int) -> int:
     """Return 1 where the first scores, shape (n, 2), are surely better, -1 where worse, else 0."""
     if min(len(ours), len(theirs)) < 2 and chance:
-        return 0  # of one run nothing can be told
+        return 0  # one run gives no interval
     found = two_methods(ours, theirs, paired, chance)
     if found.test != "fact" and not found.p * times <= LEVEL:  # a p of NaN tells nothing either
         return 0

@@ -1,4 +1,4 @@
-"""What stands first on a study's page: how much was run under which budget, and who got there, problem by problem."""
+"""The head of a study's page: how much was run under which budget, and which methods reached the goal where."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the runs of a study were made with, and when: read off the runs, more than one where they differ."""
+"""The versions, commits, machines and dates of the runs of a study; more than one where they differ."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write what a study says: ``summary.csv``, the table of calibrated values, the figures, and the page of it all."""
+"""Write the report of a study: ``summary.csv``, the table of calibrated values, the figures, and the page."""
 
 from __future__ import annotations
 

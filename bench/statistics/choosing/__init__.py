@@ -1,1 +1,1 @@
-"""Choosing one setting of a method from a sweep, and what the act of choosing is worth on instances it has not seen."""
+"""The choice of one setting of a method from a sweep, and its value on instances that had no part in the choice."""

@@ -32,10 +32,10 @@ _AT_ONCE = 4_000_000  # numbers held of some resamples
 @final
 @dataclass(frozen=True)
 class Scored:
-    """What settings paid on units: `paid` and `won`, shapes (settings, units); the smaller `score` is the better.
+    """The costs of settings on units: `paid` and `won`, shapes (settings, units); a smaller score is better.
 
-    A score is ``sum(paid) / sum(won)``: a mean, where `won` is 1; with `log` its log10: of an ERT, where `paid` is what
-    the runs were charged and `won` how many reached the goal.
+    A score is ``sum(paid) / sum(won)``: a mean, where `won` is 1; with `log` its log10: for an ERT, `paid` is what the
+    runs were charged and `won` how many reached the goal.
     """
 
     paid: Array
@@ -52,7 +52,7 @@ class Scored:
 @final
 @dataclass(frozen=True)
 class Nested:
-    """What choosing is worth, in scores: `best` is the setting chosen on all units, with its `apparent` score.
+    """The value of choosing, in scores: `best` is the setting chosen on all units, with its `apparent` score.
 
     `chosen`, shape (units,), is the setting that was chosen with each unit left out. `default` is None, and `gain` with
     its interval NaN, where the sweep does not hold the default.
@@ -124,7 +124,7 @@ def _once(scored: Scored, weight: Array, default: int | None) -> tuple[Array, Ar
 
 
 def _less(a: Array, b: Array) -> Array:
-    """Return a - b; NaN where both are infinite: nothing is known."""
+    """Return a - b; NaN where both are infinite."""
     with np.errstate(invalid="ignore"):
         return a - b
 

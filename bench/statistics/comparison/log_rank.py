@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 def log_rank(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[float, float]:
     """Return statistic (above 0: the first arrives sooner) and two-sided p of two methods' costs to one target.
 
-    Each is (time, censored), shapes (runs,): `time` infinite where the target was not reached, and `censored` how long
-    the run was at risk then (`at_risk`). NaN where neither ever reached it, or nobody of one side was at
-    risk when the other's did.
+    Each is (time, censored), shapes (runs,): `time` is infinite where the target was not reached, and `censored` is how
+    long the run was at risk then (`at_risk`). NaN where neither ever reached it, or where no run of one side was at
+    risk when runs of the other reached it.
     """
     from scipy.stats import CensoredData, logrank
 
@@ -39,8 +39,9 @@ def log_rank(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[f
 
 
 def at_risk(runs: pd.DataFrame) -> Array:
-    """Return how long each run could have reached a target, shape (runs,): its charge, or infinite where it had ended
-    by itself.
+    """Return how long each run could have reached a target, shape (runs,): its charge, or infinite.
+
+    It is infinite where the run had ended by itself.
     """
     goes_on = runs["stop_reason"].isin(BY_GATE).to_numpy()
     risk: Array = np.where(goes_on, runs["charged"].to_numpy(dtype=float), np.inf)

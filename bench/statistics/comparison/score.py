@@ -1,7 +1,7 @@
 """The order of runs: first those that reached the goal, then those that paid less, then those with the lower value.
 
-All tests compare runs by this order alone, so that no scale is needed and a run that never arrived needs no invented
-cost. The goal is that of `bench.statistics.summary.goal`; without one, runs are ordered by value.
+All tests compare runs by this order alone, so no scale is needed, and no cost must be invented for a run that never
+reached the goal. The goal is that of `bench.statistics.summary.goal`; without one, runs are ordered by value.
 """
 
 from __future__ import annotations
@@ -17,16 +17,13 @@ from calibench.bench.statistics.summary import goal_hits
 
 Array = NDArray[np.float64]
 By = Literal["goal", "value", "charged"]
-NEEDED = (
-    "status", "target", "targets", "hits_charged", "best_value", "judged_value", "judged_evaluations", "charged",
-)  # fmt: skip  # columns of runs that scores are made from
 
 
 def scores(runs: pd.DataFrame, by: By = "goal") -> Array:
-    """Return of each run a pair of numbers, shape (runs, 2), the better the smaller, the first decides.
+    """Return for each run a pair of numbers, shape (runs, 2): smaller is better, the first decides.
 
-    ``by="goal"``: (charged at the goal, 0) of a run that reached it, (infinite, value) of another; ``"value"``: only
-    the value of the answer, infinite where there is none; ``"charged"``: only what the run was charged in all.
+    ``by="goal"``: (charged at the goal, 0) for a run that reached it, (infinite, value) for another; ``"value"``: only
+    the value of the answer, infinite where there is none; ``"charged"``: only the total charge of the run.
     """
     values = answers(runs)
     values = np.where(np.isnan(values), np.inf, values)

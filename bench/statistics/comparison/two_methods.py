@@ -48,9 +48,9 @@ class Tested:
 
 
 def two_methods(first: Array, second: Array, paired: bool, chance: bool = True) -> Tested:
-    """Return what the runs `first`, scores of shape (n, 2), and `second`, shape (m, 2), say of each other.
+    """Return the test of the runs `first`, scores of shape (n, 2), against `second`, shape (m, 2).
 
-    `paired`: the i-th of both belong together. Without `chance` a difference is no draw, and not tested.
+    `paired`: the i-th of both belong together. Without `chance` a difference is a fact, and not tested.
     """
     n, m = len(first), len(second)
     pairs = n if paired else 0

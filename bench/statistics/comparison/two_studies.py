@@ -1,9 +1,9 @@
-"""Two studies cell by cell: where the second is better, where it is worse, where nothing can be told.
+"""Two studies cell by cell: where the second is better, where it is worse, where the runs do not tell.
 
 A cell of one is compared with the same cell of the other: the same problem, optimiser, start, budget and target, with
 the same options, or where each side has just one other set of options, with that. Options are the same where those that
 differ from the declared ones are: another version may have declared more. Holm's correction is over all cells that are
-tested, so that of studies that do not differ at all some cell is told to differ in at most 5 of 100.
+tested, so that for studies without a difference some cell is reported as different in at most 5 of 100.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ def _chosen(registry: Any, name: str, options: str) -> str:
 
 
 def _told(first: str, second: str) -> str:
-    """Return how two sets of chosen options differ, as one types them."""
+    """Return how two sets of chosen options differ, in the form of the command line."""
     try:
         a, b = (parts(json.loads(text), classes=False) for text in (first, second))
     except ValueError:  # two methods, each with its name

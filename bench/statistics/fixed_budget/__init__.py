@@ -1,1 +1,1 @@
-"""Fixed budget: how good a method is after so many evaluations, and on the whole way there."""
+"""Fixed budget: how good a method is after so many evaluations, and during the run."""

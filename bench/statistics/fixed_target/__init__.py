@@ -1,1 +1,1 @@
-"""What belongs to a fixed target besides ERT itself: its interval, restarts that are simulated, profiles."""
+"""Statistics of a fixed target besides ERT itself: its interval, simulated restarts, profiles."""

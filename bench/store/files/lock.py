@@ -19,7 +19,7 @@ from pathlib import Path
 from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 LOCK, SOFT_LOCK, HOLDER = ".lock", ".lock.soft", ".lock.holder"  # what stands in the folder of a study
-_SOON = 5.0  # seconds from which on a wait is told
+_SOON = 5.0  # seconds after which a wait is logged
 _AT_MOST = 600.0  # seconds; the tables of a hundred thousand runs are folded in less
 _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.ENOLCK}  # what a file system without locks answers
 

@@ -1,4 +1,4 @@
-"""The general families: what may be wrong with any joint, member, instrument or further column of any machine."""
+"""The general families: errors that any joint, member, instrument or further column of any machine may have."""
 
 from __future__ import annotations
 

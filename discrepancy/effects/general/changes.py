@@ -1,7 +1,7 @@
-"""What changes during the run: a joint whose zero drifts or slips, and an instrument whose frame moves with it or once.
+"""Errors that change during the run: a joint's zero drifts or slips, an instrument's frame moves evenly or once.
 
-A drift is even, along a curve, or along one that settles (forms of one name). A frame of two or three coordinates may
-turn as it moves, about the middle of what it measured: a stand that sinks on one foot.
+A drift is linear, along a curve, or along a curve that settles (forms of one name). A frame of two or three coordinates
+may turn as it moves, about the middle of what it measured: an example is a stand that sinks on one foot.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from calibench.discrepancy.model.roles import Joint, roles_of
 from calibench.problems.base import Array
 
 _TERMS = ("even", "bend", "turn")
-_AXES = {2: ("turn",), 3: ("turn x", "turn y", "turn z")}  # of a frame of so many coordinates
+_AXES = {2: ("turn",), 3: ("turn x", "turn y", "turn z")}  # turns of a frame, by its number of coordinates
 
 
 def run_terms(s: Array) -> Array:
@@ -104,9 +104,10 @@ def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) ->
 
 
 def _motion(apart: Array, turns: bool) -> list[Array]:
-    """Return for each coordinate of points `apart` from the middle, (n, m), what it moves by a unit of each number.
+    """Return the displacement of points by a unit of each coefficient, for each coordinate.
 
-    Shapes (n, k): k is m shifts and, where the frame `turns`, one turn in the plane or three in space [rad].
+    `apart` (n, m) is from the middle. Shapes (n, k): k is m shifts and, where the frame `turns`, one turn in the plane
+    or three in space [rad].
     """
     n, m = apart.shape
     shifts = [np.tile(np.eye(m)[k], (n, 1)) for k in range(m)]
@@ -132,7 +133,7 @@ def _steps(
     family: EffectFamily, formulation: Formulation, target: str, channel: str, quantities: tuple[str, ...],
     names: tuple[str, ...], unit: str, most: float, one: float = 1.0,
 ) -> Built:  # fmt: skip
-    """Return a step of the quantities, `one` for a coefficient of 1, at each time at which one is looked for."""
+    """Return a step of the quantities, `one` for a coefficient of 1, at each time at which a step is tried."""
     clock = _clock(formulation)
     times = change_times(formulation.data[clock])
     return tuple(

@@ -1,8 +1,8 @@
-"""What a measured column may follow: a polynomial of another column, or cycles of a period that nobody knows.
+"""Errors of a measured column over another column: a polynomial, or waves of unknown period.
 
-The period is a coefficient that is fitted: candidates start at periods that the length of the column can tell apart;
-the procedure keeps the best of them, charges it their number, and fits from there. Cycles come one after another: the
-second is looked for once the first is found.
+The period of a wave is a fitted coefficient. Candidates start at all periods that the length of the column can tell
+apart; the search keeps the best one, with a penalty for their number, and fits the period from there. Waves come one
+after another: the second is tried once the first is found.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from calibench.problems.base import Array
 
 _DEGREES = ("line", "bend", "turn")
 _ORDINALS = ("", "second ", "third ", "fourth ")
-_ANY = float(np.finfo(float).max)  # a size that ends
-_PER_WIDTH = 2  # periods tried for each that the run can tell apart
+_ANY = float(np.finfo(float).max)  # the largest finite size
+_PER_WIDTH = 2  # periods tried for each one that the run can resolve
 _MOST = 400  # periods tried
-LONGEST = 0.5  # of the range: what is not seen twice does not repeat; it is a bend, for which there are powers
+LONGEST = 0.5  # of the range: a period must be seen twice; anything longer is a bend, which powers describe
 _FINER = 6  # periods tried to either side of the best
 
 
@@ -37,9 +37,9 @@ _FINER = 6  # periods tried to either side of the best
 class Cycle:
     """An `Effect`: a wave of free period in a column, a cos + b sin of 2 pi (1 / start + f / span) (u - middle).
 
-    It is added to `quantity`, times `factor`: what one of `unit` is in the unit of the quantity, below 0 where it is
-    taken off. `f` is how many cycles more than at `start` there are over the run, `span`. A period above `longest` is
-    none. `period_unit` is that of the column, "" where nobody states it.
+    It is added to `quantity`, times `factor`: one of `unit` in the unit of the quantity, negative where the wave is
+    subtracted. `f` is the number of waves over the run, `span`, above that at `start`. No period may be above
+    `longest`. `period_unit` is the unit of the column, "" where nobody states it.
     """
 
     family: str
@@ -82,17 +82,17 @@ class Cycle:
         return {self.quantity: self.factor * (wave @ c[:2])}
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return its derivative, (n, 3); of the frequency it is 0 while there is no wave."""
+        """Return its derivative, (n, 3); that in the frequency is 0 while the wave has no height."""
         wave, u = self._wave(q, data, c)
         moved = 2 * np.pi * u / self.span * (wave @ np.array([c[1], -c[0]]))
         return {self.quantity: self.factor * np.column_stack([wave, moved])}
 
     def amplitude(self, c: Array) -> float:
-        """Return the height of the wave; without end where its period is beyond `longest`: no machine has that."""
+        """Return the height of the wave; infinite where its period is above `longest`, which no machine has."""
         return float(np.hypot(c[0], c[1])) if 0 < self.period(c) <= self.longest else np.inf
 
     def nearer(self, data: MeasuredData) -> tuple[Effect, ...]:
-        """Return the same wave from periods between its neighbours', the same values at each call."""
+        """Return the same wave started from periods between those of its neighbours, the same values at each call."""
         return self._between
 
     @cached_property
@@ -123,13 +123,13 @@ def scanned(
     factor: float = 1.0, after: str = "", longest: float = np.inf, shortest: float = 0.0,
     largest: float = _ANY, period_unit: str = "",
 ) -> tuple[Cycle, ...]:  # fmt: skip
-    """Return the wave at each period that is tried: from half the range of the column down to two readings a cycle.
+    """Return the wave at each period that is tried: from half the range of the column down to two readings a wave.
 
-    `along` is the column it follows and the quantity it changes, `told` the channel and the unit; no period is above
-    `longest` or below `shortest`, no wave higher than `largest`. Periods are told in `period_unit`.
+    `along` is the column it follows and the quantity it changes, `told` the channel and the unit. No period is above
+    `longest` or below `shortest`, no wave higher than `largest`. Periods are given in `period_unit`.
     """
     (column, quantity), (channel, unit) = along, told
-    largest = min(largest, _ANY)  # a slide may err by any length, but not by one without end: that is no wave
+    largest = min(largest, _ANY)  # a slide may err by any length, but an infinite wave is none
     u = np.asarray(data[column], dtype=float)
     span, different = float(np.ptp(u)), len(np.unique(u))
     longest = min(longest, LONGEST * span)
@@ -176,12 +176,12 @@ def _range(c: Array) -> float:
 
 
 def _whole(c: Array) -> float:
-    """Return what a line rises over the run, with its sign."""
+    """Return the rise of a line over the run, with its sign."""
     return 2 * float(c[0])
 
 
 def _parts(formulation: Formulation) -> Mapping[str, tuple[int, str, str]]:
-    """Return target -> (how manieth cycle, measured column, the column it follows)."""
+    """Return target -> (number of the wave, measured column, the column it follows)."""
     return {
         _target(formulation, words, measured, column): (k, measured, column)
         for column in roles_of(formulation).columns
@@ -195,7 +195,7 @@ def _target(formulation: Formulation, words: str, measured: str, column: str) ->
 
 
 def measured_columns(formulation: Formulation) -> tuple[str, ...]:
-    """Return the columns that are measured: those of the instruments, or all readings that no joint has."""
+    """Return the measured columns: those of the instruments, or all readings that belong to no joint."""
     roles = roles_of(formulation)
     told = tuple(dict.fromkeys(name for one in roles.instruments for name in one.columns))
     joints = {joint.reading for joint in roles.joints}

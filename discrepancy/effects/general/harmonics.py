@@ -1,9 +1,9 @@
-"""Errors of a joint that repeat with its turn: an eccentric disc, an oval one, teeth; and their common class.
+"""Errors of a joint that repeat with its turn: an eccentric disc, an oval one, teeth; and the class that they share.
 
-A rotary joint is taken to read absolute angles. A head at a fixed distance from the axis sees an eccentric disc under
-the sine rule: the error is arcsin(epsilon sin(reading + phase)), exactly. An oval disc, as tracks of unequal gain,
-turns tan(angle) into (1 + a) / (1 - a) tan(angle); the others are Fourier terms by definition, as all are over the
-stated period of a sliding joint.
+A rotary joint is taken to read absolute angles. A head at a fixed distance from the axis reads an eccentric disc with
+the error arcsin(epsilon sin(reading + phase)), exactly, by the sine rule. An oval disc, or tracks of unequal gain, turn
+tan(angle) into (1 + a) / (1 - a) tan(angle). All other errors are Fourier terms by definition; over the stated period
+of a sliding joint, all are.
 """
 
 from __future__ import annotations
@@ -25,17 +25,16 @@ from calibench.discrepancy.model.roles import Joint, roles_of
 from calibench.problems.base import Array
 
 _RIM = 0.99  # a disc is not further off its axis than this part of its radius
-_DEGREES = np.pi / 180
 NAMED_ORDERS = 3  # a turn: up to the third, a wave is an angle error
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class ExactHarmonic:
-    """An error of the reading of one rotary joint with two coefficients, in the exact form that its cause gives it.
+    """An error of the reading of one rotary joint with two coefficients, in the exact form of its cause.
 
     `exact(angle, c)` returns the error, (n,), rad, and its derivative, (n, 2); to first order it is one Fourier term.
-    `radians` are those of a unit of the reading, `one` is what one of `unit` is in the unit of the reading.
+    `radians` are the radians in a unit of the reading, `one` is one of `unit` in the unit of the reading.
     """
 
     family: str

@@ -1,4 +1,4 @@
-"""What may be wrong with an instrument that measures from outside: its scale, and readings that come late."""
+"""Errors of an instrument that measures from outside: its scale, and readings that come late."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built
 def _own_noise(formulation: Formulation, columns: tuple[str, ...]) -> float:
     """Return the gain, in twice the log-likelihood, that noise alone gives to the scale of noisy readings.
 
-    The noise is in the reading and in its own error: n values of rms R sigma gain n / R^2 where nothing is wrong.
+    The noise is in the reading and in its error, so the two correlate: n values whose rms is R sigma gain n / R^2 where
+    nothing is wrong.
     """
     n = len(formulation.data) * len(columns)
     size = sum(

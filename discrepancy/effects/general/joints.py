@@ -1,7 +1,7 @@
-"""What may be wrong with any driven joint: its scale, play, a drive that gives way, readings that come late, its zero.
+"""Errors of any driven joint: its scale, play, compliance of its drive, late readings, its zero.
 
-Coefficients are in the unit of the joint's reading, or in that in which its errors are told (`Joint.told`). The scale
-is about the reading zero; about any other reading it is the same with another zero.
+Coefficients are in the unit of the joint's reading, or in the unit in which its errors are reported (`Joint.told`). The
+scale is about the reading zero; a scale about any other reading is the same with another zero.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-LONGER_ARC = "readings over a longer range of {target}"  # what tells smooth errors of one encoder apart
+LONGER_ARC = "readings over a longer range of {target}"  # the measurement that separates smooth errors of one encoder
 
 
 def largest_error(joint: Joint) -> float:
@@ -38,14 +38,14 @@ def largest_error(joint: Joint) -> float:
 
 
 def told_in(joint: Joint) -> tuple[str, float]:
-    """Return the unit in which errors of a joint are told, and how many of its reading's unit one of them is."""
+    """Return the unit in which errors of a joint are reported, and one of it in the unit of its reading."""
     return (joint.told, between(joint.reading, joint.told, joint.unit)) if joint.told else (joint.unit, 1.0)
 
 
 def unstated(joint: Joint, what: str, option: str, formulation: Formulation, unit: str = "") -> NotTestable:
-    """Return the error for a number of a joint that nobody states; it names the way in which its owner can.
+    """Return the error for a number of a joint that nobody states; its message names the way to state it.
 
-    The owner of a machine that lists what may be stated beside a file has no `Joint` to write, but may have an option.
+    The user of a machine that lists the keys beside a file writes no `Joint`, but may have an option.
     """
     options = [stated.key for stated in description_of(formulation.data.machine).stated]
     way = f": Joint({option}=...){f', in {unit}' if unit else ''}" if not options else ""
@@ -85,7 +85,7 @@ def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Bu
             largest=largest_error(joint) / one, measure=_first,
         )  # fmt: skip
 
-    still = int((np.asarray(formulation.data[direction]) == 0).sum())  # at an end of the play that nobody knows
+    still = int((np.asarray(formulation.data[direction]) == 0).sum())  # rows whose side of the play is not known
     return tuple(form(("play", "before its first move")[:k]) for k in ((1, 2) if still > 1 else (1,)))
 
 

@@ -1,6 +1,6 @@
-"""What may be wrong with any member: it grows with temperature, gives way to the force along it, has play along it.
+"""Errors of any member: growth with temperature, compliance under the force along it, play along it; held numbers.
 
-And any number that is held may be another one than stated.
+A number that is held may have another value than the stated one.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ def grown(
     family: EffectFamily, target: str, heat: dict[str, str], run: MeasuredData, clock: str,
     own_at: Mapping[str, float] = NOWHERE,
 ) -> tuple[Effect, ...]:  # fmt: skip
-    """Return the growth of quantities with the temperature in their columns, `heat`, over `run`: a form each lag.
+    """Return the growth of quantities with the temperature in their columns, `heat`, over `run`: one form for each lag.
 
-    `own_at` is the temperature at which a quantity is as long as its number says, 0 where it is not told.
+    `own_at` is the temperature at which a quantity has its nominal length, 0 where it is not stated.
     """
 
     def form(late: float) -> LinearEffect:
@@ -91,7 +91,7 @@ def _freed(family: EffectFamily, formulation: Formulation, target: str) -> Built
 
 
 def freed(family: EffectFamily, target: str, names: tuple[str, ...], unit: str) -> LinearEffect:
-    """Return held numbers as coefficients: what each is above the number it is held at."""
+    """Return held numbers as coefficients: the difference of each from the number it is held at."""
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         each = np.eye(len(names))

@@ -1,7 +1,7 @@
-"""`Recipe`: a general cause, made into a family for all machines, and into those of machines with words of their own.
+"""`Recipe`: a general cause, made into a family for all machines, and into families of machines with their own words.
 
-What it does to the quantities is stated once. A machine that has names, formulas or twins of its own enters the same
-physics under them (`recipe.enter("gpm2002", targets, ...)`); all others get the general family, as far as their roles
+The changes of the quantities are stated once. A machine that has names, formulas or twins of its own enters the same
+physics under them (`recipe.enter("gpm2002", targets, ...)`). All others get the general family, as far as their roles
 allow it.
 """
 
@@ -26,7 +26,7 @@ Twins = Callable[[Formulation, str], tuple[str, ...]]
 @final
 @dataclass(frozen=True, eq=False)
 class Recipe:
-    """The words of a family, `make(words, formulation, target)` for its candidates, and what targets roles have."""
+    """The words of a family, `make(words, formulation, target)` for its candidates, and the targets that roles have."""
 
     words: EffectFamily
     make: Make
@@ -37,7 +37,8 @@ class Recipe:
     ) -> EffectFamily:  # fmt: skip
         """Enter the family of one machine, or the general one, and return it.
 
-        `words` are fields of `EffectFamily` that differ, `twins_of(formulation, target)` the twins by its own physics.
+        `words` are fields of `EffectFamily` that differ. `twins_of(formulation, target)` are the twins by the machine's
+        physics.
         """
 
         if targets is not None:
@@ -115,13 +116,13 @@ def instrument_of(formulation: Formulation, target: str) -> Instrument:
 
 
 def unit_of(formulation: Formulation, *columns: str) -> str:
-    """Return the unit in which measured columns are kept: that of their sensors if it is one, else the residuals'."""
+    """Return the unit in which measured columns are kept: the common unit of their sensors, or else the residuals'."""
     units = {sensor.unit for sensor in formulation.sensors if sensor.column in columns}
     return (units.pop() if len(units) == 1 else "") or formulation.unit
 
 
 def declared(column: str, part: str, what: str) -> str:
-    """Return a column that a role declares; raise `NotTestable`, with what to declare, where it declares none."""
+    """Return a column that a role declares; raise `NotTestable`, which says what to declare, where it declares none."""
     if not column:
         raise NotTestable(f"{part} declares no {what}: with a column of it this could be tested", (), missing=True)
     return column

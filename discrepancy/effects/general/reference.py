@@ -1,9 +1,9 @@
-"""The temperature at which an effect of temperature is zero: a thermometer's own zero, or the mean of the run.
+"""The temperature at which an effect of temperature is zero: the thermometer's own zero, or the mean of the run.
 
-A column in degrees Celsius is far from its zero. Where calibration finds the zero of a joint, or a length, it then
-finds the one that the machine would have at 0 °C, which nobody has seen and which its bounds do not allow for. Counted
-from the mean of the run the model is the same, and what calibration finds is what the machine has at that mean. A
-number that is held is known for one temperature, so the column must be above that one, and stays as it is.
+A column in degrees Celsius is far from its zero. The calibrated zero of a joint, or a length, would then be that of the
+machine at 0 °C, which nobody has seen and which its bounds do not allow for. Counted from the mean of the run the model
+is the same, and the calibrated value is that of the machine at that mean temperature. A number that is held is known
+for one temperature, so its column must be relative to that temperature, and stays as it is.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.model import Model
 
-_ROWS = 500  # looked at, evenly over the run
+_ROWS = 500  # rows that are used, evenly over the run
 _SAME = 1e-8  # part of a signature: what is left of one that calibration absorbs is rounding
 
 
@@ -29,7 +29,7 @@ def reference_of(formulation: Formulation, column: str, quantity: str) -> float:
 
 
 def _is_absorbed(formulation: Formulation, quantity: str) -> bool:
-    """Tell whether the calibrated parameters can do all that the same error of `quantity` in every row does."""
+    """Tell whether the calibrated parameters can imitate a constant error of `quantity` in all rows."""
     if quantity in {p.name for p in formulation.parameters}:
         return True
     count = len(formulation.data)

@@ -1,8 +1,8 @@
-"""What a measured column may owe to another one at a glance: its powers, |u|, its sign, and where it saturates.
+"""Errors of a measured column that are a simple function of another column: its powers, |u|, its sign, saturation.
 
-Each is scaled by the largest |u|, so the coefficient is how much it makes there, in the unit of the measurement.
-Powers are told one by one where a machine enters them, and then in the place of `polynomial`, which has them in one. A
-square may be about a centre that nobody knows, as of a length that is right at one temperature.
+Each is a function of u over its largest |u|, so the coefficient is the error there, in the unit of the measurement. A
+machine that enters the powers gets one effect for each, and no `polynomial`, which has them all. A square may be about
+an unknown centre, as for a length that is right at one temperature.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from calibench.problems.base import Array
 
 Shape = Callable[[Array], Array]  # of u / max|u|
 _SQUARED = " squared"
-_CENTRES = 10  # a centre that is free is charged as one of so many: a line by itself is no parabola
+_CENTRES = 10  # penalty of a free centre, as if so many were tried: a line alone is no parabola
 _POWERS: dict[str, Shape] = {"": lambda s: s, _SQUARED: lambda s: s**2, " cubed": lambda s: s**3}
 _LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)  # of the readings that lie within the level from which a column saturates
 
@@ -31,7 +31,7 @@ _LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9)  # of the readings that lie within the level
 def _targets(words: tuple[str, ...], formulation: Formulation) -> Mapping[str, tuple[str, str, str]]:
     """Return target -> (words behind the column, measured column, the column it follows).
 
-    None is of the time: its line, parabola and cubic are a drift.
+    Functions of time are left out: a line, a parabola and a cubic are a drift.
     """
     measured, roles = measured_columns(formulation), roles_of(formulation)
     return {
@@ -46,7 +46,7 @@ def _targets(words: tuple[str, ...], formulation: Formulation) -> Mapping[str, t
 def _shaped(
     family: EffectFamily, formulation: Formulation, target: str, measured: str, column: str, shapes: tuple[Shape, ...]
 ) -> tuple[LinearEffect, ...]:
-    """Return an effect a shape of the column, each a form of one name."""
+    """Return an effect for each shape of the column, each a form of one name."""
     largest = float(np.max(np.abs(formulation.data[column])))
 
     def form(shape: Shape) -> LinearEffect:
@@ -73,7 +73,7 @@ def _power(family: EffectFamily, formulation: Formulation, target: str) -> Built
 def _off_centre(
     family: EffectFamily, formulation: Formulation, target: str, measured: str, column: str
 ) -> LinearEffect:
-    """Return the square about a centre that nobody knows: a line beside it, told by the square's own number."""
+    """Return the square about an unknown centre: with a line beside it; the square's own coefficient is reported."""
     largest, unit = float(np.max(np.abs(formulation.data[column]))), unit_of(formulation, measured)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
@@ -120,7 +120,7 @@ def _saturation(family: EffectFamily, formulation: Formulation, target: str) -> 
 
 
 def _varied(data: MeasuredData, column: str, values: int) -> None:
-    """Raise `NotTestable` for a column of fewer values than tell a shape of it from its lower powers."""
+    """Raise `NotTestable` for a column of too few values to tell a shape of it from its lower powers."""
     there = len(np.unique(data[column]))
     if there < values:
         raise NotTestable(f"column {column} has {there} values: a simpler term of it is the same", (column,))

@@ -1,4 +1,4 @@
-"""How warm members are: they follow a thermometer late, by how much nobody states, so causes come in several forms."""
+"""The temperature of members: they follow a thermometer with an unknown lag, so causes have one form for each lag."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from scipy.linalg.lapack import dtbtrs
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
 
-_THIN = 45.0  # s: thin tubes; each next form is twice as slow, for what lies between differs by less than is seen
-_SLOWEST = 0.25  # of the run: what is slower shows no more of its lag than of the start, which nobody knows
+_THIN = 45.0  # s: thin tubes; each next form is twice as slow, because lags in between cannot be distinguished
+_SLOWEST = 0.25  # of the run: a slower lag cannot be distinguished from the unknown temperature at the start
 _FORMS = 8
-_OTHER_RUN = 0.25  # of the variance over the run: temperatures that differ by more at the same times are not its own
+_OTHER_RUN = 0.25  # of the variance over the run: if temperatures at equal times differ by more, it is another run
 
 
 def time_constants(data: MeasuredData, clock: str) -> tuple[float, ...]:
-    """Return the time constants [s] that can be told apart by a column `clock` [s]: without one, none but zero."""
+    """Return the time constants [s] that a column `clock` [s] can tell apart; without a clock only zero."""
     run = float(np.ptp(data[clock])) if clock and data.has(clock) else 0.0
     ladder = (_THIN * 2**k for k in range(_FORMS))
     return (0.0, *(late for late in ladder if late < _SLOWEST * run))
@@ -24,9 +24,9 @@ def time_constants(data: MeasuredData, clock: str) -> tuple[float, ...]:
 def warmth(data: MeasuredData, late: float, column: str, clock: str, run: MeasuredData) -> Array:
     """Return the members' temperature above the reference, (n,), K: that of `column` through a lag of first order.
 
-    `late` is the time constant [s]. Members are taken to be as warm as the thermometer when the run begins; between
-    the rows it is taken to move in a straight line. `run` are the rows in which the lag was looked for: some of
-    them, or further rows of the same run, are as warm as what was before them has made them.
+    `late` is the time constant [s]. Members are taken to be as warm as the thermometer when the run begins; between the
+    rows the temperature is taken to change linearly. `run` are the rows in which the lag was searched for. Some of
+    them, or further rows of the same run, have a temperature that depends on the rows before.
     """
     if not late:
         return np.asarray(data[column], dtype=float)
@@ -42,9 +42,10 @@ def warmth(data: MeasuredData, late: float, column: str, clock: str, run: Measur
 
 
 def _record(data: MeasuredData, column: str, clock: str, run: MeasuredData) -> tuple[Array, Array]:
-    """Return the times, (k,), and what the thermometer showed: of `run` and the rows of `data` that are of this run.
+    """Return the times, (k,), and the thermometer's readings, of `run` and of the rows of `data` from the same run.
 
-    Rows are of another run where the thermometer showed something else at the same time: then they stand alone.
+    Rows belong to another run where the thermometer showed something else at the same time. They are then returned
+    without those of `run`.
     """
     t, shown = (np.asarray(data[name], dtype=float) for name in (clock, column))
     known, then = (np.asarray(run[name], dtype=float) for name in (clock, column))
@@ -60,7 +61,10 @@ def _record(data: MeasuredData, column: str, clock: str, run: MeasuredData) -> t
 
 
 def _followed(steps: Array, kept: float) -> Array:
-    """Return y with y_k = `kept` y_{k-1} + `steps`_k, (n,): as SciPy's `lfilter`, whose import takes a second."""
+    """Return y with y_k = `kept` y_{k-1} + `steps`_k, (n,), as SciPy's `lfilter` does.
+
+    Importing that takes a second.
+    """
     bands = np.ones((2, len(steps)))
     bands[1] = -kept
     return np.asarray(dtbtrs(bands, steps[:, None], uplo="L", diag="U")[0][:, 0])

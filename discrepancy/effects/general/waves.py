@@ -1,9 +1,9 @@
-"""An error of a joint that repeats with a period that nobody knows: a screw, teeth, balls of a bearing, a wave gear.
+"""Errors of a joint that repeat with an unknown period: a screw, teeth, balls of a bearing, a wave gear.
 
-The period is fitted, as that of a `Cycle`. A rotary joint is looked at above the third order a turn, for lower orders
-have names of their own, as have the orders of a stated period and of stated teeth: a screw whose pitch is known may
-still have a coupling, a belt, or a scale that errs otherwise. Waves of a joint come one after another: the second is
-looked for once the first is found.
+The period is fitted, as that of a `Cycle`. On a rotary joint only waves above the third order a turn are tried. Lower
+orders have names of their own, and so have the orders of a stated period and of stated teeth: a screw of known pitch
+may still have a coupling, a belt, or a scale with another error. Waves of a joint come one after another: the second is
+tried once the first is found.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.roles import Joint, roles_of
 
 _NAME = "periodic_error"
-_FINEST = 64.0  # waves a turn: what is finer are teeth, whose number is known
+_FINEST = 64.0  # waves a turn: finer ones are teeth, whose number is known
 _ORDINALS = ("", "second ", "third ", "fourth ")
 
 
@@ -29,14 +29,17 @@ def _joints(formulation: Formulation) -> tuple[str, ...]:
 
 
 def _named(joint: Joint, formulation: Formulation) -> tuple[float, ...]:
-    """Return the frequencies of a joint whose waves have names of their own, in waves to a unit of its reading."""
+    """Return the frequencies of a joint whose waves have names of their own, in waves per unit of its reading."""
     if joint.kind == "sliding":
         return tuple(k / joint.period for k in range(1, NAMED_ORDERS + 1)) if joint.period else ()
     return tuple(k * joint.teeth / turn_of(joint, formulation) for k in (1, 2)) if joint.teeth else ()
 
 
 def _of(after: str) -> Make:
-    """Return what builds the waves of a joint that are looked for once its family `after` is found, "" for none."""
+    """Return the function that builds the waves of a joint.
+
+    They are tried once the family `after` is found for the joint, or at once if `after` is "".
+    """
 
     def build(family: EffectFamily, formulation: Formulation, target: str) -> Built:
         [joint] = joints_of(formulation, target)

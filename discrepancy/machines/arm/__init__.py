@@ -1,9 +1,9 @@
-"""A serial arm from its URDF, whose target a tracker sees or whose ball sits in sockets.
+"""A serial arm from its URDF; a tracker sees its target, or its ball sits in sockets.
 
-`geometry` is the arm with its imperfections, `start` finds base and tool, `rank` says what the readings determine,
-`loads` what gravity asks, `turns` are measured orientations, `sockets` places without a tracker, `validate` checks
-files, `wild` leaves out what was no reading, `formulation` states what is measured and predicted, `effects` is what an
-arm has beside the general families, `description` declares columns, units and words.
+`geometry` is the arm with its imperfections, `start` finds base and tool, `rank` finds which parameters the readings
+determine, `loads` computes the moments of gravity, `turns` handles measured orientations, `sockets` measurements
+without a tracker, `validate` checks files, `wild` leaves out unusable readings, `formulation` states what is measured
+and predicted, `effects` has the arm's own effects, `description` declares columns, units and words.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""What may be wrong with an arm beside what any machine can have: base and tool that move, bearings that bend.
+"""The effects of an arm beside the general families: base and tool that move, bearings that bend.
 
-Base and tool move as bodies, all coordinates at once: evenly during the run, or once. Across its axis a joint gives way
-to the moment that gravity asks of it (`loads`), and with it the link behind it: about its axis the general `compliance`
-does.
+Base and tool move as rigid bodies, all coordinates at once: evenly during the run, or once. Under the moment of gravity
+(`loads`) a joint bends across its axis, with the link behind it; about its axis the general `compliance` applies.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ _MILLI = 1e-3
 
 
 def _numbers(formulation: Formulation, part: str) -> tuple[str, ...]:
-    """Return the numbers that say where a part is; `NotTestable` where nothing outside sees it."""
+    """Return the numbers that give the place of a part; raise `NotTestable` where no outside measurement sees it."""
     if part == "base":
         if not any(p.name == BASE[0] for p in formulation.parameters):
             raise NotTestable("nothing outside the arm was measured that the base could move against")
@@ -118,7 +117,7 @@ def _scale(name: str) -> float:
 
 
 def _way(c: Array) -> float:
-    """Return how far the part moved [mm]; its turns are told beside."""
+    """Return how far the part moved [mm]; its turns are reported separately."""
     return float(np.linalg.norm(c[:3]))
 
 

@@ -1,8 +1,8 @@
-"""`Arm`: a serial arm from its URDF, seen by a tracker: measured is where the target is, or how it is turned, too.
+"""`Arm`: a serial arm from its URDF, seen by a tracker that measures the target's place, or its orientation as well.
 
 Calibrated are the base, the tool, and the placement and zero of every joint, as far as the readings determine them
-(`rank`). Base and tool are found from the data (`start`), so that nobody states a frame. A column `socket` in the place
-of a tracker's is `sockets`' to state.
+(`rank`). Base and tool are found from the data (`start`), so nobody has to state a frame. Data with a column `socket`
+instead of the tracker's columns are formulated by `sockets`.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "demo" / "arm"  # a URDF 
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
 _HELD: WeakKeyDictionary[MeasuredData, Array] = WeakKeyDictionary()
 _TINY = 1e-30  # rad of a complex step: exact to rounding
-_ASKEW = 0.12  # rad from those of the arm: further, rotations are not what they are taken for
+_ASKEW = 0.12  # rad from those of the arm, beyond which rotations are misinterpreted
 _MIRRORED = 5.0  # times as near in a left-handed frame
 
 
@@ -93,7 +93,7 @@ class Arm:
     name: str = field(default="arm", init=False)
 
     def chain(self, data: MeasuredData) -> Chain:
-        """Return the chain of joints; raise `DataError` for a URDF that is none, or none at all."""
+        """Return the chain of joints; raise `DataError` without a usable URDF."""
         path = self.urdf or data.metadata.get("urdf", "")
         if not path:
             raise DataError(f"{data.name}: an arm needs its URDF: machine.urdf=my.urdf")
@@ -157,7 +157,7 @@ def tracked(chain: Chain, data: MeasuredData) -> Predicted:
 @final
 @dataclass(frozen=True, eq=False)
 class _Target:
-    """What the tracker sees of the target: its place, and beside the start its turn, where `tool` (3, 3) is told."""
+    """What the tracker sees of the target: its place and, where `tool` (3, 3) is given, its rotation from the start."""
 
     chain: Chain
     stand: Stand
@@ -174,7 +174,7 @@ class _Target:
         return np.concatenate([way.target, MILLI * small_vector_of(self._beside(way.flange[0], q))], axis=1)
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
-        """Return how that goes with each quantity."""
+        """Return the derivative of `seen` in each quantity."""
         way = self._walk(q)
         self._walked[:] = [(q, tuple(q.values()), way)]
         places = slopes(self.chain, way)
@@ -195,7 +195,7 @@ class _Target:
         }
 
     def _walk(self, q: Quantities) -> Walk:
-        """Return the way at q; after `slopes` the same numbers are asked for once more, by `seen`."""
+        """Return the kinematics at q; `seen` asks for the same numbers again after `slopes`."""
         for known, values, way in self._walked:
             if known is q and all(a is b for a, b in zip(values, q.values(), strict=True)):
                 return way
@@ -208,7 +208,7 @@ class _Target:
         return np.asarray(turned @ self._seat(q))
 
     def _seat(self, q: Quantities) -> Numbers:
-        """Return `_seat_of`, kept: nearly all calls have their start in common."""
+        """Return `_seat_of`, cached: nearly all calls have the same start."""
         aim = tuple(q[name] for name in AIM)
         for known, seat in self._seats:
             if all(a is b for a, b in zip(known, aim, strict=True)):
@@ -217,7 +217,7 @@ class _Target:
         return self._seats[0][1]
 
     def _seat_of(self, q: Quantities) -> Numbers:
-        """Return `tool` as seen from how the target is turned at the start, (n, 3, 3)."""
+        """Return `tool` relative to the target's rotation at the start, (n, 3, 3)."""
         return np.asarray(self.tool @ np.swapaxes(rotation_of(np.stack([q[name] for name in AIM], axis=-1)), -1, -2))
 
 
@@ -241,7 +241,7 @@ def _of_new(target: _Target, start: Mapping[str, float], data: MeasuredData) -> 
 
 
 def _with_turns(data: MeasuredData, flange: Array, fitted: Array) -> tuple[MeasuredData, Array]:
-    """Return the data with how the target is turned at the start, and as measured beside it; and its seat, (3, 3)."""
+    """Return the data with the target's rotation at the start and the measured rotation; and its seat, (3, 3)."""
     tool, aim, off = _seated(flange, measured_turns(data), fitted)
     if (apart := _apart(off)) > _ASKEW:
         other = {said: _apart(_seated(flange, told, fitted)[2]) for said, told in other_turns(data).items()}
@@ -253,7 +253,7 @@ def _with_turns(data: MeasuredData, flange: Array, fitted: Array) -> tuple[Measu
 
 
 def _aimed(data: MeasuredData, aim: Array, off: Array | None) -> MeasuredData:
-    """Return the data with how the target is turned at the start, (n, 3, 3), and `off`, as measured beside it."""
+    """Return the data with the target's rotation at the start, (n, 3, 3), and the measured rotation from it, `off`."""
     columns = {name: vector_of(aim)[:, k] for k, name in enumerate(AIM)}
     columns |= {} if off is None else {name: MILLI * off[:, k] for k, name in enumerate(TURNED)}
     kept = {name: c for name, c in data.columns.items() if name not in (*ANGLES, *QUATERNION)}
@@ -261,7 +261,7 @@ def _aimed(data: MeasuredData, aim: Array, off: Array | None) -> MeasuredData:
 
 
 def _seated(flange: Array, told: Array, fitted: Array) -> tuple[Array, Array, Array]:
-    """Return the seat of the target, (3, 3), how it is then turned, (n, 3, 3), and what is left of `told`, (n, 3)."""
+    """Return the seat of the target, (3, 3), its rotation then, (n, 3, 3), and the residual of `told`, (n, 3)."""
     tool = mean_turn((np.swapaxes(flange, -1, -2) @ told)[fitted])
     aim = flange @ tool
     return tool, aim, vector_of(told @ np.swapaxes(aim, -1, -2))
@@ -311,10 +311,10 @@ def parameter(chain: Chain, name: str, start: float) -> Parameter:
 
 
 def loads_in(formulation: Formulation, data: MeasuredData) -> tuple[Chain, Array] | None:
-    """Return the chain of an arm's formulation and what its joints hold in each row of `data`, at the nominal arm.
+    """Return the chain of an arm's formulation and the moments on its joints in each row of `data`, at the nominal arm.
 
-    It is None for a formulation of something else. What was found is kept as long as the data are, and for data
-    that hold the same joints and payloads beside other readings.
+    Returns None for a formulation of another machine. Results are cached as long as the data live, also for data with
+    the same joints and payloads beside other readings.
     """
     predict = getattr(getattr(formulation, "predict", None), "__self__", None)
     if predict is None:
@@ -335,7 +335,7 @@ def loads_in(formulation: Formulation, data: MeasuredData) -> tuple[Chain, Array
 @final
 @dataclass(frozen=True, eq=False)
 class _Loads:
-    """What joints hold, and the very objects that it was made of."""
+    """The moments on the joints, and the objects that they were computed from."""
 
     target: _Target
     start: Mapping[str, float]
@@ -346,7 +346,7 @@ class _Loads:
     def serves(
         self, target: _Target, start: Mapping[str, float], read: list[Array], metadata: Mapping[str, Any]
     ) -> bool:
-        """Return whether it was made of these."""
+        """Return whether it was computed from these objects."""
         same = self.target is target and self.metadata is metadata and len(self.read) == len(read)
         return same and all(a is b for a, b in zip(self.read, read)) and self.start == start
 
@@ -355,7 +355,7 @@ _LAST: list[_Loads] = []
 
 
 def roles_for(chain: Chain, data: MeasuredData, instruments: tuple[Instrument, ...]) -> Roles:
-    """Return what an arm is made of, as far as the data tell of it."""
+    """Return the roles of an arm, as far as the data tell of it."""
 
     def there(column: str) -> str:
         return column if column in data else ""

@@ -62,12 +62,12 @@ class Walk:
 
 
 def of_joint(joint: str) -> tuple[str, ...]:
-    """Return the names of the six errors of a joint's placement."""
+    """Return the names of the six placement errors of a joint."""
     return tuple(f"{one}_{joint}" for one in (*PLACE, *TURNS))
 
 
 def lengths(chain: Chain) -> dict[str, float]:
-    """Return `length_J` [mm] of each joint that stands off the joint before: how far."""
+    """Return `length_J` [mm], the distance from the joint before, of each joint where that is not zero."""
     far = {f"length_{j.name}": float(np.linalg.norm(j.origin[:3, 3])) for j in chain.joints}
     return {name: length for name, length in far.items() if length > LEAST_LENGTH}
 
@@ -137,7 +137,7 @@ def walk(chain: Chain, stand: Stand, q: Quantities) -> Walk:
 
 
 def slopes(chain: Chain, way: Walk) -> dict[str, Array]:
-    """Return how the target moves with each quantity, name -> (n, 3)."""
+    """Return the derivative of the target's place in each quantity, name -> (n, 3)."""
     n = way.target.shape
     found = {name: _spread(one, n) for name, one in way.along.items()}
     axes = np.stack([_spread(axis, n) for axis, _ in way.about.values()])
@@ -146,9 +146,9 @@ def slopes(chain: Chain, way: Walk) -> dict[str, Array]:
 
 
 def turn_slopes(chain: Chain, way: Walk, more: dict[str, Array], told: Callable[[Array], Array]) -> dict[str, Array]:
-    """Return how the flange turns with each quantity that turns it, and about `more` axes, name -> (n, 3).
+    """Return the derivative of the flange's rotation in each quantity, and about `more` axes, name -> (n, 3).
 
-    `told` makes of axes, (m, n, 3), by which the body turns, what is measured of the turn; it is linear in them.
+    `told` turns axes of rotation, (m, n, 3), into the measured rotation; it is linear in them.
     """
     n = way.target.shape
     axes = {name: axis for name, (axis, _) in way.about.items()} | more
@@ -158,7 +158,7 @@ def turn_slopes(chain: Chain, way: Walk, more: dict[str, Array], told: Callable[
 
 
 def _of_readings(chain: Chain, found: dict[str, Array]) -> dict[str, Array]:
-    """Return the slopes with those of the readings, that of the zero of each joint that follows it times its gain."""
+    """Return the slopes with those of the readings: the slope of each following joint's zero times its gain."""
     gains, _ = chain.following
     for i, name in enumerate(chain.driven):
         own = [gains[k, i] * found[f"zero_{j.name}"] for k, j in enumerate(chain.joints) if gains[k, i]]
@@ -167,7 +167,7 @@ def _of_readings(chain: Chain, found: dict[str, Array]) -> dict[str, Array]:
 
 
 def cross(a: Numbers, b: Numbers) -> Numbers:
-    """Return a x b over the last axis; it takes complex numbers, and is quicker than NumPy's own."""
+    """Return a x b over the last axis; it accepts complex numbers, and is faster than NumPy's own."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
@@ -205,7 +205,7 @@ def _about(turn: Numbers, axis: Array, angle: Any) -> Numbers:
 
 
 def _about_coordinate(turn: Numbers, k: int, angle: Numbers) -> Numbers:
-    """Return `turn` followed by rotations, one a row, about coordinate axis k: two columns of it mix."""
+    """Return `turn` followed by rotations, one a row, about coordinate axis k; only two columns change."""
     c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
     first, second = turn[..., (k + 1) % 3], turn[..., (k + 2) % 3]
     turned = np.empty((*angle.shape, 3, 3), dtype=np.result_type(turn, c))

@@ -1,10 +1,9 @@
-"""The moment of gravity on each joint: of everything that hangs beyond it, from masses, pose and payload.
+"""The moment of gravity on each joint, of everything beyond it, from masses, pose and payload.
 
-The masses and centres are the URDF's; the payload hangs at the target. Gravity pulls along `gravity` [m/s2] in the
-frame of the base, down its z where nothing else is stated. The moment (n, 3) [N mm] is told in the frame of the joint
-before it moves, so that its part along the axis is what the drive holds, and the rest is what bends bearing and link.
-Where no mass is known, each link is taken for a uniform rod: then the moment changes with the pose nearly as it should,
-and its size is a guess.
+The masses and centres are the URDF's; the payload hangs at the target. Gravity is along `gravity` [m/s2] in the frame
+of the base, down its z where nothing else is stated. The moment (n, 3) [N mm] is given in the frame of the joint before
+it moves: its part along the axis loads the drive, the rest bends bearing and link. Where no mass is known, each link is
+taken for a uniform rod: then the moment depends on the pose nearly as it should, and its size is a guess.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ ROD = 10.0  # kg a metre: what links of which no mass is told are taken to weigh
 
 
 def moments(chain: Chain, way: Walk, turned: Array, payload: Array, gravity: Array) -> Array:
-    """Return what the joints hold, (n, J, 3) [N mm], in each joint's own frame.
+    """Return the moments on the joints, (n, J, 3) [N mm], in each joint's own frame.
 
-    What has no told mass weighs nothing. `turned`, (3, 3), is the base in the frame of `way`.
+    A link without a stated mass has none. `turned`, (3, 3), is the base in the frame of `way`.
     """
     pull = turned @ gravity  # m/s2, in the tracker's frame
     n = len(way.target)

@@ -1,9 +1,9 @@
-"""Which parameters of an arm its readings determine: of similar ones a preferred one is free, the others are held.
+"""Choose the parameters of an arm that are calibrated: of similar ones a preferred one is free, the others are held.
 
-Base and tool come first, then zeros, shifts and turns of the joints from the floor on. A number of which the kept ones
-leave less than `_LEAST` of its signature is held: of parallel axes one shift along them (Hayati), of a placement the
-turn about its own axis. A parameter
-that is dependent on the nominal arm, and is seen only because the real arm differs from it, is held as well.
+Base and tool come first, then zeros, shifts and turns of the joints from the floor on. A number is held if the kept
+ones leave less than `_LEAST` of its signature: for parallel axes one shift along them (Hayati), of a placement the turn
+about its own axis. A parameter that is dependent on the nominal arm, and is seen only because the real arm differs from
+it, is held as well.
 """
 
 from __future__ import annotations

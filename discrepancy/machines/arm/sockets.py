@@ -40,7 +40,6 @@ from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array, Parameter
 
 INDEX = "socket_number"  # of all places, from 0
-_SPREAD = 3.0  # mm: what a socket's readings are apart before calibration
 _TINY = 1e-30
 _STAND = Stand(np.eye(3))
 
@@ -56,13 +55,13 @@ class Sockets:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the numbers that say where they are."""
+        """Return the names of the numbers that give the places of the points."""
         paired = {k for pair in self.pairs for k in pair}
         alone = tuple(f"socket{k}_{one}" for k in range(len(self.guess)) if k not in paired for one in PLACE)
         return (*(f"pair{k}_{one}" for k in range(len(self.pairs)) for one in (*PLACE, "u", "v")), *alone)
 
     def moved(self, q: Quantities) -> Numbers:
-        """Return how far each point is from its guess, (S, 3) [mm]."""
+        """Return the displacement of each point from its guess, (S, 3) [mm]."""
         kind = np.result_type(float, *(np.asarray(q[name]) for name in self.names))
         points = self.guess.astype(kind)
         for k in range(len(points)):
@@ -91,18 +90,18 @@ def _frame(way: Array) -> tuple[Array, Array, Array]:
 @final
 @dataclass(frozen=True, eq=False)
 class _Ball:
-    """Where the ball is, less how far its socket is from the guess."""
+    """The place of the ball, less the displacement of its socket from the guess."""
 
     chain: Chain
     sockets: Sockets
     stand: Stand = _STAND
 
     def seen(self, q: Quantities) -> Numbers:
-        """Return it, (n, 3) [mm]."""
+        """Return this place, (n, 3) [mm]."""
         return np.asarray(walk(self.chain, _STAND, q).target - self.sockets.moved(q)[_index(q)])
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
-        """Return how it goes with each quantity, name -> (n, 3)."""
+        """Return its derivative in each quantity, name -> (n, 3)."""
         found = slopes(self.chain, walk(self.chain, _STAND, q))
         rows = _index(q)
         for name in self.sockets.names:

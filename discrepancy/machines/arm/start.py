@@ -22,14 +22,14 @@ import numpy as np
 from calibench.core.counted import plain
 from calibench.problems.base import Array
 
-LEAST_POSES = 4  # three points and one more, for a rigid fit that says something
-_LINEAR = 14  # poses from which on the linear equations are determined with something to spare
+LEAST_POSES = 4  # one more than the three points that a rigid fit needs
+_LINEAR = 14  # poses from which on the linear equations are overdetermined
 _ROUNDS = 200
 _STILL = 1e-9  # of the size of the cloud
-_HUBER = 2.0  # robust deviations beyond which a reading pulls no harder
+_HUBER = 2.0  # robust deviations beyond which the influence of a reading does not grow
 # residuals, in the size of the cloud of points: something may be wrong; it cannot be this arm
 _DOUBTFUL, _APART = 0.1, 0.4
-_CURED = 8.0  # times smaller residuals, for another reading of the file to be what was meant
+_CURED = 8.0  # factor by which another interpretation of the file must reduce the residuals
 _FACTORS = {1e3: "m", 1e-3: "um", 25.4: "inch", 1 / 25.4: ""}  # to mm from a unit of length
 
 
@@ -61,9 +61,10 @@ def misfit(
     found: Placed, seen: Array, flange: Callable[[Mapping[str, Array]], tuple[Array, Array]],
     joints: Mapping[str, Array], sliding: Set[str],
 ) -> str:  # fmt: skip
-    """Return why readings `seen` (n, 3) [mm] are no such arm's, and what mends it; "" for those that may be.
+    """Return why readings `seen` (n, 3) [mm] cannot be this arm's, and how to correct them.
 
-    `flange(joints)` walks the arm at `joints`, name -> (n,) [rad, or mm of those in `sliding`].
+    The text is "" for readings that may be this arm's. `flange(joints)` computes the flange at `joints`, name -> (n,)
+    [rad, or mm of those in `sliding`].
     """
     left, spread = float(np.median(found.left)), _spread(seen)
     if not left > _DOUBTFUL * spread:
@@ -84,7 +85,7 @@ def misfit(
 def _changed(
     joints: Mapping[str, Array], seen: Array, sliding: Set[str]
 ) -> Iterator[tuple[str, Mapping[str, Array], Array]]:
-    """Yield what may have been meant: in words, the joints, and the places."""
+    """Yield the corrections that are tried: in words, the joints, and the places."""
     for factor, unit in _FACTORS.items():
         stated = f", as units=x:{unit},y:{unit},z:{unit} does" if unit else ""
         for k, name in enumerate("xyz"):

@@ -26,7 +26,10 @@ def has_turns(data: MeasuredData) -> bool:
 
 
 def measured_turns(data: MeasuredData) -> Array:
-    """Return the measured rotations, (n, 3, 3); raise `DataError` where nothing says in which order angles turn."""
+    """Return the measured rotations, (n, 3, 3).
+
+    Raise `DataError` where nothing states the order in which angles turn.
+    """
     if data.has(*QUATERNION):
         numbers = np.stack([np.asarray(data[name], dtype=float) for name in QUATERNION])
         none = int((~(np.linalg.norm(numbers, axis=0) > 0)).sum())
@@ -40,7 +43,7 @@ def measured_turns(data: MeasuredData) -> Array:
 
 
 def other_turns(data: MeasuredData) -> dict[str, Array]:
-    """Return the rotations, (n, 3, 3), that the same columns mean if something else is stated, by what states it."""
+    """Return the rotations, (n, 3, 3), that the same columns would mean under each other statement, by statement."""
     if data.has(*QUATERNION):
         numbers = [np.asarray(data[name], dtype=float) for name in QUATERNION]
         names = {name: QUATERNION[k] for k, name in enumerate(("qw", "qx", "qy", "qz"))}
@@ -67,7 +70,7 @@ def _of_angles(data: MeasuredData, order: str) -> Array:
 
 
 def mean_turn(turns: Array) -> Array:
-    """Return the rotation nearest to all of (n, 3, 3), those far out weighed down, (3, 3)."""
+    """Return the rotation nearest to all of (n, 3, 3), with small weight for those far out, (3, 3)."""
     weight = np.ones(len(turns))
     for _ in range(20):
         U, _, V = np.linalg.svd(np.einsum("n,nij->ij", weight, turns))
@@ -87,7 +90,7 @@ def vector_of(turns: Array) -> Array:
 
 
 def rotation_of(vectors: Numbers) -> Numbers:
-    """Return the rotations, (n, 3, 3), of axis times angle, (n, 3) [rad]; complex numbers pass."""
+    """Return the rotations, (n, 3, 3), of axis times angle, (n, 3) [rad]; it accepts complex numbers."""
     angle = np.sqrt(np.sum(vectors * vectors, axis=1) + 1e-300)
     x, y, z = vectors.T
     none = np.zeros_like(x)
@@ -98,14 +101,17 @@ def rotation_of(vectors: Numbers) -> Numbers:
 
 
 def small_vector_of(turns: Numbers) -> Numbers:
-    """Return axis times angle [rad], (n, 3), of rotations by less than .3 rad; complex numbers pass."""
+    """Return axis times angle [rad], (n, 3), of rotations by less than .3 rad; it accepts complex numbers."""
     odd = _odd(turns)
     s = np.sum(odd * odd, axis=1)[:, None]
     return np.asarray(odd * (1 + s * (1 / 6 + s * (3 / 40 + s * (15 / 336 + s * 105 / 3456)))))  # arcsin
 
 
 def beside(vectors: Array, omega: Array) -> Array:
-    """Return how `vectors`, axis times a small angle, change when the body turns by omega, (n, 3), about fixed axes."""
+    """Return the change of `vectors`, axis times a small angle, when the body turns by omega about fixed axes.
+
+    `omega` has shape (n, 3).
+    """
     once = cross(vectors, omega)
     return np.asarray(omega - once / 2 + cross(vectors, once) / 12)
 

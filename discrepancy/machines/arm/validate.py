@@ -37,7 +37,10 @@ _TIMES = 0.5  # part of the rows with a time of their own, which a clock needs t
 
 
 def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
-    """Return the readings with `q_J`, directions, a clock, warmth; raise `DataError` for what is no arm's."""
+    """Return the readings with `q_J`, directions, a clock, temperatures.
+
+    Raise `DataError` for data that are not an arm's.
+    """
     if data.machine not in ("", "arm"):
         raise DataError(f"{data.name}: these are data of machine {data.machine!r}, not of an arm")
     data = _numbered(entered(data), chain)
@@ -81,10 +84,10 @@ def _beyond_limits(columns: Mapping[str, Any], chain: Chain) -> list[str]:
 
 
 def completed(data: MeasuredData, chain: Chain) -> MeasuredData:
-    """Return rows that are only predicted, each of them, under the names of a fit; raise `DataError` for a joint less.
+    """Return rows that are only predicted, all of them, under the names of a fit.
 
-    Without directions a joint came from where it stood a row before; before the first row it is in the middle of its
-    play. Temperatures are told from the middle of those that were fitted.
+    Raise `DataError` for a missing joint. Without directions a joint came from its position a row before; in the first
+    row it is in the middle of its play. Temperatures are relative to the median of the fitted ones.
     """
     data = _numbered(data, chain)
     columns = {READING + name: _joint(data, chain, name) for name in chain.driven}
@@ -100,7 +103,7 @@ def completed(data: MeasuredData, chain: Chain) -> MeasuredData:
 
 
 def _beside(data: MeasuredData, chain: Chain, columns: Mapping[str, Any], order: NDArray[np.intp]) -> dict[str, Any]:
-    """Return directions, velocities and torques of the joints that stand in `columns`."""
+    """Return directions, velocities and torques of the joints in `columns`."""
     found: dict[str, Any] = {}
     for name in chain.driven:
         column = f"direction_{name}"
@@ -112,7 +115,7 @@ def _beside(data: MeasuredData, chain: Chain, columns: Mapping[str, Any], order:
 
 
 def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
-    """Return the data with joints, places and what is told of joints under our names, however the file has them."""
+    """Return the data with joints, places and the joints' further columns renamed from the file's names to ours."""
     given = [name for name, column in data.columns.items() if column.dtype.kind in "iuf" and name not in _OURS]
     try:
         found = match_columns(given, chain.driven)

@@ -47,14 +47,17 @@ def torques(chain: Chain, stand: Stand, start: Mapping[str, float], data: Measur
 
 
 def loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: MeasuredData) -> Array:
-    """Return what the joints hold, (n, J, 3) [N mm], with links as rods where neither masses nor a payload are told."""
+    """Return the moments on the joints, (n, J, 3) [N mm].
+
+    Links are rods where neither masses nor a payload are stated.
+    """
     q: dict[str, Any] = dict(start) | {READING + n: data[READING + n] for n in chain.driven}
     heavy = as_rods(chain) if weightless(chain, data) else chain
     return moments(heavy, walk(chain, stand, q), stand.turned, payload_of(data), gravity_of(data))
 
 
 def weightless(chain: Chain, data: MeasuredData) -> bool:
-    """Tell whether nothing says what gravity pulls at: neither masses nor a payload."""
+    """Tell whether gravity has nothing to act on: neither masses nor a payload are stated."""
     return all(j.mass is None for j in chain.joints) and not payload_of(data).any()
 
 
@@ -74,7 +77,7 @@ def payload_of(data: MeasuredData) -> Array:
 
 
 def gravity_of(data: MeasuredData) -> Array:
-    """Return gravity in the frame of the base, (3,) [m/s2]; raise `DataError` for what is no direction."""
+    """Return gravity in the frame of the base, (3,) [m/s2]; raise `DataError` for a value that is not a direction."""
     stated = data.metadata.get("gravity", GRAVITY)
     try:
         pull = np.asarray(stated, dtype=float)

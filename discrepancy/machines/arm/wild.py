@@ -43,7 +43,7 @@ def without_wild(formulation: Predicted) -> Predicted:
 
 
 def robust(model: Model) -> Array:
-    """Return the parameters of a fit in which readings far out are weighed down."""
+    """Return the parameters of a fit in which readings far out have small weight."""
     x = model.start
     weight = np.ones_like(np.asarray(model.residuals(x), dtype=float))
     for _ in range(_ROUNDS):

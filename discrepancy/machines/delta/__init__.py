@@ -1,7 +1,7 @@
-"""A linear delta printer: three carriages on towers, three rods, one nozzle, found by probing and by caliper.
+"""A linear delta printer (three carriages on towers, three rods, one nozzle), measured by probe and caliper.
 
-`kinematics` is the machine with its imperfections, `formulation` states what heights and distances say, `validate`
-checks measured data, `description` declares columns and words, `effects` is the catalogue.
+`kinematics` is the machine with its imperfections, `formulation` predicts heights and distances, `validate` checks
+measured data, `description` declares columns and words, `effects` is the catalogue.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""The correction in the owner's own form: lines for printer.cfg, with Klipper's signs and zeros.
+"""The correction in the form that the user of a printer enters: lines for printer.cfg, with Klipper's signs and zeros.
 
-Klipper has `position_endstop` as the height of the nozzle with all carriages at their switches, reckoned with the
-rods and the radius of the same file: so with other rods or another radius every endstop is another number. Its angles
-are in degrees, and tower c keeps its own, as all three together only turn the print. What printer.cfg has no number
-for is told in a comment.
+Klipper's `position_endstop` is the height of the nozzle with all carriages at their switches, computed with the rods
+and the radius of the same file; so other rods or another radius change every endstop. Its angles are in degrees. Tower
+c keeps its angle, because all three together only turn the print. A comment tells what printer.cfg has no number for.
 """
 
 from __future__ import annotations
@@ -52,9 +51,9 @@ def corrected(report: Report) -> Correction | None:
 
 
 def geometry(report: Report) -> dict[str, float]:
-    """Return the numbers of printer.cfg by key, those of a tower with its letter behind: mm and degrees.
+    """Return the numbers of printer.cfg by key, mm and degrees; a tower's letter is at the end of its key.
 
-    `belt_a` is by what rotation_distance must be multiplied.
+    `belt_a` is the factor for rotation_distance.
     """
     fitted = report.model
     q = {name: _one(value) for name, value in fitted.model.quantities(fitted.best)[1].items() if np.ndim(value) < 2}

@@ -1,9 +1,9 @@
 """A linear delta printer as a measured machine: probe heights and caliper distances, each with the carriages' travel.
 
-One constraint a row, mm: what the machine as modelled shows, minus what was measured. Rows are of two kinds: `height`,
-of the nozzle above the bed where the probe triggers, and `distance`, between two places of a printed object. Free are
-the three endstops, for these every owner sets first; radius, rods, angles and belts are held at what the configuration
-says, and what is wrong with them has to be named.
+One constraint a row, mm: the modelled value minus the measured one. Rows are of two kinds: `height`, of the nozzle
+above the bed where the probe triggers, and `distance`, between two places of a printed object. The three endstops are
+free, because every user sets these first. Radius, rods, angles and belts are held at the configured values; an error of
+these must be found as an effect.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ _PLACES = 12  # heights from which on a disagreement over the bed is looked for:
 class Delta:
     """A linear delta printer, of which the endstops are calibrated.
 
-    `start` is what a printer.cfg is compared with: its design, or the numbers that SAVE_CONFIG wrote (`saved`).
+    `start` tells which printer.cfg numbers the machine starts from: its design, or those of SAVE_CONFIG (`saved`).
     """
 
     name: str = field(default="delta", init=False)
     start: Literal["design", "saved"] = "design"
 
     def formulate(self, data: MeasuredData) -> Formulation:
-        """Return what the rows say of the machine; raise `DataError` for data that cannot be a delta's."""
+        """Return the formulation of the rows; raise `DataError` for data that cannot be a delta's."""
         data = accepted(data)
         nominal = nominal_machine(data, "saved" if self.start == "saved" else "printer")
         names = tuple(f"endstop_{tower}" for tower in TOWERS)
@@ -78,7 +78,7 @@ class Measured:
 
     @property
     def roles(self) -> Roles:
-        """Return the carriages, for what any slide has: play, a zero that drifts, slips or follows warmth."""
+        """Return the carriages as joints, for the general effects of a slide: play, and a zero that drifts or slips."""
         data = self.data
         carriages = tuple(
             Joint(f"tower {t}", f"zero_{t}", "sliding", direction=f"direction_{t}" if f"direction_{t}" in data else "")

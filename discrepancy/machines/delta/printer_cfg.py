@@ -39,7 +39,7 @@ def read_printer_cfg(text: str) -> Foreign:
     """
     saved_lines = [_SAVED.sub("", line) for line in text.splitlines() if _SAVED.match(line)]
     opens = next((k for k, line in enumerate(saved_lines) if _SECTION.match(line)), len(saved_lines))
-    saved_lines = saved_lines[opens:]  # what stands before is Klipper's word to the owner
+    saved_lines = saved_lines[opens:]  # the lines before are a comment by Klipper
     upper_lines = [line for line in text.splitlines() if not _SAVED.match(line)]
     upper, saved = _parsed("\n".join(upper_lines)), _parsed("\n".join(saved_lines))
     if upper.get("printer", {}).get("kinematics", "").strip().lower() != "delta":
@@ -112,7 +112,7 @@ def _geometry(config: Config) -> dict[str, float]:
 
 def _steps_per_mm(config: Config, tower: str) -> float:
     section = f"stepper_{tower}"
-    if "step_distance" in config.get(section, {}):  # how older files say it
+    if "step_distance" in config.get(section, {}):  # the key of older files
         return 1 / _above_zero(config, section, "step_distance")
     steps = _number(config, section, "full_steps_per_rotation", _FULL_STEPS) * _above_zero(
         config, section, "microsteps"

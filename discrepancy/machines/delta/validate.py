@@ -1,4 +1,4 @@
-"""Check a delta's measured data once, at the door, and turn motor steps into the travel of the carriages."""
+"""Check a delta's measured data, once, and turn motor steps into the travel of the carriages."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ def is_accepted(data: MeasuredData) -> bool:
 
 
 def nominal_machine(data: MeasuredData, start: str = "printer") -> dict[str, float]:
-    """Return the numbers of `NOMINAL`, mm and rad: stated ones above the printer's; towers at 210, 330, 90 degrees.
+    """Return the numbers of `NOMINAL`, mm and rad. Stated numbers override the printer's.
 
-    `start` names the metadata that hold the printer's: `printer`, as it was designed, or `saved`. A single `arm` or
-    `endstop` stands for all three. Raises `DataError` for one that is missing.
+    Towers stand at 210, 330, 90 degrees. `start` names the metadata with the printer's numbers: `printer`, as it was
+    designed, or `saved`. A single `arm` or `endstop` stands for all three. Raises `DataError` for one that is missing.
     """
     single = tuple(name for name in ("arm", "endstop"))
     own = data.metadata.get(start) or data.metadata.get("printer") or {}
@@ -84,7 +84,7 @@ def nominal_machine(data: MeasuredData, start: str = "printer") -> dict[str, flo
 
 
 def _kinds(data: MeasuredData) -> Any:
-    """Return the kind of each row, (n,); without a column `kind` a row with a distance is one."""
+    """Return the kind of each row, (n,); without a column `kind`, a row that has a distance is one."""
     if "kind" in data:
         kind = np.char.lower(np.char.strip(np.asarray(data["kind"]).astype(str)))
         for word in sorted(set(kind.tolist()) - set(_KINDS)):
@@ -106,7 +106,7 @@ def _needed(data: MeasuredData, kind: Any) -> dict[str, Any]:
     ways = {f"{what}_{t}{end}": rows for end, rows in ends.items() for t in TOWERS for what in ("travel", "steps")}
     ways |= {f"direction_{t}": probed for t in TOWERS} | {"height": probed, "distance": printed}
     for tower in TOWERS:
-        for end in ends:  # steps are not looked at beside a way
+        for end in ends:  # a travel column takes precedence over steps
             ways.pop(f"steps_{tower}{end}" if f"travel_{tower}{end}" in data else "", None)
     return {name: rows for name, rows in ways.items() if name in data and rows.any()}
 
@@ -123,7 +123,7 @@ def _measured(data: MeasuredData, name: str, own: Any) -> Any:
 
 
 def _direction(data: MeasuredData, name: str, probed: Any) -> Any:
-    """Return which way a carriage came, (n,): -1 or 1; 0 where a distance does not say, for it has two ends."""
+    """Return the direction in which a carriage came, (n,): -1 or 1; 0 in a row of a distance, which has two ends."""
     column = np.asarray(data[name], dtype=float)
     column = np.where(~probed & ~np.isfinite(column), 0.0, column)
     _all_finite(data, name, column)

@@ -16,7 +16,7 @@ from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.registries import describe
 
 _LEGS = (1, 2, 3)
-_SIGMA_XY = 0.02  # mm: a tracker as it is sold
+_SIGMA_XY = 0.02  # mm: a usual tracker
 _COLUMNS = (
     *(Quantity(f"enc_{i}", "rad", f"angle of joint {i}") for i in _LEGS),
     *(Quantity(f"vel_{i}", "rad/s", f"velocity of joint {i}", f"leg {i}") for i in _LEGS),
@@ -79,6 +79,6 @@ describe(
         completed=with_tracker,
         demonstrations=Path(__file__).resolve().parents[2] / "demo" / "gpm2002",
         targets={"tracker": ""},
-        general=False,  # the list whose rates are told in docs/discovery-statistics.md
+        general=False,  # its list is the one whose rates stand in docs/discovery-statistics.md
     ),
 )

@@ -78,9 +78,9 @@ class Gpm2002:
 
 
 def _gauge(nominal: Mapping[str, float], held: Sequence[str]) -> tuple[str, ...]:
-    """Return what must be held besides `held`, where only angles are read, for nothing to move unseen.
+    """Return what must be held besides `held`, where only angles are read, so that every move can be observed.
 
-    Angles do not see where the machine is, how it is turned, nor how large it is.
+    Angles do not determine where the machine is, how it is turned, nor how large it is.
     """
     moves = np.zeros((len(NAMES), 4))
     for k, name in enumerate(NAMES):
@@ -182,9 +182,9 @@ class LegClosure:
         return (q["x"], q["y"]) if self.tracked else _radical_centre(*_elbows(q), q)
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
-        """Return target -> covariate -> (n,): a leg's own angle and the others', and what it met; the place.
+        """Return target -> covariate -> (n,): a leg's own angle, the others' angles, its further columns, the place.
 
-        Columns that are not there, or do not vary, are left out.
+        Columns that are missing or constant are left out.
         """
         of_leg = {f"leg {i}": (*ENCODERS, *SHARED, *(f"{kind}_{i}" for kind in OWN)) for i in LEGS}
         met = {leg: {name: self.data[name] for name in names if self._varies(name)} for leg, names in of_leg.items()}

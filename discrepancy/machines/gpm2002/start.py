@@ -28,10 +28,10 @@ _CLEARLY = 0.5  # offsets elsewhere must close this many times better than those
 def closing_offsets(
     formulation: Formulation, nominal: Mapping[str, float], free: tuple[str, ...], stated: bool
 ) -> tuple[dict[str, float], float]:
-    """Return the offsets `free`, rad, that close the nominal machine best on the formulation's rows, and the miss, mm.
+    """Return the offsets `free`, rad, with which the nominal machine closes best on the rows, and the misclosure, mm.
 
-    The miss is a median over readings. Where the offsets are `stated` those in `nominal` are begun from, too, and
-    kept to unless others close clearly better.
+    The misclosure is a median over readings. Where the offsets are `stated`, those in `nominal` are a start as well,
+    and are kept unless others close clearly better.
     """
     q = {name: np.asarray(value) for name, value in {**formulation.fixed, **nominal}.items()}
     q |= {name: formulation.data[name] for name in formulation.readings}
@@ -54,9 +54,9 @@ def closing_offsets(
 
 
 def _scan(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...], steps: int) -> list[Array]:
-    """Return the offsets of the scan that miss least, at most `_TRIED`, the best first.
+    """Return the offsets of the scan with the smallest misclosure, at most `_TRIED`, the best first.
 
-    With a tracker each leg's constraint knows its own offset alone, and three scans do.
+    With a tracker each leg's constraint depends on its own offset alone, and three scans suffice.
     """
     turn = np.linspace(0, 2 * np.pi, steps, endpoint=False)
     apart = len(formulation.readings) > 3
@@ -101,10 +101,10 @@ def _refined(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...
 
 
 def _missed(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...], z: Array) -> tuple[Array, Array]:
-    """Return by how much the legs miss each other, (n, c), mm of a reading's move, and the slopes in `free`.
+    """Return the misclosure of the legs, (n, c), in mm of displacement, and its slopes in `free`.
 
-    The power over its slope in the readings: where the elbows are almost in line the radical centre flies off, and the
-    power by itself says nothing.
+    It is the power over the power's slope in the readings, because the power alone has no meaning where the elbows are
+    almost in line and the radical centre is far away.
     """
     at = q | dict(zip(free, z))
     slopes = formulation.slopes(at)
@@ -113,5 +113,5 @@ def _missed(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...]
 
 
 def _arm(reading: str) -> float:
-    """Return what turns a unit of a reading into about a millimetre."""
+    """Return the factor that turns a unit of a reading into about a millimetre."""
     return _LINK if reading.startswith("enc") else 1.0

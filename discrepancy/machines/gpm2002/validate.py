@@ -71,7 +71,7 @@ def _plain(name: str) -> str:
 
 
 def _known_columns(data: MeasuredData) -> MeasuredData:
-    """Return the data with columns of numbers; say of every column that is not known what it may have been."""
+    """Return the data with columns of numbers; a note for every unknown column says which known one it may be."""
     columns: dict[str, NDArray[Any]] = {}
     for name, column in data.columns.items():
         if name in ("split", "pose_id", "visit_id", "valid") or name not in _KNOWN:
@@ -141,7 +141,7 @@ def _in_radians(data: MeasuredData) -> MeasuredData:
 
 
 def _stated_noise(data: MeasuredData) -> MeasuredData:
-    """Return the data with sigma_enc, and with a tracker sigma_xy, in the metadata: as stated, or told by repeats."""
+    """Return the data with sigma_enc, and with a tracker sigma_xy, in the metadata: as stated, or from repeats."""
     groups = {"sigma_enc": ENCODERS} | ({"sigma_xy": ("x", "y")} if data.has("x", "y") else {})
     for key, columns in groups.items():
         stated = data.metadata.get(key)
@@ -160,7 +160,7 @@ def _stated_noise(data: MeasuredData) -> MeasuredData:
 
 
 def _check_stated(data: MeasuredData) -> None:
-    """Refuse what is stated of the encoders and cannot be meant; nothing stated is no error."""
+    """Refuse statements on the encoders that cannot be right; a missing statement is no error."""
     resolution, teeth = data.metadata.get("encoder_lsb"), data.metadata.get("tooth_numbers")
     if resolution is not None:
         positive(data, "encoder_lsb", resolution)

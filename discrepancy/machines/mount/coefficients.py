@@ -1,9 +1,9 @@
-"""What was found, as a pointing model: the field's terms with their coefficients in arcsec, a term a line.
+"""The findings as a pointing model: the field's terms with their coefficients in arcsec, a term a line.
 
-The layout is that of a TPOINT model: a caption, a line with the method (T: the terms turn what was recorded into what
-is true), the number of stars and the rms on the sky [arcsec], then term, coefficient and its standard deviation, and
-END. What the field has no term for (a drift, a slip, a difference between the sides of the pier) stands as a comment:
-a mount's control software does not know it.
+The layout is that of a TPOINT model: a caption, a line with the method (T: the terms turn recorded into true
+directions), the number of stars and the rms on the sky [arcsec], then term, coefficient and its standard deviation, and
+END. A finding that is no term of the field (a drift, a slip, a difference between the sides of the pier) is written as
+a comment, because a mount's control software does not know it.
 """
 
 from __future__ import annotations

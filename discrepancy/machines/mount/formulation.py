@@ -1,8 +1,8 @@
-"""`Mount`: what is measured is how far each star was from where the axes said it was; the mount's terms predict it.
+"""`Mount`: the measured columns are how far each star was from where the axes said it was.
 
-Two components on the sky: along the circle of the first axis, weighted by the cosine of the second (`dX`, `dS`), and
-along the second (`dDec`, `dEl`), in arcsec. The axes are inputs without noise of their own; seeing, centring and play
-together are the noise, and nobody states it: `noise` tells it from the data.
+The mount's terms predict them. Two components on the sky, in arcsec: along the circle of the first axis, weighted by
+the cosine of the second (`dX`, `dS`), and along the second (`dDec`, `dEl`). The axes are inputs without noise of their
+own. Seeing, centring and play together are the noise. Nobody states it, so `noise` estimates it from the data.
 """
 
 from __future__ import annotations

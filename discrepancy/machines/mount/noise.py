@@ -1,8 +1,9 @@
-"""The noise of a night that nobody states: what the richest model of a mount leaves of the errors on the sky.
+"""The noise of a night that nobody states, estimated from the residuals of the richest model of a mount.
 
-All terms of the field together, and a slow change with time and with the place as far as the stars carry it, take away
-what any single finding could, and some more. What is left is noise, but for what no smooth model of a mount tells. An
-estimate from the index errors alone would be ten times that, and hide the terms it is made of.
+That model has all terms of the field, and a slow change with time and with the place as far as the number of stars
+allows. So it explains what any single effect could explain, and some more. Its residuals are noise, apart from errors
+that no smooth model of a mount describes. An estimate from the residuals of the index errors alone would be ten times
+as large, and would hide the terms that cause it.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ from calibench.problems.base import Array
 from calibench.problems.fitting import gauss_newton
 
 _SHARE = 0.35  # of the residuals that the richest model may spend on its numbers
-_WILD = 5.0  # robust deviations beyond which a star was another star
+_WILD = 5.0  # robust deviations beyond which a star was misidentified
 _MEDIAN = 0.6744897501960817  # of the modulus of a standard Gaussian variable
 _ALIKE = 1e-4  # relative size below which a direction of the terms is none: names of one signature
 
 
 def left_by_all(formulation: Formulation, effects: Sequence[Effect]) -> float:
-    """Return the standard deviation of an error on the sky, of either component, that all `effects` together leave.
+    """Return the standard deviation of an error on the sky, of either component, in a fit with all `effects` together.
 
-    One for both, as for what is seen through one eyepiece; the field's rms on the sky is sqrt(2) times it. Rows that
-    are held out are not looked at.
+    One value for both components, because one eye sees them; the field's rms on the sky is sqrt(2) times it. Held-out
+    rows are not used.
     """
     data = formulation.data
     if data.has("split"):
@@ -83,7 +84,7 @@ def _each(columns: Array, m: int) -> Array:
 
 
 def _spread(left: Array, spent: float) -> float:
-    """Return the rms of residuals (n,) but for wild ones, `spent` of them gone into numbers."""
+    """Return the rms of residuals (n,) without wild ones, for a fit of `spent` numbers."""
     core = float(np.median(np.abs(left))) / _MEDIAN
     kept = left[np.abs(left) <= _WILD * max(core, 1e-12)]
     return float(np.sqrt(np.sum(kept**2) / max(len(kept) - spent, 1.0)))

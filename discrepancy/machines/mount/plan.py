@@ -27,8 +27,8 @@ def planned(
 ) -> MeasuredData:
     """Return `n` stars evenly spread over the sky (plan=sky) or along the meridian and one vertical (plan=cross).
 
-    With `flips` an equatorial mount observes stars east of the meridian with the tube gone over the pole.
-    Raises `DataError` for what no sky has.
+    With `flips` an equatorial mount observes stars east of the meridian with the tube gone over the pole. Raises
+    `DataError` for stars that no sky has.
     """
     if not 3 <= n <= _MOST or not 0 <= lowest_deg < 85 or abs(latitude_deg) > 90:
         raise DataError(f"plan.n={n}, lowest_deg={lowest_deg:g}, latitude_deg={latitude_deg:g}: 3 stars or more, "

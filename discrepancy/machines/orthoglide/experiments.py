@@ -71,7 +71,7 @@ PLAUSIBLE = {
 @final
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Rows of experiment 3 as measured and as a model of experiment 2 says, mm; `like` compares the two."""
+    """Rows of experiment 3 as measured and as predicted by a model of experiment 2, mm; `like` compares the two."""
 
     labels: tuple[str, ...]
     measured: Array
@@ -84,7 +84,7 @@ class Prediction:
         return float(np.sqrt(np.mean((self.measured - self.predicted[model])[kept] ** 2)))
 
     def refusing(self, model: str) -> tuple[str, ...]:
-        """Return the rows that a model brings no nearer than the joint offsets alone do."""
+        """Return the rows that a model predicts no better than the joint offsets alone do."""
         plain, own = (np.abs(self.measured - self.predicted[name]) for name in ("offsets only", model))
         return tuple(label for label, a, b in zip(self.labels, plain, own) if b > a)
 
@@ -92,10 +92,10 @@ class Prediction:
 @final
 @dataclass(frozen=True, eq=False)
 class Experiments:
-    """Everything the page says, by set, by weighting (False: least squares as in the chapter; True: eq. (14)).
+    """All numbers of the page, by set, by weighting (False: least squares as in the chapter; True: eq. (14)).
 
-    Six differences have no weighting: each is of two readings of its own. `prices` are those of the best candidate of
-    the family that was added later, and of the best that was there before.
+    Six differences have no weighting, because each is of two readings of its own. `prices` are those of the best
+    candidate of the family that was added later, and of the best that was there before.
     """
 
     sets: Mapping[tuple[str, bool], SmallSample]
@@ -152,7 +152,7 @@ def experiments(draws: int = 5_000) -> Experiments:
 
 
 def read_instead(data: MeasuredData) -> MeasuredData:
-    """Return a printed set with the one datum that is believed misprinted as it should be read."""
+    """Return a printed set in which the one datum that is believed misprinted has its corrected value."""
     place, label = {"exp1": ("Measurements #1, x_z", "x_z"), "exp3_t2": ("'Exper. data', x_z_minus", "x_z-")}[data.name]
     (erratum,) = (e for e in constants.document(PAPER)["erratum"] if e["place"].endswith(place))
     here = np.array(labels(data)) == label
@@ -216,8 +216,8 @@ def predict(second: Formulation, third: Formulation, weighted: bool) -> Predicti
 def told_apart(plan: PlanName, size: Array) -> dict[str, float]:
     """Return how far each rival stays from `HANDED` at `size` under a plan: the root of its chi2.
 
-    It is in gauge noise of .01 mm. The machine's six errors are calibrated where the plan sees them. 3 is a hint, 6
-    decides, were nothing else wrong.
+    It is in gauge noise of .01 mm. The machine's six errors are calibrated where the plan determines them. If nothing
+    else were wrong, 3 would be a hint and 6 would decide.
     """
     formulation = _formulated(planned(plan, _SIGMA))
     handed = effect_of(formulation, HANDED)
@@ -252,18 +252,18 @@ def _formulated(data: MeasuredData) -> Formulation:
 
 
 def _deviations(formulation: Formulation, about: Calibrated, x: Array) -> Array:
-    """Return the deviations [mm] that a fitted model says for the rows of `formulation` at x."""
+    """Return the deviations [mm] that a model fitted at x predicts for the rows of `formulation`."""
     model = Model(formulation, about.model.effects)
     return np.asarray(formulation.constraints(model.quantities(x)[1])[:, 0] + formulation.data["deviation"])
 
 
 def _moved(about: Calibrated, third: Formulation, shift: Array) -> Array:
     x = about.x.copy()
-    x[:3] -= shift  # what the control software now knows is no error any more
+    x[:3] -= shift  # the control software has applied this shift
     return _deviations(third, about, x)
 
 
 def _matched(second: MeasuredData, third: MeasuredData, left: Array) -> Array:
-    """Return what experiment 2 left, in the rows of experiment 3: the same readings, or differences of Max and Min."""
+    """Return the residuals of experiment 2 in the rows of experiment 3: the same readings, or their differences."""
     of = dict(zip(labels(second), left))
     return np.array([of[label] if label in of else of[f"{label}+"] - of[f"{label}-"] for label in labels(third)])

@@ -174,9 +174,9 @@ def _same(axis: Index, arrival: Array, one: Array, two: Array) -> Array:
 
 
 def _known_together(full: Parallelism, free: str) -> str:
-    """Return what to say of offsets and lengths that these readings know only together; "" where they tell them apart.
+    """Return a remark on offsets and lengths of which these readings determine only a combination.
 
-    Rows that are held out count: it is about the plan.
+    It is "" where there are none. Held-out rows count, because the remark is about the plan.
     """
     tied = confounded([p.name for p in full.parameters], full.nominal_slopes, full.sigma["deviation"])
     if not tied:

@@ -1,4 +1,4 @@
-"""`Base`: a function of columns and parameters, told apart by its signature, as what a `Predicted` needs."""
+"""`Base`: a function whose signature separates columns from parameters, in the form that a `Predicted` needs."""
 
 from __future__ import annotations
 
@@ -34,9 +34,10 @@ class Base:
 
 
 def base_of(name: str, function: Function, given: tuple[str, ...], start: Mapping[str, Any], rows: str) -> Base:
-    """Return the base model; `given` are the columns for its arguments in order, where they are not called as these.
+    """Return the base model; `given` are the columns for its arguments, in order, where these have other names.
 
-    `rows` is the measured column. Raises `DataError` where arguments and columns do not fit, or a start is no number.
+    `rows` is the measured column. Raises `DataError` where arguments and columns do not fit, or a start is not a
+    number.
     """
     columns: list[str] = []
     starts: dict[str, Any] = {}

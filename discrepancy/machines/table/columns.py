@@ -18,7 +18,7 @@ _MOST_BACK = 20
 
 
 def numbers_of(data: MeasuredData) -> tuple[str, ...]:
-    """Return the columns of numbers that say something of a reading."""
+    """Return the columns of numbers that describe a reading."""
     return tuple(c for c in data.columns if c not in _OF_ROWS and np.issubdtype(np.asarray(data[c]).dtype, np.number))
 
 

@@ -1,4 +1,4 @@
-"""What a table is searched for under names of its own: a known period, a late column, a drift and a step in time."""
+"""The effects that a table has under its own names: a known period, a late column, a drift and a step in time."""
 
 from __future__ import annotations
 

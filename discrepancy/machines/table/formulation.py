@@ -1,6 +1,6 @@
-"""`Table`: one column is measured, a function of others predicts it, and what it leaves may follow any column.
+"""`Table`: one column is measured, a function of others predicts it, and its residuals may depend on any column.
 
-The inputs carry no noise. The noise of what is measured is a number, a column, or unknown: then it is learned.
+The inputs carry no noise. The noise of the measured column is a number, a column, or unknown: then it is estimated.
 """
 
 from __future__ import annotations

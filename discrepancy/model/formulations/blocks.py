@@ -78,7 +78,7 @@ class Blocks:
 
     @property
     def roles(self) -> Roles:
-        """Return what all blocks are made of."""
+        """Return the roles of all blocks together."""
         return reduce(lambda some, more: some | more, (roles_of(block) for block in self.blocks))
 
     @property
@@ -126,7 +126,7 @@ class Blocks:
         return found
 
     def decorrelate(self, rows: Array) -> Array:
-        """Return `rows` as each block has them free of noise that they share."""
+        """Return `rows` with the shared noise removed by each block for its own rows."""
         mixed = np.array(rows)
         for block, own in self._filled():
             mixed[own] = block.decorrelate(rows[own])
@@ -259,7 +259,7 @@ def _stacked(blocks: Sequence[Formulation]) -> MeasuredData:
 
 
 def _filled_in(data: MeasuredData, block: Formulation, blocks: Sequence[Formulation]) -> MeasuredData:
-    """Return the data of a block with a number in the empty cells of what only rows of another block read."""
+    """Return the data of a block with a number in the empty cells that only rows of another block read."""
     own = {*block.readings, *inputs_of(block)}
     filled: dict[str, NDArray[Any]] = {}
     for other in blocks:
@@ -270,7 +270,7 @@ def _filled_in(data: MeasuredData, block: Formulation, blocks: Sequence[Formulat
 
 
 def _identified(data: MeasuredData) -> MeasuredData:
-    """Return the data with a number for the pose and the visit of every row: one of its own where nothing is told."""
+    """Return the data with numbers for pose and visit in every row; each row has its own where the data tell none."""
     own = np.arange(len(data))
     if "visit_id" not in data:
         data = data.with_columns({"visit_id": own})

@@ -115,7 +115,7 @@ class Constraints:
         return rows
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
-        """Return for each reading every column of numbers that varies: what its error may smoothly depend on."""
+        """Return for each reading every column of numbers that varies: its error may depend smoothly on these."""
         columns = varying(self.data)
         return {name: columns for name in self.noise}
 
@@ -125,7 +125,7 @@ class Constraints:
 
 
 def varying(data: MeasuredData) -> dict[str, Array]:
-    """Return every column of numbers that varies, name -> (n,), but those that number the readings."""
+    """Return every column of numbers that varies, name -> (n,), without those that only number the readings."""
     return {
         name: np.asarray(column, dtype=float)
         for name, column in data.columns.items()
@@ -134,12 +134,12 @@ def varying(data: MeasuredData) -> dict[str, Array]:
 
 
 def joints_among(inputs: Sequence[str], roles: Roles) -> tuple[Sensor, ...]:
-    """Return the joints whose readings are `inputs`, as sensors: a file's units are turned into theirs."""
+    """Return the joints whose readings are `inputs`, as sensors, so that a file's units are turned into theirs."""
     return tuple(Sensor(joint.reading, "joint", joint.unit) for joint in roles.joints if joint.reading in inputs)
 
 
 def check_kinds(told: str, columns: object, inputs: object, parameters: Sequence[object]) -> None:
-    """Raise `DataError` where what an author states is of another kind: a word for a tuple, names without noise."""
+    """Raise `DataError` where a statement of an author has a wrong type: a word for a tuple, names without noise."""
     if not isinstance(columns, Mapping):
         raise DataError(f"{told}: each column with its standard deviation is needed, such as {told}={{'x': 0.02}}")
     refuse_word("inputs", inputs)

@@ -1,7 +1,7 @@
 """A first estimate of noise that nobody stated: from the residuals of the machine without effects, robustly.
 
-The estimate is of what the machine leaves unexplained, so it is above the noise where an effect is missing. It is where
-a search begins, and never what a verdict rests on.
+The residuals also contain missing effects, so the estimate is above the noise where an effect is missing. A search
+starts with it, and no verdict depends on it.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ _LEAST = 1e-12  # part of the spread of a column that its noise is not below: su
 def learned_noise(formulation: Formulation) -> dict[str, float]:
     """Return a standard deviation for each reading of unknown noise, each of which has a constraint of its own.
 
-    The k-th constraint must be that of the k-th reading, as in a prediction. Rows that are held out are not looked at.
-    Raises `DataError` for a reading that never varies and is met exactly: such rows tell no noise.
+    The k-th constraint must be that of the k-th reading, as in a prediction. Held-out rows are not used. Raises
+    `DataError` for a reading that never varies and has no residual: such rows contain no noise.
     """
     data = formulation.data
     if data.has("split"):
@@ -70,10 +70,11 @@ def _of_one_instrument(formulation: Formulation) -> list[tuple[str, ...]]:
 
 
 def _pooled(found: dict[str, float], n: int, spent: float) -> dict[str, float]:
-    """Return the noise that columns of one instrument have in common; each its own where they differ beyond chance.
+    """Return one common noise for the columns of one instrument; each its own where they differ more than by chance.
 
-    Of few rows each is told to a sixth or so. Tests that compare what is explained with what remains take all residuals
-    to scatter alike, so a column whose noise is told too small by chance alone would show effects that are not there.
+    From few rows, each estimate is accurate to about a sixth. Tests that compare explained with remaining squares take
+    all residuals to have equal variance; a column whose noise is estimated too small by chance would then show false
+    effects.
     """
     if len(found) < 2:
         return found
@@ -85,9 +86,10 @@ def _pooled(found: dict[str, float], n: int, spent: float) -> dict[str, float]:
 
 
 def told_by_middle(n: int, spent: float) -> float:
-    """Return how many degrees of freedom tell as much of a noise as the middle of n residuals, `spent` fitted to them.
+    """Return the degrees of freedom that are equivalent to a noise estimate by the median of n residuals.
 
-    The lack of fit of the same residuals is compared with that noise: without this, chance would be taken for misfit.
+    `spent` numbers were fitted to them. The lack of fit of the same residuals is compared with that noise; without this
+    number, chance would look like misfit.
     """
     return max(_TOLD * (n - spent), 1.0)
 

@@ -130,7 +130,7 @@ class Predicted:
         return replace(self, data=data, _checked=True)
 
     def parted(self) -> tuple[Predicted, ...]:
-        """Return the same, one formulation for each measured column: their noise is not shared."""
+        """Return one formulation for each measured column, because their noise is independent."""
 
         def one(k: int, name: str) -> Predicted:
             def predict(q: Quantities) -> Numbers:
@@ -198,5 +198,5 @@ _TINY = 1e-30  # of a complex step: exact to rounding
 
 
 def _kind(name: str, stated: Stated) -> str:
-    """Return the words that make sensors of one kind: equal numbers; what is unknown or varies is its own kind."""
+    """Return a name for each kind of sensor: sensors of equal stated noise are one kind, any other is its own kind."""
     return f"{stated:g}" if isinstance(stated, int | float) else f"of {name}"

@@ -20,7 +20,7 @@ _STEP = 1e-6
 def check_slopes(formulation: Formulation, words: str) -> None:
     """Raise `DataError` where slopes and central differences disagree on the first rows; `words` name the function.
 
-    So it does for a function that fails, or asks for a quantity that nothing states.
+    It also raises for a function that fails, or that asks for a quantity that nothing states.
     """
     few = formulation.on(formulation.data.rows(np.arange(len(formulation.data)) < _ROWS))
     q: dict[str, Numbers] = {name: np.asarray(value) for name, value in few.fixed.items()}
@@ -52,7 +52,7 @@ def check_slopes(formulation: Formulation, words: str) -> None:
 
 
 def _asked(words: str, name: str, formulation: Formulation, q: Mapping[str, Numbers]) -> str:
-    """Return a sentence for a function that asks for `name`, which is not among the quantities `q`."""
+    """Return a sentence on a function that asks for `name`, which is not among the quantities `q`."""
     if name in formulation.data:
         way_out = "state the column with its standard deviation, or in inputs= where it carries no noise"
     else:

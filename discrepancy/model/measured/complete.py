@@ -71,11 +71,11 @@ def _without(data: MeasuredData, out: NDArray[np.bool_], missing: Mapping[str, N
 
 
 def without_gaps(data: MeasuredData, columns: Sequence[str], directions: Sequence[str] = ()) -> MeasuredData:
-    """Return the rows of `data` with a number in each of `columns`, which an error may follow, and notes.
+    """Return the rows of `data` with a number in each of `columns`, which an error may depend on, and notes.
 
-    Of `directions` that are told by two words the one is -1 and the other 1, as a note says. At most a fifth of the
-    rows is left out. A column that would cost more costs none: what follows it is not looked for, which a note tells,
-    and the reason of each effect that needs it.
+    Of `directions` that are written in two words one becomes -1 and the other 1, as a note says. At most a fifth of the
+    rows is left out. A column that would need more keeps its rows; effects of that column are then not tested, which a
+    note and the reason of each such effect say.
     """
     columns = [name for name in dict.fromkeys(columns) if name in data]
     for name in directions:
@@ -121,7 +121,7 @@ def _gaps_of(gaps: NDArray[np.bool_]) -> str:
 
 
 def told_gaps(column: NDArray[Any]) -> str:
-    """Return why no error can follow a column that lacks numbers; "" where it does not."""
+    """Return why no error can depend on a column that lacks numbers; "" where an error can."""
     if column.dtype.kind not in "iufb":
         return "holds words: numbers are needed"
     gaps = ~np.isfinite(column) if column.dtype.kind == "f" else np.zeros(0, dtype=bool)
@@ -166,7 +166,7 @@ def _told_still(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
 
 
 def _told_turns(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Sensor]) -> MeasuredData:
-    """Return the data with a note where an angle jumps by whole turns: a model that has no turns does not follow it."""
+    """Return the data with a note where an angle jumps by whole turns, which a model without turns does not follow."""
     radians = {s.column for s in sensors if s.unit == "rad"} | {n for n, unit in data.units.items() if unit == "rad"}
     for name in columns:
         reading = data[name][np.isfinite(data[name])]

@@ -1,4 +1,4 @@
-"""`Sensor`: one instrument of a machine. The search asks it what it is, and never reads that off a column's name."""
+"""`Sensor`: one instrument of a machine. The search takes its kind and part from here, never from a column's name."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What is stated of measured data, read as the numbers that it must be.
+"""Read statements about measured data as numbers.
 
-It comes from a file or a command line, so anything may stand there: text, lists in lists, a whole number that no float
-holds. `DataError` names the key and shows what it holds.
+They come from a file or a command line, so any value is possible: text, nested lists, a whole number too large for a
+float. `DataError` names the key and shows its value.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a search of `fmincon` shows along the way: lines of its display, and calls of the user's OutputFcn."""
+"""Output of a search of `fmincon` along the way: lines of its display, and calls of the user's OutputFcn."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from calibench.optimizers.fmincon.search.state import State
 @final
 @dataclass(frozen=True, eq=False)
 class OptimValues:
-    """What an OutputFcn is told, under MATLAB's names; `stepsize` is the norm of the last step in x.
+    """The argument of an OutputFcn, under MATLAB's names; `stepsize` is the norm of the last step in x.
 
     `searchdirection`, shape (n,), is the whole d of the line search that led here; None where none did.
     """

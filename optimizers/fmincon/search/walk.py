@@ -36,7 +36,7 @@ Slopes = tuple[Array, Array]  # of inequalities and of equalities, a row each
 
 
 class Asked(Protocol):
-    """An objective as a search wants it; `count` is the evaluations so far."""
+    """An objective in the form that a search needs; `count` is the evaluations so far."""
 
     count: int
 

@@ -1,16 +1,16 @@
-"""Section 3.3 of Cong et al. 2008 over how `fmincon` may have stepped and stopped, as its release is not printed.
+"""Section 3.3 of Cong et al. 2008 under each variant of `fmincon`, because the paper does not print its release.
 
-A variant is a rule of the difference step (`optimizers.fmincon.steps`) with a stop and its place
-(`optimizers.fmincon.stop`); some are what a release was, others never were. SciPy's SLSQP searches in the user's units,
-as MATLAB did, or in a unit box (`scaled`, outside the verdicts). The searches of two variants that differ in the stop
-alone pass the same points, so one search goes on until every stop has been met (or MATLAB's 100 n evaluations are
-spent), and each is asked where it would have ended it. A law in the tests holds that to what the options do.
+A variant is a rule of the difference step (`optimizers.fmincon.steps`) with a stopping test and its place
+(`optimizers.fmincon.stop`). Some variants were a release of MATLAB, others never were. SciPy's SLSQP searches in the
+user's units, as MATLAB did. Two variants that differ in the stopping test alone pass the same points. So one search
+goes on until every stopping test has been met (or MATLAB's 100 n evaluations are spent), and the end of each variant is
+read off its path. A test compares these ends with searches that have the options of each variant.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from math import comb
@@ -52,7 +52,6 @@ class Variant:
 
     step: str
     stop: Stop
-    scaled: bool
 
     @property
     def release(self) -> str:
@@ -62,12 +61,11 @@ class Variant:
     @property
     def words(self) -> str:
         """Return the variant as the rows' reasons name it."""
-        return f"{self.step} {self.stop}" + (" scaled" if self.scaled else "")
+        return f"{self.step} {self.stop}"
 
 
-MATLAB = Variant("gradient", "next_gradient", scaled=False)  # what the preset fmincon_matlab is
-VARIANTS = tuple(Variant(step, stop, scaled=False) for step, stop in product(STEPS, STOPS))
-SCALED = tuple(replace(variant, scaled=True) for variant in VARIANTS)
+MATLAB = Variant("gradient", "next_gradient")  # what the preset fmincon_matlab is
+VARIANTS = tuple(Variant(step, stop) for step, stop in product(STEPS, STOPS))
 
 
 @final
@@ -133,19 +131,19 @@ def verdict_of(judged: Sequence[Judged]) -> Verdict:
     return "reproduced" if {*releases, *controls} == {"true"} else "reproduced in kind"
 
 
-def _stepping(step: str, scaled: bool) -> dict[str, Any]:
+def _stepping(step: str) -> dict[str, Any]:
     limits = {"DiffMinChange": 1e-8, "DiffMaxChange": 0.1}  # MATLAB's defaults until 2010
-    return {"FiniteDifferenceStepRule": step, "ScaleVariables": scaled, "MaxIterations": 400, **limits}
+    return {"FiniteDifferenceStepRule": step, "ScaleVariables": False, "MaxIterations": 400, **limits}
 
 
 @cache
-def ends(problem: str, options: tuple[tuple[str, Any], ...], step: str, scaled: bool) -> Mapping[Stop, End]:
+def ends(problem: str, options: tuple[tuple[str, Any], ...], step: str) -> Mapping[Stop, End]:
     """Return where each stop ends the search on a problem with these options from its printed start."""
     built = _problem(problem, options)
     watch = _Watch()
     fmincon(
         built, built.start, lb=built.lower, ub=built.upper,
-        options={"OptimalityTolerance": 0.0, "StepTolerance": 0.0, "OutputFcn": watch, **_stepping(step, scaled)},
+        options={"OptimalityTolerance": 0.0, "StepTolerance": 0.0, "OutputFcn": watch, **_stepping(step)},
     )  # fmt: skip
     return {stop: End(built.merit(x)["kmrmse"], iterations) for stop, (x, iterations) in watch.answers().items()}
 
@@ -167,7 +165,7 @@ def column(key: str, variant: Variant, most: int = 1000) -> list[End]:
     problem, options = COLUMNS[key]
     plans = min(PLANS[problem], most)
     asked = [tuple(sorted((options | plan(problem, number)).items())) for number in range(-1, plans - 1)]
-    return [ends(problem, one, variant.step, variant.scaled)[variant.stop] for one in asked]
+    return [ends(problem, one, variant.step)[variant.stop] for one in asked]
 
 
 @final

@@ -21,7 +21,6 @@ from calibench.bench.papers.pashkevich2008.fits import (
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import NOTHING, Row, Tolerance
 
-_COUNT = Tolerance(0.0, "a count")
 _ROUNDING = Tolerance(1e-9, "rounding")
 _ROUNDED = Tolerance(0.015, "half a digit of three printed numbers")
 Shown = Callable[[Printed, int], Row]

@@ -1,4 +1,4 @@
-"""What never changes while a printer is measured: a constant added to quantities, spread as each target says."""
+"""Errors of a printer that stay constant during the measurement: a constant added to the quantities of each target."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ def constant(
 ) -> EffectFamily:  # fmt: skip
     """Enter the family whose targets are `spread`; `of` is the kind of row that it needs, "" for either.
 
-    `same` are the declared twins of a target, `same_by_heights` those of the target `all` where no distance parts them.
+    `same` are the declared twins of a target, `same_by_heights` those of the target `all` where only heights were
+    measured.
     """
 
     def build(formulation: Formulation, target: str) -> tuple[Effect, ...]:

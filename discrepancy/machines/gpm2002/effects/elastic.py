@@ -17,7 +17,7 @@ from calibench.discrepancy.model.machine import Formulation
 
 
 def _of_leg(made: Recipe, part: str) -> Recipe:
-    """Return a recipe whose target is a leg, where the general one asks for the joint or the length of that leg."""
+    """Return a recipe whose target is a leg; the general recipe asks for the joint or the length of that leg."""
 
     def make(family: EffectFamily, formulation: Formulation, target: str) -> Built:
         own = joint_of(target) if part == "joint" else distal(target)

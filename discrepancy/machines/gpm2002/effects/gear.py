@@ -1,6 +1,6 @@
 """Scale of an encoder, or a gear ratio that is not the stated one: the joint turns by (1 + k) times what is read.
 
-It is held to what an encoder on its own shaft can have: most of what a larger one does, the calibration absorbs.
+The size is limited to what an encoder on its own shaft can have, because calibration absorbs most of a larger one.
 """
 
 from __future__ import annotations

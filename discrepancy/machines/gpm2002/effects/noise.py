@@ -1,4 +1,4 @@
-"""Noise other than stated, as the catalogue lists it. It moves no mean: `discrepancy.noise.laws` looks for it."""
+"""Noise other than stated, as the catalogue lists it. It changes no mean, so `discrepancy.noise.laws` tests for it."""
 
 from __future__ import annotations
 

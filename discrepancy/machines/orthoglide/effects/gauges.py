@@ -75,10 +75,10 @@ def _place(formulation: Formulation, target: str) -> tuple[Effect, ...] | HeldBa
 
 
 def _felt(effect: LinearEffect, formulation: Formulation, largest: float) -> tuple[Effect, ...] | HeldBack:
-    """Return the effect; held back where not even the largest a gauge can have would show in these readings.
+    """Return the effect; held back where even the largest that a gauge can have would not show in these readings.
 
-    It is asked at the calibrated machine: legs that stand as they should look the same from anywhere. A coefficient
-    that no gauge can have large enough is left out: fitted, it would only run away.
+    The question is asked at the calibrated machine: legs that stand as they should look the same from anywhere. A
+    coefficient whose largest possible size does not show is left out, because its fitted value would be arbitrary.
     """
     model, x, J = calibrated(formulation)
     q, true = model.quantities(x)
@@ -108,7 +108,10 @@ def _restricted(effect: LinearEffect, kept: NDArray[np.bool_]) -> LinearEffect:
 
 
 def calibrated(formulation: Formulation) -> tuple[Model, Array, Array]:
-    """Return the model without effects, its least squares x and Jacobian there, (n, p); asked again, the same."""
+    """Return the model without effects, its least squares x and Jacobian there, (n, p).
+
+    Further calls return the same objects.
+    """
     if formulation not in _CALIBRATED:
         model = Model(formulation)
         x = gauss_newton(

@@ -65,7 +65,7 @@ def _thermal(formulation: Formulation, target: str) -> HeldBack:
 
 
 def _along(target: str) -> Along:
-    """Return where the carriages in `target` stand as their joints are off, at both moments."""
+    """Return the positions of the carriages in `target` that are used where the joints have errors, at both moments."""
     return along({name: name for i in axes_in(target) for name in (f"joint_{AXES[i]}", f"joint_{AXES[i]}_zero")})
 
 

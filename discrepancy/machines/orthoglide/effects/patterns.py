@@ -71,9 +71,10 @@ def spread(
 
 
 def along(changed: Mapping[str, str]) -> Along:
-    """Return where the carriages stand [mm from home] as an effect acts: `changed` is quantity -> that of the effect.
+    """Return the positions of the carriages [mm from home] as an effect acts.
 
-    A quantity is of the carriage that its name tells, at the posture, or at its Zero where it ends so.
+    `changed` is quantity -> that of the effect. A quantity belongs to the carriage in its name, at the posture, or at
+    its Zero where the name ends so.
     """
 
     def moments(data: MeasuredData) -> dict[str, Sequence[Moment]]:
@@ -90,5 +91,5 @@ def along(changed: Mapping[str, str]) -> Along:
 
 
 def at_both(names: Iterable[str]) -> dict[str, str]:
-    """Return what quantities of one size at every moment are at the posture and at its Zero, each with its name."""
+    """Return quantities of one size at every moment, with their names at the posture and at its Zero."""
     return {f"{name}_{when}": name for name in names for when in ("now", "zero")}
