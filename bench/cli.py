@@ -8,6 +8,7 @@ is imported when it is called: `list` must answer at once.
 from __future__ import annotations
 
 import atexit
+import errno
 import gc
 import os
 import sys
@@ -103,7 +104,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         code = 0
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        code = _refused(f"{where}{error.strerror or error}")
+        full = error.errno in (errno.ENOSPC, getattr(errno, "EDQUOT", None))
+        room = "; make room and give the same command again: finished runs are kept" if full else ""
+        code = _refused(f"{where}{error.strerror or error}{room}")
     except KeyboardInterrupt:
         print("bench: stopped; finished runs are kept, the same command goes on from there", file=sys.stderr)
         code = 130

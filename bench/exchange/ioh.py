@@ -148,7 +148,9 @@ def _told(runs: Sequence[ToldRun]) -> dict[str, Any]:
             "data_id": run.row["data_id"],
             "minimum": run.minimum,
             "targets": [float(level) for level in run.row["targets"]],
-            "budget": int(run.row["budget"]),
+            "budget": None if pd.isna(run.row["budget"]) else int(run.row["budget"]),
         }
-    common = {name: runs[0].row[name] for name in shared if len({run.row[name] for run in runs}) == 1}
+    # published runs tell no start and no budget: JSON has no word for what is not a number
+    values = {name: {None if pd.isna(run.row[name]) else run.row[name] for run in runs} for name in shared}
+    common = {name: next(iter(value)) for name, value in values.items() if len(value) == 1}
     return {"version": library_version("calibench"), **common, "instances": instances}

@@ -56,7 +56,7 @@ def order_of(cells: Columns) -> Counts:
     pairs = list(zip(plain(cells["problem"]), plain(cells["problem_options"]), strict=True))
     keys = [
         _ranks(pairs, lambda pair: [in_order(text) for text in pair]),
-        _ranks(plain(cells["start"])),
+        _ranks(plain(cells["start"]), lambda start: (start is None, start)),  # published runs tell none
         floats(cells["budget"]),
         -floats(cells["goal"]),
         places(cells),

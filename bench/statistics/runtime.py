@@ -233,8 +233,10 @@ def ecdf(
         for group, of_group in shares.items()
         for told, found in of_group.items()
     ]
-    heads = [*keys, "cost", "share", "problems", "of_problems"]
-    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=heads)
+    if not tables:
+        return pd.DataFrame(columns=[*keys, "cost", "share", "problems", "of_problems"])
+    # a start that no published run tells is still a text: as a number it could not be joined with `runs`
+    return pd.concat(tables, ignore_index=True).astype({"start": runs["start"].dtype})
 
 
 def _shares_within(

@@ -38,9 +38,10 @@ from calibench.bench.sweep.words.composition import (
 from calibench.bench.sweep.words.hydra_overrides import MOST_VALUES, in_ascii, last_value, values_of
 from calibench.bench.sweep.words.plain_words import PlainOverride
 from calibench.bench.sweep.words.values import RequestError
-from calibench.core.options import suggest
+from calibench.core.options import shown, suggest
 from calibench.core.registry import UnknownName, beside, suggest_or_own
 
+_YES_OR_NO = {"yes", "no", "on", "off", "y", "n"}
 _FUNCTION = {
     "problem": "; a function is called with the options and returns a problem: an object with lower, upper, start "
     "and a call",
@@ -129,6 +130,11 @@ def _chosen_options(kind: str, choice: str, name: str, composed: Mapping[str, An
         way = _way(kind, name)
         told = way if way and kind == "optimizer" else f" (no default); add {ways}{way}"
         raise RequestError(f"{choice} needs {', '.join(missing)}{told}")
+    for option in asked:
+        untyped = declared[option].type is Any and isinstance(declared[option].default, bool)
+        if untyped and str(composed[option]).lower() in _YES_OR_NO:
+            said = f"{choice}.{option}={composed[option]}"
+            raise RequestError(f"{said}: true or false is needed; a word, whatever it says, counts as true")
     needed = {k: v for k, v in composed.items() if k in asked or declared[k].required}
     registry.check(name, needed)  # also what equals the default, as true does 1.0
     return {k: v for k, v in composed.items() if declared[k].required or v != plain(declared[k].default)}
@@ -148,7 +154,9 @@ def _member(kind: str, name: str, chosen: dict[str, Any], globbed: bool) -> Memb
         raise
     except (Exception, SystemExit) as error:
         way = _way(kind, name)
-        raise RequestError(f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}{way}") from error
+        given = ", ".join(f"{option}={shown(value)}" for option, value in chosen.items())
+        told = f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}{way}"
+        raise RequestError(f"{told}{given and f' (it was given {given})'}") from error
     return Member(told, registry.place(name), chosen, built, key, globbed)
 
 

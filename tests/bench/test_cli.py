@@ -389,3 +389,21 @@ def test_an_option_of_a_problem_may_be_called_name(run_bench, here):
         json.loads(o)["name"]: round(x[0], 2) for o, x in zip(runs["problem_options"], runs["best_x"], strict=True)
     }
     assert found == {"near": 0.1, "far": 0.9}
+
+
+def test_a_full_disk_is_told_with_the_way_out(run_bench, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("calibench.bench.store.files.journal.Journal.append", full)
+    code, _, err = run_bench("run problem=sensor_zero optimizer=lm budget=20 seeds=1")
+    assert code == 2
+    assert err.endswith("No space left on device; make room and give the same command again: finished runs are kept\n")
+
+
+def test_a_folder_with_spaces_is_told_as_a_shell_takes_it(run_bench):
+    code, out, _ = run_bench(
+        ["run", "problem=sensor_zero", "optimizer=lm", "budget=20", "seeds=1", "results=my results"]
+    )
+    assert code == 0
+    assert "`bench report 'my results/adhoc'` draws them" in out

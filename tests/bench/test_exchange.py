@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from calibench import bench, optimizers
+from calibench.bench.commands.studies.compare import _why_none
 from calibench.bench.exchange import latex
 from calibench.bench.exchange.coco import NOT_FINITE
 from calibench.bench.exchange.course import course_of, traces_by_run
@@ -19,6 +20,7 @@ from calibench.bench.exchange.folders import file_names, write_folder
 from calibench.bench.exchange.studies import algorithm_names
 from calibench.bench.exchange.targets import gap_of_level
 from calibench.bench.execution.run_row import COLUMNS
+from calibench.bench.statistics.runtime import ecdf
 from calibench.bench.store.runs import ResultStore
 from calibench.problems.suites.gaps import COCO_GAPS
 from tests.bench.exchange_studies import Falls, Raised, mixed_study, suite_study
@@ -183,6 +185,77 @@ def test_published_coco_data_of_2009_are_read(run_bench, tmp_path):
     assert (second[1e2], second[1e1], second[10**-0.6], second[10**-0.8]) == (1, 12, 12, None)
     assert rows["best_value"].tolist() == [149.15 - 1.4e-9, 149.15 + 0.2]
     assert rows[["budget", "wall_s", "kmrmse"]].isna().all().all()
+
+
+def test_published_runs_which_tell_no_budget_and_no_start_have_a_page_alone_and_beside_ours(
+    studies, run_bench, tmp_path
+):
+    for name, last in (("old one", "7 -1.4e-09 -1.400000000e-09"), ("newer", "7 +5.0e-01 +5.000000000e-01")):
+        (tmp_path / "old" / name / "data_f8").mkdir(parents=True)
+        (tmp_path / "old" / name / "bbobexp_f8.info").write_text(COCO_2009.replace("old one", name))
+        data = DATA_2009.replace("7 -1.4e-09 -1.400000000e-09", last)
+        (tmp_path / "old" / name / "data_f8" / "bbobexp_f8_DIM2.dat").write_text(data)
+    run_bench("import coco old --to results/old")
+    code, _, err = run_bench("report results/old")
+    assert code == 0, err
+    page = Path("results/old/report.html").read_text()
+    assert "Of published runs, which tell no budget, old one reaches the goal most: in 1 of 2 runs" in page
+    assert "from starts that are not told" in page
+    assert "evaluations a run, at most" not in page
+    assert run_bench(["merge", studies / "mixed", "results/old", "--to", "results/both"])[0] == 0
+    code, _, err = run_bench("report results/both")
+    assert code == 0, err
+    page = Path("results/both/report.html").read_text()
+    assert "and of 4 published runs none told (the answer leaves them out)" in page
+    assert "what they spent was counted by those who published them" in page
+    store = ResultStore("results/old")
+    table = ecdf(store.hits(), store.runs(), by=["problem"])
+    assert len(table.merge(store.runs(), on=["optimizer", "start"]))  # the same type of column in both
+    code, _, err = run_bench("export ioh results/old --to there")
+    assert code == 0, err
+    assert "NaN" not in next(Path("there").rglob("*.json")).read_text()
+    run_bench("import ioh there --to results/again")
+    again = ResultStore("results/again").runs()
+    assert again[["start", "budget"]].isna().all().all()
+    assert sorted(again["charged"]) == sorted(store.runs()["charged"])
+    code, _, err = run_bench(["compare", "results/both", "--methods", "newer", "lm"])
+    assert (code, err.count("\n")) == (2, 1)
+    assert "problem is" in err
+
+
+def test_compare_says_of_published_runs_that_their_start_is_not_told(run_bench, tmp_path):
+    (tmp_path / "old" / "data_f8").mkdir(parents=True)
+    (tmp_path / "old" / "bbobexp_f8.info").write_text(COCO_2009)
+    (tmp_path / "old" / "data_f8" / "bbobexp_f8_DIM2.dat").write_text(DATA_2009)
+    run_bench("import coco old --to results/old")
+    ours = ResultStore("results/old").runs().iloc[:1].assign(optimizer="ours", start="random", budget=30)
+    assert _why_none(ResultStore("results/old").runs(), ours, any_method=True) == (
+        "start is not told in A and random in B"
+    )
+
+
+@pytest.mark.parametrize("suite", ["unknown_suite", "CEC2022"])
+def test_published_functions_of_cec_2022_are_those_of_our_suite(run_bench, tmp_path, suite):
+    (tmp_path / "theirs" / "data").mkdir(parents=True)
+    runs = [{"instance": 1, "evals": 60, "best": {"evals": 38, "y": 2.5, "x": [0.5] * 10}}]
+    scenarios = [{"dimension": 10, "path": "data/f.dat", "runs": runs}]
+    told = IOH | {"suite": suite, "function_id": 1001, "function_name": "CEC2022Zakharov", "scenarios": scenarios}
+    (tmp_path / "theirs" / "f.json").write_text(json.dumps(told))
+    (tmp_path / "theirs" / "data" / "f.dat").write_text("evaluations raw_y\n1 9.0\n38 2.5\n")
+    assert run_bench("import ioh theirs --to back")[0] == 0
+    row = ResultStore("back").runs().iloc[0]
+    assert json.loads(row["problem_options"]) == {"dimension": 10, "function": 1, "instance": 1, "suite": "CEC2022"}
+    assert row["data_id"].removesuffix("_gap") == "CEC2022_f1_i1_d10"
+    assert row["best_value"] - row["minimum"] == 2.5
+
+
+def test_data_of_an_earlier_ioh_profiler_are_refused_by_their_format(run_bench, tmp_path):
+    (tmp_path / "there" / "EA").mkdir(parents=True)
+    told = "suite = 'PBO', funcId = 1, DIM = 100, algId = 'EA'\n%\ndata_f1/IOHprofiler_f1_DIM100_i1.dat, 1:5|1.0e+02\n"
+    (tmp_path / "there" / "EA" / "IOHprofiler_f1_i1.info").write_text(told)
+    code, _, err = run_bench("import ioh there --to back")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "IOHprofiler_f1_i1.info: is of an earlier IOHprofiler, whose .info files are not read; JSON is" in err
 
 
 IOH = {

@@ -166,7 +166,59 @@ def test_the_answer_names_the_best_and_what_was_compared(store):
 def test_few_runs_leave_the_answer_undecided(store):
     told = answered(store)  # four pairs: no test can refuse at 5 %
     assert told.verdict == "undecided"
-    assert "the runs are too few or too alike to tell" in told.sure
+    assert "4 seeds cannot tell 3 methods apart on 2 problems, whatever they hold; it takes 8 or more" in told.sure
+
+
+def clones(store, seeds, problems=1):
+    """Return the runs on one problem as if `seeds` seeds and `problems` problems had been alike."""
+    first = store.runs().query("problem == 'link_length' and repetition == 0")
+    return pd.concat(
+        [
+            first.assign(repetition=seed, run_id=first["run_id"] + f"{seed}-{problem}", data_id=f"{problem}")
+            for seed in range(seeds)
+            for problem in range(problems)
+        ],
+        ignore_index=True,
+    )
+
+
+@pytest.mark.parametrize(("seeds", "problems"), [(8, 2), (9, 3)])
+def test_the_least_number_that_the_page_asks_for_decides(store, seeds, problems):
+    def apart(runs):  # the same order everywhere: no test can be surer
+        return runs.assign(best_value=runs["optimizer"].map({"lm": 1.0, "de": 2.0, "trf": 3.0}).fillna(4.0))
+
+    enough = answered(store, lambda _: apart(clones(store, seeds, problems)))
+    assert enough.verdict == "decided"
+    told = answered(store, lambda _: apart(clones(store, seeds - 1, problems)))
+    assert told.verdict == "undecided"
+    assert f"it takes {seeds} or more" in told.sure
+
+
+def test_ten_problems_cannot_decide_between_eight_methods_and_the_page_says_how_many_can(store):
+    def eight(problems):
+        one = clones(store, 1, problems).query("optimizer == 'de'")
+        many = [one.assign(optimizer=f"m{i}", run_id=one["run_id"] + f"m{i}", best_value=float(i)) for i in range(8)]
+        return pd.concat(many, ignore_index=True)
+
+    told = answered(store, lambda _: eight(10))
+    assert told.verdict == "undecided"
+    assert "10 problems cannot tell 8 methods apart, whatever they hold; it takes 11 or more" in told.sure
+    assert answered(store, lambda _: eight(11)).verdict == "decided"
+
+
+def test_who_is_first_by_mean_place_is_told_so_where_another_is_first_more_often(store):
+    def placed(_):
+        runs = clones(store, 1, 5)
+        values = {"a": [2, 2, 2, 1, 1], "b": [1, 1, 1, 9, 9], "c": [3, 3, 3, 2, 2], "d": [4, 4, 4, 3, 3]}
+        one = runs.query("optimizer == 'de'").sort_values("data_id")
+        named = [one.assign(optimizer=n, run_id=one["run_id"] + n, best_value=v) for n, v in values.items()]
+        found = pd.concat(named, ignore_index=True)
+        return found.assign(hits_charged=found["targets"].map(lambda t: [None] * len(t)))
+
+    assert (
+        "a comes first by its mean place, and has the lowest median value on 2 of 5 problems"
+        in answered(store, placed).best
+    )
 
 
 def test_many_runs_decide(store):

@@ -6,6 +6,7 @@ Needs playwright (the extra ``browser``) and Chromium as the system has it; noth
 import re
 import shutil
 
+import numpy as np
 import pytest
 
 from calibench import bench, optimizers, problems
@@ -294,3 +295,31 @@ def test_a_value_axis_up_to_1e299_has_labels(browser, tmp_path):
     written = page.evaluate("window.written")
     context.close()
     assert sum(re.fullmatch("10[⁰¹²³⁴⁵⁶⁷⁸⁹]{2,3}", text) is not None for text in written) >= 4
+
+
+class Bowl:
+    """A problem with the name that it is given."""
+
+    lower, upper, start = np.full(2, -1.0), np.full(2, 1.0), np.full(2, 0.5)
+
+    def __init__(self, name: str):
+        self.name = name
+
+    def __call__(self, x):
+        return float(x @ x)
+
+
+@pytest.mark.parametrize("width", [400, 1300])
+def test_a_name_without_a_space_is_broken_before_it_pushes_a_number_out_of_sight(browser, tmp_path, width):
+    store = ResultStore(tmp_path / "long")
+    store.open()
+    for name in ("short", "x" * 150):
+        for method in ("de", "nlopt_LN_BOBYQA"):
+            store.write(bench.execute(Bowl(name), optimizers.make(method), budget=50))
+    write_report(store)
+    page = Opened(browser, store, width).page
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    if width < 1000:
+        return  # there the table scrolls
+    wide = "[...document.querySelectorAll('table.costs')].map(t => t.scrollWidth - t.parentElement.clientWidth)"
+    assert max(page.evaluate(wide)) <= 0

@@ -140,6 +140,7 @@ def test_a_problem_that_cannot_be_built_is_a_wrong_request(run_bench, tmp_path):
     code, out = run_bench("run problem=rough:Base problem.kind=build optimizer=de budget=20 seeds=1")
     assert code == 2
     assert "cannot be built: RuntimeError: no hardware" in out
+    assert "(it was given kind=build)" in out  # of a sweep over many settings: which
     assert not (tmp_path / "results").exists()
 
 
@@ -286,3 +287,17 @@ def test_a_study_without_any_finite_value_is_reported(run_bench, tmp_path):
     assert run_bench("run problem=rough_nan:Base optimizer=de budget=20 seeds=2")[0] == 1  # both runs failed
     assert run_bench("report results/adhoc")[0] == 0
     assert pq.read_table(tmp_path / "results" / "adhoc" / "runs.parquet")["non_finite"].to_pylist() == [20, 20]
+
+
+def test_a_word_for_a_flag_that_nobody_annotated_is_refused_as_it_would_count_as_true(run_bench, tmp_path):
+    (tmp_path / "lids.py").write_text(
+        "import numpy as np\n\nclass Pan:\n    lower, upper, start = -np.ones(2), np.ones(2), np.zeros(2)\n\n"
+        "    def __init__(self, lid=False, kind='no'):\n        self.lid, self.kind = lid, kind\n\n"
+        "    def __call__(self, x):\n        return float(x @ x) + (1.0 if self.lid else 0.0)\n"
+    )
+    command = "run problem=./lids.py:Pan optimizer=nlopt_LN_BOBYQA budget=20 problem."
+    for word in ("yes", "no", "Off", "n"):
+        code, out = run_bench(f"{command}lid={word}")
+        assert code == 2
+        assert f"lid={word}: true or false is needed; a word, whatever it says, counts as true" in out
+        assert run_bench(f"{command}kind={word} problem.lid=true")[0] == 0

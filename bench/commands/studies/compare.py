@@ -88,7 +88,7 @@ def _sides(folders: list[str], methods: tuple[str, str] | None) -> tuple[pd.Data
 def _why_none(first: pd.DataFrame, second: pd.DataFrame, any_method: bool) -> str:
     """Return which part of a cell the two sides never have in common."""
     for name in ("problem", *(() if any_method else ("optimizer",)), "start", "budget", "target"):
-        a, b = (runs[name].astype(str).unique().tolist() for runs in (first, second))
+        a, b = (runs[name].astype(object).fillna("not told").astype(str).unique().tolist() for runs in (first, second))
         if not {*a} & {*b}:
             return f"{name} is {shortened(', '.join(a))} in A and {shortened(', '.join(b))} in B"
     return (

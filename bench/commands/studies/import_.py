@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 
@@ -33,5 +34,6 @@ def run(argv: list[str]) -> int:
     written = write_study(runs, name, folder, Path(to))
     algorithms = sorted({run.algorithm for run in runs})
     print(f"{written}: {counted(len(runs), 'published run')} of {counted(len(algorithms), 'algorithm')}, from {folder}")
-    print(f"beside yours: bench merge {written} results/adhoc --to results/both, then bench report results/both")
+    merge = f"bench merge {shlex.quote(str(written))} results/adhoc --to results/both"
+    print(f"beside yours: {merge}, then bench report results/both")
     return 0

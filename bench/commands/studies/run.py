@@ -103,7 +103,8 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
     missing = len(outcome.asked) - len(mine)
     every = f"{len(mine)} of " if missing else ""
     done = f"{every}{counted(len(outcome.asked), 'run')} ({outcome.skipped} done before)"
-    print(f"{done} in {request.folder}/runs.parquet, traces.parquet; `bench report {request.folder}` draws them")
+    report = f"bench report {shlex.quote(str(request.folder))}"
+    print(f"{done} in {request.folder}/runs.parquet, traces.parquet; `{report}` draws them")
     if outcome.printed:
         here = outcome.printed[0] if len(outcome.printed) == 1 else outcome.printed[0].parent
         print(f"what runs printed stands in {here}")
@@ -149,8 +150,8 @@ def _print_failures(rows: pa.Table, request: Request) -> None:
     reasons.sort(key=lambda row: -int(row[0]))
     print_table(["runs", "such as", *told], reasons[:_LONG])
     if len(reasons) > _LONG:
-        print(f"and {len(reasons) - _LONG} more; `bench status {request.folder}` lists all reasons")
-    where = "" if request.folder.parent == Path("results") else f" results={request.folder.parent}"
+        print(f"and {len(reasons) - _LONG} more; `bench status {shlex.quote(str(request.folder))}` lists all reasons")
+    where = "" if request.folder.parent == Path("results") else f" results={shlex.quote(str(request.folder.parent))}"
     print(f"`bench show RUN_ID{where}` prints one of them, with the last frames of an error that Python has raised")
 
 

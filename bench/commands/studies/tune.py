@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable
 
 import pandas as pd
@@ -45,7 +46,8 @@ def tune(words: list[str], command: str, carry: Carry, dry_run: bool) -> int:
     print(f"{counted(len(mine), 'run')} in {store.folder}/runs.parquet; {skipped} of those asked for were done before")
     failed = int((mine["status"] != "ok").sum())
     if failed or len(mine) < len(asked):
-        print(f"{failed} failed, {len(asked) - len(mine)} have no row; `bench status {store.folder}` tells why")
+        status = f"bench status {shlex.quote(str(store.folder))}"
+        print(f"{failed} failed, {len(asked) - len(mine)} have no row; `{status}` tells why")
         return 1
     return 0
 

@@ -38,6 +38,8 @@ def read_ioh(folder: Path) -> list[PublishedRun]:
                 raise ValueError(
                     f"import ioh: {path}: is no whole description ({type(error).__name__}: {error})"
                 ) from None
+    if not runs and (older := next(folder.rglob("IOHprofiler_*.info"), None)):
+        raise ValueError(f"import ioh: {older}: is of an earlier IOHprofiler, whose .info files are not read; JSON is")
     if not runs:
         raise ValueError(f"import ioh: {folder} has no IOHprofiler description (*.json with scenarios)")
     return runs

@@ -19,6 +19,8 @@ _BBOB = (
     "Gallagher21", "Katsuura", "LunacekBiRastrigin",
 )  # fmt: skip
 
+_CEC, _CEC_BEFORE = "CEC2022", 1000
+
 
 @final
 @dataclass(frozen=True)
@@ -38,9 +40,14 @@ def of_coco(suite: str, function: int, dimension: int, instance: int) -> Named:
 
 
 def of_ioh(suite: str, function: int, name: str, dimension: int, instance: int) -> Named:
-    """Return a problem of IOHexperimenter; where its suite is not told, the `name` of a function tells BBOB's."""
+    """Return a problem of IOHexperimenter; where its suite is not told, a function's `name` tells BBOB and CEC 2022.
+
+    IOHexperimenter numbers the functions of CEC 2022 from 1001; ours are those of their paper, from 1.
+    """
     if suite == "unknown_suite" and 1 <= function <= len(_BBOB) and _BBOB[function - 1] == name:
         suite = "BBOB"
+    if suite in (_CEC, "unknown_suite") and name.startswith(_CEC) and function > _CEC_BEFORE:
+        suite, function = _CEC, function - _CEC_BEFORE
     options = {"suite": suite, "function": function, "dimension": dimension, "instance": instance}
     return _named("ioh", options, f"{suite}_f{function}_i{instance}_d{dimension}")
 

@@ -45,15 +45,18 @@ class Answer:
 def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
     """Return the answer of these runs; `cells` is their summary, `names` what each run's method is called.
 
-    Where budgets differ, it is the answer at the largest.
+    Where budgets differ, it is the answer at the largest; published runs tell none, and are answered where there are no
+    others.
     """
     compared = _compared(runs)
     most = runs["budget"].max()
-    runs, cells = runs[runs["budget"] == most], cells[cells["budget"] == most]
+    told = not pd.isna(most)
+    runs, cells = (table[(table["budget"] == most) if told else table["budget"].isna()] for table in (runs, cells))
+    within = f"Within {_spaced(most)} evaluations a run" if told else "Of published runs, which tell no budget"
     called = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
     order = [tuple(pair) for pair in ranking.methods(cells)[METHOD].itertuples(index=False)]
     first, rivals = order[0], order[1:]
-    best = _best(cells, called, first, f"Within {_spaced(most)} evaluations a run") + _outside(runs, first)
+    best = _best(cells, called, first, within) + _outside(runs, first)
     if not rivals:
         return Answer("alone", best, "There is one method: nothing is compared with it.", compared)
     if not np.isfinite(cells["best_median"]).any() and not cells["reached"].sum():
@@ -76,7 +79,7 @@ def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
     why = (
         f"{_listed([called[pair] for pair in few])} {'is' if len(few) == 1 else 'are'} better on some problems"
         if few
-        else "the runs are too few or too alike to tell"
+        else _too_few(runs, len(order), tasks) or "the runs are too few or too alike to tell"
     )
     sure = (
         f"Whether it is the best is undecided: it is not told apart from {_listed(open_)} ({why}); "
@@ -110,9 +113,11 @@ def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within:
                 f"{within}, {called[first]} is behind no other method by its mean place, and has the lowest median "
                 f"value alone on no problem; {goal}."
             )
+        others = cells.assign(first=ranking.places(cells) == 1).groupby(METHOD)["first"].sum()
+        by_place = "comes first by its mean place, and " if others.max() > firsts else ""
         return (
-            f"{within}, {called[first]} has the lowest median value on {firsts} of {counted(len(mine), 'problem')}; "
-            f"{goal}."
+            f"{within}, {called[first]} {by_place}has the lowest median value on {firsts} of "
+            f"{counted(len(mine), 'problem')}; {goal}."
         )
     won, total = int(known["reached"].sum()), int(known["runs"].sum())
     low, high = success_interval(won, total)
@@ -155,6 +160,24 @@ def _against(
     return wins, losses, tasks
 
 
+def _too_few(runs: pd.DataFrame, methods: int, tasks: int) -> str:
+    """Return how many pairs a decision takes, where so few cannot bring one, whatever they hold; else an empty text."""
+    each = runs.groupby([*TASK[:-1], *METHOD], dropna=False)["repetition"].nunique()
+    many, times = tasks >= _MANY, methods * (methods - 1) // 2 * (1 if tasks >= _MANY else tasks)
+    if not many and each.min() != each.max():
+        return ""  # not all are pairs
+    found, needed = tasks if many else int(each.max()), 1
+    while 2.0 ** (1 - needed) * times > LEVEL:  # the least p of a signed-rank test of so many pairs
+        needed += 1
+    if found >= needed:
+        return ""
+    where = "" if many else f" on {counted(tasks, 'problem')}"
+    return (
+        f"{counted(found, 'problem' if many else 'seed')} cannot tell {methods} methods apart{where}, whatever they "
+        f"hold; it takes {needed} or more"
+    )
+
+
 def _told_apart(ours: _Side, theirs: _Side, times: int) -> int:
     paired = ours.repetitions == theirs.repetitions and len(set(ours.repetitions)) == len(ours.repetitions)
     return _sign(ours.scores, theirs.scores, paired, ours.chance or theirs.chance, times)
@@ -195,11 +218,18 @@ def _tasks(runs: pd.DataFrame) -> Iterator[dict[Method, _Side]]:
 def _compared(runs: pd.DataFrame) -> str:
     methods, problems = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
     failed = int((runs["status"] != "ok").sum())
-    budgets = sorted(set(runs["budget"]))
-    within = f"at most {_spaced(budgets[0])} evaluations each" if len(budgets) == 1 else (
-        f"{len(budgets)} budgets from {_spaced(budgets[0])} to {_spaced(budgets[-1])} evaluations (the answer is at "
-        "the largest)"
-    )  # fmt: skip
+    budgets = sorted(set(runs["budget"].dropna()))
+    untold = int(runs["budget"].isna().sum())
+    within = (
+        "no budget told"
+        if not budgets
+        else f"at most {_spaced(budgets[0])} evaluations each"
+        if len(budgets) == 1
+        else f"{len(budgets)} budgets from {_spaced(budgets[0])} to {_spaced(budgets[-1])} evaluations (the answer is "
+        "at the largest)"
+    )
+    if budgets and untold:
+        within += f", and of {counted(untold, 'published run')} none told (the answer leaves them out)"
     seeds = runs.groupby([*PROBLEM, *METHOD, "start", "budget"], dropna=False).size()
     each = f"{seeds.min()}" if seeds.min() == seeds.max() else f"{seeds.min()} to {seeds.max()}"
     lost = f"{counted(failed, 'run')} failed and count as not arrived" if failed else "no run failed"

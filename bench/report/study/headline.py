@@ -48,6 +48,7 @@ class Headline:
     runs: str
     starts: str
     budgets: Sequence[str]
+    untold: bool  # whether there are published runs, which tell no budget
     failed: str
     mixed: str
     merit: bool
@@ -70,14 +71,14 @@ def headline(
     three sentences. `condition` and `money` tell whether the page says anything of the one and the other.
     """
     failed = int((runs["status"] != "ok").sum())
-    budgets = [count(b) for b in sorted(set(runs["budget"]))]
+    budgets = [count(b) for b in sorted(set(runs["budget"].dropna()))]
     cells = runs.groupby(CELL, dropna=False).size()
     seeds = str(cells.max()) if cells.min() == cells.max() else f"{cells.min()} to {cells.max()}"
     left = len(set(planned) - set(runs["run_id"]))
     methods = runs[METHOD].drop_duplicates()
     facts = [
         Fact(count(len(runs)), plural("run", len(runs))), Fact(count(failed), "failed", "bad" if failed else ""),
-        Fact(" / ".join(budgets), "evaluations a run, at most"),
+        *([Fact(" / ".join(budgets), "evaluations a run, at most")] if budgets else []),
         Fact(seeds, f"{plural('seed', cells.max())} a cell"), Fact(str(problems), plural("problem", problems)),
         Fact(str(len(methods)), plural("optimiser", len(methods))),
         Fact(str(len(cells)), plural("cell", len(cells))),
@@ -89,7 +90,9 @@ def headline(
         "on": study_origin.machines(runs),
         "begun": study_origin.began(runs),
     }
-    starts = " and ".join(f"the {s}" for s in sorted(set(runs["start"].astype(str))))
+    starts = " and ".join(f"the {s}" for s in sorted(set(runs["start"].dropna().astype(str))))
+    starts = f"{starts} start{'s' if ' and ' in starts else ''}" if starts else ""
+    untold = "starts that are not told" if runs["start"].isna().any() else ""  # of published runs
     return Headline(
         about=about,
         answer=answer,
@@ -97,8 +100,9 @@ def headline(
         made=" · ".join(f"{key} {value}" for key, value in made.items() if value),
         cells=things(len(cells), "cell"),
         runs=things(len(runs), "run"),
-        starts=f"{starts} start{'s' if ' and ' in starts else ''}",
+        starts=" and ".join(filter(None, (starts, untold))),
         budgets=budgets,
+        untold=bool(runs["budget"].isna().any()),
         failed=f"{failed} of {counted(len(runs), 'run')} failed" if failed else "",
         mixed=mixed_code(runs),
         merit=bool(runs["kmrmse_aligned"].notna().any()),
