@@ -39,7 +39,7 @@ FAR = (
     "the calibrated model is hardly nearer to the readings than to shuffled ones"  # in a note, by which a page knows it
 )
 _OUT = 10.0  # times the largest misfit of shuffled readings: no reading of this machine
-_EXACT = 1e-10  # times the misfit of shuffled readings: a row this near to the model differs from it by rounding alone
+_EXACT = 1e-10  # times the misfit of shuffled readings, or the numbers of a row: nearer to the model is rounding alone
 _MOST_OUT = 0.05  # part of the rows that may be so far off
 _UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units that numbers may be in if none is stated
 
@@ -114,7 +114,8 @@ def _wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
     size = np.abs(formulation.constraints(q)).max(axis=1)
     if not np.isfinite(size).all():
         return wild
-    sound = size <= max(_OUT * np.median(size), _EXACT * _shuffled(formulation, q, np.full(n, True)))
+    exact = np.maximum(_EXACT * _shuffled(formulation, q, np.full(n, True)), _rounding(formulation, q))
+    sound = size <= np.maximum(_OUT * np.median(size), exact)
     if sound.all() or sound.sum() < _LEAST:
         return wild
     most = _shuffled(formulation, q, sound)
@@ -125,6 +126,17 @@ def _wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
             f"model than any shuffled reading: {_worst(formulation, wild)}; correct them, or mark them valid=0"
         )
     return wild
+
+
+def _rounding(formulation: Formulation, q: Mapping[str, Numbers]) -> Array:
+    """Return the misfit of each row that is rounding alone, (n,): of numbers of this size a part of `_EXACT`.
+
+    Heights that are all 0 are the same when they are shuffled, so the size of shuffled misfits does not tell it.
+    """
+    parts = np.zeros((len(formulation.data), 1))
+    for name, slope in formulation.slopes(q).items():
+        parts = parts + np.abs(slope) * np.abs(np.asarray(q[name], dtype=float))[..., None]
+    return _EXACT * np.asarray(parts.max(axis=1))
 
 
 def _shuffled(formulation: Formulation, q: Mapping[str, Numbers], rows: NDArray[np.bool_]) -> float:
