@@ -122,7 +122,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         gap = gap_of(base, final, unseen, suspects, rng)
     left = _left(gap, final, found.last) if findings else None
     verdict = _short_of(verdict, left)
-    if findings and final.noise.profiled and found.last.still < level:
+    if findings and final.noise.profiled and not final.exact and found.last.still < level:
         verdict = "partly"  # without repeats the noise is unknown, so only the tests can say whether something is left
     others = _at_other_noise(base, known.candidates, terms, suspects, left, seed, level) if base.noise.profiled else ()
     invisible, table = _table(found.first, base)

@@ -24,7 +24,7 @@ from calibench.core.units import factors_near
 from calibench.discrepancy.model.machine import Formulation, Machine, Numbers
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData, MisfitError
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.model.roles import inputs_of, roles_of
+from calibench.discrepancy.model.roles import inputs_of, roles_of, unknown_noise_of
 from calibench.discrepancy.registries import description_of
 from calibench.problems.base import Array
 
@@ -40,6 +40,7 @@ FAR = (
 )
 _OUT = 10.0  # times the largest misfit of shuffled readings: no reading of this machine
 _EXACT = 1e-10  # times the misfit of shuffled readings, or the numbers of a row: nearer to the model is rounding alone
+_LARGEST = 4.0  # times the noise: the largest misfit of some hundred shuffled readings of noise alone
 _MOST_OUT = 0.05  # part of the rows that may be so far off
 _UNKNOWN = {"m": 1000.0, "um": 1e-3, "deg": pi / 180, "rad": 180 / pi}  # units that numbers may be in if none is stated
 
@@ -119,13 +120,29 @@ def _wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
     if sound.all() or sound.sum() < _LEAST:
         return wild
     most = _shuffled(formulation, q, sound)
-    wild = size > _OUT * most if np.isfinite(most) else wild
+    wild = size > _OUT * np.maximum(most, _LARGEST * _stated(formulation, q)) if np.isfinite(most) else wild
     if wild.mean() > _MOST_OUT:
         raise DataError(
             f"{formulation.data.name}: {int(wild.sum())} of {n} rows lie more than {_OUT:g} times further from the "
             f"model than any shuffled reading: {_worst(formulation, wild)}; correct them, or mark them valid=0"
         )
     return wild
+
+
+def _stated(formulation: Formulation, q: Mapping[str, Numbers]) -> Array:
+    """Return the standard deviation of the misfit of each row by the stated noise, (n,); 0 where nobody stated one.
+
+    Of readings without noise all but a few may meet the model to rounding, and these few are none too far off.
+    """
+    variance, slopes, unknown = (
+        np.zeros((len(formulation.data), 1)),
+        formulation.slopes(q),
+        unknown_noise_of(formulation),
+    )
+    for name in formulation.readings:
+        if name not in unknown:
+            variance = variance + (slopes[name] * np.asarray(formulation.sigma[name])[..., None]) ** 2
+    return np.asarray(np.sqrt(variance.max(axis=1)))
 
 
 def _rounding(formulation: Formulation, q: Mapping[str, Numbers]) -> Array:

@@ -28,7 +28,7 @@ def one_reading(at: Fit) -> tuple[str, ...]:
     data = at.model.formulation.data
     n = len(data)
     width, odd = divmod(len(at.r), n)
-    if odd or not width:
+    if odd or not width or at.exact:
         return ()
     r, q = np.asarray(at.r).reshape(n, width), orthonormal(at.J, _RANK)
     freedom = len(at.r) - q.shape[1] - width

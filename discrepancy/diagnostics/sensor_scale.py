@@ -17,6 +17,7 @@ from calibench.core.counted import plain
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.model.measured.sensor import kinds_of
 from calibench.discrepancy.noise.repeats import pairs_of
+from calibench.discrepancy.noise.whiten import ROUNDING
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -33,6 +34,8 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     shape = at.at.misclosure.shape
     white = at.r.reshape(shape)
     scatter = float(np.median((white[second] - white[first]) ** 2) / 2 / 0.455)
+    if np.all(np.abs(white[second] - white[first]) <= ROUNDING):
+        return {}, ()  # repeats that are the same tell no noise
     if 1 / thresholds().scatter_asked < scatter < thresholds().scatter_asked:
         return {}, ()
     parts = [_part(at, kind, first, second) for kind in kinds]

@@ -24,7 +24,7 @@ from calibench.discrepancy.fitting.interval import REACH
 from calibench.discrepancy.model.machine import Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.noise.whiten import Noise, Whitener, whitener
+from calibench.discrepancy.noise.whiten import ROUNDING, Noise, Whitener, whitener
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -32,6 +32,7 @@ PLACE = "reading_place"  # the column that holds a reading's place in the order 
 _REWEIGHTED = 30  # times at most, between two looks at the slopes
 _BLOCK = 2048  # rows of a block that a processor's cache holds
 _DESCENDED = 1e-3, 1e-6  # change of the cost, of itself and of the whole, at which a descent ends
+_DIGITS = 1e-13  # of the numbers in a constraint: a model that is this near meets them in all digits
 _CALM = 1e-5  # damping below which a step is one of Gauss and Newton
 
 
@@ -67,6 +68,19 @@ class Fit:
     def cost(self) -> float:
         """Return minus twice the log-likelihood of the residuals, but for a constant."""
         return self.noise.cost(self.r)
+
+    @property
+    def exact(self) -> bool:
+        """Return whether the model meets all readings to rounding, as it does those of a simulation without noise.
+
+        What is left then tells nothing: neither a noise nor an effect. With a stated noise it is a millionth of that.
+        """
+        if np.all(np.abs(self.r) <= ROUNDING):
+            return True
+        size = np.zeros_like(self.at.misclosure)
+        for name, slope in self.at.slopes.items():
+            size += np.abs(slope) * np.abs(np.asarray(self.at.recorded[name], dtype=float))[..., None]
+        return bool(np.all(np.abs(self.at.misclosure) <= _DIGITS * size))
 
     @property
     def degrees(self) -> int:

@@ -16,11 +16,12 @@ import numpy as np
 from scipy.special import chdtrc, fdtrc
 
 from calibench.discrepancy.model.measured.data import MeasuredData
-from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.noise.whiten import ROUNDING, Noise
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 _FOR_ANY = "names, weights and intervals hold at any noise, all else at the one that is assumed"
+_CARRIED = 0.8  # of the noise at most, from one reading to the next
 TAILS = (3.0, 4.0, 6.0, 10.0)  # tried besides the Gaussian
 
 
@@ -81,6 +82,8 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     if told.few:
         return Noise(profiled=True), told, (f"{_untold(told)}: {_FOR_ANY}",)
     difference = (r[first] - r[second]).ravel() / np.sqrt(2)
+    if np.all(np.abs(difference) <= ROUNDING):
+        return _alike(told)
     t_degrees = _tails(difference)
     spread = variance(difference, t_degrees)
     n = told.n_pairs
@@ -88,13 +91,15 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     if spread < 1 - 2 * width:
         part = 1 - spread
         if told.n_visits < thresholds().repeat_pairs or _as_stated(told, spread):
-            return Noise(1.0, float(min(part, 0.8))), told, (_quieter(spread, told),)
+            return Noise(1.0, float(min(part, _CARRIED))), told, (_quieter(spread, told),)
         return _estimated(spread, t_degrees, n), told, _misstated(spread)
     if spread > thresholds().statement_useless and told.n_visits >= thresholds().repeat_pairs:
         first, second = visits_of(data)
         visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), t_degrees)
         if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(t_degrees) else 5) / np.sqrt(told.n_visits)):
-            part = float(min(1 - spread / visits, 0.8))  # no statement contradicts it: noise is likelier than an effect
+            part = float(
+                min(1 - spread / visits, _CARRIED)
+            )  # no statement contradicts it: noise is likelier than an effect
             more = f"visits scatter more: {100 * part:.0f} % of the noise is taken to be carried on"
             law = replace(_estimated(visits, np.inf, told.n_visits), autocorrelation=part)
             return law, told, (*_misstated(visits), more)
@@ -104,6 +109,13 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
         heavier = f"the noise has heavier tails than a Gaussian: as of a t law of {t_degrees:g} degrees of freedom"
         return _estimated(spread, t_degrees, n), told, (heavier,)
     return Noise(), told, ()
+
+
+def _alike(told: Repeats) -> tuple[Noise, Repeats, tuple[str, ...]]:
+    """Return the law where readings of one visit are the same: of visits that are not, they carry on the noise."""
+    if told.n_visits and told.visits <= ROUNDING**2:
+        return Noise(), told, ("repeats are the same in all digits: they tell nothing of the noise",)
+    return Noise(1.0, _CARRIED), told, (_quieter(0.0, told),)
 
 
 def _estimated(variance: float, t_degrees: float, known: int) -> Noise:

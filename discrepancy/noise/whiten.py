@@ -24,6 +24,7 @@ from scipy.special import chdtri, fdtrc, gammaln, stdtr
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
+ROUNDING = 1e-6  # of the stated noise: what is smaller is rounding, in readings without noise
 _NO_COST = 1e-12  # cost of all residuals together, below which a model meets every reading exactly
 _MOST = 60.0  # largest exponent: gain a residual, whose exponential is still a number
 

@@ -75,11 +75,11 @@ def select_stepwise(
         current, picks = picked.fit, [s[0].effect for s in picked.sets]
         taken = {name_of(e) for e in picks}
         tests = run_tests(current, still_open(candidates, taken), terms, rng)
-        p = _overall(current, tests)
+        p = 1.0 if current.exact else _overall(current, tests)
         if first is None:
             first, first_p = tests, p
         more = p < level and len(picks) < thresholds().effects_most
-        form = unlike(current, picks, forms, terms, tests, level) if len(forms) < len(picks) else None
+        form = unlike(current, picks, forms, terms, tests, level) if p < 1.0 and len(forms) < len(picks) else None
         form = None if form is not None and _smoother_by_far(tests, form) else form
         if not more and form is None:
             break
