@@ -370,3 +370,20 @@ def _bench(*words):
     with pytest.raises(SystemExit) as ended:
         main([str(word) for word in words])
     return ended.value.code
+
+
+def test_by_charge_a_run_that_crashed_early_is_not_the_cheapest():
+    """Its charge is small because it never ended; a run that ran out of time did not end either."""
+    runs = rows([0.5, 0.1, 3.0, 2.0], status=["failed", "ok", "ok", "timeout"], charged=[2, 90, 70, 5])
+    assert order_of(scores(runs, "charged")).tolist() == [3.5, 2, 1, 3.5]
+    sound, crashed = rows([1.0] * 8, charged=500), rows([9.0] * 8, charged=2, status="failed")
+    [cell] = compare(sound, crashed, "charged").cells.itertuples()
+    assert cell.verdict == "worse"
+
+
+def test_by_charge_equal_says_that_the_charge_is_equal_not_the_values():
+    one, other = rows([1.0] * 8), rows([9.0] * 8)
+    [cell] = compare(one, other, "charged").cells.itertuples()
+    assert (cell.verdict, cell.why) == ("equal", "every run was charged the same")
+    [cell] = compare(one, other, "value").cells.itertuples()
+    assert cell.verdict == "worse"

@@ -23,13 +23,15 @@ def scores(runs: pd.DataFrame, by: By = "goal") -> Array:
     """Return for each run a pair of numbers, shape (runs, 2): smaller is better, the first decides.
 
     ``by="goal"``: (charged at the goal, 0) for a run that reached it, (infinite, value) for another; ``"value"``: only
-    the value of the answer, infinite where there is none; ``"charged"``: only the total charge of the run.
+    the value of the answer, infinite where there is none; ``"charged"``: only the total charge of the run, infinite
+    where it failed or ran out of time.
     """
     values = answers(runs)
     values = np.where(np.isnan(values), np.inf, values)
     zeros = np.zeros(len(runs))
     if by == "charged":
-        return np.column_stack([runs["charged"].to_numpy(dtype=float), zeros])
+        ended = (runs["status"] == "ok").to_numpy()  # a run that crashed at its second call is not the cheapest
+        return np.column_stack([np.where(ended, runs["charged"].to_numpy(dtype=float), np.inf), zeros])
     if by == "value":
         return np.column_stack([zeros, values])
     hits = goal_hits(runs)

@@ -79,15 +79,15 @@ def compare(
     """
     matched, only = _matched(first, second, methods)
     found = [(pair, _tested(pair, by)) for pair in matched]
-    told = verdicts([result for _, result in found])
+    told = verdicts([result for _, result in found], by)
     rows = [_row(pair, result, *said) for (pair, result), said in zip(found, told, strict=True)]
     return Compared(pd.DataFrame(rows), *only)
 
 
-def verdicts(results: Sequence[Tested]) -> list[tuple[float, Verdict, str]]:
+def verdicts(results: Sequence[Tested], by: By = "goal") -> list[tuple[float, Verdict, str]]:
     """Return of each cell's result Holm's p over all of them, the verdict on the second side, and why."""
     adjusted = [float(p) for p in holm([result.p for result in results])]
-    return [(p, *_verdict(result, p)) for result, p in zip(results, adjusted, strict=True)]
+    return [(p, *_verdict(result, p, by)) for result, p in zip(results, adjusted, strict=True)]
 
 
 def _matched(
@@ -182,9 +182,9 @@ def _row(pair: Shared, result: Tested, p: float, verdict: Verdict, why: str) -> 
     return row | {"verdict": verdict, "why": why}
 
 
-def _verdict(result: Tested, p: float) -> tuple[Verdict, str]:
+def _verdict(result: Tested, p: float, by: By) -> tuple[Verdict, str]:
     if result.test == "equal":
-        return "equal", "every run gave the same"
+        return "equal", "every run was charged the same" if by == "charged" else "every run gave the same"
     if result.test == "none":
         return "undecided", "no runs on one side"
     way: Verdict = "better" if result.ahead > 0 else "worse"
