@@ -1,4 +1,4 @@
-"""What a set of readings can show before any fit: which effects, of what smallest size, and which look alike.
+"""What a set of readings can show before any effect is fitted: which ones, of what smallest size, and which look alike.
 
 Each candidate's signature in the whitened constraints is projected off what calibration absorbs. The length of the
 projected signature over that of the signature is its *visible fraction*. The amplitude at which a test would notice the
@@ -18,12 +18,13 @@ from calibench.core.plain import finite
 from calibench.discrepancy.checks.validate import looked_at
 from calibench.discrepancy.diagnostics.detectable import smallest_amplitude
 from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
 from calibench.discrepancy.model.effect import Effect, Untestable, name_of, still_open
 from calibench.discrepancy.model.machine import Formulation, Machine, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model, signature
-from calibench.discrepancy.noise.whiten import whitener
+from calibench.discrepancy.noise.whiten import Noise, whitener
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
@@ -105,7 +106,7 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     """
     formulation = looked_at(machines.make(machine) if isinstance(machine, str) else machine, data)
     known = catalogue(formulation)
-    view = WhitenedDesign(formulation)
+    view = WhitenedDesign(formulation, calibrated(formulation))
     forms: dict[str, list[Effect]] = {}
     for effect in still_open(known.candidates, ()):  # a second wave looks as the first, which has to be found before
         forms.setdefault(name_of(effect), []).append(effect)
@@ -144,6 +145,20 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     )
 
 
+def calibrated(formulation: Formulation) -> Array:
+    """Return the parameters at which data are looked at: calibrated where the data determine them, else the start.
+
+    Signatures that cancel do so at the machine that was measured: where all encoders are late together, one with zeros
+    that are off by a degree would show it.
+    """
+    model = Model(formulation)
+    found = fit(model, Noise())
+    lower, upper = (np.array([getattr(p, end) for p in formulation.parameters]) for end in ("lower", "upper"))
+    inside = np.isfinite(found.x).all() and bool(np.all((lower <= found.x) & (found.x <= upper)))
+    full = len(found.r) > found.J.shape[1] == orthonormal(found.J, _FULL).shape[1] if inside else False
+    return found.x if found.converged and full else model.start
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class ProjectedSignature:
@@ -165,19 +180,20 @@ class ProjectedSignature:
 
 
 class WhitenedDesign:
-    """The whitened constraints of one formulation at its start, and what calibration absorbs of them."""
+    """The whitened constraints of one formulation at `x`, by default its start, and what calibration absorbs."""
 
-    def __init__(self, formulation: Formulation) -> None:
+    def __init__(self, formulation: Formulation, x: Array | None = None) -> None:
         model = Model(formulation)
         self.formulation = formulation
-        self.q: Quantities = model.quantities(model.start)[0]
+        self.x = model.start if x is None else x
+        self.q: Quantities = model.quantities(self.x)[0]
         self.slopes = formulation.slopes(self.q)
         self.nudged = Model(_nudged(formulation))
         n = len(formulation.data)
         noisy = np.stack([self.slopes[name] for name in formulation.readings], axis=-1)
         sigma = np.stack([np.broadcast_to(formulation.sigma[name], n) for name in formulation.readings], axis=-1)
         self.white = whitener(noisy, sigma, 0.0, np.arange(n, dtype=float))
-        self.jacobian = self.white(model.jacobian_of(model.start, self.q, self.slopes))
+        self.jacobian = self.white(model.jacobian_of(self.x, self.q, self.slopes))
         self.absorbed = orthonormal(self.jacobian, _FULL)
 
     @property
@@ -193,7 +209,7 @@ class WhitenedDesign:
         """
         zero = np.zeros(len(effect.coefficients))
         trace = self.white(signature(effect, zero, self.q, self.slopes, self.formulation))
-        there = self.nudged.quantities(self.nudged.start)[0]
+        there = self.nudged.quantities(self.x)[0]
         basis = effect.basis(there, self.nudged.formulation.data, zero)
         raw = sum(self.slopes[name][:, :, None] * change[:, None, :] for name, change in basis.items())
         other = self.white(self.formulation.decorrelate(np.asarray(raw)))  # in the groups that exact numbers make

@@ -16,13 +16,15 @@ import numpy as np
 
 from calibench.core.options import suggest
 from calibench.discrepancy.checks.validate import looked_at
-from calibench.discrepancy.design.detectability import WhitenedDesign
+from calibench.discrepancy.design.detectability import WhitenedDesign, calibrated
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Machine
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.registries import description_of, machines
 from calibench.problems.base import Array
+
+_HELPS = 0.05  # sigma: what readings gain less than that is rounding, or the curvature between twins
 
 
 class NoPool(ValueError):
@@ -51,7 +53,7 @@ class NextPoses:
     @property
     def helps(self) -> bool:
         """Return whether the readings separate the rivals any further."""
-        return bool(self.separation[-1] > self.separation[0] + 1e-6)
+        return bool(self.separation[-1] > self.separation[0] + _HELPS)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -74,7 +76,7 @@ def next_poses(
     made = machines.make(machine) if isinstance(machine, str) else machine
     formulation = looked_at(made, data)
     effects = _chosen(formulation, rivals)
-    here = WhitenedDesign(formulation)
+    here = WhitenedDesign(formulation, calibrated(formulation))
     if pool is None:
         make = description_of(formulation.data.machine).pool
         if make is None:
@@ -85,7 +87,7 @@ def next_poses(
         pool = make(formulation, here.q)
     if not 0 < k <= len(pool):
         raise ValueError(f"k={k}: from 1 to the {len(pool)} readings of the pool")
-    there = WhitenedDesign(formulation.on(pool))
+    there = WhitenedDesign(formulation.on(pool), here.x)
     pairs = [_Pair.of(here, there, a, b, size, len(pool)) for a in effects for b in effects if a is not b]
     chosen: list[int] = []
     separation = [min(pair.distance for pair in pairs)]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, ncx2
 
+from calibench.bench.measured.sources import sources
 from calibench.discrepancy import explain, machines
 from calibench.discrepancy.design.detectability import WhitenedDesign, design
 from calibench.discrepancy.design.next_poses import next_poses
@@ -197,3 +198,21 @@ def test_next_poses_look_at_the_readings_that_the_door_lets_in() -> None:
     np.testing.assert_allclose(*told)
     with pytest.raises(DataError, match="column valid holds 'maybe'"):
         next_poses("gpm2002", data.with_columns({"valid": np.full(len(data), "maybe")}), rivals, k=1)
+
+
+@pytest.mark.parametrize("name", ["demo_warm", "demo_nothing"])
+def test_what_cancels_on_the_calibrated_machine_is_invisible_in_data_of_an_uncalibrated_one(name: str) -> None:
+    """All encoders late together show nothing; by the nominal machine 2 % of their signature were left."""
+    [found] = sources(name, "gpm2002")
+    seen = {sight.effect: sight for sight in design("gpm2002", found.read({})).candidates}
+    assert not seen["lag all"].visible
+    assert np.isinf(seen["lag all"].minimum_detectable)
+    assert seen["lag joint 1"].visible_fraction > 0.9
+
+
+def test_no_readings_are_proposed_for_what_angles_alone_cannot_part() -> None:
+    """Links that grow and a base that grows are alike on a calibrated machine; rounding splits them a little."""
+    [found] = sources("demo_backlash", "gpm2002")
+    further = next_poses("gpm2002", found.read({}), ["thermal_links all", "thermal_base all"], 4)
+    assert further.separation[-1] < 0.1
+    assert not further.helps

@@ -39,7 +39,7 @@ def run(argv: list[str]) -> int:
 def _print(console: Console, answer: Designed, machine: str) -> None:
     found = answer.design
     words = {s.effect: effect_label(machine, s.family, s.target) for s in found.candidates}
-    print(f"{found.name}: {found.readings} readings, {found.constraints} constraints; nothing was fitted\n")
+    print(f"{found.name}: {found.readings} readings, {found.constraints} constraints; no effect was fitted\n")
     _print_candidates(console, answer, machine)
     mixed = [names for names in found.classes if len(names) > 1]
     print()
