@@ -42,6 +42,22 @@ def effect_label(machine: str, family: str, target: str, again: bool = False) ->
     return f"{words.removeprefix(f'{kind} ')} of {target}"  # not "base shift of base 1"
 
 
+def part_label(machine: str, target: str) -> str:
+    """Return the part of a machine that a target is, in words; "" where it is none, as the whole machine, or a way.
+
+    Of the targets that a machine has words for, parts are those whose words begin with an article.
+
+    >>> part_label("gpm2002", "joint 2"), part_label("arm", "base")
+    ('joint 2', 'the base')
+    >>> part_label("gpm2002", "all"), part_label("orthoglide", "common")
+    ('', '')
+    """
+    told = description_of(machine).targets.get(target)
+    if told is not None:
+        return told if told.startswith("the ") else ""
+    return "" if target == "all" else target
+
+
 def quantity_of(machine: str, name: str) -> Quantity:
     """Return what a machine declares of a column, a parameter or a covariate; its bare name where it declares nothing.
 

@@ -121,6 +121,49 @@ def test_the_size_of_a_set_is_that_of_its_first():
     )
 
 
+FAMILIES = ("backlash", "compliance", "encoder_sine", "gear_error")
+
+
+def _set(*members):
+    """Return a report of a set: (family, target, weight) each, of which the first has the size."""
+    rivals = [{"effect": f"{f} {t}", "family": f, "target": t, "weight": w} for f, t, w in members]
+    first = {key: rivals[0][key] for key in ("effect", "family", "target")}
+    return told(verdict="ambiguous", findings=[{**FINDING, **first, "set": rivals}])
+
+
+def test_a_large_set_is_told_by_its_number_and_its_likeliest():
+    members = [("backlash", "joint 1", 0.3), ("thermal_links", "all", 0.1), ("compliance", "joint 2", 0.4),
+               ("thermal_base", "all", 0.15), ("proximal_bending", "leg 1", 0.05)]  # fmt: skip
+    said = headline(_set(*members))
+    assert said.startswith(
+        "Missing from the model: one of 5 effects (these data cannot tell which), most likely compliance of joint 2 "
+        "(40 %) or backlash of joint 1 (30 %): 20.0 µrad/(N m) (95 %"
+    )
+    assert said.endswith(" if it is backlash of joint 1.")
+
+
+def test_of_a_large_set_none_is_likeliest_where_the_next_is_as_likely():
+    said = headline(_set(*((f, "joint 2", 0.25) for f in FAMILIES)))
+    assert "cannot tell which), such as backlash of joint 2 (25 %), compliance of joint 2 (25 %) or " in said
+    assert said.endswith(" if it is the first.")
+
+
+def test_a_large_set_tells_the_part_or_the_kind_that_its_members_share():
+    assert "one of 4 effects of joint 2 (these" in headline(_set(*((f, "joint 2", 0.25) for f in FAMILIES)))
+    two = [(f, f"joint {k}", 0.25) for f in FAMILIES[:2] for k in (3, 1)]
+    assert "one of 4 effects of joint 3 or joint 1 (these" in headline(_set(*two))
+    four = [(f, target, 0.25) for f, target in zip(FAMILIES, ("joint 1", "joint 2", "joint 3", "leg 1"))]
+    assert "one of 4 effects of 4 parts (these" in headline(_set(*four))
+    one = [("backlash", target, 0.25) for _, target, _ in four]
+    assert "one of 4 effects of one kind, backlash (these" in headline(_set(*one))
+
+
+def test_the_table_of_a_large_set_has_the_weight_of_each_member():
+    table = set_table(_set(*((f, "joint 2", weight) for f, weight in zip(FAMILIES, (0.1, 0.2, 0.3, 0.4)))), {})
+    assert [head.title for head in table.heads] == ["effect", "weight", "what it is", "size"]
+    assert [row[1] for row in table.rows] == ["40 %", "30 %", "20 %", "10 %"]
+
+
 @pytest.mark.parametrize("verdict", ["none", "negligible", "named", "ambiguous", "unknown"])
 def test_every_page_has_where_gap_next_and_limits(verdict):
     findings = [] if verdict in ("none", "unknown") else [FINDING]
