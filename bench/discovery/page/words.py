@@ -22,11 +22,11 @@ from calibench.discrepancy.model.measured.complete import STILL
 from calibench.discrepancy.model.measured.data import UNSTATED
 from calibench.discrepancy.report import Finding, OtherNoise, Place, Report, Rival, Unnamed
 from calibench.discrepancy.search.finding import BEGINS, FREE_PERIOD
+from calibench.discrepancy.search.unnamed import NEAR
 
 _BELOW = 0.9  # of what noise alone leaves: an error below it was measured in a noise that is too wide
 _NO_MORE = 1.15  # times the noise: what a reader would see as 1.1 times is no more than it
 _TAKES = 0.3  # of what is more than noise: smooth functions that take less tell nothing
-_NEAR = 0.3  # of what is more than noise: a formula that explains less is no hint
 _TURN = {"rad": 2 * pi, "deg": 360.0}
 FEW_NAMES = 3  # at most: more are told without intervals, or by what they share, and not one by one again
 _HALF = 0.5  # of the weight of a set: what its likeliest names are to hold together
@@ -87,7 +87,7 @@ def unnamed_sentences(report: Report) -> list[str]:
     said = [f"{_where(report, one.quantity)} errs {_over_itself(report, one)} by {amount(one.size, one.unit)} from "
             f"its least to its largest{f': {one.course}' if one.course else ''}."
             for one in report.unnamed if not report.gap.excess_shrink < _TAKES]  # fmt: skip
-    if (near := report.nearest) is not None and near.share >= _NEAR:
+    if (near := report.nearest) is not None and near.share >= NEAR:
         name = effect_label(report.machine, near.family, near.target)
         said.append(f"Of the formulas {name} is the nearest: it explains {100 * near.share:.0f} % of what is more than "
                     "noise, and has another form. Look there first.")  # fmt: skip
