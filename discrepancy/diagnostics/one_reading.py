@@ -8,7 +8,7 @@ columns of the parameters (Cook and Weisberg, Residuals and Influence in Regress
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import f as f_law
+from scipy.special import fdtrc
 
 from calibench.core.counted import plain
 from calibench.discrepancy.fitting.fit import Fit
@@ -37,16 +37,15 @@ def one_reading(at: Fit) -> tuple[str, ...]:
         return ()
     blocks = q.reshape(n, width, -1)
     beside = np.eye(width) - blocks @ blocks.transpose(0, 2, 1)
-    known = (
-        np.linalg.eigvalsh(beside)[:, 0] > 1e-9
-    )  # a reading that alone determines a parameter tells nothing of itself
+    # a reading that alone determines a parameter tells nothing of itself
+    known = np.linalg.eigvalsh(beside)[:, 0] > 1e-9
     if not known.any():
         return ()
     falls = np.zeros(n)
     falls[known] = np.einsum("ij,ij->i", r[known], np.linalg.solve(beside[known], r[known][..., None])[..., 0])
     k = int(np.argmax(falls))
     left = max(whole - falls[k], 1e-12 * whole)
-    if left > _MOST_LEFT * whole or n * f_law.sf(falls[k] / width / (left / freedom), width, freedom) > _CHANCE:
+    if left > _MOST_LEFT * whole or n * fdtrc(width, freedom, falls[k] / width / (left / freedom)) > _CHANCE:
         return ()
     columns = dict.fromkeys((*inputs_of(at.model.formulation), *at.model.formulation.readings))
     told = [f"{name} {plain(float(data[name][k]), 5)}" for name in columns if name in data][:_COLUMNS]

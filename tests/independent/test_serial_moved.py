@@ -28,4 +28,7 @@ def test_a_base_that_was_moved_and_turned_is_one_finding(tmp_path: Path, moved_a
     report = explain(Arm(str(tmp_path / "arm.urdf")), MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
     assert [finding.effect for finding in report.findings] == ["base_shift base"]
     assert report.verdict == "named"
-    assert len(report.findings[0].coefficients) == 6
+    *sizes, begins = report.findings[0].coefficients
+    assert len(sizes) == 6
+    assert (begins.name, begins.unit) == ("from", "s")
+    assert 630 < begins.value <= 650  # the times of the fitted rows on both sides
