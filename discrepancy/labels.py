@@ -26,6 +26,8 @@ def effect_label(machine: str, family: str, target: str, again: bool = False) ->
 
     >>> effect_label("gpm2002", "backlash", "joint 2"), effect_label("gpm2002", "thermal_links", "all")
     ('backlash of joint 2', 'thermal growth of all links')
+    >>> effect_label("arm", "slip", "tool"), effect_label("orthoglide", "bar_skew", "common")
+    ('slip of the tool', 'bar skew, common in the three axes')
     """
     known = family_of(machine, family)
     label = (known.code if again else "") or known.label if known else ""
@@ -36,6 +38,8 @@ def effect_label(machine: str, family: str, target: str, again: bool = False) ->
         of_all = words if family in _NOISE else known.label_of_all if known else ""
         return of_all or f"{words} (all)"
     told = description_of(machine).targets
+    if part_label(machine, target) and target in told:
+        return f"{words} of {told[target]}"
     if target in told:
         return f"{words}, {told[target]}" if told[target] else words
     kind = target.partition(" ")[0]

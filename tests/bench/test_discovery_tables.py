@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from benchmarks.blind.gpm2002.simulate import case as planar_case
 from benchmarks.blind.orthoglide import case
 from calibench import discrepancy
-from calibench.bench.discovery.page.figures import candidate_chart, residual_chart, where_map, workspace_map
+from calibench.bench.discovery.page.figures import candidate_chart, gap_chart, residual_chart, where_map, workspace_map
 from calibench.bench.discovery.page.limits import untested_lines
 from calibench.bench.discovery.page.page import Page
 from calibench.bench.discovery.page.series import Residuals, Workspace, series_of
@@ -22,7 +22,7 @@ from calibench.bench.report.shared.templating import macros
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.model.measured.data import MeasuredData
-from calibench.discrepancy.report import Candidate, Place
+from calibench.discrepancy.report import Candidate, Gap, Place
 from tests.bench.test_discovery_page import FINDING, GAP, told
 from tests.discrepancy.test_form import sprung
 
@@ -164,6 +164,13 @@ def test_a_cycle_is_drawn_over_the_period_that_was_found():
     (drawn,) = series_of(report).residuals
     assert drawn.label == "month within one period"
     assert 10.5 < drawn.values.max() < 11.5
+
+
+def test_the_bar_of_the_gap_has_its_interval_in_numbers():
+    """The number stands at the whisker's end: alone it reads as that end."""
+    gap = Gap(1.44, 30.0, 30.0, 20.09, 20.09, (10.45, 38.6))
+    figure, _ = gap_chart(gap, ("without", "with"))
+    assert "20.09 (10.45 to 38.60)" in [text.get_text() for text in figure.axes[0].texts]
 
 
 def test_the_map_says_what_its_columns_and_rows_are():

@@ -208,7 +208,8 @@ def gap_chart(gap: Gap, names: tuple[str, str], noise: str = "the stated noise",
             axes.barh(y, rms, color=colour, height=0.5)
             if np.isfinite(left):
                 axes.plot([left, right], [y, y], color="black", lw=1.6, marker="|", ms=9)
-            axes.annotate(f"{rms:.2f}", (max(rms, float(np.nan_to_num(right))), y), (6, 0),
+            ends = f" ({left:.2f} to {right:.2f})" if np.isfinite(left) else ""
+            axes.annotate(f"{rms:.2f}{ends}", (max(rms, float(np.nan_to_num(right))), y), (6, 0),
                           textcoords="offset points", va="center", fontsize=8, zorder=4,
                           bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
         if floor:
