@@ -46,6 +46,7 @@ from calibench.discrepancy.report import (
     Gap,
     Invisible,
     Left,
+    Nearest,
     OtherNoise,
     ParameterChange,
     Place,
@@ -53,10 +54,11 @@ from calibench.discrepancy.report import (
     Verdict,
 )
 from calibench.discrepancy.search.alternatives import with_alternatives
+from calibench.discrepancy.search.finding import parted_by
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import smoothed
 from calibench.discrepancy.search.stepwise import Selection, judged, select_stepwise
-from calibench.discrepancy.search.unnamed import nearest_of, shortest_of, unnamed_of
+from calibench.discrepancy.search.unnamed import NEAR, nearest_of, shortest_of, unnamed_of
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, using
 from calibench.discrepancy.thresholds import thresholds as current_thresholds
 from calibench.discrepancy.validation.gap import gap_of
@@ -126,6 +128,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         verdict = "partly"  # without repeats the noise is unknown, so only the tests can say whether something is left
     others = _at_other_noise(base, known.candidates, terms, suspects, left, seed, level) if base.noise.profiled else ()
     invisible, table = _table(found.first, base)
+    nearest = nearest_of(found.first) if verdict == "unknown" else None
     return Report(
         case=data.name,
         machine=machine.name,
@@ -156,8 +159,9 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         left=left,
         other_noise=others,
         unnamed=unnamed_of(final) if verdict == "unknown" else (),
-        nearest=nearest_of(found.first) if verdict == "unknown" else None,
+        nearest=nearest,
         shortest=shortest_of(known.candidates),
+        parted_by=_parted_by(found, nearest, machine.name) if verdict == "unknown" else (),
         words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine.name, n).label},
         candidates=table,
         fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base), machine),
@@ -319,6 +323,14 @@ def _carried_by_nothing(findings: Sequence[Finding], gap: Gap) -> bool:
     sized = [f.amplitude.ci95 for f in findings if np.all(np.isfinite(f.amplitude.ci95))]
     unsure = len(sized) == len(findings) > 0 and all(low <= 0 <= high for low, high in sized)
     return unsure and bool(gap.held_out_after >= gap.held_out_before)
+
+
+def _parted_by(found: Selection, nearest: Nearest | None, machine: str) -> tuple[str, ...]:
+    """Return the other kinds of readings that would part what was found, and the nearest formula, from their twins."""
+    sets = [[o.effect for o in own] for own in found.sets]
+    if nearest is not None and nearest.share >= NEAR:
+        sets.append([o.effect for o in best_of_each(found.first.names, found.first.on)[:1]])
+    return tuple(dict.fromkeys(kind for own in sets if (kind := parted_by(own, machine))))
 
 
 def _at_other_noise(

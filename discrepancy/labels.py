@@ -26,6 +26,8 @@ def effect_label(machine: str, family: str, target: str, again: bool = False) ->
 
     >>> effect_label("gpm2002", "backlash", "joint 2"), effect_label("gpm2002", "thermal_links", "all")
     ('backlash of joint 2', 'thermal growth of all links')
+    >>> effect_label("arm", "slip", "tool"), effect_label("orthoglide", "bar_skew", "common")
+    ('slip of the tool', 'bar skew, common in the three axes')
     """
     known = family_of(machine, family)
     label = (known.code if again else "") or known.label if known else ""
@@ -36,10 +38,28 @@ def effect_label(machine: str, family: str, target: str, again: bool = False) ->
         of_all = words if family in _NOISE else known.label_of_all if known else ""
         return of_all or f"{words} (all)"
     told = description_of(machine).targets
+    if part_label(machine, target) and target in told:
+        return f"{words} of {told[target]}"
     if target in told:
         return f"{words}, {told[target]}" if told[target] else words
     kind = target.partition(" ")[0]
     return f"{words.removeprefix(f'{kind} ')} of {target}"  # not "base shift of base 1"
+
+
+def part_label(machine: str, target: str) -> str:
+    """Return the part of a machine that a target is, in words; "" where it is none, as the whole machine, or a way.
+
+    Of the targets that a machine has words for, parts are those whose words begin with an article.
+
+    >>> part_label("gpm2002", "joint 2"), part_label("arm", "base")
+    ('joint 2', 'the base')
+    >>> part_label("gpm2002", "all"), part_label("orthoglide", "common")
+    ('', '')
+    """
+    told = description_of(machine).targets.get(target)
+    if told is not None:
+        return told if told.startswith("the ") else ""
+    return "" if target == "all" else target
 
 
 def quantity_of(machine: str, name: str) -> Quantity:

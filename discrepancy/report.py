@@ -224,7 +224,8 @@ class Report:
     `left` is what the names do not explain, None where nothing is named. `other_noise`: the search at half and at twice
     the stated noise, where no repeats tell it. `words` are those that the machine's roles have for its columns.
     `unnamed` are the smooth functions of the verdict unknown, `nearest` the formula nearest to them, and `shortest` the
-    shortest waves that were looked for.
+    shortest waves that were looked for. `parted_by`, of that verdict, are other kinds of readings that would part the
+    names that came nearest, in words.
     `candidates` and `fitted` belong to the search itself: a report that was read back from JSON has none.
     """
 
@@ -246,6 +247,7 @@ class Report:
     unnamed: tuple[Unnamed, ...] = ()
     nearest: Nearest | None = None
     shortest: tuple[Shortest, ...] = ()
+    parted_by: tuple[str, ...] = ()
     candidates: tuple[Candidate, ...] = field(default=(), repr=False)
     fitted: Fitted | None = field(default=None, repr=False, compare=False)
 
@@ -321,6 +323,7 @@ class Report:
             shortest=tuple(
                 Shortest(s["column"], _real(s.get("period")), s["unit"]) for s in told.get("shortest") or ()
             ),
+            parted_by=tuple(str(kind) for kind in told.get("parted_by") or ()),
         )
 
     def _fitted(self) -> Fitted:

@@ -216,13 +216,19 @@ def _with_rotations(readings: Readings, found: Frames, poses: Array, rotation: s
     best = ranked[0]
     made, tool, apart = tried[best]
     if apart > _TURNED:
+        still = [name for name, angle in zip(columns, readings.angles.T, strict=True) if not np.ptp(angle) > 0]
+        if len(still) == len(columns) and not rotation:
+            note = f"{', '.join(columns)} never vary, though the arm turned its tool: they are left out"
+            return Start(replace(readings, observed="position", angles=None).noted(note), found.base, found.tool)
+        of_these = f"; {', '.join(still)} never {'varies' if len(still) == 1 else 'vary'}" if still else ""
         if rotation:
             raise DataError(
                 f"{', '.join(columns)}: rotations lie {plain(apart, 2)} rad from the nominal arm as "
-                f"rotation={rotation}; "
+                f"rotation={rotation}{of_these}; "
                 "leave rotation= out to have the order found, or take machine.observe=position"
             )
-        note = f"{', '.join(columns)} fit in no order of rotations ({plain(apart, 2)} rad apart) and are left out"
+        names = ", ".join(columns)
+        note = f"{names} fit in no order of rotations ({plain(apart, 2)} rad apart{of_these}) and are left out"
         return Start(replace(readings, observed="position", angles=None).noted(note), found.base, found.tool)
     if (
         len(ranked) > 1

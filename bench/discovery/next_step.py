@@ -18,7 +18,8 @@ _SHOWS = 0.01  # p below which a place is reported
 class NextStep:
     """The advice of a report.
 
-    `separating` are the measurements, in words, that would tell the rivals of a finding apart. `unnamed` tells that
+    `separating` are the measurements, in words, that would tell the rivals of a finding apart, or, where nothing is
+    named, the names that came nearest. `unnamed` tells that
     something is missing which no effect explains: then `place` is where to take readings with repeats, None where these
     readings do not tell it. `columns` are columns of data -> labels of the effects that could be tested with them, each
     label once.
@@ -33,7 +34,10 @@ class NextStep:
 def next_step(report: Report) -> NextStep:
     """Return what to measure next after the search of `report`."""
     return NextStep(
-        separating=tuple(finding.separated_by for finding in report.findings if finding.separated_by),
+        separating=(
+            *(finding.separated_by for finding in report.findings if finding.separated_by),
+            *report.parted_by,
+        ),
         unnamed=report.verdict in ("unknown", "partly"),
         place=clearest_place(report),
         columns=missing_columns(report),

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from calibench.bench.execution.merit import merit_of
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.frames import frames_of
 from calibench.bench.gate.stop_reason import StopReason
@@ -22,6 +25,26 @@ def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
         except BaseException as error:  # SystemExit too
             said = f"{BEFORE}{text_of(error)}"
             return Ending(type(error).__name__, said, 0.0, 0.0, frames_of(error))
+    return None
+
+
+def check_merit(problem: Any) -> Ending | None:
+    """Return the ending of a run whose ``merit(x)`` returns what no row can hold, seen at the start; None otherwise.
+
+    It would fail when the budget is spent. What merit raises itself is left to the answer: it may need one.
+    """
+    if not hasattr(problem, "merit"):
+        return None
+    try:
+        found = problem.merit(np.array(problem.start, dtype=float))
+    except KeyboardInterrupt:
+        raise
+    except BaseException:
+        return None
+    try:
+        merit_of(found)
+    except TypeError as error:
+        return Ending(type(error).__name__, f"{BEFORE}{error}", 0.0, 0.0)
     return None
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from calibench.bench.execution.answer import answer_of, judged_apart
 from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
 from calibench.bench.execution.in_progress.progress import followed
-from calibench.bench.execution.outcome import compile_parts, with_an_answer
+from calibench.bench.execution.outcome import check_merit, compile_parts, with_an_answer
 from calibench.bench.execution.request.asked import Asked, read_asked
 from calibench.bench.execution.request.checks import Array, Start
 from calibench.bench.execution.request.pair import made_pair, pair_of
@@ -183,6 +183,8 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
     watched = time_limit is not None or may_hang
     apart = watched and (pair.foreign_problem or pair.foreign_optimizer)  # ours compile here, once for all runs
     broken = None if apart or pair.compiled else compile_parts(problem, optimizer)
+    if not (apart or pair.compiled or broken) and pair.foreign_problem:
+        broken = check_merit(problem)
     pair.compiled = pair.compiled or (not apart and broken is None)
     again = partial(seed_sequence, pair.problem_word, "restart", repetition=repetition)  # paired across optimisers
     searched = seeded(problem, pair.problem_word, repetition)

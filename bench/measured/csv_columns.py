@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from calibench.bench.measured.blocks import blocks_of
 from calibench.bench.measured.cells import columns_of, like_numbers
 from calibench.bench.measured.found import Found
 from calibench.core.csv_table import Table, read_table
@@ -24,9 +26,12 @@ def read_csv(path: Path, text: Collection[str]) -> Found:
     """Return the columns, the units their heads state, and the comment lines before the header, as one line.
 
     Columns in `text` hold words; any other holds numbers, true and false, or words if no cell of it is a number.
-    Cells are parted by a comma, a semicolon, a tab or spaces; an empty one is NaN.
+    Cells are parted by a comma, a semicolon, a tab or spaces; an empty one is NaN. Raises `DataError` for rows that do
+    not fit the header.
     """
-    return of_table(read_table(path, bare=True), text)
+    table = read_table(path, bare=True)
+    blocks = blocks_of(path, table)
+    return of_table(replace(table, notes=(*table.notes, *blocks)), text)
 
 
 def of_table(table: Table, text: Collection[str]) -> Found:

@@ -71,6 +71,7 @@ class Request:
     seeds: int = 1  # the most repetitions that are asked for of a cell
 
 
+_NAMED = 8  # methods that a line on what a glob skips still names
 _Skipped = dict[str, dict[str, list[str]]]  # problem -> what is needed -> who needs it, for every problem of a sweep
 
 
@@ -189,12 +190,19 @@ def _left_out(skipped: _Skipped) -> tuple[str, ...]:
     every, lacking = set(skipped), dict[str, list[str]]()
     for problem, needed in skipped.items():
         for needs, names in needed.items():
-            told = f"{', '.join(names)} {'needs' if len(names) == 1 else 'need'} {needs}"
+            told = f"{_methods(names)} {'needs' if len(names) == 1 else 'need'} {needs}"
             lacking.setdefault(told, []).append(problem)
     return tuple(
         f"{told}: skipped" if set(where) == every else f"{told}: skipped on {', '.join(where)}"
         for told, where in lacking.items()
     )
+
+
+def _methods(names: Sequence[str]) -> str:
+    """Return the names of methods; of many, their number and where their traits are told."""
+    if len(names) <= _NAMED:
+        return ", ".join(names)
+    return f"{len(names)} methods that the glob matches (`bench list optimizers` has the traits of each)"
 
 
 def _expand(

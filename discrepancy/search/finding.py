@@ -172,15 +172,25 @@ def _held(weights: Mapping[str, float], safe: Sequence[str], share: float) -> di
     return held
 
 
+def parted_by(effects: Sequence[Effect], machine: str) -> str:
+    """Return the other kind of reading that parts effects from their declared twins; "" where none is declared."""
+    told = (family.parted_by for twin in sorted(_twins(effects)) if (family := family_of(machine, twin)))
+    return next((kind for kind in told if kind), "")
+
+
+def _twins(effects: Sequence[Effect]) -> set[str]:
+    """Return the families of the declared twins of effects."""
+    return {twin.split(" ", 1)[0] for effect in effects for twin in effect.twins}
+
+
 def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
     """Return a measurement that would tell the members of a set apart; None where one name stands alone."""
     families = {o.effect.family for o in options}
-    twins = {twin.split(" ", 1)[0] for o in options for twin in o.effect.twins}
+    twins = _twins([o.effect for o in options])
     formulation = found.model.formulation
     machine = formulation.data.machine
-    for twin in sorted(twins):
-        if (family := family_of(machine, twin)) and family.parted_by:
-            return family.parted_by
+    if kind := parted_by([o.effect for o in options], machine):
+        return kind
     if len(options) == 1 or families | twins == families & twins:
         return f"no further readings tell these apart, they leave the same signature: {_PARTS}" if twins else None
     targets = {o.effect.target for o in options}

@@ -21,6 +21,7 @@ from calibench.discrepancy.search.select import Tests, best_of_each
 from calibench.discrepancy.search.smoother import Component, Smooth
 from calibench.problems.base import Array
 
+NEAR = 0.3  # of what is more than noise: a formula that explains less is no hint
 _GRID = 400  # places over the range
 _TURN = 0.75  # part of a turn that must be covered for waves a turn to be told
 _ORDERS = 8  # waves a turn

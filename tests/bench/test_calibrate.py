@@ -119,6 +119,20 @@ def test_wild_readings_are_named_and_have_no_say(here, calibrate):
     assert abs(found["after"]["rms"] - clean["after"]["rms"]) < 0.01
 
 
+def test_rotations_that_never_vary_are_told_as_such(here, calibrate):
+    """A controller that writes zeros where no turn was measured: no order of rotations is the reason."""
+    q, seen, turns = measured(30)
+    heads = ("x", "y", "z", "rx", "ry", "rz")
+    (here / "still.csv").write_text(table(q, np.column_stack([seen, np.zeros((30, 3))]), heads))
+    notes = calibrate("data=still.csv")["notes"]
+    assert "rx, ry, rz never vary, though the arm turned its tool: they are left out" in notes
+    assert "rotation=rpy; rx, ry, rz never vary" in calibrate("data=still.csv", "rotation=rpy", code=2)
+    mixed = np.column_stack([seen, Rotation.from_matrix(turns).as_euler("xyz")[::-1, :2], np.zeros(30)])
+    (here / "mixed.csv").write_text(table(q, mixed, heads))
+    notes = calibrate("data=mixed.csv")["notes"]
+    assert any("fit in no order of rotations" in note and "; rz never varies) and" in note for note in notes)
+
+
 @pytest.mark.parametrize("order", ["xyz", "rpy"])
 def test_the_order_and_unit_of_rotations_is_found(here, calibrate, order):
     q, seen, turns = measured(40)

@@ -1,16 +1,19 @@
 """The tables and the reach of a verdict's page: numbers that do not puzzle, and every section it promises."""
 
+import itertools
 import re
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from benchmarks.blind.gpm2002.simulate import case as planar_case
 from benchmarks.blind.orthoglide import case
 from calibench import discrepancy
-from calibench.bench.discovery.page.figures import candidate_chart, residual_chart, workspace_map
+from calibench.bench.discovery.page.figures import candidate_chart, gap_chart, residual_chart, where_map, workspace_map
+from calibench.bench.discovery.page.limits import untested_lines
 from calibench.bench.discovery.page.page import Page
 from calibench.bench.discovery.page.series import Residuals, Workspace, series_of
 from calibench.bench.discovery.page.tables import parameter_table, score_table, set_table
@@ -18,7 +21,8 @@ from calibench.bench.discovery.page.words import column_sentence, headline, next
 from calibench.bench.report.shared.templating import macros
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.effect import Untestable
-from calibench.discrepancy.report import Candidate
+from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.report import Candidate, Gap, Place
 from tests.bench.test_discovery_page import FINDING, GAP, told
 from tests.discrepancy.test_form import sprung
 
@@ -109,6 +113,71 @@ def test_columns_that_were_not_recorded_are_asked_for():
     assert "dir_1, dir_2 (backlash)" in Page(replace(report, verdict="none")).html()
 
 
+def test_targets_that_lack_the_same_are_one_line():
+    lacking = [
+        Untestable("lag", f"joint {i}", f"joint {i} declares no velocity: with a column of it this could be tested", ())
+        for i in (1, 2)
+    ]
+    assert untested_lines("gpm2002", lacking) == [
+        "timing lag of joint 1, 2: each of them declares no velocity: with a column of it this could be tested"
+    ]
+    assert untested_lines("gpm2002", lacking[1:]) == [f"timing lag of joint 2: {lacking[1].reason}"]
+
+
+def test_few_values_have_a_tick_each_only_where_their_labels_have_room():
+    def ticks(values):
+        each = np.repeat(np.asarray(values, dtype=float), 4)
+        like = Residuals("play", "way [um]", "error [um]", each, np.sin(each), np.cos(each), np.ones(len(each)))
+        figure, _ = residual_chart(like)
+        return figure.axes[0].get_xticks().tolist()
+
+    assert ticks([-1, 0, 1]) == [-1, 0, 1]
+    crowded = [-104.3, -86.1, -84.8, -59.7, 22.9, 29.4, 38.0, 71.8, 74.3, 119.1]
+    assert 71.8 not in ticks(crowded)
+    assert len(ticks(crowded)) > 3
+
+
+def test_names_of_candidates_do_not_overlap():
+    """Names of several lines: the rows are as high as the highest of them."""
+    names = [f"an error in the hour angle that comes back twice in a turn of axis {k}" for k in range(6)]
+    table = pd.DataFrame({"family": names, "target": "", "gain": 9.0, "in_set": False, "chosen": False})
+    figure, _ = candidate_chart("none such", table)
+    FigureCanvasAgg(figure).draw()
+    boxes = [label.get_window_extent() for label in figure.axes[0].get_yticklabels()]
+    assert all("\n" in label.get_text() for label in figure.axes[0].get_yticklabels())
+    assert all(below.y1 <= above.y0 for below, above in itertools.pairwise(boxes))
+
+
+def test_gains_of_rounding_errors_have_no_scale_of_their_own():
+    table = pd.DataFrame({"family": ["a", "b"], "target": "", "gain": [0.0, -1e-17], "in_set": False, "chosen": False})
+    figure, _ = candidate_chart("none such", table)
+    assert np.ptp(figure.axes[0].get_xlim()) > 1
+
+
+def test_a_cycle_is_drawn_over_the_period_that_was_found():
+    across = np.arange(200.0)
+    wave = 3 * np.sin(2 * np.pi * across / 11.3)
+    noise = 0.3 * np.random.default_rng(4).standard_normal(200)
+    data = MeasuredData({"month": across, "y": wave + noise}, "table", {})
+    report = discrepancy.explain("table", data)
+    assert [finding.family for finding in report.findings] == ["cycle"]
+    (drawn,) = series_of(report).residuals
+    assert drawn.label == "month within one period"
+    assert 10.5 < drawn.values.max() < 11.5
+
+
+def test_the_bar_of_the_gap_has_its_interval_in_numbers():
+    """The number stands at the whisker's end: alone it reads as that end."""
+    gap = Gap(1.44, 30.0, 30.0, 20.09, 20.09, (10.45, 38.6))
+    figure, _ = gap_chart(gap, ("without", "with"))
+    assert "20.09 (10.45 to 38.60)" in [text.get_text() for text in figure.axes[0].texts]
+
+
+def test_the_map_says_what_its_columns_and_rows_are():
+    figure, _ = where_map("gpm2002", [Place("leg 1", "t_s", 0.01)])
+    assert (figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()) == ("residual of", "over")
+
+
 def test_a_target_is_not_said_twice():
     assert effect_label("gpm2002", "base_shift", "base 2") == "shift of base 2"
     assert effect_label("orthoglide", "gauge_tilt", "gauge x_y") == "tilt of gauge x_y"
@@ -119,6 +188,49 @@ def test_the_size_of_a_set_is_that_of_its_first():
     assert headline(told(verdict="ambiguous", findings=[FINDING])).endswith(
         "(these data cannot tell which): 20.0 µrad/(N m) (95 %: 18.0 to 22.0 µrad/(N m)) if it is the first."
     )
+
+
+FAMILIES = ("backlash", "compliance", "encoder_sine", "gear_error")
+
+
+def _set(*members):
+    """Return a report of a set: (family, target, weight) each, of which the first has the size."""
+    rivals = [{"effect": f"{f} {t}", "family": f, "target": t, "weight": w} for f, t, w in members]
+    first = {key: rivals[0][key] for key in ("effect", "family", "target")}
+    return told(verdict="ambiguous", findings=[{**FINDING, **first, "set": rivals}])
+
+
+def test_a_large_set_is_told_by_its_number_and_its_likeliest():
+    members = [("backlash", "joint 1", 0.3), ("thermal_links", "all", 0.1), ("compliance", "joint 2", 0.4),
+               ("thermal_base", "all", 0.15), ("proximal_bending", "leg 1", 0.05)]  # fmt: skip
+    said = headline(_set(*members))
+    assert said.startswith(
+        "Missing from the model: one of 5 effects (these data cannot tell which), most likely compliance of joint 2 "
+        "(40 %) or backlash of joint 1 (30 %): 20.0 µrad/(N m) (95 %"
+    )
+    assert said.endswith(" if it is backlash of joint 1.")
+
+
+def test_of_a_large_set_none_is_likeliest_where_the_next_is_as_likely():
+    said = headline(_set(*((f, "joint 2", 0.25) for f in FAMILIES)))
+    assert "cannot tell which), such as backlash of joint 2 (25 %), compliance of joint 2 (25 %) or " in said
+    assert said.endswith(" if it is the first.")
+
+
+def test_a_large_set_tells_the_part_or_the_kind_that_its_members_share():
+    assert "one of 4 effects of joint 2 (these" in headline(_set(*((f, "joint 2", 0.25) for f in FAMILIES)))
+    two = [(f, f"joint {k}", 0.25) for f in FAMILIES[:2] for k in (3, 1)]
+    assert "one of 4 effects of joint 3 or joint 1 (these" in headline(_set(*two))
+    four = [(f, target, 0.25) for f, target in zip(FAMILIES, ("joint 1", "joint 2", "joint 3", "leg 1"))]
+    assert "one of 4 effects of 4 parts (these" in headline(_set(*four))
+    one = [("backlash", target, 0.25) for _, target, _ in four]
+    assert "one of 4 effects of one kind, backlash (these" in headline(_set(*one))
+
+
+def test_the_table_of_a_large_set_has_the_weight_of_each_member():
+    table = set_table(_set(*((f, "joint 2", weight) for f, weight in zip(FAMILIES, (0.1, 0.2, 0.3, 0.4)))), {})
+    assert [head.title for head in table.heads] == ["effect", "weight", "what it is", "size"]
+    assert [row[1] for row in table.rows] == ["40 %", "30 %", "20 %", "10 %"]
 
 
 @pytest.mark.parametrize("verdict", ["none", "negligible", "named", "ambiguous", "unknown"])

@@ -198,9 +198,22 @@ def test_a_summary_has_the_median_of_a_merit_and_the_share_of_a_flag(tmp_path):
 )
 def test_a_merit_that_no_row_can_hold_is_a_failure_with_its_name(merit, told):
     run = run_of(saying(merit=lambda self, x: merit))
-    assert run.status == "failed"
-    assert run.row["error"].startswith("in judging the answer: ")
+    assert (run.status, run.evaluations) == ("failed", 0), "found before the budget is spent"
+    assert run.row["error"].startswith("before the first evaluation: ")
     assert told in run.row["error"]
+    later = run_of(saying(merit=lambda self, x: {"a": 1.0} if (x == self.start).all() else merit))
+    assert (later.status, later.evaluations > 0) == ("failed", True)
+    assert later.row["error"].startswith("in judging the answer: ")
+    assert told in later.row["error"]
+
+
+def test_a_merit_that_fails_at_the_start_alone_harms_no_run():
+    def merit(self, x):
+        if (x == self.start).all():
+            raise ZeroDivisionError
+        return {"a": 1.0}
+
+    assert run_of(saying(merit=merit)).status == "ok"
 
 
 # floors and rows of before

@@ -233,6 +233,29 @@ def test_what_needs_finite_bounds_is_left_out_of_a_glob_and_refused_by_name(call
     assert "de needs finite bounds, and problem ajar.py:Open has upper[1]=inf; give it two ends" in err
 
 
+def test_of_many_methods_that_a_glob_leaves_out_the_number_is_told(tmp_path):
+    (tmp_path / "wide_open.py").write_text(OPEN)
+    request = read_request([f"problem={tmp_path}/wide_open.py:Open", "optimizer=glob(*)", "budget=20", "seeds=1"], True)
+    [told] = [line for line in request.left_out if "finite bounds" in line]
+    number, _, rest = told.partition(" ")
+    assert int(number) > 8
+    assert rest == (
+        "methods that the glob matches (`bench list optimizers` has the traits of each) need finite bounds: skipped"
+    )
+
+
+def test_errors_of_failed_runs_have_the_room_of_the_terminal(call, tmp_path, monkeypatch):
+    words = " ".join(f"word{k}" for k in range(40))
+    bad = f"class Bad(Open):\n    def residuals(self, x): raise ValueError({words!r})\n"
+    (tmp_path / "talkative.py").write_text(OPEN + bad)
+    ask = ["problem=./talkative.py:Bad", "budget=20", "seeds=1", "optimizer=lm"]
+    monkeypatch.setenv("COLUMNS", "60")
+    assert "word9" in (narrow := call("run", *ask)[1])
+    assert "word39" not in narrow
+    monkeypatch.setenv("COLUMNS", "500")
+    assert "word39" in call("run", *ask, "study=wide")[1]
+
+
 def test_a_glob_takes_what_may_loop_for_ever_with_a_time_limit_only(plain):
     def chosen(*words):
         request = read_request([f"problem={plain}", *words, "budget=50", "seeds=1"], True)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calibench import discrepancy, testing
-from calibench.bench.discovery.page.words import gap_sentence
+from calibench.bench.discovery.page.words import gap_sentence, next_sentences
 from calibench.bench.measured.files import read_measured
 from calibench.bench.measured.sources import shipped_path
 from calibench.discrepancy import DataError, MeasuredData, Model
@@ -149,6 +149,20 @@ def test_seven_heights_leave_all_that_they_cannot_part_in_the_set(cause, size):
     together = set().union(*named(report))
     assert cause in together
     assert len(together) > 2
+
+
+def test_without_a_name_heights_still_ask_for_the_readings_that_part_what_came_nearest():
+    """Of seven rough heights nothing is named; radius, rods and belts, which came nearest, take a printed object."""
+    data = owner(7, 7, 0, delta_radius__all=0.5)[2]
+    rough = data["height"] + 0.3 * np.random.default_rng(7).standard_normal(len(data))
+    report = discrepancy.explain("delta", data.with_columns({"height": rough}))
+    assert report.verdict == "unknown"
+    assert next_sentences(report)[0].startswith("a printed object: distances measured by caliper")
+    assert discrepancy.Report.from_dict(report.to_dict()).parted_by == report.parted_by
+    far = owner(1, 19, 24, delta_radius__all=0.5)[2]  # distances are there: nothing more to ask for
+    rough = far["height"] + np.random.default_rng(1).standard_normal(len(far))
+    report = discrepancy.explain("delta", far.with_columns({"height": rough}))
+    assert (report.verdict, report.parted_by) == ("unknown", ())
 
 
 @pytest.mark.parametrize("seed", range(1, 4))

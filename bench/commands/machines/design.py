@@ -12,7 +12,7 @@ from calibench.bench.calibration.plan import asks_for_poses
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.machines import design_poses
 from calibench.bench.discovery.design import Designed, designed
-from calibench.bench.discovery.page.limits import smallest
+from calibench.bench.discovery.page.limits import smallest, untested_lines
 from calibench.bench.discovery.page.quantity import share
 from calibench.bench.discovery.request import read_design
 from calibench.discrepancy.labels import effect_label
@@ -71,13 +71,10 @@ def _print_candidates(console: Console, answer: Designed, machine: str) -> None:
 
 
 def _print_untested(answer: Designed, machine: str) -> None:
-    reasons: dict[str, list[str]] = {}
-    for gap in answer.design.not_testable:
-        reasons.setdefault(gap.reason, []).append(effect_label(machine, gap.family, gap.target))
-    if reasons:
+    if lines := untested_lines(machine, answer.design.not_testable):
         print("\nCannot be tested:")
-    for reason, names in reasons.items():
-        print(f"  {', '.join(names)}: {reason}")
+    for line in lines:
+        print(f"  {line}")
 
 
 def _print_next(console: Console, answer: Designed, words: dict[str, str]) -> None:

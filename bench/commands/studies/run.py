@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep")  # of one call, not of the study
 _LONG = 40  # rows of a summary that are still printed
-_WIDE = 100  # letters of an error in the list of failures
+_WIDE = 100  # letters of an error in the list of failures, at least: as many as the terminal has room for
 _UNTOLD = ("traceback", "best_x", "at_bound", "parameter_names", "parameter_values")  # what no summary looks at
 _TOLD = [column.name for column in COLUMNS if column.group != "origin" and column.name not in _UNTOLD]
 
@@ -139,7 +140,7 @@ def _print_failures(rows: pa.Table, request: Request) -> None:
     named = failed.assign(
         problem=problem_titles(mine)[failed.index],
         optimizer=method_titles(mine)[failed.index],
-        error=[_short(" ".join(str(text).split())) for text in failed["error"]],
+        error=[" ".join(str(text).split()) for text in failed["error"]],
         alike=[without_numbers(str(text)) for text in failed["error"]],
     )
     reasons = []
@@ -148,7 +149,10 @@ def _print_failures(rows: pa.Table, request: Request) -> None:
         first = some.sort_values("repetition").iloc[0]
         reasons.append([str(len(some)), str(first["run_id"]), *map(str, first[told])])
     reasons.sort(key=lambda row: -int(row[0]))
-    print_table(["runs", "such as", *told], reasons[:_LONG])
+    heads, shown = ["runs", "such as", *told], reasons[:_LONG]
+    before = sum(2 + max(map(len, column)) for column in list(zip(heads, *shown, strict=True))[:-1])
+    room = max(_WIDE, get_terminal_size((0, 0)).columns - before)
+    print_table(heads, [[*row[:-1], _short(row[-1], room)] for row in shown])
     if len(reasons) > _LONG:
         print(f"and {len(reasons) - _LONG} more; `bench status {shlex.quote(str(request.folder))}` lists all reasons")
     where = "" if request.folder.parent == Path("results") else f" results={shlex.quote(str(request.folder.parent))}"
@@ -159,8 +163,8 @@ def _tell(line: str) -> None:
     print(f"bench: {line}", file=sys.stderr)
 
 
-def _short(text: str) -> str:
-    return text if len(text) <= _WIDE else f"{text[: _WIDE - 1]}…"
+def _short(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
 def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:

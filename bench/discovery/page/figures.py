@@ -20,12 +20,17 @@ from calibench.bench.discovery.page.words import compared, floor_holds_the_gap, 
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
 from calibench.discrepancy.labels import NO_WORDS, effect_label, quantity_label, quantity_of
 from calibench.discrepancy.report import Gap, Place, Report
+from calibench.problems.base import Array
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
 _SHOWN = 10  # candidates of which a bar is drawn
+_NAME = 34  # letters in a line of a candidate's name
+_LINE = 0.155  # inches of a line of it
 _KNOWING = 0.01  # part of the weight of those that know a quantity best: ten times their standard deviation
 _DOTS = 2500  # readings of which a dot is drawn; the means are of all that know the quantity
 _FEW = 12  # values of a covariate up to which each has a mean of its own
+_PANEL = 185.0  # points between the outer values of a panel of two
+_LETTER = 5.5  # points that a letter of a tick's label takes
 _VECTOR = 800  # dots up to which a drawing keeps them as shapes
 
 
@@ -55,7 +60,7 @@ def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = N
         grid[overs.index(over), targets.index(target)] = strength
     top = max(4.0, float(np.nanmax(grid)))
     with rc_context(STYLE | {"axes.grid": False}):
-        size = (2.6 + 0.62 * len(targets), 1.3 + 0.25 * len(overs))
+        size = (2.8 + 0.62 * len(targets), 1.5 + 0.25 * len(overs))
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots()
         image = axes.imshow(grid, aspect="auto", cmap="cividis_r", vmin=0, vmax=top)
@@ -68,6 +73,9 @@ def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = N
         axes.set_xticks(range(len(targets)), targets, fontsize=8)
         axes.set_yticks(range(len(overs)), overs, fontsize=8)
         axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
+        axes.xaxis.set_label_position("top")
+        axes.set_xlabel("residual of", fontsize=8)
+        axes.set_ylabel("over", fontsize=8)
         for spine in axes.spines.values():
             spine.set_visible(False)
         bar = figure.colorbar(image, ax=axes, shrink=0.9, aspect=22)
@@ -122,8 +130,10 @@ def candidate_chart(machine: str, candidates: pd.DataFrame) -> Drawing:
     order = rank.sort_values(["gain", "chosen"], ascending=False, kind="stable").index
     table = candidates.loc[order].reset_index(drop=True)
     shown = table.head(_SHOWN).iloc[::-1].reset_index(drop=True)
+    names = [fill(effect_label(machine, f, t), _NAME) for f, t in zip(shown["family"], shown["target"])]
+    row = max(0.25, _LINE * max(name.count("\n") + 1 for name in names) + 0.06)  # inches
     with rc_context(STYLE):
-        figure = Figure(figsize=(4.9, 0.8 + 0.25 * len(shown)), layout="constrained")
+        figure = Figure(figsize=(4.9, 0.8 + row * len(shown)), layout="constrained")
         axes = figure.subplots()
         colours = [_AFTER if inside else "0.72" for inside in shown["in_set"]]
         axes.barh(range(len(shown)), shown["gain"], color=colours, height=0.66)
@@ -131,10 +141,11 @@ def candidate_chart(machine: str, candidates: pd.DataFrame) -> Drawing:
         for y, (gain, inside) in enumerate(zip(shown["gain"], shown["in_set"])):
             told = f"{round(gain)}{'  ●' if inside else ''}"
             axes.annotate(told, (max(gain, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=7.5)
-        names = [fill(effect_label(machine, f, t), 34) for f, t in zip(shown["family"], shown["target"])]
         axes.set_yticks(range(len(shown)), names, fontsize=8)
         axes.set_xlabel("gain (BIC)" + ("; ● on the shortlist" if shown["in_set"].any() else ""))
         axes.margins(x=0.12)
+        if shown["gain"].abs().max() < 0.5:  # all are told as 0: no scale of rounding errors
+            axes.set_xlim(-1, 10)
         axes.grid(axis="y", visible=False)
     return figure, table
 
@@ -176,7 +187,7 @@ def residual_chart(residuals: Residuals) -> Drawing:
             axes.errorbar(binned["value"], binned[when], errors, fmt=line, color="black", ms=3.5, lw=1.2, elinewidth=1)
             axes.set_title(fill(f"{title} {residuals.effect}", 44), fontsize=9, loc="left")
             axes.set_xlabel(residuals.label)
-            if few:
+            if few and _beside(binned["value"].to_numpy()):
                 axes.set_xticks(binned["value"])
         panels[0].set(ylabel=residuals.error, ylim=(-reach, reach))
     return figure, binned
@@ -197,7 +208,8 @@ def gap_chart(gap: Gap, names: tuple[str, str], noise: str = "the stated noise",
             axes.barh(y, rms, color=colour, height=0.5)
             if np.isfinite(left):
                 axes.plot([left, right], [y, y], color="black", lw=1.6, marker="|", ms=9)
-            axes.annotate(f"{rms:.2f}", (max(rms, float(np.nan_to_num(right))), y), (6, 0),
+            ends = f" ({left:.2f} to {right:.2f})" if np.isfinite(left) else ""
+            axes.annotate(f"{rms:.2f}{ends}", (max(rms, float(np.nan_to_num(right))), y), (6, 0),
                           textcoords="offset points", va="center", fontsize=8, zorder=4,
                           bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
         if floor:
@@ -209,6 +221,12 @@ def gap_chart(gap: Gap, names: tuple[str, str], noise: str = "the stated noise",
         axes.margins(x=0.12)
         axes.grid(axis="y", visible=False)
     return figure, table
+
+
+def _beside(values: Array) -> bool:
+    """Tell whether a tick at each of a few sorted values, of one panel of two, leaves room for all their labels."""
+    room = _PANEL * np.diff(values).min() / np.ptp(values) if len(values) > 1 else np.inf
+    return bool(_LETTER * max((len(f"{value:.4g}") + 1 for value in values), default=0) < room)
 
 
 def _far(dots: pd.DataFrame) -> tuple[float, float]:

@@ -23,6 +23,7 @@ _BEYOND = {  # sizes that no machine has
     "1": (1.0, "none below 100 %"),
     "arcsec": (206265.0, "none below 1 rad"),
 }
+_ANY = "each of them"  # the subject of a reason that is the same for several targets
 _LIMITS = ("effect", "visible share", "smallest size seen")
 
 
@@ -85,17 +86,25 @@ def untested_lines(machine: str, items: Sequence[Untestable]) -> list[str]:
     ... ])
     ['backlash of joint 1, 2: needs column dir_i']
     """
-    by_reason: dict[str, dict[str, list[str]]] = {}
+    by_reason: dict[str, list[Untestable]] = {}
     for item in items:
-        by_reason.setdefault(_reason_for_any(machine, item), {}).setdefault(item.family, []).append(item.target)
-    return [
-        f"{', '.join(_of_targets(machine, family, targets) for family, targets in families.items())}: {reason}"
-        for reason, families in by_reason.items()
-    ]
+        by_reason.setdefault(_reason_for_any(machine, item), []).append(item)
+    lines = []
+    for reason, alike in by_reason.items():
+        targets: dict[str, list[str]] = {}
+        for item in alike:
+            targets.setdefault(item.family, []).append(item.target)
+        which = ", ".join(_of_targets(machine, family, of) for family, of in targets.items())
+        one = len({item.target for item in alike}) == 1 and reason.startswith(_ANY)
+        lines.append(f"{which}: {alike[0].reason if one else reason}")
+    return lines
 
 
 def _reason_for_any(machine: str, item: Untestable) -> str:
-    """Return the reason as it is for every target of the family: its own columns under the names of their kind."""
+    """Return the reason as it is for every target of the family: its own columns under the names of their kind.
+
+    A target that is the subject of its reason is told as each of them.
+    """
     family = family_of(machine, item.family)
     kinds = (
         {pattern.format(i=last_word(item.target)): pattern.format(i="i") for pattern in family.columns}
@@ -103,7 +112,8 @@ def _reason_for_any(machine: str, item: Untestable) -> str:
         else {}
     )
     general = [kinds.get(column, column) for column in item.columns]
-    return item.reason.replace(", ".join(item.columns), ", ".join(general)) if general else item.reason
+    reason = item.reason.replace(", ".join(item.columns), ", ".join(general)) if general else item.reason
+    return f"{_ANY} {reason.removeprefix(f'{item.target} ')}" if reason.startswith(f"{item.target} ") else reason
 
 
 def _of_targets(machine: str, family: str, targets: Sequence[str]) -> str:

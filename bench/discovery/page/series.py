@@ -16,9 +16,9 @@ from calibench.bench.discovery.page.quantity import in_small_units, largest
 from calibench.core.units import between
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
+from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation
 from calibench.discrepancy.model.roles import roles_of, words_of
-from calibench.discrepancy.registries import family_of
 from calibench.discrepancy.report import Report
 from calibench.problems.base import Array
 
@@ -85,14 +85,15 @@ def _candidates(report: Report) -> pd.DataFrame:
 def _residuals(report: Report) -> tuple[Residuals, ...]:
     """Return a chart an effect, in the order of the findings; curves over the same axes are drawn once."""
     implied = implied_errors(report)
-    drawn = [_drawn(each) for each in implied]
+    periods = {finding.effect: finding.period for finding in report.findings}
+    drawn = [_drawn(each, periods.get(name_of(each.effect), 0.0)) for each in implied]
     if any(each.effect.family == "smooth" for each in implied):  # one correction, however many curves
         return tuple({(residuals.label, residuals.error): residuals for residuals in reversed(drawn)}.values())[::-1]
     return tuple(drawn)
 
 
-def _drawn(implied: Implied) -> Residuals:
-    """Return an implied error in the unit and words of a drawing.
+def _drawn(implied: Implied, period: float) -> Residuals:
+    """Return an implied error in the unit and words of a drawing, over one `period` of its column; 0 is without one.
 
     An effect that depends on no column is drawn over its own signature: what it changes, calibrated anew, of each
     reading.
@@ -101,12 +102,10 @@ def _drawn(implied: Implied) -> Residuals:
     formulation = implied.without.model.formulation
     data, machine = formulation.data, formulation.data.machine
     factor, unit = _drawn_in(quantity, formulation, largest(implied.before))
-    family = family_of(machine, effect.family)
-    period = family.period(data.metadata, effect.target) if family and family.period else 0.0
     if column is None:
         values = factor * (implied.before - implied.after)
         label = _with_unit("what the effect changes of it", unit)
-    elif period:
+    elif period > 0:
         own = quantity_of(machine, column).unit
         values = np.mod(data[column], period)
         label = _with_unit(f"{_words(column, formulation)} within one period", own)

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
-from calibench.bench.discovery.page.words import coefficients_of, size_of
+from calibench.bench.discovery.page.words import FEW_NAMES, by_weight, coefficients_of, size_of
 from calibench.bench.report.shared.page import Head, Table
 from calibench.bench.report.shared.templating import macros
 from calibench.core.counted import plain
@@ -20,11 +20,15 @@ from calibench.discrepancy.report import Finding, ParameterChange, Report, Rival
 def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> Table:
     """Return the shortlists of all findings, the most likely first; no row without findings.
 
-    The first of a list has the finding's size and coefficients. `causes` are family -> what it is in words, and its
-    formula.
+    The first of a list has the finding's size and coefficients; where a list has many members, each has its weight.
+    `causes` are family -> what it is in words, and its formula.
     """
     rows = [_rival(report.machine, f, rival, causes) for f in report.findings for rival in _ranked(f)]
-    return table_of(("effect", "what it is", "size"), rows, "wide")
+    if not any(len(f.set) > FEW_NAMES for f in report.findings):
+        return table_of(("effect", "what it is", "size"), rows, "wide")
+    weights = [_weight(rival) for f in report.findings for rival in _ranked(f)]
+    weighted = [[row[0], weight, *row[1:]] for row, weight in zip(rows, weights, strict=True)]
+    return table_of(("effect", "weight", "what it is", "size"), weighted, "wide", right=("weight",))
 
 
 def score_table(report: Report) -> Table:
@@ -32,7 +36,7 @@ def score_table(report: Report) -> Table:
     rows = [
         [
             effect_label(report.machine, rival.family, rival.target),
-            f"{100 * rival.weight:.0f} %" if isfinite(rival.weight) else "",
+            _weight(rival),
             _gain(f.gain) if (rival.family, rival.target) == (f.family, f.target) else "",
         ]
         for f in report.findings
@@ -67,7 +71,11 @@ def _cell() -> Any:
 
 def _ranked(finding: Finding) -> list[Rival]:
     rivals = finding.set or (Rival(finding.effect, finding.family, finding.target, 1.0),)
-    return sorted(rivals, key=lambda rival: -rival.weight if isfinite(rival.weight) else 0.0)
+    return by_weight(rivals)
+
+
+def _weight(rival: Rival) -> str:
+    return f"{100 * rival.weight:.0f} %" if isfinite(rival.weight) else ""
 
 
 def _gain(gain: float) -> str:

@@ -17,18 +17,20 @@ from calibench.discrepancy.diagnostics.exact_readings import EXACT
 from calibench.discrepancy.diagnostics.few_equations import FEW_EQUATIONS
 from calibench.discrepancy.diagnostics.one_reading import ALONE
 from calibench.discrepancy.effects import families
-from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
+from calibench.discrepancy.labels import effect_label, part_label, quantity_label, quantity_of
 from calibench.discrepancy.model.measured.complete import STILL
 from calibench.discrepancy.model.measured.data import UNSTATED
-from calibench.discrepancy.report import Finding, OtherNoise, Place, Report, Unnamed
+from calibench.discrepancy.report import Finding, OtherNoise, Place, Report, Rival, Unnamed
 from calibench.discrepancy.search.finding import BEGINS, FREE_PERIOD
+from calibench.discrepancy.search.unnamed import NEAR
 
 _BELOW = 0.9  # of what noise alone leaves: an error below it was measured in a noise that is too wide
 _NO_MORE = 1.15  # times the noise: what a reader would see as 1.1 times is no more than it
 _TAKES = 0.3  # of what is more than noise: smooth functions that take less tell nothing
-_NEAR = 0.3  # of what is more than noise: a formula that explains less is no hint
 _TURN = {"rad": 2 * pi, "deg": 360.0}
-_FEW_NAMES = 3  # at most: more are told without intervals, and not one by one again
+FEW_NAMES = 3  # at most: more are told without intervals, or by what they share, and not one by one again
+_HALF = 0.5  # of the weight of a set: what its likeliest names are to hold together
+_LESS = 0.8  # of the weight of the last name told: a next one above it is as likely
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
 
@@ -38,7 +40,7 @@ def headline(report: Report) -> str:
     Of more than three names the page has the intervals alone: the sentence would be a table in words.
     """
     machine, findings = report.machine, report.findings
-    brief = len(findings) > _FEW_NAMES
+    brief = len(findings) > FEW_NAMES
     if report.verdict == "none":
         return "Nothing is missing from the model that these data could show."
     if report.verdict == "negligible":
@@ -85,7 +87,7 @@ def unnamed_sentences(report: Report) -> list[str]:
     said = [f"{_where(report, one.quantity)} errs {_over_itself(report, one)} by {amount(one.size, one.unit)} from "
             f"its least to its largest{f': {one.course}' if one.course else ''}."
             for one in report.unnamed if not report.gap.excess_shrink < _TAKES]  # fmt: skip
-    if (near := report.nearest) is not None and near.share >= _NEAR:
+    if (near := report.nearest) is not None and near.share >= NEAR:
         name = effect_label(report.machine, near.family, near.target)
         said.append(f"Of the formulas {name} is the nearest: it explains {100 * near.share:.0f} % of what is more than "
                     "noise, and has another form. Look there first.")  # fmt: skip
@@ -146,7 +148,7 @@ def _standing(report: Report, other: OtherNoise, known: set[str]) -> str:
         return f"{_join(others)} would be named" if others else "nothing would be named either"
     partly = ", with something left that has no name" if other.verdict == "partly" else ""
     lost = [_label(report.machine, f) for f in names if f.effect not in other.effects]
-    if len(names) > _FEW_NAMES and len(lost) < len(held):
+    if len(names) > FEW_NAMES and len(lost) < len(held):
         return f"all of these names{f' but {_join(lost)}' if lost else ''} would be found{partly}"
     return f"{_join(held)} would be named{partly}" if held else "none of these names would be found"
 
@@ -341,19 +343,70 @@ def _widest(names: Sequence[str]) -> list[str]:
 
 
 def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
-    """Return a finding with its size: one name, or the set that the data cannot tell apart; `brief`: no intervals."""
-    rivals = [(r.family, r.target) for r in finding.set] or [(finding.family, finding.target)]
-    names = [effect_label(machine, family, target) for family, target in rivals]
-    if finding.form:
-        like = [f"something like {name}, whose {finding.form}" for name in names[:1]]
-        names = [*like, *names[1:]]
+    """Return a finding with its size: one name, or the set that the data cannot tell apart; `brief`: no intervals.
+
+    Of more than three names it tells how many there are, what they share, and the likeliest with their weights.
+    """
+    rivals = finding.set or (Rival(finding.effect, finding.family, finding.target, 1.0),)
     size = size_of(finding, brief)
     told = f", {_NOISE.get(finding.family, '')} {size}".replace("  ", " ") if size else ""
     told += "".join(f", {words}" for words in (_free_period(finding, brief), _begins(finding)) if words)
-    if len(names) == 1:
-        return f"{names[0]}{told}"
-    size = f": {told.removeprefix(', ')} if it is the first" if told else ""
-    return f"{_join(names, 'or')} (these data cannot tell which){size}"
+    if len(rivals) == 1:
+        return f"{_member(machine, finding, rivals[0])}{told}"
+    if len(rivals) <= FEW_NAMES:
+        first = rivals[0]
+        which = f"{_join([_member(machine, finding, r) for r in rivals], 'or')} (these data cannot tell which)"
+    else:
+        likeliest = _likeliest(rivals)
+        first = likeliest[0]
+        names = [_member(machine, finding, r) + (f" ({_percent(r.weight)})" if isfinite(r.weight) else "")
+                 for r in likeliest]  # fmt: skip
+        next_weight = by_weight(rivals)[len(likeliest)].weight
+        ahead = "most likely" if next_weight < _LESS * likeliest[-1].weight else "such as"
+        which = f"one of {_shared(machine, rivals)} (these data cannot tell which), {ahead} {_join(names, 'or')}"
+    its = "the first" if _is_first(finding, first) else _label(machine, finding)
+    return which + (f": {told.removeprefix(', ')} if it is {its}" if told else "")
+
+
+def _member(machine: str, finding: Finding, rival: Rival) -> str:
+    """Return a member of a set in words; the one whose size is told is "like" its name where it has another form."""
+    name = effect_label(machine, rival.family, rival.target)
+    return f"something like {name}, whose {finding.form}" if finding.form and _is_first(finding, rival) else name
+
+
+def _is_first(finding: Finding, rival: Rival) -> bool:
+    return (rival.family, rival.target) == (finding.family, finding.target)
+
+
+def by_weight(rivals: Sequence[Rival]) -> list[Rival]:
+    """Return the members of a set, the most likely first; those without a weight come last."""
+    return sorted(rivals, key=lambda rival: -rival.weight if isfinite(rival.weight) else 0.0)
+
+
+def _likeliest(rivals: Sequence[Rival]) -> list[Rival]:
+    """Return the likeliest members: two, or three where two hold no more than half of the weight."""
+    ranked = by_weight(rivals)
+    two = sum(rival.weight for rival in ranked[:2])
+    return ranked[: 2 if two > _HALF else 3]
+
+
+def _percent(weight: float) -> str:
+    return "below 1 %" if weight < 0.005 else f"{100 * weight:.0f} %"
+
+
+def _shared(machine: str, rivals: Sequence[Rival]) -> str:
+    """Return how many members a set has, and the family or the parts of the machine that they share, if any.
+
+    A member that is of the whole machine is of no part.
+    """
+    many = f"{len(rivals)} effects"
+    families_of = {rival.family for rival in rivals}
+    if len(families_of) == 1:
+        return f"{many} of one kind, {effect_label(machine, families_of.pop(), '')}"
+    parts = list(dict.fromkeys(part_label(machine, rival.target) for rival in by_weight(rivals)))
+    if not all(parts):
+        return many
+    return f"{many} of {_join(parts, 'or') if len(parts) <= FEW_NAMES else f'{len(parts)} parts'}"
 
 
 def _over(report: Report, place: Place) -> str:
