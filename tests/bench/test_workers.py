@@ -146,7 +146,7 @@ def test_what_takes_the_place_of_a_lost_worker_loads_no_kernel_again(here):
     assert process.returncode == 1, process.stderr
     assert set(ResultStore("results/adhoc").runs()["error_type"]) == {"ProcessDied"}
     loaded = Counter(re.findall(r"\[cache\] data (?:loaded from|saved to) '(.*)'", process.stdout))
-    assert any("survey" in file for file in loaded)
+    assert any("_scan_kernels" in file for file in loaded)
     assert set(loaded.values()) == {1}
 
 
