@@ -64,14 +64,13 @@ def gauss_newton(
             continue
         trial = x + step
         there = residuals(trial)
-        if not _square(there) < value:
-            if damped:
-                return x
+        if not _square(there) < value and not damped:
             trial, damped = _damped(residuals, jacobian, x, least_fall), True
             there, step = residuals(trial), trial - x
-            if not _square(there) < value:
-                return x
-        x, r, gained, value = trial, there, value - _square(there), _square(there)
+        reached = _square(there)
+        if not reached < value:
+            return x
+        x, r, gained, value = trial, there, value - reached, reached
         if least_fall is not None and gained <= least_fall * value:
             return x
         if gained <= 1e-15 * value and _negligible(step * scale, x * scale):

@@ -134,11 +134,8 @@ def _stated(formulation: Formulation, q: Mapping[str, Numbers]) -> Array:
 
     Of readings without noise all but a few may meet the model to rounding, and these few are none too far off.
     """
-    variance, slopes, unknown = (
-        np.zeros((len(formulation.data), 1)),
-        formulation.slopes(q),
-        unknown_noise_of(formulation),
-    )
+    slopes, unknown = formulation.slopes(q), unknown_noise_of(formulation)
+    variance = np.zeros((len(formulation.data), 1))
     for name in formulation.readings:
         if name not in unknown:
             variance = variance + (slopes[name] * np.asarray(formulation.sigma[name])[..., None]) ** 2

@@ -97,9 +97,8 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
         first, second = visits_of(data)
         visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), t_degrees)
         if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(t_degrees) else 5) / np.sqrt(told.n_visits)):
-            part = float(
-                min(1 - spread / visits, _CARRIED)
-            )  # no statement contradicts it: noise is likelier than an effect
+            # no statement contradicts that noise is carried on, and it is likelier than an effect
+            part = float(min(1 - spread / visits, _CARRIED))
             more = f"visits scatter more: {100 * part:.0f} % of the noise is taken to be carried on"
             law = replace(_estimated(visits, np.inf, told.n_visits), autocorrelation=part)
             return law, told, (*_misstated(visits), more)
