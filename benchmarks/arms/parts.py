@@ -44,7 +44,7 @@ def parts(folder: Path, names: Sequence[str], seeds: Sequence[int], sizes: Seque
     for n in sizes:
         for seed in seeds:
             for name in names:
-                yield _part(name, n, seed, within(_drawn(series(folder, name), name, n, seed)))
+                yield _part(name, n, seed, within(drawn(series(folder, name), name, n, seed)))
 
 
 def table(found: Sequence[Part]) -> str:
@@ -65,7 +65,7 @@ def table(found: Sequence[Part]) -> str:
     return "\n".join(lines)
 
 
-def _drawn(data: MeasuredData, name: str, n: int, seed: int) -> MeasuredData:
+def drawn(data: MeasuredData, name: str, n: int, seed: int) -> MeasuredData:
     """Return the data with n rows to be fitted, and all others kept back."""
     chosen = np.random.default_rng([seed, n, ord(name)]).choice(len(data), n, replace=False)
     split = np.full(len(data), "hold ")
