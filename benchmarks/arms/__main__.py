@@ -11,7 +11,9 @@ from benchmarks.arms.series import EACH, SERIES, in_runs, series, shuffled
 def main() -> None:
     """Print the table that the command line names."""
     parser = argparse.ArgumentParser(prog="benchmarks.arms", description="Measured arms on readings not fitted.")
-    parser.add_argument("table", choices=("within", "runs", "shuffled", "plain", "across", "sockets", "parts", "nested"))
+    parser.add_argument(
+        "table", choices=("within", "runs", "shuffled", "plain", "across", "sockets", "parts", "nested")
+    )
     parser.add_argument("folder", type=Path, help="where the authors' files lie")
     parser.add_argument("series", nargs="*", help=f"of {', '.join(SERIES)}; all without one")
     parser.add_argument("--first", type=int, choices=range(EACH), default=0, help="first row that is kept back, from 0")
@@ -31,7 +33,8 @@ def main() -> None:
         return
     seeds = range(chosen.since, chosen.since + chosen.seeds)
     if chosen.table == "nested":
-        from benchmarks.arms.nested import nested, rule, table as signs
+        from benchmarks.arms.nested import nested, rule
+        from benchmarks.arms.nested import table as signs
 
         again = []
         for each in nested(chosen.folder, chosen.series or list(SERIES), seeds, chosen.poses, chosen.folds):

@@ -32,8 +32,8 @@ class Nested:
     """A part with names: what they do to the poses that are not in it, and what searches of the part's folds foretell.
 
     `truth` is the rms error with names over that without, on the other poses of the series. `before` and `after` (n,)
-    are squared errors [mm2] of the part's own poses, each by a search without its fold; `fold` (n,) is that fold. `again`
-    is the part of the folds in which the first of the names, or one that could not be told from it, is told again.
+    are squared errors [mm2] of the part's own poses, each by a search without its fold. `again` is the part of the
+    folds in which the first of the names, or one that could not be told from it, is told again.
     """
 
     series: str
@@ -43,7 +43,6 @@ class Nested:
     truth: float
     before: Array
     after: Array
-    fold: Array
     again: float
 
     @property
@@ -53,7 +52,7 @@ class Nested:
 
     @property
     def worse(self) -> float:
-        """Return the part of the poses whose prediction changes that are predicted worse by names; .5 where none does."""
+        """Return the part that names predict worse of the poses that they change; .5 where they change none."""
         changed = ~np.isclose(self.after, self.before)
         return float(np.mean(self.after[changed] > self.before[changed])) if changed.any() else 0.5
 
@@ -67,10 +66,9 @@ class Nested:
     @property
     def line(self) -> str:
         """Return it as a line."""
-        return (
-            f"{self.series} {self.poses} {self.seed}: {self.verdict}, others {self.truth:.3f}; left out {self.ratio:.3f}, "
-            f"{self.worse:.2f} of them worse, fall {self.surely:.1f} standard errors, told again {self.again:.2f}"
-        )
+        told = f"{self.series} {self.poses} {self.seed}: {self.verdict}, others {self.truth:.3f}"
+        left_out = f"left out {self.ratio:.3f}, {self.worse:.2f} of them worse"
+        return f"{told}; {left_out}, fall {self.surely:.1f} standard errors, told again {self.again:.2f}"
 
 
 def nested(
@@ -85,8 +83,8 @@ def nested(
                     yield Nested(name, n, seed, *found)
 
 
-def searched_again(data: MeasuredData, folds: int) -> tuple[str, float, Array, Array, Array, float] | None:
-    """Return verdict, truth, squared errors before and after, folds, and the part of the folds that tell a name again.
+def searched_again(data: MeasuredData, folds: int) -> tuple[str, float, Array, Array, float] | None:
+    """Return verdict, truth, squared errors before and after, and the part of the folds that tell a name again.
 
     None where nothing is named. Rows whose split is hold are never fitted: they tell the truth.
     """
@@ -106,14 +104,13 @@ def searched_again(data: MeasuredData, folds: int) -> tuple[str, float, Array, A
         before[there], after[there] = _squared(told, own.rows(there))
         again.append(any(rival.effect in first for one in told.findings for rival in one.set))
     truth = rms(np.sqrt(named)) / rms(np.sqrt(geometry))
-    return report.verdict, truth, before, after, fold, float(np.mean(again))
+    return report.verdict, truth, before, after, float(np.mean(again))
 
 
 def table(found: Sequence[Nested]) -> str:
     """Return how each sign parts names that carry from names that do not, and the medians of it in both groups.
 
-    `auc` is the chance that a name which does not carry looks worse by the sign than one that does; .5 is no better than
-    a coin.
+    `auc` is the chance that a name which does not carry looks worse by the sign than one that does; a coin has .5.
     """
     frame = pd.DataFrame(
         {

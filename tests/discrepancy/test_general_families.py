@@ -375,7 +375,9 @@ def test_what_is_too_large_to_be_possible_is_told():
 def test_no_column_moves_a_joint_further_than_its_sensor_may_err():
     data = readings()
     q = {"a": data["a"], "b": data["b"], "s": data["s"]}
-    follow = [e for e in catalogue(Arm().formulate(data)).candidates if e.family in ("compliance", "lag", "thermal_zero")]
+    follow = [
+        e for e in catalogue(Arm().formulate(data)).candidates if e.family in ("compliance", "lag", "thermal_zero")
+    ]
     assert {e.family for e in follow if np.isfinite(e.largest)} == {"compliance", "lag", "thermal_zero"}
     for effect in follow:
         if effect.target == "slide":

@@ -38,9 +38,10 @@ def largest_error(joint: Joint) -> float:
 
 
 def largest_slope(joint: Joint, column: Array, one: float) -> float:
-    """Return the coefficient of a column, in the unit of a fit, at which the joint's error is as large as errors may be.
+    """Return the coefficient of a column, (n,), at which the error of the joint is as large as errors may be.
 
-    The error is that of the reading at which the column, (n,), is furthest from 0; a cell without a number counts as 0.
+    It is in the unit that is `one` in that of the reading. The error is taken where the column is furthest from 0; a
+    cell without a number counts as 0.
     """
     furthest = float(np.max(np.abs(np.nan_to_num(np.asarray(column, dtype=float))), initial=0.0))
     return largest_error(joint) / one / furthest if furthest > 0 else np.inf
