@@ -165,11 +165,12 @@ scale = recipe(
 )  # fmt: skip
 backlash = recipe(
     "backlash", "A drive has play", "reading_i -= play / 2 * direction_i", "reading", ("the direction",),
-    "that of the joint", "each joint", each_joint, _backlash,
+    "that of the joint", "each joint", each_joint, _backlash, never_negative="play",
 )  # fmt: skip
 compliance = recipe(
     "compliance", "A drive gives way to its torque, or its force", "reading_i -= kappa torque_i", "reading",
     ("the torque",), "that of the joint by N mm, or by N", "each joint", each_joint, _compliance,
+    never_negative="compliance",
 )  # fmt: skip
 lag = recipe(
     "lag", "A joint, or all of them, are read too early or too late", "reading_i += tau velocity_i", "reading",
