@@ -104,6 +104,11 @@ class Modulated:
         return tuple(slow.covariate for slow in self.over)
 
     @property
+    def acts_along(self) -> bool:
+        """Return whether the covariates are positions, or times, at which the effect acts."""
+        return all(slow.moments is not None for slow in self.over)
+
+    @property
     def target(self) -> str:
         """Return the target, and the covariate on which the size depends."""
         return f"{self.of.target} by {', '.join(self.covariates)}"
@@ -202,7 +207,7 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
 
 
 def _least(form: Modulated) -> float:
-    return thresholds().along_share if form.over[0].moments else thresholds().form_share
+    return thresholds().along_share if form.acts_along else thresholds().form_share
 
 
 def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:

@@ -223,8 +223,8 @@ def verdict_of(
     smooth = selection.smooth_explains and explained < thresholds().explained_nearly
     little = short and explained < thresholds().explained
     bent = explained >= thresholds().explained_part and _excess(selection.fit) < _form_errors(selection)
-    without_form = _explained_within(selection, base) < thresholds().explained_part
-    if not selection.sets or without_form or (little and smooth):
+    by_form = _by_large_forms(selection, base)
+    if not selection.sets or by_form or (little and smooth):
         return "unknown", ()
     if (little or smooth) and not bent and not _by_far(selection, explained):
         return "unknown", ()
@@ -277,13 +277,22 @@ def _by_far(selection: Selection, explained: float) -> bool:
     return by_far and explained > thresholds().explained_by_far
 
 
-def _explained_within(selection: Selection, base: Fit) -> float:
-    """Return the part of the excess that names explain with forms that differ no more than forms usually do."""
+def _by_large_forms(selection: Selection, base: Fit) -> bool:
+    """Return whether names explain the excess only with forms that differ from formulas by more than usual.
+
+    What an effect leaves relative to a Zero is mostly the change of its size on the way, and little of the size itself.
+    So there a form as large as usual may help; elsewhere names must explain the excess without one.
+    """
     at = selection.fit
     forms = [form for form in selection.forms if isinstance(form, Modulated)]
-    large = any(share(at, form) >= thresholds().form_share for form in forms)
-    r = residuals_within(at, forms, thresholds().form_share) if large else at.r
-    return _explained(base, at, r) + _doubt(base, at, r)
+    large = [form for form in forms if share(at, form) >= thresholds().form_share]
+    if not large:
+        return False
+    if all(form.acts_along for form in large):
+        r = residuals_within(at, forms, thresholds().form_share)
+    else:
+        at, r = selection.alone, selection.alone.r
+    return _explained(base, at, r) + _doubt(base, at, r) < thresholds().explained_part
 
 
 def _form_errors(selection: Selection) -> float:
