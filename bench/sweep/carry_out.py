@@ -80,7 +80,7 @@ def carry_out(
         failed_before = set(runs.loc[runs["status"] != "ok", "run_id"]) & set(request.specs)
     stale = _settled(request, store, way, tell, failed_before)
     done = store.finished()
-    store.plan(request.labels, command, request.files, request.called)
+    store.plan(request.labels, command, request.files, request.called, request.other_shards)
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
     remove_gone(request.folder)
     forget_finished(request.folder, done)

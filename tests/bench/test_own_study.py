@@ -114,7 +114,9 @@ def test_a_family_of_a_plain_class_has_all_rows_and_an_edit_of_it_is_said(call, 
 
 
 def test_a_refused_retry_of_failed_runs_loses_none_of_their_rows(call, here):
-    (here / "mine.py").write_text(BOWL + "class Half(Bowl):\n    def __call__(self, x):\n        return 1 / (x @ x < 1)\n")
+    (here / "mine.py").write_text(
+        BOWL + "class Half(Bowl):\n    def __call__(self, x):\n        return 1 / (x @ x < 1)\n"
+    )
     command = "run problem=./mine.py:Half optimizer=./mine.py:Once,de -m budget=50 seeds=2"
     assert call(command)[0] == 1
     before = rows(here)
