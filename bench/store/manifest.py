@@ -82,7 +82,8 @@ def new_manifest(study: str) -> dict[str, Any]:
 
 def in_other_shards(manifest: Mapping[str, Any], done: Collection[str]) -> set[str]:
     """Return the runs of this sweep that other shards were to do, and that are neither planned nor `done` here."""
-    return set(manifest.get("other_shards", ())) - manifest["planned"].keys() - set(done)
+    others: set[str] = set(manifest.get("other_shards", ()))
+    return others - manifest["planned"].keys() - set(done)
 
 
 def studies_in(parent: Path) -> list[Path]:
