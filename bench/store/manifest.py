@@ -83,7 +83,7 @@ def new_manifest(study: str) -> dict[str, Any]:
 def in_other_shards(manifest: Mapping[str, Any], done: Collection[str]) -> set[str]:
     """Return the runs of this sweep that other shards were to do, and that are neither planned nor `done` here."""
     others: set[str] = set(manifest.get("other_shards", ()))
-    return others - manifest["planned"].keys() - set(done)
+    return others.difference(manifest["planned"], done)
 
 
 def studies_in(parent: Path) -> list[Path]:
