@@ -44,15 +44,21 @@ class Ours:
 
     @staticmethod
     def of(values: Iterable[float] | float) -> Ours:
-        """Return the summary of one number or many."""
+        """Return the summary of one number or many; NaN was not measured, an infinite one is of a search that failed.
+
+        >>> Ours.of([1.0, 2.0, nan, inf, inf])
+        Ours(median=inf, q1=1.75, q3=inf, n=4)
+        """
         numbers = np.atleast_1d(np.asarray(values if isinstance(values, float | int) else list(values), dtype=float))
-        numbers = numbers[np.isfinite(numbers)]
+        numbers = numbers[~np.isnan(numbers)]
         if not numbers.size:
             return NOTHING
-        q1, median, q3 = (float(q) for q in np.quantile(numbers, [0.25, 0.5, 0.75]))
+        ranked = np.quantile(np.clip(numbers, -_LARGEST, _LARGEST), [0.25, 0.5, 0.75])  # inf - inf has no quantile
+        q1, median, q3 = (inf if q > _LARGEST / 8 else -inf if q < -_LARGEST / 8 else float(q) for q in ranked)
         return Ours(median, q1, q3, int(numbers.size))
 
 
+_LARGEST = 1e300
 NOTHING = Ours(nan, nan, nan, 0)
 
 

@@ -339,7 +339,7 @@ class _Narrowed:
             prior = []
             for own, changes, place, R in self._parts:
                 rows = np.zeros((len(R), len(x)))
-                rows[:, place] = R / (width * np.linalg.norm(changes @ x[own]) + _TINY)
+                rows[:, place] = R / (width * float(np.linalg.norm(changes @ x[own])) + _TINY)
                 prior.append(rows)
             J = np.concatenate([self._J, *prior])
             x = _least_squares(J, np.concatenate([self._aim, np.zeros(len(J) - len(self._J))]))

@@ -137,7 +137,7 @@ def test_a_name_far_before_any_smooth_function_is_told_as_a_part() -> None:
 
 
 def test_a_form_that_readings_hardly_determine_shuts_no_name_out() -> None:
-    """A leg grows, and not as its thermometer: the fitted form is 1.5 times the growth, and a tenth explains as much."""
+    """A leg grows, not as its thermometer: the fitted form is 1.5 times the growth, and a tenth explains as much."""
     hidden = orthoglide.case(665023, "thermal_legs", bent=True)
     report = explain("orthoglide", MeasuredData(hidden.columns, "orthoglide", hidden.metadata, "case"))
     assert report.verdict == "named"
