@@ -16,7 +16,6 @@ from calibench.discrepancy.checks.validate import CROSSED, NOT_CROSSED, validate
 from calibench.discrepancy.checks.wild import far_words
 from calibench.discrepancy.diagnostics.exact_readings import exact_readings
 from calibench.discrepancy.diagnostics.few_equations import few_equations
-from calibench.discrepancy.diagnostics.negative_size import negative_size
 from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
 from calibench.discrepancy.diagnostics.one_reading import one_reading
 from calibench.discrepancy.diagnostics.score import uncancelled
@@ -55,7 +54,7 @@ from calibench.discrepancy.report import (
     Verdict,
 )
 from calibench.discrepancy.search.alternatives import with_alternatives
-from calibench.discrepancy.search.finding import parted_by
+from calibench.discrepancy.search.finding import negative_size, parted_by
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import smoothed
 from calibench.discrepancy.search.stepwise import Selection, judged, select_stepwise

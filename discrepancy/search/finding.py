@@ -13,7 +13,7 @@ from calibench.discrepancy.fitting.interval import amplitude_interval
 from calibench.discrepancy.fitting.projection import orthonormal
 from calibench.discrepancy.labels import effect_label, quantity_label
 from calibench.discrepancy.model.change_point import ChangePoint
-from calibench.discrepancy.model.effect import Effect, OfFreePeriod
+from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.roles import roles_of, words_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
@@ -129,6 +129,29 @@ def doubted(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Fi
         small = 0 < one.visible**2 < thresholds().formula_error * max(before, there)
         told.append(replace(one, caution=FORMULA_ERROR) if small else one)
     return tuple(told)
+
+
+def negative_size(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Return a note for each finding whose whole interval is negative, though the size of its family never is.
+
+    From 30 random poses of a measured arm, one search named a compliance that gives way against its load, and one a
+    negative play. Both made the error of the other poses larger (`docs/discovery-statistics.md`).
+    """
+    formulation = final.model.formulation
+    machine, words = formulation.data.machine, words_of(roles_of(formulation))
+    columns = {name_of(e): e.columns for e in final.model.effects}
+    notes = []
+    for one in findings:
+        family = family_of(machine, one.family)
+        what = family.never_negative if family else ""
+        if not what or not max(one.amplitude.ci95) < 0:
+            continue
+        told = " and ".join(f"the {quantity_label(machine, name, words)}" for name in columns.get(one.effect, ()))
+        notes.append(
+            f"the size of {effect_label(machine, one.family, one.target)} is negative, and a {what} never is: either "
+            f"{told or 'a column'} has the other sign, or another cause acts like it"
+        )
+    return tuple(notes)
 
 
 def _left_out(found: Fit) -> float:
