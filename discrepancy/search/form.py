@@ -321,7 +321,12 @@ class _Narrowed:
         q, data, places = at.at.recorded, at.model.formulation.data, at.model.place_of
         # where the coefficients of effect and form stand, the changes of the effect, the triangle of those of the form
         self._parts = [
-            (places(form.of), _stacked(form.of, q, data), places(form), np.linalg.qr(_stacked(form, q, data), mode="r"))
+            (
+                places(form.of),
+                _stacked(form.of, q, data),
+                places(form),
+                np.asarray(np.linalg.qr(_stacked(form, q, data), mode="r")),
+            )
             for form in forms
         ]
         self._forms = np.zeros(len(at.x), dtype=bool)
