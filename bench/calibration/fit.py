@@ -206,6 +206,12 @@ def _scattered(model: ArmModel, p: Array, wild: Mask) -> tuple[ArmModel, Mask]:
     return replace(model, sigma=(sigma[0], sigma[1])), far
 
 
+def far_out(size: Array) -> Mask:
+    """Return which errors (n,) are wild beside the others, (n,); none where so many are that they are no accident."""
+    far: Mask = np.asarray(size > _WILD * max(float(np.median(size)), 1e3 * _FLOOR))
+    return np.zeros(len(size), dtype=bool) if far.mean() > _MOST else far
+
+
 def _by_socket(model: ArmModel, p: Array, weights: Array) -> ArmModel:
     """Return the model with a separate scatter for each socket: errors that no geometry explains differ by place.
 

@@ -92,7 +92,8 @@ class Calibration:
     """The answer of one calibration.
 
     `levels` are the errors of poses that were not fitted for each level that was tried; `chosen` is the one that is
-    written. `frames` are base (in the tracker) and target (on the tip): x y z [mm], roll pitch yaw [rad].
+    written, fitted to `fitted` of the `poses`: all but those that the file holds back. `frames` are base (in the
+    tracker) and target (on the tip): x y z [mm], roll pitch yaw [rad].
     """
 
     case: str
@@ -102,6 +103,7 @@ class Calibration:
     tip: str
     joints: tuple[str, ...]
     poses: int
+    fitted: int
     folds: str
     chosen: str
     levels: tuple[Error, ...]
@@ -134,6 +136,6 @@ class Calibration:
 
 
 _TOLD = (
-    "case", "urdf", "observed", "base", "tip", "joints", "poses", "folds", "chosen", "levels", "changes",
+    "case", "urdf", "observed", "base", "tip", "joints", "poses", "fitted", "folds", "chosen", "levels", "changes",
     "undetermined", "wild", "regions", "by_joint", "frames", "scatter", "notes", "files", "seconds",
 )  # fmt: skip
