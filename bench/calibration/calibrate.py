@@ -15,23 +15,21 @@ from time import perf_counter
 
 import numpy as np
 
+from calibench.bench.calibration.described import Written, described_by
 from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.fit import LEVELS, Fit, far_out, fitted, norms, order_of
 from calibench.bench.calibration.judged import FOLDS, HeldOut, crossed_out, predicted, resampled, rms, rms_interval
 from calibench.bench.calibration.model import ArmModel, model_of
 from calibench.bench.calibration.readings import Index, Mask, Readings, longer_than_urdf, poses_of, read_readings
-from calibench.bench.calibration.report.diff import changes_of, changes_of_tip, origins_of, placement, undetermined_of
+from calibench.bench.calibration.report.diff import changes_of, placement, undetermined_of
 from calibench.bench.calibration.report.parts import by_joint, by_region
 from calibench.bench.calibration.report.result import Calibration, Drawn, Error, Wild
-from calibench.bench.calibration.report.urdf_text import calibrated
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.start import started
 from calibench.core.counted import plain
-from calibench.core.data_file import LARGEST_TEXT, read_whole
 from calibench.core.one_thread import one_thread
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import rpy_of
-from calibench.problems.arm.chains.urdf import parse_urdf
 from calibench.problems.arm.stands import stepped
 from calibench.problems.base import Array
 
@@ -40,12 +38,11 @@ WRITTEN = ("frames", "zeros", "geometry")
 
 
 @one_thread()
-def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
-    """Return the calibration, the text of the calibrated URDF, and the readings. Raises `ValueError`, in one line."""
+def calibrate(request: CalibrateRequest) -> tuple[Calibration, Written, Readings]:
+    """Return the calibration, the files of the calibrated arm, and the readings. Raises `ValueError`, in one line."""
     began = perf_counter()
-    text = _urdf_text(request)
-    robot = parse_urdf(text, str(request.urdf), "machine.")
-    chain = robot.chain(request.base, request.tip)
+    arm = described_by(request)
+    chain = arm.chain
     table = read_table(request.data, request.stated)
     rotation = request.rotation or str(table.stated.get("rotation", ""))
     readings = read_readings(table, chain, request.observe, request.limits)
@@ -53,9 +50,9 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
     train = np.ones(len(readings), dtype=bool) if readings.hold is None else ~readings.hold
     begin = started(readings.where(train), chain, rotation)
     readings = begin.readings if train.all() else started(readings, chain, rotation).readings
-    model = model_of(chain, readings, begin.base, begin.tool, request.distance, request.sigma_distance)
+    model = model_of(chain, readings, begin.base, begin.tool, request.distance, request.sigma_distance, arm.table)
     fits = _fits(model.at(train).numbered(), readings)
-    crossed = {level: crossed_out(fits[level], order_of(model.names, level)) for level in LEVELS}
+    crossed = {level: crossed_out(fits[level], order_of(model.names, level, model.sliding)) for level in LEVELS}
     poses = _poses(model)
     chosen = _chosen(crossed, fits, poses[train]) if request.level == "auto" else request.level
     fit = fits[chosen]
@@ -64,31 +61,24 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
     levels = tuple(_error(level, judged[level], ~wild, poses, request.distance) for level in LEVELS)
     fitted_rows = readings.where(train)
     notes = (
-        *readings.notes, *_notes(levels, chosen, model, fitted_rows), *_many_wild(wild), *_step(fit, fitted_rows),
-        *_again(poses, train),
+        *arm.notes, *readings.notes, *_notes(levels, chosen, model, fitted_rows), *_many_wild(wild),
+        *_step(fit, fitted_rows), *_again(poses, train),
     )  # fmt: skip
     before, after = (np.where(wild, np.nan, judged[level].left) for level in ("frames", chosen))
     drawn = Drawn(readings.joints, chain.driven, _in_base(fit, model), before, after)
-    origins = origins_of(robot, fit, request.tip)
-    changes = changes_of(fit, draws) + changes_of_tip(robot, fit, request.tip, draws)
-    written = calibrated(text, origins, _comment(request, levels, chosen, train)) if origins else text
+    changes = changes_of(fit, draws) + arm.more_changes(fit, draws)
+    written = arm.written(fit, changes, _comment(request, levels, chosen, train))
     return (
         Calibration(
-            table.name, str(request.urdf), readings.observed, chain.base, chain.tip, chain.driven, len(readings),
-            int(train.sum()), _folds_told(model, readings), chosen, levels, changes, undetermined_of(fit, draws),
-            _wild(fit, model, wild, readings), by_region(drawn), by_joint(drawn, chain), _frames(fit),
-            (fit.model.sigma[0], fit.model.sigma[1]), tuple(dict.fromkeys(notes)), perf_counter() - began, {}, drawn,
+            table.name, str(arm.path), chain.told, readings.observed, chain.base, chain.tip, chain.driven,
+            len(readings), int(train.sum()), _folds_told(model, readings), chosen, levels, changes,
+            undetermined_of(fit, draws), _wild(fit, model, wild, readings), by_region(drawn),
+            by_joint(drawn, chain), _frames(fit), (fit.model.sigma[0], fit.model.sigma[1]), tuple(dict.fromkeys(notes)),
+            perf_counter() - began, {}, drawn,
         ),
         written,
         readings,
     )  # fmt: skip
-
-
-def _urdf_text(request: CalibrateRequest) -> bytes:
-    try:
-        return read_whole(request.urdf, LARGEST_TEXT)
-    except OSError as error:
-        raise ValueError(f"urdf={request.urdf}: cannot be read: {error.strerror or error}") from None
 
 
 def _refuse_unused(request: CalibrateRequest, readings: Readings) -> None:
@@ -104,7 +94,9 @@ def _fits(model: ArmModel, readings: Readings) -> dict[str, Fit]:
     for level in LEVELS:
         before = next(reversed(fits.values()), None)
         try:
-            fits[level] = fitted(model, order_of(model.names, level), None if before is None else before.p)
+            fits[level] = fitted(
+                model, order_of(model.names, level, model.sliding), None if before is None else before.p
+            )
         except ValueError as error:
             raise DataError(f"{error}{longer_than_urdf(readings.table, readings.matched)}") from None
     return fits
@@ -161,12 +153,15 @@ def _notes(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Re
     by = {error.level: error for error in levels}
     said = []
     if model.position is None and not model.distance:
-        said.append("distance= of the two sockets is not stated, so nothing fixes how large the arm is but its URDF")
+        said.append(
+            f"distance= of the two sockets is not stated, so nothing fixes how large the arm is but its "
+            f"{model.chain.told}"
+        )
     if chosen != "gains" and by["gains"].ci95[1] < by["geometry"].rms:
         said.append(
             f"with a scale for each joint's reading the error would be {plain(by['gains'].rms, 3)} mm instead of "
-            f"{plain(by['geometry'].rms, 3)}; a URDF has no place for it: the joints bend or their gears err, and "
-            "bench discover machine=arm looks for what does"
+            f"{plain(by['geometry'].rms, 3)}; a {model.chain.told} has no place for it: the joints bend or "
+            "their gears err, and bench discover machine=arm looks for what does"
         )
     if (poses := len(np.unique(poses_of(readings.joints)))) < 40:
         said.append(f"{poses} poses are few: some 40 make the numbers sure, and bench design says which")

@@ -101,8 +101,10 @@ def read_readings(table: Table, chain: Chain, observed: str = "", limits: bool =
 def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readings:
     names = chain.driven
     given = [name for name in table.columns if table.columns[name].dtype.kind in "iufb" or name.lower() in _OWN_WORDS]
-    matched = match_columns(given, names)
+    matched = match_columns(given, names, told=chain.told)
     table = _in_base_units(table, matched)
+    if chain.told == "table" and (more := longer_than_table(given, matched)):
+        raise DataError(more)
     observed = observed or _observed(matched)
     joints = np.column_stack([_numbers(table, matched.joints[name]) for name in names])
     position = _together(table, matched.position)
@@ -202,6 +204,19 @@ def poses_of(joints: Array) -> Index:
             number[alike[number[alike] < 0]] = count
             count += 1
     return number
+
+
+def longer_than_table(given: Sequence[str], matched: Matched) -> str:
+    """Return which columns are of joints that the table has no row for; "" for none."""
+    left = [name for name in _beside(given, matched) if is_called_joint(name, matched.joints.values())]
+    if not left:
+        return ""
+    rows = counted(len(matched.joints), "row")
+    return (
+        f"the table has {rows} that move{'s' if len(matched.joints) == 1 else ''} ({', '.join(matched.joints)}), and "
+        f"{', '.join(left[:_LISTED])} {'is a joint' if len(left) == 1 else 'are joints'} beside them: add the row, or "
+        "leave the column out"
+    )
 
 
 def longer_than_urdf(table: Table, matched: Matched) -> str:
@@ -315,7 +330,7 @@ def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
                 way_out = f"as degrees all its rows lie within: units={units}"
             raise DataError(
                 f"{readings.told(int(np.argmax(beyond)))}: joint {name} stands at {values[np.argmax(beyond)]:.4g} "
-                f"{unit}, outside its limits {joint.lower:.4g} to {joint.upper:.4g} in the URDF "
+                f"{unit}, outside its limits {joint.lower:.4g} to {joint.upper:.4g} in the {chain.told} "
                 f"({counted(int(beyond.sum()), 'such row')}): {way_out}; limits=false passes this over"
             )
 

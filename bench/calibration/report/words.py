@@ -22,7 +22,7 @@ def headline(found: Calibration) -> str:
     if found.chosen == "frames":
         return (
             f"calibration does not reduce the error of poses that were not fitted: {plain(before.rms, 3)} mm rms as "
-            f"the URDF is; nothing in it is changed{_but(found)}"
+            f"the {found.described} is; nothing in it is changed{_but(found)}"
         )
     low, high = after.ci95
     turned = ""
