@@ -16,6 +16,7 @@ from calibench.discrepancy.checks.validate import CROSSED, NOT_CROSSED, validate
 from calibench.discrepancy.checks.wild import far_words
 from calibench.discrepancy.diagnostics.exact_readings import exact_readings
 from calibench.discrepancy.diagnostics.few_equations import few_equations
+from calibench.discrepancy.diagnostics.negative_size import negative_size
 from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
 from calibench.discrepancy.diagnostics.one_reading import one_reading
 from calibench.discrepancy.diagnostics.score import uncancelled
@@ -153,6 +154,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
             *exact_readings(base),
             *_scarce(base),
             *(few_equations(base) if findings else ()),
+            *negative_size(final, findings),
             *_unfollowed(formulation),
             *_impossible(found, machine.name),
         ),

@@ -39,6 +39,7 @@ BLOCKS = {
     ("clusters.md", "from dask_kubernetes"): CLUSTER,
     ("costly.md", "run 3f2a de on full12"): "a line of a run that lasts; tests/bench/test_progress.py has its words",
     ("discovery-statistics.md", "python -m benchmarks thresholds"): HOURS,
+    ("discovery-statistics.md", "python -m benchmarks.arms nested"): SERIES,
     ("discovery-statistics.md", "python -m benchmarks.blind.write"): HOURS,
     ("exchange.md", "python -m cocopp"): SUITES,
     ("exchange.md", "import iohinspector"): SUITES,

@@ -106,12 +106,9 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
         np.random.SeedSequence([coerce("plan.seed", json_or_text(given.get("plan.seed", "0")), int), 7])
     )
     fit, notes = _measured(given, chain, table, observe) if "data" in given else (None, ())
-    sigma = coerce("plan.sigma", json_or_text(given.get("plan.sigma", "0.05")), float)
-    turned = coerce("plan.sigma_rotation", json_or_text(given.get("plan.sigma_rotation", "0.0005")), float)
-    if sigma <= 0 or turned <= 0:
-        raise RequestError(f"plan.sigma={sigma:g}: the noise of a reading [mm], above 0, is needed")
-    if fit is not None and "plan.sigma" not in given:
-        sigma, turned = fit.model.sigma
+    usual = (0.05, 0.0005) if fit is None else fit.model.sigma
+    sigma = _noise(given, "plan.sigma", usual[0], "mm")
+    turned = _noise(given, "plan.sigma_rotation", usual[1], "rad")
     limits = coerce("plan.limits", given.get("plan.limits", "urdf" if fit is None else "data"), Limits)
     if limits == "data" and fit is None:
         raise RequestError("plan.limits=data: goes with data=FILE, whose joints' ranges are kept to")
@@ -122,7 +119,7 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
     joints = np.array([not model.names[k].startswith(("base_", "tool_")) for k in kept])
     before = np.zeros((len(kept), len(kept)))
     if fit is not None:
-        measured = _whitened(model, p, fit.model.joints, kept) * scale
+        measured = _whitened(fit.model, p, fit.model.joints, kept) * scale  # by the noise that they have shown
         good = measured[~fit.wild].reshape(-1, len(kept))
         before = good.T @ good
     workspace = _whitened(model, p, pool[_POOL:], kept)[:, :3] * scale * sigma * joints
@@ -139,6 +136,14 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
         "data" if limits == "data" else "urdf" if table is None else "table",
         (*notes, *_without_stops(chain, limits), _NOT_KNOWN),
     ), to  # fmt: skip
+
+
+def _noise(given: Mapping[str, str], key: str, usual: float, unit: str) -> float:
+    """Return the noise of a reading to come, as it is stated, or the usual one."""
+    found = coerce(key, json_or_text(given[key]), float) if key in given else usual
+    if found <= 0:
+        raise RequestError(f"{key}={found:g}: the noise of a reading [{unit}], above 0, is needed")
+    return found
 
 
 def _without_stops(chain: Chain, limits: Limits) -> list[str]:
@@ -188,7 +193,7 @@ def _model(
 ) -> tuple[ArmModel, Array]:
     """Return a model with the observations of the measurement to come, and the parameters at which it is linearised."""
     if fit is not None:
-        return fit.model, fit.p
+        return replace(fit.model, sigma=(sigma, turned)), fit.p
     target = coerce("plan.target", json_or_text(given.get("plan.target", "[0,100,100]")), tuple[float, float, float])
     tool = np.eye(4)
     tool[:3, 3] = target

@@ -1,8 +1,9 @@
 """A study as MLflow runs: an experiment a study, a parent run a cell, under it a run of MLflow for each of ours.
 
 Parameters are what was asked, metrics what was found, each with the charged evaluations as its step, tags where it
-comes from. A run of ours is known by its id, and written once: a second export adds nothing, and one that was stopped
-half-way is done again. What MLflow itself offers is used, through its client (extra ``mlflow``).
+comes from. A run of ours is known by its id and by when it began, and written once: a second export adds nothing, one
+that was stopped half-way is done again, and a run that was done again in the meantime takes the place of what stood
+there. What MLflow itself offers is used, through its client (extra ``mlflow``).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 
 from calibench.bench.exchange.course import course_of, traces_by_run
 from calibench.bench.exchange.studies import Study, algorithm_names, records
+from calibench.bench.exchange.targets import gap_of_level
 from calibench.bench.provenance.run_id import digest
 from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.names.labels import problem_titles
@@ -44,7 +46,8 @@ def write_mlflow(study: Study, to: str) -> list[str]:
     client, address = _client(to)
     runs = study.runs
     experiment = _experiment(client, study.store.study)
-    known, parents = _known(client, experiment)
+    began = {row["run_id"]: _milliseconds(row["started_at"]) for row in records(runs[["run_id", "started_at"]])}
+    known, parents, replaced = _known(client, experiment, began)
     names, titles = algorithm_names(runs), problem_titles(runs)
     traces = traces_by_run(study.traces)
     added = 0
@@ -69,7 +72,8 @@ def write_mlflow(study: Study, to: str) -> list[str]:
             client.set_terminated(number, status="FINISHED" if row["status"] == "ok" else "FAILED")
             added += 1
     there = len(runs) - added
-    return [f"{counted(added, 'run')} added to {address}, experiment {study.store.study}; {there} stood there"]
+    again = f", {replaced} of them done again since the last export" if replaced else ""
+    return [f"{counted(added, 'run')} added to {address}, experiment {study.store.study}{again}; {there} stood there"]
 
 
 def _client(to: str) -> tuple[Any, str]:
@@ -96,9 +100,13 @@ def _experiment(client: Any, study: str) -> str:
     return str(found.experiment_id) if found is not None else str(client.create_experiment(study))
 
 
-def _known(client: Any, experiment: str) -> tuple[set[str], dict[str, str]]:
-    """Return the ids of our runs that stand in the experiment, and its parents by cell; half-written ones go."""
-    known, parents = set(), {}
+def _known(client: Any, experiment: str, began: Mapping[str, int | None]) -> tuple[set[str], dict[str, str], int]:
+    """Return the ids of our runs that stand in the experiment, its parents by cell, and how many were done again.
+
+    Half-written ones go, and those that began at another time than `began` says: {run_id: milliseconds, None: nobody
+    knows}.
+    """
+    known, parents, replaced = set(), {}, 0
     token = None
     while True:
         page = client.search_runs([experiment], max_results=1000, page_token=token)
@@ -110,15 +118,24 @@ def _known(client: Any, experiment: str) -> tuple[set[str], dict[str, str]]:
             elif _CELL in tags:
                 parents[tags[_CELL]] = run.info.run_id
             elif _RUN in tags:
-                known.add(tags[_RUN])
+                if began.get(tags[_RUN]) not in (None, run.info.start_time):
+                    client.delete_run(run.info.run_id)
+                    replaced += 1
+                else:
+                    known.add(tags[_RUN])
         token = page.token
         if not token:
-            return known, parents
+            return known, parents, replaced
 
 
 def _create(client: Any, experiment: str, name: str, tags: Mapping[str, str], began: Any = None) -> str:
-    start = int(began.timestamp() * 1000) if began is not None and began == began else None
-    return str(client.create_run(experiment, start_time=start, tags=dict(tags), run_name=name).info.run_id)
+    run = client.create_run(experiment, start_time=_milliseconds(began), tags=dict(tags), run_name=name)
+    return str(run.info.run_id)
+
+
+def _milliseconds(began: Any) -> int | None:
+    """Return a time as MLflow keeps it; None where it is not known."""
+    return int(began.timestamp() * 1000) if began is not None and began == began else None
 
 
 def _log(
@@ -157,9 +174,27 @@ def _metrics(row: Mapping[str, Any], points: list[tuple[int, float]]) -> Iterato
         found: Any = row.get(name)
         if _is_told(found) and isfinite(found):
             yield name, float(found), end
+    if row["status"] == "failed":  # it reached nothing: it has no answer that was judged
+        return
+    names = _names_of_targets(row)
     for level, hit in zip(row["targets"], row["hits_charged"], strict=True):
         if hit is not None and hit == hit:
-            yield f"charged_to_{level:.6g}", float(hit), end
+            yield names[level], float(hit), end
+
+
+def _names_of_targets(row: Mapping[str, Any]) -> dict[float, str]:
+    """Return the metric of each target: ``charged_to_1e-12``, or above a declared minimum ``charged_to_gap_1e-08``.
+
+    Beside a minimum of 394.48 the levels of small gaps are alike in six digits. Where six are too few to tell the
+    targets apart, all digits are told. MLflow takes no plus sign: 1e+06 is written 1e06.
+    """
+    levels, minimum = [float(level) for level in row["targets"]], row["minimum"]
+    gaps = _is_told(minimum) and minimum != 0
+    told = [gap_of_level(level, float(minimum)) if gaps else level for level in levels]
+    short = [f"{number:.6g}" for number in told]
+    texts = short if len(set(short)) == len(set(levels)) else [repr(number) for number in told]
+    prefix = "charged_to_gap_" if gaps else "charged_to_"
+    return {level: prefix + text.replace("+", "") for level, text in zip(levels, texts, strict=True)}
 
 
 def _said(row: Mapping[str, Any]) -> dict[str, str]:

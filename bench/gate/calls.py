@@ -1,7 +1,9 @@
-"""The calls of a problem by the gate: foreign code can neither change a candidate nor return anything but numbers.
+"""The calls of a problem by the gate: foreign code can neither change a candidate, nor return anything but numbers,
+nor change what it has returned.
 
-A problem with ``side_effect_free = True`` promises both, so the gate calls it directly, down to its compiled kernel.
-Any other gets a copy of each candidate, and its results are converted to floats; a `TypeError` says what is needed.
+A problem with ``side_effect_free = True`` promises all three, so the gate calls it directly, down to its compiled
+kernel. Any other gets a copy of each candidate, and its results are copied as floats, so that one that fills the same
+array at every call changes no earlier result; a `TypeError` says what is needed.
 """
 
 from __future__ import annotations
@@ -90,10 +92,10 @@ def _numbers(function: Any) -> Any:
 
 
 def _vector(function: Any) -> Any:
-    """Return `function`, x -> residuals, likewise: float64 of shape (m,)."""
+    """Return `function`, x -> residuals, likewise: float64 of shape (m,), an array of the gate's own."""
 
     def on_a_copy(x: Array) -> Array:
-        values = _real(function(np.array(x, dtype=np.float64)))
+        values = _own(function(np.array(x, dtype=np.float64)))
         if values.ndim != 1:
             raise TypeError(f"residuals returned shape {values.shape}: (m,) is needed, one axis")
         return values
@@ -102,15 +104,20 @@ def _vector(function: Any) -> Any:
 
 
 def _matrix(function: Any) -> Any:
-    """Return `function`, x -> derivatives of the residuals, likewise: float64 of shape (m, dim)."""
+    """Return `function`, x -> derivatives of the residuals, likewise: float64 of shape (m, dim), of the gate's own."""
 
     def on_a_copy(x: Array) -> Array:
-        values = _real(function(np.array(x, dtype=np.float64)))
+        values = _own(function(np.array(x, dtype=np.float64)))
         if values.ndim != 2 or values.shape[1] != len(x):
             raise TypeError(f"jacobian returned shape {values.shape}: (m, {len(x)}) is needed, a column for each of x")
         return values
 
     return on_a_copy
+
+
+def _own(values: Any) -> Array:
+    """Return numbers as floats in an array of their own; with their layout, as BLAS sums other layouts otherwise."""
+    return np.array(_real(values), order="K")
 
 
 def _real(values: Any) -> Array:

@@ -31,5 +31,5 @@ def mixed_code(runs: pd.DataFrame) -> str:
         return ""
     return (
         f"{mixed} of {len(versions)} cells hold runs of more than one version of the code (column code_digest), kept "
-        "with --keep: their medians mix them; the same command with --rerun does them again."
+        "with --keep or merged: their medians mix them; the same command with --rerun does them again."
     )

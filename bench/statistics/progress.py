@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
+from calibench.bench.store.manifest import in_other_shards
 from calibench.bench.store.runs import ResultStore
 
 if TYPE_CHECKING:
@@ -35,7 +36,8 @@ class Reason:
 class SweepProgress:
     """Counts of runs: `left` by what a cell is called, `mixed` cells hold two codes.
 
-    `pace` is in runs a second, 0 where nobody is at it.
+    `in_other_shards` are runs of the same sweep that are neither planned nor done here. `pace` is in runs a second, 0
+    where nobody is at it.
     """
 
     planned: int
@@ -47,6 +49,7 @@ class SweepProgress:
     pace: float
     mixed: int
     damaged: tuple[Path, ...]
+    in_other_shards: int = 0
 
     @property
     def to_do(self) -> int:
@@ -75,7 +78,7 @@ def sweep_progress(store: ResultStore) -> SweepProgress:
     return SweepProgress(
         len(planned), len(states), ended["failed"], ended["timeout"],
         _by_name(left, manifest.get("called") or {}, set(planned.values())), reasons, survey.pace, mixed,
-        survey.damaged,
+        survey.damaged, len(in_other_shards(manifest, states)),
     )  # fmt: skip
 
 

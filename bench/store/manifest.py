@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,8 @@ class StoreError(ValueError):
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Return the manifest of a study of runs: kind, schema_version, study, and planned, {run_id: label of its cell}.
 
-    It may also have called {label: name of the cell on a terminal}, commands, files, costs, forgotten. Raises
-    `StoreError` where the folder is missing or none of ours.
+    It may also have called {label: name of the cell on a terminal}, other_shards [run_id], commands, files, costs,
+    forgotten. Raises `StoreError` where the folder is missing or none of ours.
     """
     path = folder / "manifest.json"
     if not folder.is_dir():
@@ -78,6 +78,12 @@ def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
 def new_manifest(study: str) -> dict[str, Any]:
     """Return the manifest of a study of which nothing is planned yet."""
     return {"kind": KIND, "schema_version": SCHEMA_VERSION, "study": study, "planned": {}}
+
+
+def in_other_shards(manifest: Mapping[str, Any], done: Collection[str]) -> set[str]:
+    """Return the runs of this sweep that other shards were to do, and that are neither planned nor `done` here."""
+    others: set[str] = set(manifest.get("other_shards", ()))
+    return others.difference(manifest["planned"], done)
 
 
 def studies_in(parent: Path) -> list[Path]:
@@ -142,6 +148,7 @@ _KINDS = {
     "planned": _are(str, str),
     "called": _or_missing(_are(str, str)),
     "commands": _or_missing(_is_list(str)),
+    "other_shards": _or_missing(_is_list(str)),
     "files": _or_missing(_are(str, str)),
     "costs": _or_missing(_is_list(dict)),
     "forgotten": _or_missing(_are(str, (int, float))),

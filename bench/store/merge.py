@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 
 from calibench.bench.execution.run_row import COLUMNS, SCHEMA_VERSION
 from calibench.bench.store.collection import collect_into, nested
-from calibench.bench.store.manifest import StoreError, write_manifest
+from calibench.bench.store.manifest import StoreError, in_other_shards, write_manifest
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import RUNS_SCHEMA
 from calibench.bench.store.tables import Tables
@@ -30,11 +30,15 @@ _COMPARED = [column.name for column in COLUMNS if column.group != "origin" and c
 @final
 @dataclass(frozen=True)
 class Merged:
-    """The result: runs in the folder now, those that stood in several, and those planned and not done."""
+    """The result: runs in the folder now, those that stood in several, those planned and not done.
+
+    `in_other_shards` counts the runs of shards of the same sweep that are not among what was merged.
+    """
 
     runs: int
     twice: int
     left: int
+    in_other_shards: int = 0
 
 
 def merge(sources: Sequence[Path], target: Path, keep_first: bool = False) -> Merged:
@@ -57,7 +61,9 @@ def merge(sources: Sequence[Path], target: Path, keep_first: bool = False) -> Me
         collect_into(tables, _new(stores, str(mine["study"]), tables.complete()), set(), lambda record: None)
         write_manifest(into.folder, _joined([mine, *manifests]))
         known = tables.complete()
-    return Merged(len(known), twice, len(into.manifest()["planned"].keys() - known))
+    manifest = into.manifest()
+    left = len(manifest["planned"].keys() - known)
+    return Merged(len(known), twice, left, len(in_other_shards(manifest, known)))
 
 
 def _new(stores: Sequence[ResultStore], study: str, known: set[str]) -> Iterator[pa.Table]:
@@ -123,4 +129,7 @@ def _joined(manifests: Sequence[dict[str, Any]]) -> dict[str, Any]:
         for key in ("commands", "costs"):
             before = joined.get(key, [])
             joined[key] = [*before, *(item for item in other.get(key, []) if item not in before)]
+    others = {run_id for manifest in manifests for run_id in manifest.get("other_shards", ())}
+    if others:
+        joined["other_shards"] = sorted(others - joined["planned"].keys())
     return joined | {"schema_version": SCHEMA_VERSION}

@@ -12,7 +12,7 @@ import os
 import shutil
 import time
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -162,12 +162,13 @@ class ResultStore:
 
     def plan(
         self, labels: Mapping[str, str], command: str = "", files: Mapping[str, str] | None = None,
-        called: Mapping[str, str] | None = None,
+        called: Mapping[str, str] | None = None, other_shards: Collection[str] = (),
     ) -> None:  # fmt: skip
         """Note which runs are intended: {run_id: label}, and by which command. `status` tells what is left of them.
 
         `files` are those of a user's own classes, {name in the rows: absolute path}; `called` is what cells are called
-        on a terminal, {label: name}. Raises `StoreError` for a study of imported results.
+        on a terminal, {label: name}; `other_shards` are the runs of the sweep that other shards do. Raises `StoreError`
+        for a study of imported results.
         """
         with self.locked():
             manifest = self.manifest()
@@ -179,8 +180,11 @@ class ResultStore:
             files = {**manifest.get("files", {}), **(files or {})}
             outdated = manifest["schema_version"] != SCHEMA_VERSION  # programs that know less must not write here
             new = labels.keys() - manifest["planned"].keys()
-            if new or outdated or manifest.get("files", {}) != files:
+            every = {*manifest.get("other_shards", ()), *other_shards}
+            others = sorted(every - manifest["planned"].keys() - labels.keys())
+            if new or outdated or manifest.get("files", {}) != files or manifest.get("other_shards", []) != others:
                 manifest |= {"schema_version": SCHEMA_VERSION, "planned": {**manifest["planned"], **labels}}
+                manifest |= {"other_shards": others} if others or "other_shards" in manifest else {}
                 manifest["files"] = files
                 manifest["called"] = {**manifest.get("called", {}), **(called or {})}
                 manifest["commands"] = [*manifest.get("commands", []), *([command] if command and new else [])]

@@ -6,7 +6,7 @@ number of workers, on any machines.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -74,12 +74,13 @@ def carry_out(
         check_cluster(execution.address)  # checked again later; but here no folder has been made yet
     store.open()
     aside = store.collect() if store.has_journals() else []  # of a call that was killed
+    failed_before: set[str] = set()
     if retry_failed:
         runs = store.runs(["run_id", "status"])
-        store.forget(set(runs.loc[runs["status"] != "ok", "run_id"]) & set(request.specs))
-    stale = _settled(request, store, way, tell)
+        failed_before = set(runs.loc[runs["status"] != "ok", "run_id"]) & set(request.specs)
+    stale = _settled(request, store, way, tell, failed_before)
     done = store.finished()
-    store.plan(request.labels, command, request.files, request.called)
+    store.plan(request.labels, command, request.files, request.called, request.other_shards)
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
     remove_gone(request.folder)
     forget_finished(request.folder, done)
@@ -114,13 +115,16 @@ def carry_out(
     )
 
 
-def _settled(request: Request, store: ResultStore, way: Way, tell: Callable[[str], None]) -> Stale:
+def _settled(
+    request: Request, store: ResultStore, way: Way, tell: Callable[[str], None], failed: Collection[str]
+) -> Stale:
     """Return the finished runs of other code after the decision on them, and after the store has forgotten some.
 
-    Raises `RequestError` where there are such runs and the way is "ask".
+    `failed` are forgotten too, whatever code made them. Raises `RequestError` where there are runs of other code and
+    the way is "ask"; nothing is forgotten then.
     """
-    stale = find_stale(request, store)
-    again = settle(stale, way)
+    stale = find_stale(request, store, failed)
+    again = settle(stale, way) | set(failed)
     for line in (stale.told(), stale.told_unknown()):
         if line:
             tell(f"{line}; {'they are done again' if way == 'rerun' else 'they are kept'}")

@@ -69,6 +69,7 @@ class Request:
     called: Mapping[str, str] = field(default_factory=dict)  # label -> what its cell is called beside the others
     copies: tuple[str, ...] = ()  # problems that are one problem under several seeds of their data, a line each
     seeds: int = 1  # the most repetitions that are asked for of a cell
+    other_shards: frozenset[str] = frozenset()  # ids of the runs that other shards do
 
 
 _NAMED = 8  # methods that a line on what a glob skips still names
@@ -120,11 +121,12 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
             raise RequestError("nothing to run: a list or range of this sweep is empty")
         why = "; ".join(left_out)
         raise RequestError(f"nothing to run: no optimizer that glob(...) matches can run these problems; {why}")
+    other_shards = frozenset(labels.keys() - specs.keys())
     labels = {spec_id: labels[spec_id] for spec_id in specs}
     execution = settings["execution"]
     return Request(
         specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken, called(cells),
-        tuple(copies(cells.values())), max(_seeds_asked(sweep) for sweep in sweeps),
+        tuple(copies(cells.values())), max(_seeds_asked(sweep) for sweep in sweeps), other_shards,
     )  # fmt: skip
 
 

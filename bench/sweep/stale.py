@@ -6,6 +6,7 @@ Rows without ``code_digest``, from before that column existed, cannot be judged:
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, final
@@ -47,10 +48,11 @@ class Stale:
         )
 
 
-def find_stale(request: Request, store: ResultStore) -> Stale:
-    """Return which finished runs of `request` were made by code other than the present."""
+def find_stale(request: Request, store: ResultStore, but: Collection[str] = ()) -> Stale:
+    """Return which finished runs of `request`, `but` those that are done again anyway, other code has made."""
     columns = ["run_id", "problem", "optimizer", "library", "library_version", "code_digest"]
     mine = [row for row in store.rows(columns).to_pylist() if row["run_id"] in request.specs]
+    mine = [row for row in mine if row["run_id"] not in but]
     moved = _moved(request, store)
     other, unknown, counts = set(), set(), Counter[tuple[str, ...]]()
     for row in mine:

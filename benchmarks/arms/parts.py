@@ -16,13 +16,20 @@ import pandas as pd
 from benchmarks.arms.series import series
 from benchmarks.arms.within import Within, within
 from calibench.bench.calibration.judged import rms
-from calibench.discrepancy import MeasuredData
+from calibench.discrepancy import MeasuredData, Report
+from calibench.discrepancy.fitting.projection import orthonormal
+
+_FULL = 1e-10  # of the largest singular value: a direction below it is rounding
+SEEN = 0.2  # part of a name's signature: stated before seeds 100 to 119 were drawn
 
 
 @final
 @dataclass(frozen=True)
 class Part:
-    """What a part of `poses` said, and the rms error [mm] of the poses it had not, by geometry and with names."""
+    """What a part of `poses` said, and the rms error [mm] of the poses it had not, by geometry and with names.
+
+    `seen` is what calibration leaves of the signature of a name, the least of all names; 1 where nothing is named.
+    """
 
     series: str
     poses: int
@@ -31,12 +38,13 @@ class Part:
     names: str
     geometry_mm: float
     named_mm: float
+    seen: float = 1.0
 
     @property
     def line(self) -> str:
         """Return it as a line."""
         told = f"{self.series} {self.poses} {self.seed}: {self.verdict}, {self.geometry_mm:.3f} -> {self.named_mm:.3f}"
-        return f"{told} mm{f'; {self.names}' if self.names else ''}"
+        return f"{told} mm{f'; seen {self.seen:.3f}; {self.names}' if self.names else ''}"
 
 
 def parts(folder: Path, names: Sequence[str], seeds: Sequence[int], sizes: Sequence[int]) -> Iterator[Part]:
@@ -44,7 +52,7 @@ def parts(folder: Path, names: Sequence[str], seeds: Sequence[int], sizes: Seque
     for n in sizes:
         for seed in seeds:
             for name in names:
-                yield _part(name, n, seed, within(_drawn(series(folder, name), name, n, seed)))
+                yield _part(name, n, seed, within(drawn(series(folder, name), name, n, seed)))
 
 
 def table(found: Sequence[Part]) -> str:
@@ -62,10 +70,13 @@ def table(found: Sequence[Part]) -> str:
         worse = f"{own['worse'].sum()} (of the sure ones {own.loc[sure, 'worse'].sum()})"
         cells = [n, len(own), *counts, *(f"{m:.3f}" for m in middle), worse]
         lines.append("| " + " | ".join(map(str, cells)) + " |")
+    named = frame[frame["names"] != ""]
+    for words, own in (("predict worse", named[named["worse"]]), ("predict better", named[~named["worse"]])):
+        lines.append(f"names that {words}: {len(own)}, of them seen by less than {SEEN}: {(own['seen'] < SEEN).sum()}")
     return "\n".join(lines)
 
 
-def _drawn(data: MeasuredData, name: str, n: int, seed: int) -> MeasuredData:
+def drawn(data: MeasuredData, name: str, n: int, seed: int) -> MeasuredData:
     """Return the data with n rows to be fitted, and all others kept back."""
     chosen = np.random.default_rng([seed, n, ord(name)]).choice(len(data), n, replace=False)
     split = np.full(len(data), "hold ")
@@ -76,4 +87,22 @@ def _drawn(data: MeasuredData, name: str, n: int, seed: int) -> MeasuredData:
 
 def _part(name: str, n: int, seed: int, found: Within) -> Part:
     names = ", ".join(" or ".join(rival.effect for rival in one.set) for one in found.report.findings)
-    return Part(name, n, seed, found.report.verdict, names, rms(found.geometry), rms(found.named))
+    report = found.report
+    return Part(name, n, seed, report.verdict, names, rms(found.geometry), rms(found.named), seen(report))
+
+
+def seen(report: Report) -> float:
+    """Return what calibration leaves of the signature of a name as it was fitted: the least part of all names.
+
+    Where that is little, the name and the calibrated numbers nearly cancel at the poses that were fitted.
+    """
+    plain, final = report.before.fit, report.model.fit
+    if not report.findings or report.verdict == "unknown":
+        return 1.0
+    taken, at, least = orthonormal(plain.J, _FULL), len(plain.x), 1.0
+    for _, c in final.model.coefficients(final.x):
+        whole = final.J[:, at : at + len(c)] @ c
+        at += len(c)
+        left = whole - taken @ (taken.T @ whole)
+        least = min(least, float(np.linalg.norm(left) / max(np.linalg.norm(whole), 1e-300)))
+    return least

@@ -16,6 +16,7 @@ from calibench.testing._law import Checks, checks_of, require
 from calibench.testing.book import Account, Deaf, account_of
 
 BUDGETS = (1, 7, 50)
+LONG = 600  # evaluations, after which a method shows what it does late
 Make = Callable[[], Any]
 
 
@@ -88,17 +89,17 @@ def a_seed_is_a_run(make: Make, budgets: tuple[int, ...] = BUDGETS, dimension: i
     for budget in budgets:
         one, other = _account(make, budget, dimension=dimension), _account(make, budget, dimension=dimension)
         _ended_well(one, budget)
-        same = np.array_equal(one.points, other.points) and one.run.points == other.run.points
+        same = _same(one, other) and one.run.points == other.run.points
         require(
             same, "a seed is a run", f"two runs that part at {_first_difference(one, other)}",
             "draw from rng alone, keep nothing between two runs, iterate over nothing unordered",
         )  # fmt: skip
 
 
-def only_the_stochastic_depend_on_the_seed(make: Make, budget: int = 600) -> None:
+def only_the_stochastic_depend_on_the_seed(make: Make, budget: int = LONG) -> None:
     """Another seed gives another run if the trait `stochastic` says so, and the same one if not."""
     one, other = (_account(make, budget, seed=seed, dimension=2) for seed in (0, 1))
-    same = np.array_equal(one.points, other.points)
+    same = _same(one, other)
     stated = _traits(make).stochastic
     require(
         same is not stated, "only the stochastic depend on the seed",
@@ -107,16 +108,18 @@ def only_the_stochastic_depend_on_the_seed(make: Make, budget: int = 600) -> Non
     )  # fmt: skip
 
 
-def nothing_is_asked_outside_the_box(make: Make, budgets: tuple[int, ...] = BUDGETS, dimension: int = 12) -> None:
-    """Every point lies in the box, but for one rounding; or the trait `bounded` is False."""
+def nothing_is_asked_outside_the_box(
+    make: Make, budgets: tuple[int, ...] = (*BUDGETS, LONG), dimension: int = 12
+) -> None:
+    """Every point is a number in the box, but for one rounding; or the trait `bounded` is False."""
     if not _traits(make).bounded:
         return
     for budget in budgets:
         points = _account(make, budget, dimension=dimension).points
-        outside = (points < np.nextafter(-2.0, -np.inf)) | (points > np.nextafter(2.5, np.inf))
+        outside = ~((points >= np.nextafter(-2.0, -np.inf)) & (points <= np.nextafter(2.5, np.inf)))  # nan is outside
         require(
             not outside.any(), "nothing is asked outside the box",
-            f"{np.max(np.abs(points), initial=0.0):g} in a box of -2 .. 2.5",
+            f"{points[outside][0] if outside.any() else 0:.9g} in a box of -2 .. 2.5 at budget {budget}",
             "clip to objective.lower and objective.upper, or state bounded=False",
         )  # fmt: skip
 
@@ -124,7 +127,7 @@ def nothing_is_asked_outside_the_box(make: Make, budgets: tuple[int, ...] = BUDG
 def uses_start_is_true(make: Make, budget: int = 300) -> None:
     """The run depends on the start if the trait `uses_start` says so, and only then."""
     one, other = (_account(make, budget, dimension=2, start=start) for start in (-1.2, 0.7))
-    differ = not np.array_equal(one.points, other.points)
+    differ = not _same(one, other)
     stated = _traits(make).uses_start
     require(
         differ is stated, "uses_start is true",
@@ -188,6 +191,11 @@ def _ended_well(told: Account, budget: int) -> None:
         f"{told.run.status} at budget {budget}: {told.run.row['error_type']} {told.run.row['error']}",
         "mend what raised; a first step above the budget is stopped by the objective",
     )  # fmt: skip
+
+
+def _same(one: Account, other: Account) -> bool:
+    """Tell whether two runs asked for the same points, bit for bit where they are numbers."""
+    return np.array_equal(one.points, other.points, equal_nan=True)
 
 
 def _first_difference(one: Account, other: Account) -> str:

@@ -27,7 +27,7 @@ class EffectFamily:
     `parted_by` says what parts its declared twins, `resolved_by` what would tell families with the same sentence apart
     (`{target}` is filled in). `period` returns the period of its argument in the unit of its column, 0 for none, from
     the metadata and the target. `targets_in` returns the targets of a family that finds them in what a formulation is
-    made of (`Roles`); `targets` are then words for them.
+    made of (`Roles`); `targets` are then words for them. `never_negative` is what no machine has less than none of.
     """
 
     name: str
@@ -47,6 +47,7 @@ class EffectFamily:
     period: Callable[[Mapping[str, Any], str], float] | None = None
     targets_in: Callable[[Formulation], tuple[str, ...]] | None = None
     code: str = ""
+    never_negative: str = ""
 
     def names_in(self, formulation: Formulation) -> tuple[str, ...]:
         """Return the targets that there are in a formulation."""

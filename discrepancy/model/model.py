@@ -10,7 +10,7 @@ from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.model.effect import Effect
+from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
 from calibench.discrepancy.model.roles import inputs_of
 from calibench.problems.base import Array
@@ -82,6 +82,15 @@ class Model:
             pairs.append((effect, x[at : at + len(effect.coefficients)]))
             at += len(effect.coefficients)
         return pairs
+
+    def place_of(self, effect: Effect) -> slice:
+        """Return where the coefficients of an effect of that name stand in x; `LookupError` where there is none."""
+        at = len(self.formulation.parameters)
+        for one in self.effects:
+            if name_of(one) == name_of(effect):
+                return slice(at, at + len(one.coefficients))
+            at += len(one.coefficients)
+        raise LookupError(name_of(effect))
 
 
 def signature(effect: Effect, c: Array, q: Quantities, slopes: dict[str, Array], formulation: Formulation) -> Array:

@@ -13,9 +13,8 @@ from calibench.discrepancy.fitting.interval import amplitude_interval
 from calibench.discrepancy.fitting.projection import orthonormal
 from calibench.discrepancy.labels import effect_label, quantity_label
 from calibench.discrepancy.model.change_point import ChangePoint
-from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
+from calibench.discrepancy.model.effect import Effect, OfFreePeriod
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, words_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.registries import description_of, family_of
@@ -77,9 +76,9 @@ def _with_its_form(effect: Effect, found: Fit) -> Array:
     has a size, and the formula's own numbers alone have no meaning.
     """
     told = np.zeros((len(effect.coefficients), len(found.x)))
-    told[:, _place_of(found.model, effect)] = np.eye(len(told))
+    told[:, found.model.place_of(effect)] = np.eye(len(told))
     for form in forms_of(effect, found.model.effects):
-        told[:, _place_of(found.model, form)] = form.nearest(found.at.recorded, found.model.formulation.data)
+        told[:, found.model.place_of(form)] = form.nearest(found.at.recorded, found.model.formulation.data)
     return told
 
 
@@ -266,12 +265,3 @@ def blamed_noise(suspect: NoiseFinding) -> Finding:
     amplitude = Amplitude(suspect.amplitude, suspect.unit, suspect.ci95)
     visible = float(np.sqrt(max(suspect.gain, 0.0) / len(suspect.weights)))
     return Finding(name, suspect.family, suspect.target, amplitude, suspect.gain, (one, *rivals), apart, visible)
-
-
-def _place_of(model: Model, effect: Effect) -> slice:
-    at = len(model.formulation.parameters)
-    for e in model.effects:
-        if name_of(e) == name_of(effect):
-            return slice(at, at + len(e.coefficients))
-        at += len(e.coefficients)
-    raise LookupError(name_of(effect))

@@ -34,6 +34,10 @@ FORM_DIFFERS = "form differs"  # and nothing says with what
 SLOW = 2  # functions of a covariate: a slope and a bend of the size
 MOST = 2  # coefficients of a formula: with more of them it can already be any function of its argument
 ALONG = 4  # functions of where a carriage stands: enough for one and a half waves of a screw or a guide
+_TINY = 1e-300
+_ROUNDS = 10  # in which the sizes of effects settle, relative to which a prior is
+_HALVINGS = 16
+_WIDTHS = 1e-3, 10.0  # of a prior, between which it is halved
 
 
 @final
@@ -98,6 +102,11 @@ class Modulated:
     def covariates(self) -> tuple[str, ...]:
         """Return the covariate on which the size depends."""
         return tuple(slow.covariate for slow in self.over)
+
+    @property
+    def acts_along(self) -> bool:
+        """Return whether the covariates are positions, or times, at which the effect acts."""
+        return all(slow.moments is not None for slow in self.over)
 
     @property
     def target(self) -> str:
@@ -198,7 +207,7 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
 
 
 def _least(form: Modulated) -> float:
-    return thresholds().along_share if form.over[0].moments else thresholds().form_share
+    return thresholds().along_share if form.acts_along else thresholds().form_share
 
 
 def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
@@ -287,6 +296,72 @@ def product(waves: Array, change: Array) -> Array:
 def waves_over(values: Array, low: float, high: float, terms: int) -> Array:
     """Return slow functions of a covariate, (n, terms): a slope, a bend and so on; flat beyond low and high."""
     return curve(np.asarray(values, dtype=float), low, high, terms + 1)[:, 1:]
+
+
+def residuals_within(at: Fit, forms: Sequence[Modulated], most: float) -> Array:
+    """Return the whitened residuals, (m,), of a fit in which no form changes its effect by more than `most` of it.
+
+    Calibration may absorb nearly all of what a form adds. Then its fitted size is mostly noise, and a smaller one
+    explains as much. So the forms get a normal prior here, as wide as may be with the largest of them within `most`.
+    """
+    narrowed = _Narrowed(at, forms)
+    low, high = np.log(_WIDTHS)
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        wide = narrowed.largest_share(narrowed.solved(np.exp(middle))) > most
+        low, high = (low, middle) if wide else (middle, high)
+    return np.asarray(at.r + at.J @ (narrowed.solved(np.exp(low)) - at.x))
+
+
+@final
+class _Narrowed:
+    """The linearised fit `at`, its `forms` with a normal prior."""
+
+    def __init__(self, at: Fit, forms: Sequence[Modulated]) -> None:
+        q, data, places = at.at.recorded, at.model.formulation.data, at.model.place_of
+        # where the coefficients of effect and form stand, the changes of the effect, the triangle of those of the form
+        self._parts = [
+            (places(form.of), _stacked(form.of, q, data), places(form), np.linalg.qr(_stacked(form, q, data), mode="r"))
+            for form in forms
+        ]
+        self._forms = np.zeros(len(at.x), dtype=bool)
+        for _, _, place, _ in self._parts:
+            self._forms[place] = True
+        root = np.sqrt(at.noise.weights(at.r) * (at.degrees / at.cost if at.noise.profiled else 1.0))
+        self._J = at.J * root[:, None]
+        self._aim = self._J @ at.x - at.r * root
+
+    def solved(self, width: float) -> Array:
+        """Return the numbers, (p,), with a prior of rms `width` relative to the effects as they are in the solution."""
+        x = np.zeros(len(self._forms))
+        x[~self._forms] = _least_squares(self._J[:, ~self._forms], self._aim)
+        for _ in range(_ROUNDS):
+            prior = []
+            for own, changes, place, R in self._parts:
+                rows = np.zeros((len(R), len(x)))
+                rows[:, place] = R / (width * np.linalg.norm(changes @ x[own]) + _TINY)
+                prior.append(rows)
+            J = np.concatenate([self._J, *prior])
+            x = _least_squares(J, np.concatenate([self._aim, np.zeros(len(J) - len(self._J))]))
+        return x
+
+    def largest_share(self, x: Array) -> float:
+        """Return the largest rms change of an effect's size, relative to its size."""
+        return max(
+            float(np.linalg.norm(R @ x[place]) / (np.linalg.norm(changes @ x[own]) + _TINY))
+            for own, changes, place, R in self._parts
+        )
+
+
+def _least_squares(A: Array, b: Array) -> Array:
+    size = np.linalg.norm(A, axis=0)
+    size[size == 0] = 1.0
+    return np.asarray(np.linalg.lstsq(A / size, b, rcond=None)[0] / size)
+
+
+def _stacked(effect: Effect, q: Quantities, data: MeasuredData) -> Array:
+    parts = effect.basis(q, data, np.zeros(len(effect.coefficients)))
+    return np.concatenate([np.asarray(part) for part in parts.values()])
 
 
 def share(at: Fit, form: Modulated) -> float:

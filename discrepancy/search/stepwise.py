@@ -25,11 +25,12 @@ from calibench.discrepancy.search.exchange import (
     settled,
 )
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
-from calibench.discrepancy.search.form import FORM_DIFFERS, Modulated, form_words, share, unlike
+from calibench.discrepancy.search.form import FORM_DIFFERS, Modulated, form_words, residuals_within, share, unlike
 from calibench.discrepancy.search.off_form import bonus
 from calibench.discrepancy.search.select import Option, Tests, fit_with, options, penalty, run_tests
 from calibench.discrepancy.search.standing import standing, with_smooth_terms
 from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
 
 _MARGIN = 20.0  # delta BIC: where gains are small, a ratio of them says nothing
 _NOTHING_LEFT = 2  # degrees of freedom: with fewer left nothing could check a name
@@ -188,12 +189,7 @@ def _needed(picked: Picked, base: Fit, ground: Fit) -> Picked:
 
 def _worth(at: Fit, effect: Effect) -> float:
     """Return the gain of an effect of a fit, to first order."""
-    place = len(at.model.formulation.parameters)
-    for other in at.model.effects:
-        if name_of(other) == name_of(effect):
-            break
-        place += len(other.coefficients)
-    own = slice(place, place + len(effect.coefficients))
+    own = at.model.place_of(effect)
     c = at.x[own]
     explained = float(c @ np.linalg.pinv(at.covariance(stated=True)[own, own], hermitian=True) @ c)
     gained = at.noise.gained(at.cost + explained, at.cost, at.degrees)
@@ -218,7 +214,7 @@ def verdict_of(
     blamed = tuple(blamed_noise(s) for s in suspects)
     if not selection.alarm:
         return _said(blamed), blamed
-    explained, alone = (_explained(base, at) + _doubt(base, at) for at in (selection.fit, selection.alone))
+    explained = _explained(base, selection.fit) + _doubt(base, selection.fit)
     if not selection.sets and not _worth_it(selection, base):
         return _said(blamed), blamed
     short = selection.left < level and explained < (
@@ -227,8 +223,8 @@ def verdict_of(
     smooth = selection.smooth_explains and explained < thresholds().explained_nearly
     little = short and explained < thresholds().explained
     bent = explained >= thresholds().explained_part and _excess(selection.fit) < _form_errors(selection)
-    without_form = _large_forms(selection) and alone < thresholds().explained_part
-    if not selection.sets or without_form or (little and smooth):
+    by_form = _by_large_forms(selection, base)
+    if not selection.sets or by_form or (little and smooth):
         return "unknown", ()
     if (little or smooth) and not bent and not _by_far(selection, explained):
         return "unknown", ()
@@ -281,10 +277,22 @@ def _by_far(selection: Selection, explained: float) -> bool:
     return by_far and explained > thresholds().explained_by_far
 
 
-def _large_forms(selection: Selection) -> bool:
-    """Return whether a form differs from its formula by more than formulas usually do."""
+def _by_large_forms(selection: Selection, base: Fit) -> bool:
+    """Return whether names explain the excess only with forms that differ from formulas by more than usual.
+
+    What an effect leaves relative to a Zero is mostly the change of its size on the way, and little of the size itself.
+    So there a form as large as usual may help; elsewhere names must explain the excess without one.
+    """
+    at = selection.fit
     forms = [form for form in selection.forms if isinstance(form, Modulated)]
-    return any(share(selection.fit, form) >= thresholds().form_share for form in forms)
+    large = [form for form in forms if share(at, form) >= thresholds().form_share]
+    if not large:
+        return False
+    if all(form.acts_along for form in large):
+        r = residuals_within(at, forms, thresholds().form_share)
+    else:
+        at, r = selection.alone, selection.alone.r
+    return _explained(base, at, r) + _doubt(base, at, r) < thresholds().explained_part
 
 
 def _form_errors(selection: Selection) -> float:
@@ -317,10 +325,10 @@ def _worth_it(selection: Selection, base: Fit) -> bool:
     return selection.first.smooth_gain > 0 or misfit < thresholds().p_plain
 
 
-def _explained(base: Fit, at: Fit) -> float:
-    """Return the part of the excess over the noise that a fit explains."""
+def _explained(base: Fit, at: Fit, r: Array | None = None) -> float:
+    """Return the part of the excess over the noise that a fit explains; with other residuals `r` than its own."""
     before = _excess(base)
-    return 1 - max(_excess(at), 0.0) / before if before > 0 else 1.0
+    return 1 - max(_excess(at, r), 0.0) / before if before > 0 else 1.0
 
 
 def _few(at: Fit) -> bool:
@@ -328,7 +336,7 @@ def _few(at: Fit) -> bool:
     return bool(_NOTHING_LEFT < len(at.r) - at.J.shape[1] <= thresholds().few_degrees)
 
 
-def _doubt(base: Fit, at: Fit) -> float:
+def _doubt(base: Fit, at: Fit, r: Array | None = None) -> float:
     """Return by how much the explained part may be underestimated, because degrees of freedom are few.
 
     It is 0 if they are many, else two standard deviations of the rest, which is a noncentral chi-square.
@@ -337,10 +345,10 @@ def _doubt(base: Fit, at: Fit) -> float:
     if not _few(base) or before <= 0:
         return 0.0
     degrees = len(at.r) - at.J.shape[1]
-    rest = max(_excess(at), 0.0) * degrees
+    rest = max(_excess(at, r), 0.0) * degrees
     return float(2 * np.sqrt(2 * (degrees + 2 * rest)) / degrees / before)
 
 
-def _excess(at: Fit) -> float:
-    y = at.noise.scores(at.r)
+def _excess(at: Fit, r: Array | None = None) -> float:
+    y = at.noise.scores(at.r if r is None else r)
     return float(y @ y) / int(len(y) - at.J.shape[1]) - 1.0

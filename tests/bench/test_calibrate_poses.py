@@ -71,9 +71,20 @@ def test_poses_beside_those_that_are_measured_keep_to_their_ranges(design, tmp_p
     np.testing.assert_allclose(written, poses, atol=1e-6)
 
 
+def test_the_noise_of_readings_to_come_changes_nothing_of_those_that_are_measured(design, tmp_path):
+    q, seen, _ = measured(30, reach=1.5)
+    (tmp_path / "my.csv").write_text(table(q, seen))
+    found = {sigma: design("plan.n=4", "data=my.csv", f"plan.sigma={sigma}")["error_mm"] for sigma in (1e-3, 1, 1e3)}
+    before = [error[0] for error in found.values()]
+    np.testing.assert_allclose(before, design("plan.n=4", "data=my.csv")["error_mm"][0], rtol=1e-9)
+    assert found[1e-3][4] < 0.9 * before[0], "a better tracker helps"
+    assert found[1e3][4] == pytest.approx(before[0], rel=1e-3), "one that sees nothing does not"
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        (["plan.n=4", "plan.sigma_rotation=0"], "plan.sigma_rotation=0: the noise of a reading [rad], above 0"),
         (["plan.n=0"], "from 1 to 200 poses are needed"),
         ([], "plan.n= is missing: how many poses to propose"),
         (["plan.n=4", "plan.to=nowhere/poses.csv"], "there is no folder nowhere"),

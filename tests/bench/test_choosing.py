@@ -200,7 +200,21 @@ def test_a_sweep_without_the_default_says_so(swept) -> None:
     assert np.isnan(found.nested.gain)
 
 
-def test_a_run_without_an_answer_counts_as_the_worst_of_its_instance(swept) -> None:
+def test_a_default_that_always_fails_is_not_the_best(swept) -> None:
+    """Of two settings, one of which never fails, that one is best, and choosing it beats the other."""
+    runs = ResultStore(swept).runs()
+    whole = choose(runs)
+    default, other = whole.options[0], whole.options[1]
+    two = runs[runs["optimizer_options"].isin([default, other]) & (runs["repetition"] == 0)].reset_index(drop=True)
+    two.loc[two["optimizer_options"] == default, ["status", "best_value"]] = ["failed", np.nan]
+    found = choose(two)
+    assert found.options[found.nested.best] == other
+    assert set(found.nested.chosen) == {found.options.index(other)}
+    assert found.nested.gain == pytest.approx(1.0)
+    assert found.nested.beats_default
+
+
+def test_a_run_without_an_answer_counts_as_worse_than_the_worst_of_its_instance(swept) -> None:
     runs = ResultStore(swept).runs()
     whole = choose(runs)
     at = runs.index[runs["optimizer_options"] == whole.options[whole.nested.best]]

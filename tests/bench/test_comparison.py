@@ -387,3 +387,32 @@ def test_by_charge_equal_says_that_the_charge_is_equal_not_the_values():
     assert (cell.verdict, cell.why) == ("equal", "every run was charged the same")
     [cell] = compare(one, other, "value").cells.itertuples()
     assert cell.verdict == "worse"
+
+
+def test_of_unequal_seeds_every_number_is_of_the_runs_that_were_tested():
+    """Ten runs against eight are eight pairs: nothing of the two runs left out may stand beside the verdict."""
+    many = rows([4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 0.1, 0.2], hits=[None] * 8 + [30, 40])
+    few = rows([4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0], hits=[None] * 8)
+    [cell] = compare(many, few).cells.itertuples()
+    assert (cell.verdict, cell.pairs, cell.alone_a, cell.alone_b) == ("equal", 8, 2, 0)
+    assert (cell.reached_a, cell.reached_b) == (0, 0)
+    assert cell.best_median_a == cell.best_median_b == 7.5
+    [cell] = compare(few, many).cells.itertuples()
+    assert (cell.alone_a, cell.alone_b, cell.reached_b, cell.best_median_b) == (0, 2, 0, 7.5)
+
+
+@pytest.mark.parametrize("by", ["goal", "value", "charged"])
+def test_two_sides_that_only_failed_are_not_equal(by):
+    one, other = (rows([np.nan] * 8, status="failed", charged=charge) for charge in (3, 40))
+    [cell] = compare(one, other, by).cells.itertuples()
+    assert cell.verdict == "undecided"
+    assert cell.why.startswith("no run of either side")
+
+
+def test_by_value_a_difference_below_the_goal_is_told_as_one_that_may_be_rounding():
+    one, other = rows([1e-20] * 8, hits=[5] * 8), rows([1e-22] * 8, hits=[5] * 8)
+    [cell] = compare(one, other, "value").cells.itertuples()
+    assert cell.verdict == "better"
+    assert "below the goal" in cell.why
+    [cell] = compare(one.assign(hits_charged=[[None]] * 8), other, "value").cells.itertuples()
+    assert "below the goal" not in cell.why

@@ -155,6 +155,30 @@ def test_residuals_and_slopes_of_a_wrong_shape_say_so():
         gate.jacobian(np.zeros(3))
 
 
+def test_a_problem_that_fills_the_same_array_again_changes_no_earlier_result():
+    """A method that takes differences of residuals would see none, and end at its start as converged."""
+
+    class Buffered(Sphere):
+        def __init__(self):
+            super().__init__()
+            self.r, self.slopes = np.zeros(3), np.zeros((3, 3))
+
+        def residuals(self, x):
+            self.r[:] = x - 1.0
+            return self.r
+
+        def jacobian(self, x):
+            self.slopes[:] = np.diag(x)
+            return self.slopes
+
+    gate = Evaluator(Buffered(), budget=100)
+    for ask in (gate.residuals, gate.jacobian):
+        first = ask(np.full(3, 0.25))
+        before = first.copy()
+        ask(np.full(3, 0.5))
+        assert np.array_equal(first, before)
+
+
 def test_the_target_ends_the_run_and_hits_are_exact():
     gate = Evaluator(Values([9.0, 5.0, 7.0, 0.5, 0.1]), budget=10, target=1.0, targets=[6.0, 1.0])
     assert [gate(np.zeros(1)) for _ in range(3)] == [9.0, 5.0, 7.0]

@@ -1,6 +1,7 @@
 """A study in the formats of others and back: what is written is exact, what is read is a study."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from calibench.bench.exchange import latex
 from calibench.bench.exchange.coco import NOT_FINITE
 from calibench.bench.exchange.course import course_of, traces_by_run
 from calibench.bench.exchange.folders import file_names, write_folder
+from calibench.bench.exchange.mlflow_runs import _FOUND, _metrics
 from calibench.bench.exchange.studies import algorithm_names
 from calibench.bench.exchange.targets import gap_of_level
 from calibench.bench.execution.run_row import COLUMNS
@@ -394,3 +396,24 @@ def test_names_of_folders_are_plain_and_differ():
     names = file_names(["de (a=1)", "de [a=1]", "DE_a=1", "ß/../x"])
     assert len({name.lower() for name in names.values()}) == 4
     assert all(name == name.strip("._") and "/" not in name for name in names.values())
+
+
+def metrics_of_targets(**row):
+    told = dict.fromkeys(_FOUND) | {"charged": 90, "status": "ok", "minimum": None} | row
+    return {name: value for name, value, _ in _metrics(told, []) if name.startswith("charged_to_")}
+
+
+def test_mlflow_gets_a_metric_for_each_target_under_a_name_that_it_takes():
+    """Beside a minimum of 394.48 most of COCO's 51 targets have the same six digits; MLflow takes no plus sign."""
+    levels = [394.48 + gap for gap in COCO_GAPS]
+    hits = list(range(1, len(levels) + 1))
+    found = metrics_of_targets(targets=levels, hits_charged=hits, minimum=394.48)
+    assert sorted(found.values()) == hits
+    assert found["charged_to_gap_1e-08"] == len(levels)
+    assert found["charged_to_gap_100"] == 1
+    close = metrics_of_targets(targets=[1e6, 79.48000002, 79.48000001], hits_charged=[1, 2, 3])
+    assert sorted(close.values()) == [1, 2, 3]
+    for name in (*found, *close, *metrics_of_targets(targets=[1e7, 1.0], hits_charged=[1, 2])):
+        assert re.fullmatch(r"[\w.\- :/]+", name), name
+    assert metrics_of_targets(targets=[1e-12], hits_charged=[7]) == {"charged_to_1e-12": 7}
+    assert metrics_of_targets(targets=[1.0], hits_charged=[7], status="failed") == {}, "a failed run reached nothing"

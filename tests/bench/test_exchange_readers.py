@@ -2,14 +2,17 @@
 
 import json
 import os
+import shutil
 import warnings
 from collections import defaultdict
 
 import numpy as np
 import pytest
 
+from calibench import optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.exchange.studies import algorithm_names
+from calibench.bench.execution.run import execute
 from calibench.bench.store.runs import ResultStore
 from calibench.problems.suites.gaps import COCO_GAPS
 from tests.bench.exchange_studies import mixed_study, suite_study
@@ -126,3 +129,31 @@ def test_mlflow_holds_each_run_once_under_its_cell(mixed, tmp_path, capsys):
     client.set_tag(half, "calibench.done", "false")  # as a stopped export leaves it
     bench("export", "mlflow", mixed, "--to", to)
     assert capsys.readouterr().out.startswith("1 run added")
+
+
+def test_a_run_that_was_done_again_takes_its_place_in_mlflow(mixed, tmp_path, capsys):
+    pytest.importorskip("mlflow", reason="mlflow is not installed")
+    from mlflow.tracking import MlflowClient
+
+    folder, to = tmp_path / mixed.name, tmp_path / "mlruns"
+    shutil.copytree(mixed, folder)
+    bench("export", "mlflow", folder, "--to", to)
+    store = ResultStore(folder)
+    [old] = store.runs().query("optimizer == 'de'").head(1).to_dict("records")
+    store.forget([old["run_id"]])
+    problem, optimizer = problems.make(old["problem"]), optimizers.make("de")
+    store.write(execute(problem, optimizer, budget=400, seed=old["repetition"], start="random"))
+    store.collect()
+    bench("export", "mlflow", folder, "--to", to)
+    bench("export", "mlflow", folder, "--to", to)
+    _, second, third = capsys.readouterr().out.splitlines()
+    assert second.startswith("1 run added")
+    assert "1 of them done again since the last export; 11 stood there" in second
+    assert third.startswith("0 runs added")
+    client = MlflowClient(tracking_uri=to.as_uri())
+    [experiment] = [e for e in client.search_experiments() if e.name == mixed.name]
+    began = ResultStore(folder).runs().set_index("run_id")["started_at"]
+    runs = [run for run in client.search_runs([experiment.experiment_id]) if "calibench.run_id" in run.data.tags]
+    assert len(runs) == len(began)
+    for run in runs:
+        assert run.info.start_time == int(began[run.data.tags["calibench.run_id"]].timestamp() * 1000)

@@ -113,6 +113,29 @@ def test_a_family_of_a_plain_class_has_all_rows_and_an_edit_of_it_is_said(call, 
     assert "96 runs (96 done before)" in call(more)[1]
 
 
+def test_a_refused_retry_of_failed_runs_loses_none_of_their_rows(call, here):
+    (here / "mine.py").write_text(
+        BOWL + "class Half(Bowl):\n    def __call__(self, x):\n        return 1 / (x @ x < 1)\n"
+    )
+    command = "run problem=./mine.py:Half optimizer=./mine.py:Once,de -m budget=50 seeds=2"
+    assert call(command)[0] == 1
+    before = rows(here)
+    failed = set(before.loc[before["status"] == "failed", "run_id"])
+    assert 0 < len(failed) < len(before)
+    (here / "offsets.py").write_text("OFFSET = 7.0  # other code\n")
+    code, _, err = call(f"{command} --retry-failed")
+    assert code == 2
+    sound = len(before) - len(failed)
+    assert f"{sound} of {sound} finished run" in err
+    assert "nothing was run" in err
+    assert rows(here).equals(before)
+    call(f"{command} --retry-failed --keep")
+    after = rows(here)
+    assert set(after["run_id"]) == set(before["run_id"])
+    again = after["code_digest"] != before["code_digest"]
+    assert set(after.loc[again, "run_id"]) == failed
+
+
 def test_comments_and_docstrings_are_not_the_code(call, here):
     command = "run problem=./mine.py:Bowl optimizer=./mine.py:Once budget=5 seeds=1"
     call(command)

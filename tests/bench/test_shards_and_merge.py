@@ -1,6 +1,7 @@
 """Parts of a sweep that run apart, and folders that become one."""
 
 import json
+from pathlib import Path
 
 import pandas as pd
 import pytest
@@ -31,6 +32,43 @@ def test_shards_are_a_sweep(run_bench, folders):
     assert together.manifest()["planned"] == whole.manifest()["planned"]
     assert len(together.manifest()["commands"]) == 3
     assert "(19 done before)" in run_bench(f"{SWEEP} results=together")[1]
+
+
+def test_a_shard_that_is_missing_from_a_merge_is_told(run_bench):
+    """Two of three shards are no whole study, and nothing else in it says so: each did all that it had planned."""
+    parts = {}
+    for i in (1, 2, 3):
+        run_bench(f"{SWEEP} shard={i}/3 results=shard{i}")
+        parts[i] = set(rows(f"shard{i}/adhoc")["run_id"])
+    told = f"{len(parts[3])} runs of this sweep belong to other shards and are not here"
+    code, out, _ = run_bench("merge shard1/adhoc shard2/adhoc --to two")
+    assert code == 0
+    assert told in out
+    assert set(ResultStore("two").manifest()["other_shards"]) == parts[3]
+    assert told in run_bench("status two")[1]
+    run_bench("report two")
+    page = Path("two/report.html").read_text()
+    assert "of other shards, not here" in page
+    assert "other shards" not in run_bench("merge two shard3/adhoc --to three")[1]
+    assert "other shards" not in run_bench("status three")[1]
+    run_bench("report three")
+    assert "of other shards" not in Path("three/report.html").read_text()
+    run_bench(f"{SWEEP} results=shard1")
+    assert "other shards" not in run_bench("status shard1/adhoc")[1]
+
+
+def test_shards_of_two_versions_of_the_code_are_told_where_they_are_merged(run_bench):
+    for name, digest in (("a", "p.o.g"), ("b", "p.other.g")):
+        run_bench(
+            f"run problem=sensor_zero optimizer=de budget=60 seeds=4 shard={'12'['ab'.index(name)]}/2 results={name}"
+        )
+        store = ResultStore(f"{name}/adhoc")
+        made, traces = store.runs().assign(code_digest=digest), store.traces()
+        assert len(made)
+        ResultStore(f"{name}/made").fill(made, traces)
+    code, out, _ = run_bench("merge a/made b/made --to c")
+    assert code == 0
+    assert "1 of 1 cells hold runs of more than one version of the code" in out
 
 
 def test_what_is_merged_twice_is_taken_once_and_the_sources_stay(run_bench):

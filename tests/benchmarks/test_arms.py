@@ -10,10 +10,14 @@ from benchmarks.arms import mukca
 from benchmarks.arms.across import choices, evenly, formulated, grouped, predicted, shared_geometry
 from benchmarks.arms.across import rows as of_series
 from benchmarks.arms.frames import framed
+from benchmarks.arms.nested import Nested, auc, rule, searched_again
+from benchmarks.arms.nested import table as signs
+from benchmarks.arms.parts import seen
 from benchmarks.arms.series import URDF, in_runs, series, shuffled
 from benchmarks.arms.sockets import difference
 from benchmarks.arms.within import gain
-from calibench.discrepancy import MeasuredData
+from calibench.discrepancy import MeasuredData, explain
+from calibench.discrepancy.machines.arm import Arm
 from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.chains.rigid import rpy, shift
 from calibench.problems.arm.chains.urdf import read_urdf
@@ -120,3 +124,65 @@ def test_a_series_is_read_as_its_authors_keep_it():
     data = series(GIVEN, "D")
     assert len(data) == 632
     assert (np.asarray(data["split"]) == "hold").sum() == 127
+
+
+def part(truth, before, after, verdict="named", again=1.0):
+    """Return a part of four poses, of which the squared errors are told."""
+    return Nested("B", 30, 0, verdict, truth, np.array(before), np.array(after), again)
+
+
+def test_a_sign_of_left_out_poses_counts_what_names_change():
+    one = part(0.9, [4.0, 1.0, 1.0, 1.0], [1.0, 2.0, 1.0, 3.0])
+    assert one.ratio == pytest.approx(1.0)
+    assert one.worse == pytest.approx(2 / 3)  # the third pose is predicted as before
+    assert one.surely == 0.0
+    assert part(0.9, [4.0, 3.0, 2.0, 5.0], [1.0, 1.0, 1.0, 1.0]).surely == pytest.approx(2.5 / (np.sqrt(5 / 3) / 2))
+    assert part(0.9, [1.0] * 4, [1.0] * 4).worse == 0.5
+
+
+def test_a_rule_is_judged_by_the_names_that_carry_and_by_those_that_do_not():
+    good, bad = [1.0] * 4, [4.0] * 4
+    found = [
+        part(0.8, bad, good),
+        part(0.9, good, bad, "partly"),
+        part(1.2, good, bad),
+        part(1.1, bad, good, again=0.0),
+    ]
+    every, sure = rule(found).splitlines()
+    assert every.endswith("1 of 2 that do not carry, 1 of 2 that carry")
+    assert sure.endswith("1 of 2 that do not carry, 0 of 1 that carry")
+    assert "| 30 | rms with names over without | 2 | 1.25 | 2 | 1.25 | 0.50 |" in signs(found)
+    assert "| 30 | not told again | 2 | 0.00 | 2 | 0.50 | 0.75 |" in signs(found)
+    assert auc(np.array([1.0, 2.0]), np.array([2.0, 3.0])) == 0.875
+
+
+def with_play(count):
+    """Return readings of an arm whose second joint has play, far above the noise; a fifth is held back."""
+    sound = measured(HERE, "D", 5, count)
+    chain = read_urdf(URDF).chain()
+    q = np.stack([sound[name] for name in chain.driven], axis=-1)
+    came = np.sign(np.diff(q, axis=0, prepend=q[:1])) * [0, 1, 0, 0, 0, 0]
+    placed = chain.placed(HERE, shift(40, 20, 90))
+    moved = [forward(placed, WRONG, at)[:, :3, 3] for at in (q - 2e-3 * came, q)]
+    return sound.with_columns({axis: sound[axis] + (moved[0] - moved[1])[:, k] for k, axis in enumerate("xyz")})
+
+
+@pytest.mark.slow
+def test_a_true_name_is_told_again_without_a_part_of_the_poses_and_predicts_them():
+    found = searched_again(with_play(60), 3)
+    assert found is not None
+    _, truth, before, after, again = found
+    assert truth < 0.5
+    assert again == 1.0
+    assert after.sum() < 0.5 * before.sum()
+    assert searched_again(measured(HERE, "D", 5), 3) is None  # nothing is named
+
+
+def test_what_is_seen_of_a_name_is_what_calibration_leaves_of_it():
+    report = explain(Arm(URDF), with_play(60))
+    plain, final = report.before.fit, report.model.fit
+    [(_, c)] = final.model.coefficients(final.x)
+    whole = final.J[:, len(plain.x) :] @ c
+    left = whole - plain.J @ np.linalg.lstsq(plain.J, whole, rcond=None)[0]
+    assert seen(report) == pytest.approx(np.linalg.norm(left) / np.linalg.norm(whole), rel=1e-6)
+    assert seen(explain(Arm(URDF), measured(HERE, "D", 5))) == 1.0

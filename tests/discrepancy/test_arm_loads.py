@@ -7,7 +7,10 @@ import pytest
 
 from calibench.bench.measured import read_measured, shipped_path
 from calibench.discrepancy import DataError
+from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.machines.arm.weights import gravity_of, payload_of
+from calibench.discrepancy.registries import machines
+from calibench.discrepancy.thresholds import thresholds
 
 
 @pytest.fixture(scope="module")
@@ -41,3 +44,12 @@ def test_a_payload_that_nothing_weighs_is_refused(data, wrong):
 def test_gravity_is_a_finite_direction(data, pull):
     with pytest.raises(DataError, match="three numbers"):
         gravity_of(replace(data, metadata={"gravity": pull}))
+
+
+def test_no_bearing_leans_further_than_a_sensor_may_err(data):
+    formulation = machines.make("arm").formulate(data)
+    bends = [effect for effect in catalogue(formulation).candidates if effect.family == "bending"]
+    assert bends
+    for effect in bends:
+        lean = effect.shift({}, formulation.data, np.array([effect.largest]))
+        assert max(np.max(np.abs(one)) for one in lean.values()) == pytest.approx(thresholds().largest_angle)

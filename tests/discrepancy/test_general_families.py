@@ -372,6 +372,29 @@ def test_what_is_too_large_to_be_possible_is_told():
     assert "rad: taken for impossible" in told[0]
 
 
+def test_no_column_moves_a_joint_further_than_its_sensor_may_err():
+    data = readings()
+    q = {"a": data["a"], "b": data["b"], "s": data["s"]}
+    follow = [
+        e for e in catalogue(Arm().formulate(data)).candidates if e.family in ("compliance", "lag", "thermal_zero")
+    ]
+    assert {e.family for e in follow if np.isfinite(e.largest)} == {"compliance", "lag", "thermal_zero"}
+    for effect in follow:
+        if effect.target == "slide":
+            assert effect.largest == np.inf  # a slide may err by any length
+            continue
+        moved = effect.shift(q, data, np.array([effect.largest]))
+        furthest = max(np.max(np.abs(error)) for name, error in moved.items() if name != "s")
+        assert furthest == pytest.approx(thresholds().largest_angle)
+
+
+def test_a_zero_that_would_turn_with_each_kelvin_is_taken_for_impossible():
+    turned = readings(9, lambda q, d: {"a": q["a"] + 0.13 * (d["warm"] - d["warm"].mean())})
+    report = explain(Arm(), turned)
+    assert "thermal_zero shoulder" not in {f.effect for f in report.findings}
+    assert any("thermal shift of the zero of shoulder would explain most" in note for note in report.notes)
+
+
 def test_parts_of_one_name_are_refused():
     with pytest.raises(DataError, match="elbow twice; each part has a name of its own"):
         Roles((Joint("elbow", "a"), Joint("elbow", "b")))

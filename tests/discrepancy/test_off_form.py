@@ -20,6 +20,7 @@ from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import Report
+from calibench.discrepancy.search.form import ALONG, Modulated, residuals_within, share, slow_along
 from calibench.discrepancy.search.off_form import _least, bonus, near, random_curve
 from calibench.discrepancy.search.select import close, options, run_tests
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds
@@ -133,6 +134,29 @@ def test_a_name_far_before_any_smooth_function_is_told_as_a_part() -> None:
     report = _leaning(along_share=10.0)
     assert report.verdict == "partly"
     assert [f.form for f in report.findings] == ["form differs"]
+
+
+def test_a_form_that_readings_hardly_determine_shuts_no_name_out() -> None:
+    """A leg grows, and not as its thermometer: the fitted form is 1.5 times the growth; a tenth explains as much."""
+    hidden = orthoglide.case(665023, "thermal_legs", bent=True)
+    report = explain("orthoglide", MeasuredData(hidden.columns, "orthoglide", hidden.metadata, "case"))
+    assert report.verdict == "named"
+    assert [(f.effect, f.form) for f in report.findings] == [("thermal_legs leg x", "size depends on the time")]
+
+
+@pytest.mark.parametrize("most", [0.02, 0.05])
+def test_a_form_stays_within_its_bound_and_explains_what_it_can(most: float) -> None:
+    hidden = orthoglide.case(660265, "axis_orthogonality", bent=True)
+    formulation = machines.make("orthoglide").formulate(MeasuredData(hidden.columns, "orthoglide", hidden.metadata, ""))
+    [effect] = [
+        e for e in catalogue(formulation).candidates if name_of(e) == f"axis_orthogonality {hidden.truth['target']}"
+    ]
+    form = Modulated(effect, slow_along(effect, formulation.data, ALONG))
+    plain, formed = (fit(Model(formulation, effects), Noise()) for effects in ((effect,), (effect, form)))
+    narrow, wide = (float(np.sum(residuals_within(formed, [form], at) ** 2)) for at in (most, 1e6))
+    assert share(formed, form) > most
+    assert np.sum(formed.r**2) < narrow < np.sum(plain.r**2)
+    assert wide == pytest.approx(np.sum(formed.r**2), rel=1e-6)
 
 
 def _leaning(**changed: float) -> Report:

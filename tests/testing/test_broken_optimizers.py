@@ -98,6 +98,20 @@ class Outside(Wanderer):
             objective(objective.lower + 2 * rng.random(objective.dimension) * (objective.upper - objective.lower))
 
 
+class OutsideLate(Wanderer):
+    later = 1e-6
+
+    def minimize(self, objective, rng):
+        for _ in range(100):
+            objective(objective.lower + rng.random(objective.dimension) * (objective.upper - objective.lower))
+        while True:
+            objective(objective.upper + self.later)
+
+
+class NoNumberLate(OutsideLate):
+    later = np.nan
+
+
 class IgnoresItsStart(Wanderer):
     def minimize(self, objective, rng):
         while True:
@@ -123,7 +137,9 @@ BROKEN: list[tuple[str, Any, str]] = [
     ("a_seed_is_a_run", Forgetful, "two runs that part at evaluation 2"),
     ("only_the_stochastic_depend_on_the_seed", SaysItIsStochastic, "state stochastic=False"),
     ("only_the_stochastic_depend_on_the_seed", SaysItIsNot, "state stochastic=True"),
-    ("nothing_is_asked_outside_the_box", Outside, "in a box of -2 .. 2.5; clip"),
+    ("nothing_is_asked_outside_the_box", Outside, "in a box of -2 .. 2.5 at budget 7; clip"),
+    ("nothing_is_asked_outside_the_box", OutsideLate, "found 2.500001 in a box of -2 .. 2.5 at budget 600; clip"),
+    ("nothing_is_asked_outside_the_box", NoNumberLate, "found nan in a box of -2 .. 2.5 at budget 600; clip"),
     ("uses_start_is_true", IgnoresItsStart, "state uses_start=False"),
     ("minimum_budget_is_enough", NeedsMore, "failed 'a population of 10 is needed' at 3"),
     (

@@ -69,6 +69,51 @@ class WritingTheBatch(Valley):
         return values
 
 
+class ClipsInPlace(Valley):
+    def __call__(self, x):
+        np.clip(x, -1.99, 1.99, out=x)
+        return super().__call__(x)
+
+
+class FlatAtItsTruth(Valley):
+    """Right, and hard on differences: of r = y^3 at 0 every central difference is above the derivative."""
+
+    truth, minimum = np.array([1.0, 0.0]), 0.0
+    slope = 0.0
+
+    def residuals(self, x):
+        return np.array([x[0] - 1.0, x[1] ** 3])
+
+    def jacobian(self, x):
+        return np.array([[1.0, 0.0], [0.0, 3 * x[1] ** 2 + self.slope * (x[1] == 0.0)]])
+
+
+class WrongAtItsTruth(FlatAtItsTruth):
+    slope = 1e-8
+
+
+class FillsOneArray(Valley):
+    """Right: it returns the same array at every call, filled anew."""
+
+    def __init__(self):
+        self.r = np.zeros(2)
+
+    def residuals(self, x):
+        self.r[:] = super().residuals(x)
+        return self.r
+
+
+class OpenAtItsBound(Valley):
+    """Right: it is not defined at its lower bound."""
+
+    batch = batch_below = None
+
+    def residuals(self, x):
+        if x[0] == -2.0:
+            raise ValueError("no answer at the bound")
+        return super().residuals(x)
+
+
 def fake(**changed: Any) -> Any:
     """Return a Valley with attributes or methods in the place of its own."""
     return type("Fake", (Valley,), changed)()
@@ -93,6 +138,7 @@ BROKEN: list[tuple[str, Callable[[], Any], str]] = [
     ("same_point_has_the_same_value", Counting, "the same x has the same value"),
     ("calls_leave_x_alone", Writing, "x changed by __call__"),
     ("calls_leave_x_alone", WritingTheBatch, "x changed by batch"),
+    ("calls_leave_x_alone", ClipsInPlace, "x changed by __call__"),
     (
         "value_is_the_sum_of_squared_residuals",
         lambda: fake(__call__=lambda self, x: 0.5 * Valley.__call__(self, x)), "the value is r @ r",
@@ -121,11 +167,15 @@ BROKEN: list[tuple[str, Callable[[], Any], str]] = [
         lambda: fake(jacobian=lambda self, x: Valley.jacobian(self, x)[:1]), r"the Jacobian has shape \(m, dim\)",
     ),
     ("truth_has_the_least_value", lambda: fake(truth=np.array([-1.9, -1.9])), "the truth has the least value"),
+    ("jacobian_agrees_with_differences", WrongAtItsTruth, r"in column 1 \(b\)"),
     ("no_value_lies_below_the_minimum", lambda: fake(minimum=50.0, targets=()), "no value is below minimum=50"),
+    ("no_value_lies_below_the_minimum", lambda: fake(minimum=1e-6, targets=()), "no value is below minimum=1e-06"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("problem", [Valley(), Noisy()], ids=["plain", "noisy"])
+@pytest.mark.parametrize(
+    "problem", [Valley(), Noisy(), FlatAtItsTruth(), FillsOneArray(), OpenAtItsBound()], ids=lambda p: type(p).__name__
+)
 def test_a_good_problem_keeps_every_law(problem: Any) -> None:
     testing.check_problem(problem)
 

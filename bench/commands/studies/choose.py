@@ -135,7 +135,7 @@ def _lines(chosen: Chosen) -> list[str]:
         )
         lines.append(f"gain over the default: {_change(chosen, found.gain, found.gain_interval)}; {says}")
     if chosen.without_answer:
-        how = "count as the worst of their instance" if chosen.by == "value" else "reached nothing"
+        how = "count as ten times the worst gap of their instance" if chosen.by == "value" else "reached nothing"
         lines.append(f"{counted(chosen.without_answer, 'run')} without an answer {how}")
     if chosen.left_out:
         what = "setting" if len(chosen.left_out) == 1 else "settings"

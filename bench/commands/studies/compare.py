@@ -122,6 +122,8 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
     for i, row in enumerate(cells.to_dict("records")):
         interval = f"{row['a12']:.2f} [{row['a12_low']:.2f}, {row['a12_high']:.2f}]"
         runs = counted(row["pairs"], "pair") if row["pairs"] else f"{row['runs_a']}, {row['runs_b']}"
+        alone = [f"{row[f'alone_{side}']} of {side.upper()}" for side in "ab" if row[f"alone_{side}"]]
+        runs += f" ({', '.join(alone)} without partner)" if alone else ""
         method = f"{methods[0]} -> {methods[1]}" if methods else names[i]
         other = "" if methods or not row["other_options"] else f" ({row['other_options']})"
         median = f"{_apart(row['best_median_a'], row['best_median_b'])}"

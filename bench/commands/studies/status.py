@@ -45,8 +45,11 @@ def lines_of(store: ResultStore, progress: SweepProgress) -> list[str]:
     if progress.mixed:
         told.append(
             f"{counted(progress.mixed, 'cell')} {'holds' if progress.mixed == 1 else 'hold'} runs of more than one "
-            "version of the code (column code_digest), kept with --keep; the same command with --rerun does them again"
+            "version of the code (column code_digest), kept with --keep or merged; the same command with --rerun does "
+            "them again"
         )
+    if progress.in_other_shards:
+        told.append(runs_of_other_shards(progress.in_other_shards))
     told += [f"  {run.line()}" for run in read_running(store.folder)]
     told += reason_lines(progress.reasons)
     cells = sorted(progress.left.items(), key=lambda item: -item[1])
@@ -54,6 +57,16 @@ def lines_of(store: ResultStore, progress: SweepProgress) -> list[str]:
     if len(cells) > _CELLS:
         told.append(f"          and {counted(len(cells) - _CELLS, 'cell')} more")
     return told
+
+
+def runs_of_other_shards(count: int) -> str:
+    """Return in words that runs of this sweep are in other shards.
+
+    >>> runs_of_other_shards(1)
+    '1 run of this sweep belongs to other shards and is not here'
+    """
+    verbs = ("belongs", "is") if count == 1 else ("belong", "are")
+    return f"{counted(count, 'run')} of this sweep {verbs[0]} to other shards and {verbs[1]} not here"
 
 
 def reason_lines(reasons: tuple[Reason, ...]) -> list[str]:

@@ -9,11 +9,12 @@ import pandas as pd
 
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_summary
+from calibench.bench.commands.studies.status import runs_of_other_shards
 from calibench.bench.papers.additions import ADDITIONS
 from calibench.bench.report.study.progress import report_progress
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics.cells import mixed_code
+from calibench.bench.statistics.cells import CELL, mixed_code
 from calibench.bench.statistics.names.labels import problem_titles
 from calibench.bench.store.merge import merge
 from calibench.bench.store.runs import ResultStore
@@ -62,6 +63,10 @@ def merge_studies(argv: list[str]) -> int:
     twice = f"; {counted(merged.twice, 'run')} stood in several folders" if merged.twice else ""
     left = f"; {merged.left} planned and not done" if merged.left else ""
     print(f"{counted(merged.runs, 'run')} in {to}/runs.parquet, traces.parquet{twice}{left}")
+    if merged.in_other_shards:
+        print(f"{runs_of_other_shards(merged.in_other_shards)}: merge those shards too, or the study is not whole")
+    if said := mixed_code(ResultStore(to).runs([*CELL, "code_digest"])):
+        print(said)
     return 0
 
 

@@ -60,6 +60,7 @@ def headline(
     runs: pd.DataFrame,
     problems: int,
     planned: Collection[str],
+    in_other_shards: Collection[str],
     about: str,
     answer: Answer,
     condition: bool = False,
@@ -67,7 +68,8 @@ def headline(
 ) -> Headline:
     """Return the head of the page: the counts, where the runs come from, and what was compared.
 
-    `planned` are the ids of the runs that the study is to have, `about` is a sentence on a prepared one, `answer` the
+    `planned` are the ids of the runs that the study is to have, `in_other_shards` of those that other shards of the
+    same sweep have and this study has not, `about` is a sentence on a prepared one, `answer` the
     three sentences. `condition` and `money` tell whether the page says anything of the one and the other.
     """
     failed = int((runs["status"] != "ok").sum())
@@ -84,6 +86,8 @@ def headline(
         Fact(str(len(cells)), plural("cell", len(cells))),
     ]  # fmt: skip
     facts += [Fact(count(left), "planned, not done yet", "bad")] if left else []
+    away = len(in_other_shards)
+    facts += [Fact(count(away), "of other shards, not here", "bad")] if away else []
     made = {
         "commit": study_origin.commits(runs),
         "Python": " / ".join(study_origin.versions(runs).get("python", [])),

@@ -37,6 +37,7 @@ from calibench.bench.statistics.comparison.many_methods import Ranked
 from calibench.bench.statistics.names.labels import in_order, method_labels
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.priced import key_of_costs, priced
+from calibench.bench.store.manifest import in_other_shards
 from calibench.bench.store.schema import HITS_SCHEMA, TRACES_SCHEMA
 from calibench.core.registry import about
 
@@ -124,8 +125,8 @@ class StudyPage:
             licence=licence(),
             numbers=as_json(explored(panels, self.traces, self.hits, cells, name)),
             head=study_summary.headline(
-                self.runs, len(groups), self.manifest.get("planned", {}), self.about,
-                answer(self.runs, cells, names), condition=not self.identifiability.empty, money=money,
+                self.runs, len(groups), self.manifest.get("planned", {}), self._in_other_shards(),
+                self.about, answer(self.runs, cells, names), condition=not self.identifiability.empty, money=money,
             ),
             contents=study_summary.contents(panels, names, cells),
             links=self._links(),
@@ -166,6 +167,10 @@ class StudyPage:
             else:
                 linked[name] = f"{path.parent.name}/{path.name}"
         return inside, linked
+
+    def _in_other_shards(self) -> set[str]:
+        """Return the ids of the runs of this sweep that other shards have and this study has not."""
+        return in_other_shards(self.manifest, set(self.runs["run_id"])) if self.manifest else set()
 
     @property
     def _costs(self) -> Sequence[Mapping[str, Any]]:

@@ -5,7 +5,8 @@ An instance is a problem with its options and data. Two scores, the smaller the 
 - ``value``: the mean of log10 gap over the runs of an instance, then over instances. The gap is the answer's value
   above the declared minimum; of a problem that declares none, the value itself, which must be above 0 (never what is
   above the best of the sweep: then one setting's luck would move the score of all). Values below the goal are tied. A
-  run without an answer counts as the worst one on its instance, of any setting.
+  run without an answer counts as a decade worse than the worst one on its instance, of any setting: were it as good as
+  that one, a setting that always fails would be tied with one that never does.
 - ``goal``: log10 ERT of the goal, all that the runs were charged until they reached it or in vain, over those that did.
 """
 
@@ -37,6 +38,7 @@ Array = NDArray[np.float64]
 By = Literal["value", "goal"]
 Over = Literal["instances", "seeds"]
 _LEAST = 1e-16  # the gap below which values are tied, where neither a goal nor the minimum says so
+_FAILED = 1.0  # decades above the worst answer of an instance, for a run without one
 NEEDED = [
     "run_id", "repetition", *PROBLEM, "optimizer", "optimizer_options", *SETTING, "targets", "status", "minimum",
     "best_value", "inside_box", "judged_value", "judged_evaluations", "hits_charged", "charged", "tampering",
@@ -251,5 +253,5 @@ def _scores(rows: pd.DataFrame, by: By) -> tuple[Array, Array, NDArray[np.bool_]
         level = goals[at[0]]
         floor = max(level - least if level == level else 0.0, float(np.spacing(abs(least))) / 2, _LEAST)
         logs[some] = np.log10(np.maximum(values[some] - least, floor))
-        logs[at[without[at]]] = logs[some].max()
+        logs[at[without[at]]] = logs[some].max() + _FAILED
     return logs, np.ones(len(rows)), without

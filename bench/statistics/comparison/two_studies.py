@@ -72,15 +72,20 @@ def compare(
 
     With `methods` the two are optimisers, by name, and cells are matched whatever their optimiser. Columns: problem,
     problem_options, data_id, optimizer, optimizer_options (of the first), other_options (of the second, where they
-    differ), start, budget, target, goal (NaN: none), unit (of the value), runs_a, runs_b, pairs (0: unpaired), test, p,
-    p_holm, p_sign, a12 with a12_low and a12_high (how often a run of the second beats one of the first), outside_a and
-    outside_b (answers outside the box), reached_a, reached_b, charged_to_target_a and _b, best_median_a and _b, verdict
-    (of the second), why.
+    differ), start, budget, target, goal (NaN: none), unit (of the value), runs_a, runs_b, pairs (0: unpaired), alone_a
+    and alone_b (runs without a partner, which are left out of pairs and of every number here), test, p, p_holm, p_sign,
+    a12 with a12_low and a12_high (how often a run of the second beats one of the first), outside_a and outside_b
+    (answers outside the box), reached_a, reached_b, charged_to_target_a and _b, best_median_a and _b, verdict (of the
+    second), why.
     """
     matched, only = _matched(first, second, methods)
-    found = [(pair, _tested(pair, by)) for pair in matched]
-    told = verdicts([result for _, result in found], by)
-    rows = [_row(pair, result, *said) for (pair, result), said in zip(found, told, strict=True)]
+    sides = [partners(pair.first, pair.second) for pair in matched]
+    results = [_tested(*side, by) for side in sides]
+    told = verdicts(results, by)
+    rows = [
+        _row(pair, side, result, p, *_of_runs(side, result, verdict, why, by))
+        for pair, side, result, (p, verdict, why) in zip(matched, sides, results, told, strict=True)
+    ]
     return Compared(pd.DataFrame(rows), *only)
 
 
@@ -143,7 +148,10 @@ def _value(key: str, value: Any) -> str:
     return option_text(key, value).removeprefix(f"{key}=")
 
 
-def partners(first: pd.DataFrame, second: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, bool]:
+Sides = tuple[pd.DataFrame, pd.DataFrame, bool]  # the runs of both that are compared, and whether they are pairs
+
+
+def partners(first: pd.DataFrame, second: pd.DataFrame) -> Sides:
     """Return the runs to compare, and whether they are pairs: runs of one repetition, which share data and start.
 
     They are where at least half of the runs of the larger side have a partner; then the others are left out.
@@ -156,28 +164,42 @@ def partners(first: pd.DataFrame, second: pd.DataFrame) -> tuple[pd.DataFrame, p
     return first, second, False
 
 
-def _tested(pair: Shared, by: By) -> Tested:
-    a, b, paired = partners(pair.first, pair.second)
-    chance = has_chance(a) or has_chance(b)
-    return two_methods(scores(a, by), scores(b, by), paired, chance)
+def _tested(first: pd.DataFrame, second: pd.DataFrame, paired: bool, by: By) -> Tested:
+    chance = has_chance(first) or has_chance(second)
+    return two_methods(scores(first, by), scores(second, by), paired, chance)
 
 
-def _row(pair: Shared, result: Tested, p: float, verdict: Verdict, why: str) -> dict[str, Any]:
+def _of_runs(side: Sides, result: Tested, verdict: Verdict, why: str, by: By) -> tuple[Verdict, str]:
+    """Return verdict and reason with what the scores alone do not tell: that nothing ended, that all is at the goal."""
+    first, second, _ = side
+    if result.test == "equal" and not any(np.isfinite(scores(runs, by)).all(axis=1).any() for runs in (first, second)):
+        if by == "charged":
+            return "undecided", "no run of either side ended well"
+        if not any(np.isfinite(answers(runs)).any() for runs in (first, second)):
+            return "undecided", "no run of either side found a value"
+    arrived = all(np.isfinite(goal_hits(runs)).all() for runs in (first, second))
+    if by == "value" and verdict in ("better", "worse") and arrived:
+        return verdict, f"{why}; but all runs are below the goal, where values may differ by rounding alone"
+    return verdict, why
+
+
+def _row(pair: Shared, side: Sides, result: Tested, p: float, verdict: Verdict, why: str) -> dict[str, Any]:
     row: dict[str, Any] = {name: pair.first[name].iloc[0] for name in (*PROBLEM, *METHOD)}
     row |= {"other_options": pair.other_options} | {name: pair.first[name].iloc[0] for name in SETTING}
     unit = pair.first["unit"].iloc[0]
     row |= {"goal": float(goals_of(pair.first)[0]), "unit": unit if isinstance(unit, str) else ""}
-    row |= {"runs_a": result.runs[0], "runs_b": result.runs[1], "pairs": result.pairs, "test": result.test}
+    row |= {"runs_a": result.runs[0], "runs_b": result.runs[1], "pairs": result.pairs}
+    row |= {"alone_a": len(pair.first) - len(side[0]), "alone_b": len(pair.second) - len(side[1]), "test": result.test}
     row |= {"p": result.p, "p_holm": p, "p_sign": result.sign_p}
     row |= {"a12": result.effect.a12, "a12_low": result.effect.low, "a12_high": result.effect.high}
-    for side, runs in (("a", pair.first), ("b", pair.second)):
+    for name, runs in (("a", side[0]), ("b", side[1])):  # of the runs that were tested
         hits = goal_hits(runs)
         values = answers(runs)
         row |= {
-            f"outside_{side}": int(outside_box(runs).sum()),
-            f"reached_{side}": int(np.isfinite(hits).sum()),
-            f"charged_to_target_{side}": median_of_reached(hits),
-            f"best_median_{side}": float(quantiles(values, (0.5,))[0]),
+            f"outside_{name}": int(outside_box(runs).sum()),
+            f"reached_{name}": int(np.isfinite(hits).sum()),
+            f"charged_to_target_{name}": median_of_reached(hits),
+            f"best_median_{name}": float(quantiles(values, (0.5,))[0]),
         }
     return row | {"verdict": verdict, "why": why}
 

@@ -37,6 +37,16 @@ def largest_error(joint: Joint) -> float:
     return thresholds().largest_angle if joint.unit == "rad" else np.inf
 
 
+def largest_slope(joint: Joint, column: Array, one: float) -> float:
+    """Return the coefficient of a column, (n,), at which the error of the joint is as large as errors may be.
+
+    It is in the unit that is `one` in that of the reading. The error is taken where the column is furthest from 0; a
+    cell without a number counts as 0.
+    """
+    furthest = float(np.max(np.abs(np.nan_to_num(np.asarray(column, dtype=float))), initial=0.0))
+    return largest_error(joint) / one / furthest if furthest > 0 else np.inf
+
+
 def told_in(joint: Joint) -> tuple[str, float]:
     """Return the unit in which errors of a joint are reported, and one of it in the unit of its reading."""
     return (joint.told, between(joint.reading, joint.told, joint.unit)) if joint.told else (joint.unit, 1.0)
@@ -104,8 +114,11 @@ def _compliance(family: EffectFamily, formulation: Formulation, target: str) -> 
 
     unit = f"{name}/{'(N mm)' if joint.kind == 'rotary' else 'N'}"
     return (
-        LinearEffect(family.name, target, family.formula, "reading", (torque,), ("kappa",), (unit,), unit, changes),
-    )
+        LinearEffect(
+            family.name, target, family.formula, "reading", (torque,), ("kappa",), (unit,), unit, changes,
+            largest=largest_slope(joint, formulation.data[torque], one),
+        ),
+    )  # fmt: skip
 
 
 def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -116,7 +129,12 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {joint.reading: data[joint.velocity][:, None] for joint in joints}
 
-    return (LinearEffect(family.name, target, family.formula, "reading", columns, ("tau",), ("s",), "s", changes),)
+    most = min(largest_slope(joint, formulation.data[joint.velocity], 1.0) for joint in joints)
+    return (
+        LinearEffect(
+            family.name, target, family.formula, "reading", columns, ("tau",), ("s",), "s", changes, largest=most
+        ),
+    )  # fmt: skip
 
 
 def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -132,7 +150,10 @@ def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
         def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
             return {joint.reading: one * (warmth(data, late, column, roles.time, run) - zero_at)[:, None]}
 
-        return LinearEffect(family.name, target, family.formula, "reading", (column,), ("a",), (unit,), unit, changes)
+        most = largest_slope(joint, warmth(run, late, column, roles.time, run) - zero_at, one)
+        return LinearEffect(
+            family.name, target, family.formula, "reading", (column,), ("a",), (unit,), unit, changes, largest=most
+        )  # fmt: skip
 
     return tuple(form(late) for late in time_constants(formulation.data, roles.time))
 
@@ -144,11 +165,12 @@ scale = recipe(
 )  # fmt: skip
 backlash = recipe(
     "backlash", "A drive has play", "reading_i -= play / 2 * direction_i", "reading", ("the direction",),
-    "that of the joint", "each joint", each_joint, _backlash,
+    "that of the joint", "each joint", each_joint, _backlash, never_negative="play",
 )  # fmt: skip
 compliance = recipe(
     "compliance", "A drive gives way to its torque, or its force", "reading_i -= kappa torque_i", "reading",
     ("the torque",), "that of the joint by N mm, or by N", "each joint", each_joint, _compliance,
+    never_negative="compliance",
 )  # fmt: skip
 lag = recipe(
     "lag", "A joint, or all of them, are read too early or too late", "reading_i += tau velocity_i", "reading",

@@ -22,6 +22,7 @@ from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
+from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 _MILLI = 1e-3
@@ -92,10 +93,14 @@ def _bends(formulation: Formulation, target: str) -> Built:
         across = moment - (moment @ joint.axis)[:, None] * joint.axis
         return {name: -across[:, i : i + 1] for i, name in enumerate(names)}
 
-    if not np.ptp(changes({}, formulation.data)[names[0]]) + np.ptp(changes({}, formulation.data)[names[1]]) > 0:
+    across = changes({}, formulation.data)
+    if not np.ptp(across[names[0]]) + np.ptp(across[names[1]]) > 0:
         raise NotTestable(f"gravity asks the same of {target} across its axis in every pose")
+    most = thresholds().largest_angle / max(float(np.max(np.abs(across[name]))) for name in names)
     return (
-        LinearEffect("bending", target, bending.formula, "link", (), ("k",), ("rad/(N mm)",), "rad/(N mm)", changes),
+        LinearEffect(
+            "bending", target, bending.formula, "link", (), ("k",), ("rad/(N mm)",), "rad/(N mm)", changes, largest=most
+        ),
     )  # fmt: skip
 
 

@@ -52,9 +52,24 @@ def _thermal(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     return (
         LinearEffect(
             "thermal_legs", target, thermal.formula, "link", columns, ("a",), ("mm/K",), "mm/K", changes,
-            along=_over("temperature", changes),
+            along=_warming(changes),
         ),
     )  # fmt: skip
+
+
+def _warming(changes: Callable[[Quantities, MeasuredData], dict[str, Array]]) -> Along:
+    """Return the times of both moments of each leg: legs do not warm up as the thermometer does, late ones least.
+
+    Where no times are measured, the temperatures stand for them.
+    """
+
+    def moments(data: MeasuredData) -> dict[str, Sequence[Moment]]:
+        if "t_s" not in data or "zero_t_s" not in data:
+            return dict(_over("temperature", changes)(data))
+        times = {name: "zero_t_s" if name.endswith("_zero") else "t_s" for name in changes({}, data)}
+        return {"time": [Moment(name, name, np.asarray(data[column], float)) for name, column in times.items()]}
+
+    return moments
 
 
 def _over(argument: str, changes: Callable[[Quantities, MeasuredData], dict[str, Array]]) -> Along:

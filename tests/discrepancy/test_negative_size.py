@@ -1,0 +1,28 @@
+"""A play or a compliance that comes out negative: a note says that its column, or its name, is not right."""
+
+import numpy as np
+import pytest
+
+from benchmarks.blind.gpm2002.simulate import case
+from calibench.discrepancy import MeasuredData, explain
+
+SAID = "a {} never is"
+
+
+@pytest.mark.parametrize(
+    ("family", "column", "what"), [("backlash", "dir_{}", "play"), ("compliance", "tau_{}", "compliance")]
+)
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_column_of_the_other_sign_is_told(family: str, column: str, what: str, turned: bool) -> None:
+    blind = case(730000, kind="one", family=family, lam=2.0)
+    columns = dict(blind.columns)
+    if turned:
+        columns |= {name: -np.asarray(columns[name]) for name in (column.format(i) for i in (1, 2, 3))}
+    report = explain("gpm2002", MeasuredData(columns, "gpm2002", blind.metadata, "case"))
+    [finding] = report.findings
+    assert finding.family == family
+    told = [note for note in report.notes if SAID.format(what) in note]
+    assert len(told) == turned
+    if turned:
+        assert "joint" in told[0]
+        assert "has the other sign" in told[0]
