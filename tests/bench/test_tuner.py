@@ -205,10 +205,11 @@ class Walk:
 """
 
 
-@pytest.fixture
-def walk(tmp_path) -> str:
-    (tmp_path / "walk.py").write_text(NESTED)
-    return f"{tmp_path / 'walk.py'}:Walk"
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory) -> str:
+    file = tmp_path_factory.mktemp("own") / "walk.py"
+    file.write_text(NESTED)
+    return f"{file}:Walk"
 
 
 def test_options_of_one_name_in_two_others_are_two_options(run_bench, tmp_path, walk) -> None:
@@ -224,6 +225,19 @@ def test_options_of_one_name_in_two_others_are_two_options(run_bench, tmp_path, 
     assert rows["opt.near.size"].nunique() == rows["opt.far.size"].nunique() == 4
     assert "near.size=" in out
     assert "(default)" in out
+
+
+def test_a_default_that_always_fails_does_not_end_the_search(run_bench, tmp_path, walk) -> None:
+    words = [*CELLS[:2], "budget=20", "seeds=1", f"optimizer={walk}", "optimizer.near.size=0.5", "tuner=optuna"]
+    code, out, err = run_bench(["run", *words, "optimizer.shrink=interval(0.5,1)", "tuner.trials=2", "study=none"])
+    assert code == 1, err
+    assert out.count("no score (a run without an answer") == 3  # the default and both trials
+    assert "18 failed, 0 have no row" in out
+    assert "what choosing is worth is not told" in out
+    mixed = [word for word in words if "near" not in word] + ["optimizer.far.size=0.2,0.6", "optimizer.near.size=0.3"]
+    code, out, _ = run_bench(["run", *mixed, "tuner.trials=6", "tuner.sampler=random"])
+    assert 0 < out.count("no score") < 6  # 0.2 fails, 0.6 does not
+    assert code == 1
 
 
 def test_one_option_by_two_words_is_refused(walk) -> None:
