@@ -40,10 +40,12 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   discover machine=NAME data=FILE|GLOB|FOLDER|NAME [OPTION=V] [study=NAME] [results=DIR] [execution=serial|processes]
       [pages=auto|all|none] [--json] [--retry]         what the model is missing: where, which effect, how large;
                                                        OPTION: what a file should state and does not (sigma_enc=5e-5)
-  calibrate urdf=FILE data=FILE|GLOB|FOLDER [machine.tip=LINK] [machine.observe=position|pose|sockets]
+  calibrate urdf=FILE|dh=TABLE [convention=standard|modified] data=FILE|GLOB|FOLDER
+      [machine.tip=LINK] [machine.observe=position|pose|sockets]
       [columns=.. units=..] [rotation=rpy|xyz|vector] [distance=MM] [sigma_distance=MM]
       [level=auto|frames|zeros|geometry|gains] [--json]
-                                                       a robot arm: a calibrated URDF, its errors on held-out poses
+                                                       a robot arm: a calibrated URDF, its errors on held-out poses;
+                                                       dh=: from a table of Denavit and Hartenberg, and one out
   design machine=NAME data=FILE|plan=NAME [plan.OPTION=V] [size=SIGMAS] [next=K] [rivals=A,B] [--json]
                                                        what such data could and could not tell apart, before fitting
   status [--watch] STUDY_DIR                           how far a sweep is, what failed and why; --watch: until its end

@@ -3,6 +3,10 @@
 The levels (frames, zeros, geometry, gains) are fitted one after the other. The level that predicts held-out poses best
 is written; a richer level must be better by more than chance would make it, otherwise the simpler one is taken. A URDF
 has no place for gains, so they are written only on request, and reported otherwise.
+
+Where the file holds rows back, the others alone are fitted: they choose the level by cross-validation among themselves,
+and are what is written. The errors that are told are then of the rows held back. Otherwise all rows are fitted, and the
+errors are cross-validated.
 """
 
 from __future__ import annotations
@@ -11,23 +15,21 @@ from time import perf_counter
 
 import numpy as np
 
+from calibench.bench.calibration.described import Written, described_by
 from calibench.bench.calibration.files import read_table
-from calibench.bench.calibration.fit import LEVELS, Fit, fitted, norms, order_of
-from calibench.bench.calibration.judged import FOLDS, HeldOut, folds_of, held_out, resampled, rms, rms_interval
+from calibench.bench.calibration.fit import LEVELS, Fit, far_out, fitted, norms, order_of
+from calibench.bench.calibration.judged import FOLDS, HeldOut, crossed_out, predicted, resampled, rms, rms_interval
 from calibench.bench.calibration.model import ArmModel, model_of
 from calibench.bench.calibration.readings import Index, Mask, Readings, longer_than_urdf, poses_of, read_readings
-from calibench.bench.calibration.report.diff import changes_of, changes_of_tip, origins_of, placement, undetermined_of
+from calibench.bench.calibration.report.diff import changes_of, placement, undetermined_of
 from calibench.bench.calibration.report.parts import by_joint, by_region
 from calibench.bench.calibration.report.result import Calibration, Drawn, Error, Wild
-from calibench.bench.calibration.report.urdf_text import calibrated
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.start import started
 from calibench.core.counted import plain
-from calibench.core.data_file import LARGEST_TEXT, read_whole
 from calibench.core.one_thread import one_thread
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import rpy_of
-from calibench.problems.arm.chains.urdf import parse_urdf
 from calibench.problems.arm.stands import stepped
 from calibench.problems.base import Array
 
@@ -36,52 +38,47 @@ WRITTEN = ("frames", "zeros", "geometry")
 
 
 @one_thread()
-def calibrate(request: CalibrateRequest) -> tuple[Calibration, bytes, Readings]:
-    """Return the calibration, the text of the calibrated URDF, and the readings. Raises `ValueError`, in one line."""
+def calibrate(request: CalibrateRequest) -> tuple[Calibration, Written, Readings]:
+    """Return the calibration, the files of the calibrated arm, and the readings. Raises `ValueError`, in one line."""
     began = perf_counter()
-    text = _urdf_text(request)
-    robot = parse_urdf(text, str(request.urdf), "machine.")
-    chain = robot.chain(request.base, request.tip)
+    arm = described_by(request)
+    chain = arm.chain
     table = read_table(request.data, request.stated)
     rotation = request.rotation or str(table.stated.get("rotation", ""))
     readings = read_readings(table, chain, request.observe, request.limits)
     _refuse_unused(request, readings)
-    start = started(readings, chain, rotation)
-    readings = start.readings
-    model = model_of(chain, readings, start.base, start.tool, request.distance, request.sigma_distance)
-    fits = _fits(model, readings)
-    fold = folds_of(model, readings.hold)
-    judged = {level: held_out(fits[level], order_of(model.names, level), fold) for level in LEVELS}
-    poses = np.arange(len(readings)) if model.position is None else poses_of(readings.joints)
-    chosen = _chosen(judged, fits, poses) if request.level == "auto" else request.level
+    train = np.ones(len(readings), dtype=bool) if readings.hold is None else ~readings.hold
+    begin = started(readings.where(train), chain, rotation)
+    readings = begin.readings if train.all() else started(readings, chain, rotation).readings
+    model = model_of(chain, readings, begin.base, begin.tool, request.distance, request.sigma_distance, arm.table)
+    fits = _fits(model.at(train).numbered(), readings)
+    crossed = {level: crossed_out(fits[level], order_of(model.names, level, model.sliding)) for level in LEVELS}
+    poses = _poses(model)
+    chosen = _chosen(crossed, fits, poses[train]) if request.level == "auto" else request.level
     fit = fits[chosen]
+    judged, wild = (crossed, fit.wild) if train.all() else _of_hold(fits, chosen, model, train)
     draws = resampled(fit, request.resamples)
-    known = ~fit.wild
-    levels = tuple(_error(level, judged[level], known, poses, request.distance) for level in LEVELS)
-    notes = (*readings.notes, *_notes(levels, chosen, model, readings), *_many_wild(fit), *_step(fit, readings))
-    before, after = (np.where(known, judged[level].left, np.nan) for level in ("frames", chosen))
-    place = _in_base(fit)
-    drawn = Drawn(readings.joints, chain.driven, place, before, after)
-    origins = origins_of(robot, fit, request.tip)
-    changes = changes_of(fit, draws) + changes_of_tip(robot, fit, request.tip, draws)
-    written = calibrated(text, origins, _comment(request, levels, chosen, len(readings))) if origins else text
+    levels = tuple(_error(level, judged[level], ~wild, poses, request.distance) for level in LEVELS)
+    fitted_rows = readings.where(train)
+    notes = (
+        *arm.notes, *readings.notes, *_notes(levels, chosen, model, fitted_rows), *_many_wild(wild),
+        *_step(fit, fitted_rows), *_again(poses, train),
+    )  # fmt: skip
+    before, after = (np.where(wild, np.nan, judged[level].left) for level in ("frames", chosen))
+    drawn = Drawn(readings.joints, chain.driven, _in_base(fit, model), before, after)
+    changes = changes_of(fit, draws) + arm.more_changes(fit, draws)
+    written = arm.written(fit, changes, _comment(request, levels, chosen, train))
     return (
         Calibration(
-            table.name, str(request.urdf), readings.observed, chain.base, chain.tip, chain.driven, len(readings),
-            _folds_told(model, readings), chosen, levels, changes, undetermined_of(fit, draws), _wild(fit, readings),
-            by_region(drawn), by_joint(drawn, chain), _frames(fit), (fit.model.sigma[0], fit.model.sigma[1]),
-            tuple(dict.fromkeys(notes)), perf_counter() - began, {}, drawn,
+            table.name, str(arm.path), chain.told, readings.observed, chain.base, chain.tip, chain.driven,
+            len(readings), int(train.sum()), _folds_told(model, readings), chosen, levels, changes,
+            undetermined_of(fit, draws), _wild(fit, model, wild, readings), by_region(drawn),
+            by_joint(drawn, chain), _frames(fit), (fit.model.sigma[0], fit.model.sigma[1]), tuple(dict.fromkeys(notes)),
+            perf_counter() - began, {}, drawn,
         ),
         written,
         readings,
     )  # fmt: skip
-
-
-def _urdf_text(request: CalibrateRequest) -> bytes:
-    try:
-        return read_whole(request.urdf, LARGEST_TEXT)
-    except OSError as error:
-        raise ValueError(f"urdf={request.urdf}: cannot be read: {error.strerror or error}") from None
 
 
 def _refuse_unused(request: CalibrateRequest, readings: Readings) -> None:
@@ -97,10 +94,30 @@ def _fits(model: ArmModel, readings: Readings) -> dict[str, Fit]:
     for level in LEVELS:
         before = next(reversed(fits.values()), None)
         try:
-            fits[level] = fitted(model, order_of(model.names, level), None if before is None else before.p)
+            fits[level] = fitted(
+                model, order_of(model.names, level, model.sliding), None if before is None else before.p
+            )
         except ValueError as error:
             raise DataError(f"{error}{longer_than_urdf(readings.table, readings.matched)}") from None
     return fits
+
+
+def _poses(model: ArmModel) -> Index:
+    """Return the number of each row's pose, (n,); a posture of a ball in a socket is one of its own."""
+    return np.arange(len(model.joints)) if model.position is None else poses_of(model.joints)
+
+
+def _of_hold(fits: dict[str, Fit], chosen: str, model: ArmModel, train: Mask) -> tuple[dict[str, HeldOut], Mask]:
+    """Return the errors of the rows that the file holds back, by fits to the others; which of all rows are wild, (n,).
+
+    A row that is held back is wild as a fitted one is, but beside the rows that are held back.
+    """
+    judged = {level: predicted(fits[level], model, ~train) for level in LEVELS}
+    wild = np.zeros(len(train), dtype=bool)
+    wild[train] = fits[chosen].wild
+    for size in (judged[chosen].left, judged[chosen].turned):
+        wild[~train] |= False if size is None else far_out(size[~train])
+    return judged, wild
 
 
 def _chosen(judged: dict[str, HeldOut], fits: dict[str, Fit], poses: Index) -> str:
@@ -136,23 +153,26 @@ def _notes(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Re
     by = {error.level: error for error in levels}
     said = []
     if model.position is None and not model.distance:
-        said.append("distance= of the two sockets is not stated, so nothing fixes how large the arm is but its URDF")
+        said.append(
+            f"distance= of the two sockets is not stated, so nothing fixes how large the arm is but its "
+            f"{model.chain.told}"
+        )
     if chosen != "gains" and by["gains"].ci95[1] < by["geometry"].rms:
         said.append(
             f"with a scale for each joint's reading the error would be {plain(by['gains'].rms, 3)} mm instead of "
-            f"{plain(by['geometry'].rms, 3)}; a URDF has no place for it: the joints bend or their gears err, and "
-            "bench discover machine=arm looks for what does"
+            f"{plain(by['geometry'].rms, 3)}; a {model.chain.told} has no place for it: the joints bend or "
+            "their gears err, and bench discover machine=arm looks for what does"
         )
     if (poses := len(np.unique(poses_of(readings.joints)))) < 40:
         said.append(f"{poses} poses are few: some 40 make the numbers sure, and bench design says which")
     return said
 
 
-def _many_wild(fit: Fit) -> list[str]:
-    if fit.wild.mean() <= _MANY:
+def _many_wild(wild: Mask) -> list[str]:
+    if wild.mean() <= _MANY:
         return []
     return [
-        f"{int(fit.wild.sum())} of {len(fit.wild)} poses are wild, and that many have a cause: a target that was "
+        f"{int(wild.sum())} of {len(wild)} poses are wild, and that many have a cause: a target that was "
         "loose, another arm position than was written down, or two tables mixed"
     ]
 
@@ -172,9 +192,15 @@ def _step(fit: Fit, readings: Readings) -> list[str]:
     ]
 
 
-def _wild(fit: Fit, readings: Readings) -> tuple[Wild, ...]:
-    size = norms(fit.model.errors(fit.p, fit.weights))
-    order = sorted(np.flatnonzero(fit.wild), key=lambda i: -size[i])
+def _again(poses: Index, train: Mask) -> list[str]:
+    """Return a remark where poses that are held back were fitted as well: they say little of others."""
+    again = int(np.isin(poses[~train], poses[train]).sum())
+    return [f"{again} of {int((~train).sum())} rows that are held back repeat a pose that was fitted"] if again else []
+
+
+def _wild(fit: Fit, model: ArmModel, wild: Mask, readings: Readings) -> tuple[Wild, ...]:
+    size = norms(model.errors(fit.p, np.where(wild, 0.0, 1.0)))
+    order = sorted(np.flatnonzero(wild), key=lambda i: -size[i])
     return tuple(Wild(readings.told(int(i)), float(size[i])) for i in order)
 
 
@@ -199,15 +225,16 @@ def _frames(fit: Fit) -> dict[str, tuple[float, ...]]:
     return {"base": (*base[:3, 3], *rpy_of(base)), "target": (*tool[:3, 3], *rpy_of(tool))}
 
 
-def _in_base(fit: Fit) -> Array:
-    """Return where the target is in the arm's base, (n, 3) [mm]."""
-    base = fit.model.chain.mount @ placement(fit, "base")
-    return np.asarray((np.linalg.inv(base) @ fit.model.placed(fit.p))[:, :3, 3])
+def _in_base(fit: Fit, model: ArmModel) -> Array:
+    """Return where the target is in the arm's base at each reading of `model`, (n, 3) [mm]."""
+    base = model.chain.mount @ placement(fit, "base")
+    return np.asarray((np.linalg.inv(base) @ model.placed(fit.p))[:, :3, 3])
 
 
-def _comment(request: CalibrateRequest, levels: tuple[Error, ...], chosen: str, poses: int) -> str:
+def _comment(request: CalibrateRequest, levels: tuple[Error, ...], chosen: str, train: Mask) -> str:
     by = {error.level: error for error in levels}
+    poses = f"{len(train)} poses" if train.all() else f"{int(train.sum())} of {len(train)} poses"
     return (
-        f"calibrated by bench calibrate from {request.data}, {poses} poses; error of poses not fitted: "
+        f"calibrated by bench calibrate from {request.data}, {poses}; error of poses not fitted: "
         f"{plain(by['frames'].rms, 3)} mm before, {plain(by[chosen].rms, 3)} mm after (rms)"
     )

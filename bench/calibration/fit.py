@@ -10,7 +10,7 @@ there.)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -53,18 +53,27 @@ class Fit:
 
 
 LEVELS = ("frames", "zeros", "geometry", "gains")
-_RANK = {"base": 0, "tool": 1, "zero": 2, "x": 3, "y": 3, "z": 5, "rx": 4, "ry": 4, "rz": 6, "gain": 7}
+_RANK = {
+    "base": 0, "tool": 1, "zero": 2, "x": 3, "y": 3, "z": 5, "rx": 4, "ry": 4, "rz": 6, "gain": 7,
+    "theta": 2, "a": 3, "alpha": 4, "beta": 5, "d": 6,
+}  # fmt: skip  # of a URDF, and of a table
+_OF_SLIDING = {"d": 2, "theta": 4}  # the zero of a joint that slides is a length
 _UP_TO = {"frames": 1, "zeros": 2, "geometry": 6, "gains": 7}
 
 
-def order_of(names: Sequence[str], level: str) -> list[int]:
+def order_of(names: Sequence[str], level: str, sliding: Collection[str] = ()) -> list[int]:
     """Return which parameters a level frees, in the order in which similar ones are kept.
 
     `frames` are base and tool, which must be found even for a perfect arm; `zeros` are the joints' zeros beside them,
-    `geometry` lengths and angles as well, `gains` the scale of each joint's reading too.
+    `geometry` lengths and angles as well, `gains` the scale of each joint's reading too. Of a table's offsets d along
+    axes that are parallel the last is kept, as Hayati and Mirmirani have it. `sliding` names the joints that slide.
     """
-    ranks = [(_RANK[name.partition("_")[0]], k) for k, name in enumerate(names)]
-    return [k for rank, k in sorted(ranks) if rank <= _UP_TO[level]]
+    ranks = []
+    for k, name in enumerate(names):
+        kind, _, joint = name.partition("_")
+        rank = _OF_SLIDING.get(kind, _RANK[kind]) if joint in sliding else _RANK[kind]
+        ranks.append((rank, -k if kind == "d" else k, k))
+    return [k for rank, _, k in sorted(ranks) if rank <= _UP_TO[level]]
 
 
 def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, hopeful: bool = False) -> Index:
@@ -206,6 +215,12 @@ def _scattered(model: ArmModel, p: Array, wild: Mask) -> tuple[ArmModel, Mask]:
     return replace(model, sigma=(sigma[0], sigma[1])), far
 
 
+def far_out(size: Array) -> Mask:
+    """Return which errors (n,) are wild beside the others, (n,); none where so many are that they are no accident."""
+    far: Mask = np.asarray(size > _WILD * max(float(np.median(size)), 1e3 * _FLOOR))
+    return np.zeros(len(size), dtype=bool) if far.mean() > _MOST else far
+
+
 def _by_socket(model: ArmModel, p: Array, weights: Array) -> ArmModel:
     """Return the model with a separate scatter for each socket: errors that no geometry explains differ by place.
 
@@ -252,4 +267,6 @@ def _stacked_residuals(rows: Array, more: Array, weights: Array) -> Array:
 
 def is_length(name: str) -> bool:
     """Return whether a parameter is a length [mm]; the others are angles, or gains."""
-    return name.partition("_")[0] in ("x", "y", "z") or name in {f"{f}_{a}" for f in ("base", "tool") for a in "xyz"}
+    return name.partition("_")[0] in ("x", "y", "z", "a", "d") or name in {
+        f"{f}_{a}" for f in ("base", "tool") for a in "xyz"
+    }

@@ -1,8 +1,9 @@
 """How good a calibration is: errors of poses that were not fitted, and intervals of the parameters.
 
 Every pose is held out once, with all its repeats. Each of five folds has every fifth pose (of a tool with sockets,
-whole places), and is predicted by a fit to the other folds. A file that says which rows it holds back has one such
-fold. Intervals come from a bootstrap: poses are drawn with replacement, with one step of the adjustment for each draw.
+whole places), and is predicted by a fit to the other folds. Of a file that says which rows it holds back, these are
+predicted by the fit to the others, and the folds are of the others. Intervals come from a bootstrap: poses are drawn
+with replacement, with one step of the adjustment for each draw.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _FAR = 6.0  # times the median: a posture beyond has no influence on the point o
 @final
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Errors of poses that were not fitted: `left` (n,) [mm] and `turned` (n,) [rad] or None; NaN where always fitted.
+    """Errors of poses that were not fitted: `left` (n,) [mm] and `turned` (n,) [rad] or None; NaN where they were.
 
     `spans` (d,) [mm] are the distances of the two sockets of each place that was held out; empty without sockets.
     """
@@ -36,10 +37,31 @@ class HeldOut:
     spans: Array
 
 
-def folds_of(model: ArmModel, hold: Mask | None, count: int = FOLDS) -> Index:
-    """Return the fold of each pose, (n,); -1 for poses that are fitted always."""
-    if hold is not None:
-        return np.where(hold, 0, -1)
+def predicted(fit: Fit, model: ArmModel, there: Mask) -> HeldOut:
+    """Return the errors by `fit` of the poses of `model` that are `there` (n,), none of which it was fitted to."""
+    left, turned = np.full(len(there), np.nan), np.full(len(there), np.nan)
+    spans = _put(fit.p, model, there, left, turned)
+    return HeldOut(left, None if model.turns is None else turned, spans)
+
+
+def _put(p: Array, model: ArmModel, there: Mask, left: Array, turned: Array) -> Array:
+    """Write the errors of the poses that are `there` into `left` and `turned` (n,); return the spans of sockets."""
+    part = model.at(there).numbered()
+    say = _say(part, p)
+    way, angle = part.errors(p, say)
+    left[there] = norms((way, None))
+    if angle is not None:
+        turned[there] = np.sqrt((angle**2).sum(axis=1))
+    return part.spans(p, say) if part.position is None else np.zeros(0)
+
+
+def crossed_out(fit: Fit, order: Sequence[int]) -> HeldOut:
+    """Return the errors of all poses of `fit`, each by a fit of the parameters in `order` to those of other folds."""
+    return held_out(fit, order, folds_of(fit.model))
+
+
+def folds_of(model: ArmModel, count: int = FOLDS) -> Index:
+    """Return the fold of each pose, (n,)."""
     places = np.unique(model.place)
     if model.position is None and len(places) > 1:
         return np.asarray(np.searchsorted(places, model.place) % min(count, len(places)))
@@ -53,14 +75,7 @@ def held_out(fit: Fit, order: Sequence[int], fold: Index) -> HeldOut:
     for k in range(int(fold.max()) + 1):
         there = fold == k
         p = fitted_from(fit, order, ~there)
-        part = fit.model.at(there).numbered()
-        say = _say(part, p)
-        way, angle = part.errors(p, say)
-        left[there] = norms((way, None))
-        if angle is not None:
-            turned[there] = np.sqrt((angle**2).sum(axis=1))
-        if part.position is None:
-            spans = np.concatenate([spans, part.spans(p, say)])
+        spans = np.concatenate([spans, _put(p, fit.model, there, left, turned)])
     return HeldOut(left, None if fit.model.turns is None else turned, spans)
 
 

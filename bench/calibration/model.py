@@ -1,7 +1,8 @@
 """`ArmModel`: the small errors of an arm, and the residuals that they leave of its readings.
 
 The frames that were found are in the chain, so that every parameter is a small number around 0: `base_x` ... `tool_rz`
-correct them, `x_J` ... `rz_J` the placement of joint J, `zero_J` its zero, `gain_J` its scale.
+correct them, `x_J` ... `rz_J` the placement of joint J, `zero_J` its zero, `gain_J` its scale. Of an arm that a table
+describes they are errors of the table's own numbers instead: `theta_J`, `d_J`, `a_J`, `alpha_J`, `beta_J`.
 
 Residuals are (n, c), in units of the noise of each kind of reading. For a ball in sockets they are the vector from the
 mean point of its socket, and one more for each pair of sockets whose distance is known.
@@ -16,6 +17,8 @@ import numpy as np
 
 from calibench.bench.calibration.readings import Index, Mask, Readings
 from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.chains.dh_arm import DhArm
+from calibench.problems.arm.chains.dh_table import DhTable
 from calibench.problems.arm.chains.kinematics import forward, jacobian, nominal, parameter_names
 from calibench.problems.base import Array
 
@@ -29,7 +32,7 @@ class ArmModel:
 
     `sigma` is the noise of a position [mm] and of a rotation [rad]; `distance` that of two sockets of a place [mm], 0
     where it is not known, and `sigma_distance` how well [mm]. `scatter` (n,) is how many times as far as others the
-    readings of a socket lie apart; None where all are alike.
+    readings of a socket lie apart; None where all are alike. `rows` is the arm of a table; None for that of a URDF.
     """
 
     chain: Chain
@@ -42,16 +45,22 @@ class ArmModel:
     distance: float = 0.0
     sigma_distance: float = KNOWN_TO
     scatter: Array | None = None
+    rows: DhArm | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """Return the names of all parameters."""
-        return parameter_names(self.chain)
+        return parameter_names(self.chain) if self.rows is None else self.rows.names
+
+    @property
+    def sliding(self) -> frozenset[str]:
+        """Return the joints that slide."""
+        return frozenset(joint.name for joint in self.chain.joints if joint.kind == "sliding")
 
     @property
     def start(self) -> Array:
         """Return the nominal parameters: nothing is wrong."""
-        return nominal(self.chain)
+        return nominal(self.chain) if self.rows is None else self.rows.nominal
 
     @property
     def of_rows(self) -> Array:
@@ -73,7 +82,7 @@ class ArmModel:
 
     def placed(self, p: Array) -> Array:
         """Return the target's pose at each reading, (n, 4, 4)."""
-        return forward(self.chain, p, self.joints)
+        return forward(self.chain, p, self.joints) if self.rows is None else self.rows.forward(p, self.joints)
 
     def errors(self, p: Array, weights: Array | None = None) -> tuple[Array, Array | None]:
         """Return the residual position, (n, 3) [mm], and the residual rotation as a vector, (n, 3) [rad] or None.
@@ -96,7 +105,8 @@ class ArmModel:
 
     def jacobian(self, p: Array, kept: Index, weights: Array) -> tuple[Array, Array]:
         """Return the derivatives of `residuals` in the parameters `kept`: (n, c, k) and (d, k)."""
-        slopes = jacobian(self.chain, p, self.joints)[:, :, kept]
+        of = self.rows
+        slopes = (jacobian(self.chain, p, self.joints) if of is None else of.jacobian(p, self.joints))[:, :, kept]
         if self.position is not None:
             over = slopes[:, :3] / self.sigma[0]
             if self.turns is not None:
@@ -153,11 +163,13 @@ def vector_between(a: Array, b: Array) -> Array:
 
 
 def model_of(
-    chain: Chain, readings: Readings, base: Array, tool: Array, distance: float = 0.0, known_to: float = KNOWN_TO
-) -> ArmModel:
-    """Return the model of `readings` with the frames that were found in its chain."""
+    chain: Chain, readings: Readings, base: Array, tool: Array, distance: float = 0.0, known_to: float = KNOWN_TO,
+    table: DhTable | None = None,
+) -> ArmModel:  # fmt: skip
+    """Return the model of `readings` with the frames that were found in its chain; of a `table` its numbers."""
+    placed = chain.placed(base, chain.tool @ tool)
     return ArmModel(
-        chain.placed(base, chain.tool @ tool),
+        placed,
         readings.joints,
         readings.position,
         readings.turns,
@@ -165,4 +177,5 @@ def model_of(
         readings.place,
         distance=distance,
         sigma_distance=known_to,
+        rows=None if table is None else DhArm(table, placed.mount, placed.tool),
     )

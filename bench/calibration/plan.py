@@ -14,12 +14,16 @@ from calibench.bench.calibration.fit import Fit, determined, fitted, is_length, 
 from calibench.bench.calibration.model import ArmModel, model_of
 from calibench.bench.calibration.poses import By, Chosen, chosen_poses
 from calibench.bench.calibration.readings import Index, read_readings
+from calibench.bench.calibration.request import check_description
 from calibench.bench.calibration.start import started
 from calibench.bench.measured.renamed import pairs_of
 from calibench.bench.sweep.words.pairs import json_or_text, read_pairs
 from calibench.bench.sweep.words.values import RequestError
 from calibench.core.options import coerce
 from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.chains.dh_arm import DhArm
+from calibench.problems.arm.chains.dh_file import read_dh
+from calibench.problems.arm.chains.dh_table import DhTable
 from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.base import Array
@@ -28,9 +32,10 @@ _POOL, _WORKSPACE = 600, 200  # random poses: to choose from, and to compute the
 _MOST = 200
 _NOT_KNOWN = "collisions and the line of sight are not known here: leave out what cannot be reached"
 _TURN = np.pi  # of a joint without limits
-Limits = Literal["urdf", "data"]
+Limits = Literal["urdf", "table", "data"]
 _KEYS = {
-    "machine": "arm", "machine.urdf": "my.urdf", "machine.tip": "tool0", "machine.base": "base_link",
+    "machine": "arm", "machine.urdf": "my.urdf", "machine.dh": "my_table.csv", "machine.convention": "standard",
+    "machine.tip": "tool0", "machine.base": "base_link",
     "machine.observe": "position", "data": "my.csv", "columns": '{"x":"Weg X"}', "units": "x1:mm", "rotation": "rpy",
     "plan.n": "20", "plan.by": "D", "plan.sigma": "0.05", "plan.sigma_rotation": "0.0005", "plan.target": "[0,100,100]",
     "plan.limits": "data", "plan.box": "[300,900,-500,500,0,800]", "plan.seed": "0", "plan.to": "poses.csv",
@@ -96,15 +101,11 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
             f"machine.observe={observe}: poses are proposed for position|pose; with a ball in sockets take as many "
             "postures as the arm can reach in each, and places far apart"
         )
-    if "machine.urdf" not in given:
-        raise RequestError("machine.urdf= is missing: the arm's description, such as machine.urdf=my.urdf")
-    chain = read_urdf(given["machine.urdf"], "machine.").chain(
-        given.get("machine.base", ""), given.get("machine.tip", "")
-    )
+    chain, table = _described(given)
     rng = np.random.default_rng(
         np.random.SeedSequence([coerce("plan.seed", json_or_text(given.get("plan.seed", "0")), int), 7])
     )
-    fit, notes = _measured(given, chain, observe) if "data" in given else (None, ())
+    fit, notes = _measured(given, chain, table, observe) if "data" in given else (None, ())
     usual = (0.05, 0.0005) if fit is None else fit.model.sigma
     sigma = _noise(given, "plan.sigma", usual[0], "mm")
     turned = _noise(given, "plan.sigma_rotation", usual[1], "rad")
@@ -112,7 +113,7 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
     if limits == "data" and fit is None:
         raise RequestError("plan.limits=data: goes with data=FILE, whose joints' ranges are kept to")
     pool = _random(chain, fit, limits, rng, _POOL + _WORKSPACE, _box(given))
-    model, p = _model(given, chain, fit, observe, sigma, turned)
+    model, p = _model(given, chain, table, fit, observe, sigma, turned)
     rows, kept = _rows(model, p, pool, fit)
     scale = np.array([1.0 if is_length(model.names[k]) else 1e-3 for k in kept])
     joints = np.array([not model.names[k].startswith(("base_", "tool_")) for k in kept])
@@ -131,7 +132,8 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
     if to is not None and not to.parent.is_dir():
         raise RequestError(f"plan.to={to}: there is no folder {to.parent}")
     return Planned(
-        chain, taken, target, chosen, sigma, 0 if fit is None else int((~fit.wild).sum()), int(joints.sum()), limits,
+        chain, taken, target, chosen, sigma, 0 if fit is None else int((~fit.wild).sum()), int(joints.sum()),
+        "data" if limits == "data" else "urdf" if table is None else "table",
         (*notes, *_without_stops(chain, limits), _NOT_KNOWN),
     ), to  # fmt: skip
 
@@ -150,21 +152,44 @@ def _without_stops(chain: Chain, limits: Limits) -> list[str]:
     if limits == "data" or not open_:
         return []
     wide = {"±180°" if joint.kind == "rotary" else "±1 m": None for joint in open_}
-    return [f"{', '.join(j.name for j in open_)}: no limits in the URDF, {' and '.join(wide)} are taken"]
+    return [f"{', '.join(j.name for j in open_)}: no limits in the {chain.told}, {' and '.join(wide)} are taken"]
 
 
-def _measured(given: Mapping[str, str], chain: Chain, observe: str) -> tuple[Fit, tuple[str, ...]]:
+def _described(given: Mapping[str, str]) -> tuple[Chain, DhTable | None]:
+    """Return the chain of the URDF or of the table, and the table."""
+    urdf, dh, convention = (given.get(f"machine.{key}", "") for key in ("urdf", "dh", "convention"))
+    check_description(urdf, dh, convention, given, "machine.")
+    if dh:
+        table = read_dh(dh, convention, "machine.")
+        return table.chain, table
+    if not urdf:
+        raise RequestError(
+            "machine.urdf= is missing: the arm's description, such as machine.urdf=my.urdf, or machine.dh=table.csv "
+            "where it has a table of joints"
+        )
+    return read_urdf(urdf, "machine.").chain(given.get("machine.base", ""), given.get("machine.tip", "")), None
+
+
+def _measured(
+    given: Mapping[str, str], chain: Chain, table: DhTable | None, observe: str
+) -> tuple[Fit, tuple[str, ...]]:
     """Return the calibration of what has been measured, to which poses are added."""
     stated = {key: pairs_of(key, given[key]) for key in ("columns", "units") if key in given}
     start = started(read_readings(read_table(given["data"], stated), chain, observe), chain, given.get("rotation", ""))
     if start.readings.position is None:
         raise RequestError("data=: holds a ball in sockets; poses are proposed for a measured position or pose")
-    model = model_of(chain, start.readings, start.base, start.tool)
-    return fitted(model, order_of(model.names, "geometry")), start.readings.notes
+    model = model_of(chain, start.readings, start.base, start.tool, table=table)
+    return fitted(model, order_of(model.names, "geometry", model.sliding)), start.readings.notes
 
 
 def _model(
-    given: Mapping[str, str], chain: Chain, fit: Fit | None, observe: str, sigma: float, turned: float
+    given: Mapping[str, str],
+    chain: Chain,
+    table: DhTable | None,
+    fit: Fit | None,
+    observe: str,
+    sigma: float,
+    turned: float,
 ) -> tuple[ArmModel, Array]:
     """Return a model with the observations of the measurement to come, and the parameters at which it is linearised."""
     if fit is not None:
@@ -175,10 +200,10 @@ def _model(
     turns = np.zeros((0, 3, 3)) if observe == "pose" else None
     none = np.zeros(0, dtype=int)
     empty = np.zeros((0, len(chain.driven)))
-    model = ArmModel(
-        chain.placed(np.eye(4), chain.tool @ tool), empty, np.zeros((0, 3)), turns, none, none, (sigma, turned)
-    )
-    return model, nominal(chain)
+    placed = chain.placed(np.eye(4), chain.tool @ tool)
+    rows = None if table is None else DhArm(table, placed.mount, placed.tool)
+    model = ArmModel(placed, empty, np.zeros((0, 3)), turns, none, none, (sigma, turned), rows=rows)
+    return model, model.start
 
 
 def _rows(model: ArmModel, p: Array, pool: Array, fit: Fit | None) -> tuple[Array, Index]:
@@ -186,7 +211,7 @@ def _rows(model: ArmModel, p: Array, pool: Array, fit: Fit | None) -> tuple[Arra
     if fit is not None:
         return _whitened(model, p, pool, fit.kept), fit.kept
     at = _at(model, pool)
-    kept = determined(at, p, order_of(model.names, "geometry"), np.ones(len(pool)))
+    kept = determined(at, p, order_of(model.names, "geometry", model.sliding), np.ones(len(pool)))
     return _whitened(model, p, pool, kept), kept
 
 

@@ -101,8 +101,10 @@ def read_readings(table: Table, chain: Chain, observed: str = "", limits: bool =
 def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readings:
     names = chain.driven
     given = [name for name in table.columns if table.columns[name].dtype.kind in "iufb" or name.lower() in _OWN_WORDS]
-    matched = match_columns(given, names)
+    matched = match_columns(given, names, told=chain.told)
     table = _in_base_units(table, matched)
+    if chain.told == "table" and (more := longer_than_table(given, matched)):
+        raise DataError(more)
     observed = observed or _observed(matched)
     joints = np.column_stack([_numbers(table, matched.joints[name]) for name in names])
     position = _together(table, matched.position)
@@ -139,23 +141,31 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
     notes += _not_read(given, matched)
     if observed != "sockets":
         notes += _without_copies(table, np.column_stack(used), whole)
-    poses = int(whole.sum()) if observed == "sockets" else len(np.unique(poses_of(joints[whole]))) if whole.any() else 0
+    hold = _held_back(table, matched, whole)
+    used_rows = whole if hold is None else whole & ~hold
+    poses = _count(joints[used_rows], observed)
     if poses < _LEAST[observed]:
         lost_too = "" if whole.all() else f", as {int((~whole).sum())} of {len(whole)} rows are left out,"
+        lost_too += "" if hold is None else f" beside the {int((hold & whole).sum())} that column split holds back"
         raise DataError(
             f"{counted(poses, 'pose')}{lost_too} {'is' if poses == 1 else 'are'} too few: {_LEAST[observed]} at the "
             "least, and some 40 that differ much in every joint; bench design machine=arm plan.n=40 says which"
         )
     socket, place = _sockets(table, matched, observed)
     made = Readings(
-        observed, joints, position, angles, socket, place, _held_back(table, matched),
+        observed, joints, position, angles, socket, place, hold,
         np.arange(len(table), dtype=np.int64), table, matched, _others(table, matched), None, tuple(notes),
         _sliding(chain),
     ).where(whole)  # fmt: skip
     _check_joints(made, chain, limits)
     if observed != "sockets":
-        _check_moves(made, chain)
+        _check_moves(made if hold is None else made.where(~hold[whole]), chain)
     return made
+
+
+def _count(joints: Array, observed: str) -> int:
+    """Return how many different poses rows (n, j) are; every posture of a ball in a socket is one."""
+    return len(joints) if observed == "sockets" or not len(joints) else len(np.unique(poses_of(joints)))
 
 
 def _in_base_units(table: Table, matched: Matched) -> Table:
@@ -194,6 +204,19 @@ def poses_of(joints: Array) -> Index:
             number[alike[number[alike] < 0]] = count
             count += 1
     return number
+
+
+def longer_than_table(given: Sequence[str], matched: Matched) -> str:
+    """Return which columns are of joints that the table has no row for; "" for none."""
+    left = [name for name in _beside(given, matched) if is_called_joint(name, matched.joints.values())]
+    if not left:
+        return ""
+    rows = counted(len(matched.joints), "row")
+    return (
+        f"the table has {rows} that move{'s' if len(matched.joints) == 1 else ''} ({', '.join(matched.joints)}), and "
+        f"{', '.join(left[:_LISTED])} {'is a joint' if len(left) == 1 else 'are joints'} beside them: add the row, or "
+        "leave the column out"
+    )
 
 
 def longer_than_urdf(table: Table, matched: Matched) -> str:
@@ -263,12 +286,14 @@ def _sockets(table: Table, matched: Matched, observed: str) -> tuple[Index, Inde
     return both.ravel().astype(np.int64), place.astype(np.int64)
 
 
-def _held_back(table: Table, matched: Matched) -> Mask | None:
-    if "split" not in matched.other:
+def _held_back(table: Table, matched: Matched, whole: Mask) -> Mask | None:
+    """Return which rows the file holds back, (n,), some of the `whole` ones; None where it does not say."""
+    if "split" not in matched.other or not whole.any():
         return None
     held: Mask = split_rows(table.columns[matched.other["split"]]) == "hold"
-    if not held.any() or held.all():
-        raise DataError(f"column split holds back {'every' if held.all() else 'no'} row; leave it out, or hold some")
+    if not held[whole].any() or held[whole].all():
+        every = "every" if held.any() and held[whole].all() else "no"
+        raise DataError(f"column split holds back {every} row; leave it out, or hold some")
     return held
 
 
@@ -305,7 +330,7 @@ def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
                 way_out = f"as degrees all its rows lie within: units={units}"
             raise DataError(
                 f"{readings.told(int(np.argmax(beyond)))}: joint {name} stands at {values[np.argmax(beyond)]:.4g} "
-                f"{unit}, outside its limits {joint.lower:.4g} to {joint.upper:.4g} in the URDF "
+                f"{unit}, outside its limits {joint.lower:.4g} to {joint.upper:.4g} in the {chain.told} "
                 f"({counted(int(beyond.sum()), 'such row')}): {way_out}; limits=false passes this over"
             )
 

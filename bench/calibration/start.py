@@ -30,6 +30,7 @@ _NEAR = 0.2  # part of a unit: few poses of an arm that is not calibrated tell i
 _APART = 0.08  # part of the arm's reach: readings further off are not of this arm
 _TURNED = 0.12  # rad: the same of rotations
 ROTATIONS = ("rpy", "xyz", "vector", "quaternion")
+_CHOICE = {"URDF": "machine.tip= the right arm of it", "table": "convention= the one it was written in"}
 _AXES = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0, 0, 1.0])}
 
 
@@ -161,13 +162,16 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
         turned[:, k] *= -1
         tried = _fit(chain, turned, readings)
         if tried.left < best.left:
-            best, said = tried, f"joint {name} turns the other way than in the URDF: turn its axis, or its readings"
+            best, said = (
+                tried,
+                f"joint {name} turns the other way than in the {chain.told}: turn its axis, or its readings",
+            )
         for degrees in (-90, 90, 180) if k in turning else ():
             shifted = readings.joints.copy()
             shifted[:, k] += np.deg2rad(degrees)
             tried = _fit(chain, shifted, readings)
             if tried.left < best.left:
-                best, said = tried, f"{degrees}° are added to joint {name}: its zero is not that of the URDF"
+                best, said = tried, f"{degrees}° are added to joint {name}: its zero is not that of the {chain.told}"
     for a, b in combinations(range(len(chain.driven)), 2):
         order = list(range(len(chain.driven)))
         order[a], order[b] = b, a
@@ -189,8 +193,8 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
         one = readings.matched.joints[still[0]]
         return f"{left}; column {one} is the same in every row: is it that of joint {still[0]}?"
     return (
-        f"{left}: is this the URDF of the arm, machine.tip= the right arm of it, and are the joints' zeros and senses "
-        f"those of the URDF?{longer_than_urdf(readings.table, readings.matched)}"
+        f"{left}: is this the {chain.told} of the arm, {_CHOICE[chain.told]}, and are the joints' zeros and senses "
+        f"those of the {chain.told}?{longer_than_urdf(readings.table, readings.matched)}"
     )
 
 
@@ -298,8 +302,8 @@ def _in_sockets(readings: Readings, chain: Chain, poses: Array) -> Start:
                 f"units={in_unit(readings, chain)}"
             )
         raise DataError(
-            f"the ball is {left:.0f} mm away from its sockets wherever it sits on the last link: is this the URDF of "
-            "the arm, and does each file hold one socket?"
+            f"the ball is {left:.0f} mm away from its sockets wherever it sits on the last link: is this the "
+            f"{chain.told} of the arm, and does each file hold one socket?"
         )
     tool = np.eye(4)
     tool[:3, 3] = ball

@@ -22,7 +22,6 @@ import pyarrow.parquet as pq
 
 from calibench.bench.measured.cells import as_words
 from calibench.bench.measured.csv_columns import csv_lines, of_table, read_csv
-from calibench.bench.measured.excel_table import read_excel
 from calibench.bench.measured.found import Found
 from calibench.bench.measured.matlab_table import read_matlab
 from calibench.bench.measured.parquet_table import table_of
@@ -30,6 +29,7 @@ from calibench.bench.measured.renamed import of_part, pairs_of, renamed
 from calibench.bench.measured.units import factor, units_of
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, LARGEST_TEXT, read_whole, text_of
+from calibench.core.excel_table import read_excel
 from calibench.core.no_number import way_out
 from calibench.core.options import shown
 from calibench.core.words import DEEPEST, depth

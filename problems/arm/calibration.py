@@ -54,7 +54,7 @@ class ArmCalibration:
     unit: ClassVar[str] = "mm²"
     side_effect_free: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
-    said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)
+    said_if_chosen: ClassVar[tuple[str, ...]] = ("instance", "dh", "convention")
     typical_noise: ClassVar[float] = 0.02  # mm: a laser tracker
 
     def __post_init__(self) -> None:

@@ -57,19 +57,19 @@ class Matched:
     notes: tuple[str, ...] = ()
 
 
-def match_columns(names: Sequence[str], joints: Sequence[str], option: str = "machine.") -> Matched:
+def match_columns(names: Sequence[str], joints: Sequence[str], option: str = "machine.", told: str = "URDF") -> Matched:
     """Return which of the columns `names` is which, for a chain of `joints` in their order.
 
     >>> match_columns(["x1", "y1", "z1", "elbow", "Wrist [deg]".split()[0]], ["elbow", "wrist"]).joints
     {'elbow': 'elbow', 'wrist': 'Wrist'}
 
     `option` is what the user writes before tip=, as messages say it: "machine.", or "problem." where columns= is no
-    option.
+    option. `told` is what describes the chain: "URDF", or "table".
 
     Raises `ValueError` for a joint without a column, a column of a joint that the chain has not, and for two columns
     that could be the same thing.
     """
-    door = _Door(option)
+    door = _Door(option, told)
     if _nameless(names) and len(names) != len(joints):
         return _in_order(names, joints)
     found, notes = _joint_columns(names, joints, door)
@@ -114,11 +114,13 @@ class _Door:
     """How the options that mend a file are called where it was read."""
 
     option: str
+    told: str
 
-    @property
-    def tip(self) -> str:
-        """Return the option that says where the arm ends."""
-        return f"{self.option}tip="
+    def other(self, of_urdf: str) -> str:
+        """Return what else may be done about a joint: `of_urdf` and the option that says where the arm ends."""
+        if self.told == "table":
+            return "or correct the rows of the table"
+        return f"{of_urdf} {self.option}tip="
 
     def joint(self, joint: str, name: str) -> str:
         """Return how a column is said to be a joint's."""
@@ -177,12 +179,12 @@ def _joint_columns(names: Sequence[str], joints: Sequence[str], door: _Door) -> 
     ]
     if strangers:
         raise ValueError(
-            f"column {strangers[0]}: the URDF has no such joint between base and tip; its joints: {', '.join(joints)}; "
-            f"{door.joint(lost[0], strangers[0])}, or take another {door.tip}"
+            f"column {strangers[0]}: the {door.told} has no such joint between base and tip; its joints: "
+            f"{', '.join(joints)}; {door.joint(lost[0], strangers[0])}, {door.other('or take another')}"
         )
     raise ValueError(
-        f"joint {lost[0]} of the URDF has no column; {suggest(lost[0], names)}; {door.joint(lost[0], 'NAME')}, or "
-        f"{door.tip} a link before that joint"
+        f"joint {lost[0]} of the {door.told} has no column; {suggest(lost[0], names)}; {door.joint(lost[0], 'NAME')}, "
+        f"{door.other('or') + ' a link before that joint' if door.told == 'URDF' else 'or take its row out'}"
     )
 
 
@@ -237,8 +239,8 @@ def _refuse_strangers(names: Sequence[str], joints: Sequence[str], taken: set[st
     for name in names:
         if name.startswith("q_") and name not in taken:
             raise ValueError(
-                f"column {name}: the URDF has no joint {name[2:]} between base and tip; its joints: "
-                f"{', '.join(joints)}; take another {door.tip}, or leave the column out"
+                f"column {name}: the {door.told} has no joint {name[2:]} between base and tip; its joints: "
+                f"{', '.join(joints)}; {door.other('take another').removeprefix('or ')}, or leave the column out"
             )
 
 

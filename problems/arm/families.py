@@ -17,6 +17,7 @@ import numpy as np
 
 from calibench.problems.arm.calibration import ArmCalibration
 from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.chains.dh_file import read_dh
 from calibench.problems.arm.chains.kinematics import parameter_names, parameter_units
 from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.arm.gauge import gauge
@@ -46,16 +47,21 @@ def _panda(robust: float = 0.0, instance: int | None = None) -> None:
 
 
 def _own(
-    urdf: Path,
     data: Path,
+    urdf: Path | None = None,
     base: str = "",
     tip: str = "",
     reads: Literal["auto", "position", "pose", "sockets"] = "auto",
     rotation: Rotation = "",
     gap: float = 0.0,
     robust: float = 0.0,
+    dh: Path | None = None,
+    convention: str = "",
 ) -> None:
-    """Declare the options of `arm`: gap [mm] is the distance of sockets 0 and 1 of a place, 0 where it is not known."""
+    """Declare the options of `arm`: gap [mm] is the distance of sockets 0 and 1 of a place, 0 where it is not known.
+
+    `urdf`, or `dh`, a table of joints in the `convention` standard or modified, describes the arm.
+    """
 
 
 @final
@@ -95,23 +101,32 @@ class PandaFamily:
 
 @final
 class ArmFamily:
-    """The geometry of one's own arm from its URDF and a CSV file of measured postures."""
+    """The geometry of one's own arm from its URDF, or a table of its joints, and a CSV file of measured postures."""
 
     name = "arm"
+    said_if_chosen = ("dh", "convention")
 
     def __call__(self, **options: Any) -> ArmCalibration:
         """Build the problem with `options` (those of ``bench list problems``)."""
         chosen = _chosen(self.name, _own, options)
         _check_robust(self.name, chosen)
-        urdf, data = Path(chosen["urdf"]), Path(chosen["data"])
-        chain = read_urdf(urdf, "problem.").chain(chosen["base"], chosen["tip"])
+        data, file = Path(chosen["data"]), _described(chosen)
+        if "dh" in chosen:
+            chain = read_dh(file, chosen.get("convention", ""), "problem.").chain
+        else:
+            chain = read_urdf(file, "problem.").chain(chosen["base"], chosen["tip"])
         measured = read_measured(data, chain, chosen["rotation"])
         reads = _reads(chosen["reads"], measured)
         try:
             chain = found_frames(chain, measured)
         except ValueError as error:
             raise ValueError(f"data={data.name}: {error}") from None
-        told = chosen | {"urdf": urdf.name, "data": data.name}  # no path of this machine in a row
+        if "dh" in chosen:
+            chosen = {key: value for key, value in chosen.items() if key not in ("urdf", "base", "tip")}
+        told = chosen | {
+            "dh" if "dh" in chosen else "urdf": file.name,
+            "data": data.name,
+        }  # no path of this machine in a row
         gap = (chosen["gap"], GAP_WEIGHT)
         return measured_problem(self.name, told, chain, measured, reads, gap, chosen["robust"])
 
@@ -180,6 +195,23 @@ def _reads(asked: str, measured: Measured) -> str:
         columns = {"pose": "x y z and rx ry rz", "position": "x y z", "sockets": "socket"}[asked]
         raise ValueError(f"arm.reads={asked}: the file has no columns {columns}; leave reads out, or add them")
     return asked
+
+
+def _described(chosen: dict[str, Any]) -> Path:
+    """Return the file that describes the arm; leave out of `chosen` what was not stated of a table."""
+    for key in ("dh", "convention"):
+        if not chosen[key]:
+            del chosen[key]
+    urdf, dh = chosen["urdf"], chosen.get("dh")
+    if urdf is None and dh is None:
+        raise ValueError("arm needs its description: problem.urdf=my.urdf, or problem.dh=table.csv")
+    if urdf is not None and dh is not None:
+        raise ValueError("problem.urdf= and problem.dh= both describe the arm; give one")
+    if "convention" in chosen and dh is None:
+        raise ValueError("problem.convention= is that of a table; state problem.dh= too, or leave it out")
+    if dh is not None and (chosen["base"] or chosen["tip"]):
+        raise ValueError("problem.base= and problem.tip= are links of a URDF; a table has none: leave them out")
+    return Path(urdf if dh is None else dh)
 
 
 def _chosen(name: str, declared: Callable[..., None], options: Mapping[str, Any]) -> dict[str, Any]:

@@ -70,7 +70,7 @@ def read_measured(path: str | Path, chain: Chain, rotation: Rotation = "") -> Me
     """Return what a CSV file tells of `chain`. Raises `ValueError`, one line with the file's name."""
     try:
         table = read_table(path)
-        matched = match_columns(table.names, chain.driven, "problem.")
+        matched = match_columns(table.names, chain.driven, "problem.", chain.told)
         return _measured(table, matched, chain, rotation)
     except (OSError, ValueError) as error:
         raise ValueError(f"data={Path(path).name}: {error}") from None
@@ -172,7 +172,8 @@ def _check_joints(chain: Chain, q: Array) -> None:
         if wrong.size:
             raise ValueError(
                 f"{name} stands at {q[wrong[0], k]:.4g} in reading {wrong[0] + 1} ({wrong.size} such), and its limits "
-                f"in the URDF are {low:.4g} .. {high:.4g}; correct the limits, or look at its zero, sign and unit"
+                f"in the {chain.told} are {low:.4g} .. {high:.4g}; correct the limits, or look at its zero, sign and "
+                "unit"
             )
 
 

@@ -226,7 +226,7 @@ def test_a_file_that_cannot_be_read_says_where(tmp_path, change, said):
 @pytest.mark.parametrize(
     ("name", "options", "said"),
     [
-        ("arm", {}, "arm needs urdf, data"),
+        ("arm", {}, "arm needs data"),
         ("arm_ur10", {"series": "A"}, "B, C, D"),
         ("arm_ur10", {"robust": -1.0}, "arm_ur10.robust=-1: a size"),
         ("arm_ur10", {"instance": 0}, "arm_ur10.instance=0: a whole number from 1"),

@@ -1,4 +1,4 @@
-"""The changes of the URDF by a calibration, with errors, and the numbers that the data do not determine."""
+"""The changes of an arm's description by a calibration, with errors, and what the data do not determine."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from calibench.problems.base import Array
 _WORDS = {
     "x": "shift along x", "y": "shift along y", "z": "shift along z", "rx": "turn about x", "ry": "turn about y",
     "rz": "turn about z", "zero": "zero", "gain": "scale of its reading",
+    **{number: number for number in ("theta", "d", "a", "alpha", "beta")},
 }  # fmt: skip
 _SAME = 0.999  # of a column's square that others explain: they look alike
 _STILL = 1e-9  # mm or rad: no pose tells a number of the target that moves by less from draw to draw
@@ -44,7 +45,11 @@ def undetermined_of(fit: Fit, draws: Array) -> tuple[Undetermined, ...]:
     """Return the parameters of the joints that keep their nominal values, each with the reason."""
     names = fit.model.names
     kept = set(fit.kept.tolist())
-    rest = [k for k in order_of(names, "geometry") if k not in kept and not names[k].startswith(("base_", "tool_"))]
+    rest = [
+        k
+        for k in order_of(names, "geometry", fit.model.sliding)
+        if k not in kept and not names[k].startswith(("base_", "tool_"))
+    ]
     both = np.array([*fit.kept.tolist(), *rest], dtype=np.int64)
     rows = fit.model.jacobian(fit.p, both, fit.weights)[0].reshape(-1, len(both))
     ours, others = rows[:, : len(kept)], rows[:, len(kept) :]

@@ -89,19 +89,22 @@ class Drawn:
 @final
 @dataclass(frozen=True)
 class Calibration:
-    """The answer of one calibration.
+    """The answer of one calibration of the arm in the file `path`, which is `described` by a "URDF" or a "table".
 
     `levels` are the errors of poses that were not fitted for each level that was tried; `chosen` is the one that is
-    written. `frames` are base (in the tracker) and target (on the tip): x y z [mm], roll pitch yaw [rad].
+    written, fitted to `fitted` of the `poses`: all but those that the file holds back. `frames` are base (in the
+    tracker) and target (on the tip): x y z [mm], roll pitch yaw [rad].
     """
 
     case: str
-    urdf: str
+    path: str
+    described: str
     observed: str
     base: str
     tip: str
     joints: tuple[str, ...]
     poses: int
+    fitted: int
     folds: str
     chosen: str
     levels: tuple[Error, ...]
@@ -130,10 +133,18 @@ class Calibration:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         told = {key: finite(getattr(self, key)) for key in _TOLD}
-        return {"schema_version": SCHEMA_VERSION, **told, "before": finite(self.before), "after": finite(self.after)}
+        by = {"URDF": "urdf", "table": "dh"}[self.described]
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "case": self.case,
+            by: self.path,
+            **told,
+            "before": finite(self.before),
+            "after": finite(self.after),
+        }
 
 
 _TOLD = (
-    "case", "urdf", "observed", "base", "tip", "joints", "poses", "folds", "chosen", "levels", "changes",
+    "observed", "base", "tip", "joints", "poses", "fitted", "folds", "chosen", "levels", "changes",
     "undetermined", "wild", "regions", "by_joint", "frames", "scatter", "notes", "files", "seconds",
 )  # fmt: skip

@@ -22,7 +22,7 @@ def headline(found: Calibration) -> str:
     if found.chosen == "frames":
         return (
             f"calibration does not reduce the error of poses that were not fitted: {plain(before.rms, 3)} mm rms as "
-            f"the URDF is; nothing in it is changed{_but(found)}"
+            f"the {found.described} is; nothing in it is changed{_but(found)}"
         )
     low, high = after.ci95
     turned = ""
@@ -46,6 +46,12 @@ def sentences(found: Calibration) -> list[str]:
         f"{found.poses} poses of {len(found.joints)} joints, {_SHORT[found.observed]} read, {found.base} to "
         f"{found.tip}; {found.folds}"
     ]
+    if found.fitted < found.poses:
+        said.append(
+            f"what is written is fitted to the other {found.fitted} alone; the errors are of the rows held back"
+        )
+    elif found.chosen != "frames":
+        said.append(f"what is written is fitted to all {found.poses}; errors are of fits without the poses left out")
     if found.changes:
         said.append(f"{len(found.changes)} numbers of the arm are determined by these data, {_kept(found)} are not")
     worst = max((p for p in found.by_joint if isfinite(p.after)), key=lambda p: p.after, default=None)

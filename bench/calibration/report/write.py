@@ -1,8 +1,9 @@
-"""The files of a calibration: the URDF, the readings as a table, JSON, drawings and a page."""
+"""The files of a calibration: the URDF or table, the readings as a table, JSON, drawings and a page."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,14 +19,16 @@ from calibench.discrepancy import MeasuredData
 from calibench.problems.arm.chains.rigid import rpy_of
 
 
-def write_calibration(found: Calibration, urdf: bytes, readings: Readings, request: CalibrateRequest) -> Calibration:
+def write_calibration(
+    found: Calibration, written: Mapping[str, tuple[str, bytes]], readings: Readings, request: CalibrateRequest
+) -> Calibration:
     """Write everything of one calibration into its folder; return it with the files' names."""
     folder = request.folder / found.case
     folder.mkdir(parents=True, exist_ok=True)
     files: dict[str, str] = {}
     if found.chosen != "frames":
-        path = folder / f"{request.urdf.stem}_calibrated.urdf"
-        files["urdf"] = str(write_whole(path, lambda file: file.write(urdf)))
+        for kind, (name, content) in written.items():
+            files[kind] = str(_put(folder / name, content))
     files["readings"] = str(write_measured(readings_table(readings, request.distance), folder / "readings.parquet"))
     found = replace(found, files=files)
     if request.page:
@@ -34,9 +37,12 @@ def write_calibration(found: Calibration, urdf: bytes, readings: Readings, reque
         files["page"] = str(write_page(found, folder))
     files["json"] = str(folder / "calibration.json")
     found = replace(found, files=files)
-    text = json.dumps(found.to_dict(), indent=1, allow_nan=False).encode()
-    write_whole(Path(files["json"]), lambda file: file.write(text))
+    _put(Path(files["json"]), json.dumps(found.to_dict(), indent=1, allow_nan=False).encode())
     return found
+
+
+def _put(path: Path, content: bytes) -> Path:
+    return write_whole(path, lambda file: file.write(content))
 
 
 def readings_table(readings: Readings, distance: float = 0.0) -> MeasuredData:

@@ -1,4 +1,4 @@
-"""``bench calibrate``: a URDF and readings in; a calibrated URDF, its errors and a page out."""
+"""``bench calibrate``: an arm's URDF, or its table, and readings in; the calibrated one, its errors and a page out."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def run(argv: list[str]) -> int:
     """Calibrate the arm that `argv` names, write what came of it, and print it."""
     flags, words = split_flags(argv, ("--json",))
     request = read_calibrate(words)
-    found, urdf, readings = calibrate(request)
-    found = write_calibration(found, urdf, readings, request)
+    found, written, readings = calibrate(request)
+    found = write_calibration(found, written, readings, request)
     if "--json" in flags:
         print(json.dumps(found.to_dict(), allow_nan=False))
         return 0
@@ -31,7 +31,7 @@ def run(argv: list[str]) -> int:
     print("\nerror of poses that were not fitted [mm]")
     print_table(["free", "rms", "95 %", "median", "largest", *_more_heads(found.levels)], level_rows(found))
     if found.changes:
-        print("\nwhat changes in the URDF")
+        print(f"\nwhat changes in the {found.described}")
         print_table(["joint", "what", "by", "95 %"], rows_of_changes(found))
     if found.wild:
         more = f" and {len(found.wild) - _LISTED} more" if len(found.wild) > _LISTED else ""

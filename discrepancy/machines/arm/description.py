@@ -76,6 +76,8 @@ describe(
             Stated("socket_distance_mm", "positive"),
             Stated(PAYLOAD),
             Stated("urdf"),
+            Stated("dh"),
+            Stated("convention"),
         ),
         targets={"base": "the base", "tool": "the tool"},
         replaced=_REPLACED,

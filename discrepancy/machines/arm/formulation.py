@@ -66,6 +66,7 @@ from calibench.discrepancy.model.measured.stated import positive
 from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
 from calibench.discrepancy.registries import machines
 from calibench.problems.arm.chains.chain import Chain, ChainError
+from calibench.problems.arm.chains.dh_file import read_dh
 from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.base import Array, Parameter
 
@@ -85,24 +86,40 @@ _MIRRORED = 5.0  # times as near in a left-handed frame
 @final
 @dataclass(frozen=True)
 class Arm:
-    """An arm of the URDF file `urdf`, from its link `base` to `tip`: its root and usual leaf if none is stated."""
+    """An arm of the URDF file `urdf`, from its link `base` to `tip`: its root and usual leaf if none is stated.
+
+    `dh` is a table of its joints instead (CSV or Excel), in the `convention` standard or modified.
+    """
 
     urdf: str = ""
     base: str = ""
     tip: str = ""
+    dh: str = ""
+    convention: str = ""
     name: str = field(default="arm", init=False)
 
     def chain(self, data: MeasuredData) -> Chain:
-        """Return the chain of joints; raise `DataError` without a usable URDF."""
+        """Return the chain of joints; raise `DataError` without a usable description."""
+        if dh := self.dh or ("" if self.urdf else str(data.metadata.get("dh", ""))):
+            return self._chain_of_table(dh, self.convention or str(data.metadata.get("convention", "")))
         path = self.urdf or data.metadata.get("urdf", "")
         if not path:
-            raise DataError(f"{data.name}: an arm needs its URDF: machine.urdf=my.urdf")
+            raise DataError(f"{data.name}: an arm needs its URDF: machine.urdf=my.urdf, or machine.dh=table.csv")
         file = Path(str(path)).expanduser()
         shipped = DEMONSTRATIONS / f"{file.name}.urdf"
         file = shipped if file.name == str(path) and shipped.exists() and not file.exists() else file
         try:
             return read_urdf(file, "machine.").chain(self.base, self.tip)
         except (ChainError, OSError) as error:
+            raise DataError(str(error)) from None
+
+    def _chain_of_table(self, dh: str, convention: str) -> Chain:
+        lost = next((key for key in ("urdf", "tip", "base") if getattr(self, key)), "")
+        if lost:
+            raise DataError(f"machine.{lost}= is of a URDF, and machine.dh= describes the arm by a table; give one")
+        try:
+            return read_dh(dh, convention, "machine.").chain
+        except ChainError as error:
             raise DataError(str(error)) from None
 
     def formulate(self, data: MeasuredData) -> Predicted:
@@ -295,7 +312,7 @@ def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
             'axis of the tracker counts the other way round, or two are exchanged; columns={"x":"y","y":"x"} does'
         )
     sliding = {j.name for j in chain.joints if j.kind == "sliding"}
-    if fitted.sum() > 2 * LEAST_POSES and (wrong := misfit(found, seen, flange, read, sliding)):
+    if fitted.sum() > 2 * LEAST_POSES and (wrong := misfit(found, seen, flange, read, sliding, chain.told)):
         raise DataError(f"{data.name}: {wrong}")
     return found
 

@@ -59,19 +59,19 @@ def placed(flange: tuple[Array, Array], seen: Array) -> Placed:
 
 def misfit(
     found: Placed, seen: Array, flange: Callable[[Mapping[str, Array]], tuple[Array, Array]],
-    joints: Mapping[str, Array], sliding: Set[str],
+    joints: Mapping[str, Array], sliding: Set[str], described: str = "URDF",
 ) -> str:  # fmt: skip
     """Return why readings `seen` (n, 3) [mm] cannot be this arm's, and how to correct them.
 
     The text is "" for readings that may be this arm's. `flange(joints)` computes the flange at `joints`, name -> (n,)
-    [rad, or mm of those in `sliding`].
+    [rad, or mm of those in `sliding`]. `described` is what the arm is described by: URDF, or table.
     """
     left, spread = float(np.median(found.left)), _spread(seen)
     if not left > _DOUBTFUL * spread:
         return ""
     told = f"readings and arm lie {plain(left, 3)} mm apart, wherever base and target are"
     way, nearer = "", left / _CURED
-    for words, made, places in _changed(joints, seen, sliding):
+    for words, made, places in _changed(joints, seen, sliding, described):
         after = float(np.median(placed(flange(made), places).left)) * spread / max(_spread(places), 1e-300)
         if after < nearer:
             way, nearer = words, after
@@ -79,11 +79,14 @@ def misfit(
         return f"{told}, and near to each other if {way}"
     if left < _APART * spread:
         return ""
-    return f"{told}: is this the URDF of the arm, and are the columns those of its joints, in their units and senses?"
+    return (
+        f"{told}: is this the {described} of the arm, and are the columns those of its joints, in their units and "
+        "senses?"
+    )
 
 
 def _changed(
-    joints: Mapping[str, Array], seen: Array, sliding: Set[str]
+    joints: Mapping[str, Array], seen: Array, sliding: Set[str], described: str
 ) -> Iterator[tuple[str, Mapping[str, Array], Array]]:
     """Yield the corrections that are tried: in words, the joints, and the places."""
     for factor, unit in _FACTORS.items():
@@ -98,7 +101,7 @@ def _changed(
     for name in joints:
         yield f"joint {name} counts the other way round", {**joints, name: -joints[name]}, seen
         for degrees in () if name in sliding else (-90, 90, 180):
-            words = f"{degrees}° are added to joint {name}: its zero is not that of the URDF"
+            words = f"{degrees}° are added to joint {name}: its zero is not that of the {described}"
             yield words, {**joints, name: joints[name] + np.deg2rad(degrees)}, seen
     for one, other in combinations(joints, 2):
         yield f"{one} and {other} are exchanged", {**joints, one: joints[other], other: joints[one]}, seen

@@ -77,7 +77,7 @@ def _beyond_limits(columns: Mapping[str, Any], chain: Chain) -> list[str]:
         far = 0 if q is None or joint.mimic else int(np.sum((q < joint.lower - _ROUND) | (q > joint.upper + _ROUND)))
         if far:
             told.append(
-                f"{joint.name} stands outside its limits {joint.lower:.4g} to {joint.upper:.4g} of the URDF in "
+                f"{joint.name} stands outside its limits {joint.lower:.4g} to {joint.upper:.4g} of the {chain.told} in "
                 f"{counted(far, 'row')}: is the column that of this joint, and its unit right?"
             )
     return told
@@ -118,7 +118,7 @@ def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
     """Return the data with joints, places and the joints' further columns renamed from the file's names to ours."""
     given = [name for name, column in data.columns.items() if column.dtype.kind in "iuf" and name not in _OURS]
     try:
-        found = match_columns(given, chain.driven)
+        found = match_columns(given, chain.driven, told=chain.told)
     except ValueError:
         return data
     used = (*found.joints.values(), *found.position.values(), *found.rotation.values())

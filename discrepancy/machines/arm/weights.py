@@ -15,17 +15,18 @@ from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array
 
 _WEIGHTLESS = (
-    "the URDF tells no masses and the file no payload_kg: for what gravity bends each link is taken for a rod of "
+    "the {told} tells no masses and the file no payload_kg: for what gravity bends each link is taken for a rod of "
     f"{ROD:g} kg a metre, so the size of a compliance or a bending is a guess, and either may stand under an "
-    "eccentricity, a harmonic or an angle error of the same joint; write masses into the URDF"
+    "eccentricity, a harmonic or an angle error of the same joint; {way_out}"
 )
+_WAY_OUT = {"URDF": "write masses into the URDF", "table": "a URDF has a place for masses"}
 
 
 def with_loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: MeasuredData) -> MeasuredData:
     """Return the data with the torques that vary, and a note where no mass is told."""
     held = torques(chain, stand, start, data)
     if held and weightless(chain, data):
-        data = data.with_note(_WEIGHTLESS)
+        data = data.with_note(_WEIGHTLESS.format(told=chain.told, way_out=_WAY_OUT[chain.told]))
     rounding = 1e-9 * max((float(np.max(np.abs(c))) for c in held.values()), default=0.0)
     return data.with_columns({name: c for name, c in held.items() if np.ptp(c) > rounding})
 

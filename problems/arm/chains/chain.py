@@ -62,6 +62,7 @@ class Chain:
 
     `mount` and `tool`, (4, 4) [mm], are where base and target are taken to be before any fit: from the frame of the
     measurement to the base, and from the tip to the target. Both are nothing in a description; `placed` sets them.
+    `told` is what messages call the description: URDF, or table.
     """
 
     joints: tuple[ChainJoint, ...]
@@ -71,6 +72,7 @@ class Chain:
     tip: str = "tip"
     mount: Array = field(default_factory=lambda: np.eye(4))
     tool: Array = field(default_factory=lambda: np.eye(4))
+    told: str = "URDF"
 
     def __post_init__(self) -> None:
         names = [joint.name for joint in self.joints]

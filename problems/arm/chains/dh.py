@@ -7,9 +7,9 @@ A row is a mapping. All lengths are mm, all angles rad; what is left out is 0.
     Hayati     either with Ry(beta) at its end (standard) or behind Rx(alpha) (modified), and d = 0 where the next axis
                is parallel
 
-`kind` is "rotary" (theta turns) or "sliding" (d slides); `name`, `lower` and `upper` are the joint's own. In the
-standard table a row's constant part belongs to the next joint's origin, and the last row's to the tail.
-(Denavit and Hartenberg 1955; Craig 1986; Hayati and Mirmirani 1985.)
+`kind` is "rotary" (theta turns), "sliding" (d slides) or "fixed" (nothing moves: a flange, a pedestal); `name`, `lower`
+and `upper` are the joint's own. In the standard table a row's constant part belongs to the next joint's origin, and the
+last row's to the tail. (Denavit and Hartenberg 1955; Craig 1986; Hayati and Mirmirani 1985.)
 """
 
 from __future__ import annotations
@@ -23,14 +23,16 @@ from calibench.core.options import suggest
 from calibench.problems.arm.chains.chain import Chain, ChainError, ChainJoint
 from calibench.problems.arm.chains.rigid import rpy, shift
 
+Form = Literal["standard", "modified"]
+RowKind = Literal["rotary", "sliding", "fixed"]
+FORMS: tuple[Form, ...] = ("standard", "modified")
+KINDS: tuple[RowKind, ...] = ("rotary", "sliding", "fixed")
 _NUMBERS = ("theta", "d", "a", "alpha", "beta", "lower", "upper")
 _KEYS = (*_NUMBERS, "name", "kind")
 _Z = np.array([0.0, 0.0, 1.0])
 
 
-def chain_of_table(
-    rows: Sequence[Mapping[str, Any]], form: Literal["standard", "modified"] = "standard", name: str = "arm"
-) -> Chain:
+def chain_of_table(rows: Sequence[Mapping[str, Any]], form: Form = "standard", name: str = "arm") -> Chain:
     """Return the chain of a table; joints without a name are called joint_1, joint_2, ...
 
     >>> two = chain_of_table([{"a": 300.0}, {"a": 200.0}])
@@ -39,8 +41,8 @@ def chain_of_table(
 
     Raises `ChainError` for an unknown form or key, and for what is no number.
     """
-    if form not in ("standard", "modified"):
-        raise ChainError(f"form={form!r}: {suggest(str(form), ('standard', 'modified'))}")
+    if form not in FORMS:
+        raise ChainError(f"form={form!r}: {suggest(str(form), FORMS)}")
     joints, held = [], np.eye(4)
     for k, row in enumerate(rows, 1):
         kind, value = _checked(row, k)
@@ -49,21 +51,25 @@ def chain_of_table(
         leant = rpy(0, value["beta"], 0)
         if form == "modified":
             across, leant = rpy(value["alpha"], 0, 0) @ leant @ shift(value["a"], 0, 0), np.eye(4)
-            origin, held = held @ across @ turned, np.eye(4)
+            origin, behind = held @ across @ turned, np.eye(4)
         else:
-            origin, held = held @ turned, across @ leant
+            origin, behind = held @ turned, across @ leant
+        if kind == "fixed":
+            held = origin @ behind
+            continue
+        held = behind
         low, high = (float(row.get(side, usual)) for side, usual in (("lower", -np.inf), ("upper", np.inf)))
         joints.append(ChainJoint(str(row.get("name", f"joint_{k}")), kind, origin, _Z, low, high))
     return Chain(tuple(joints), np.asarray(held), name)
 
 
-def _checked(row: Mapping[str, Any], k: int) -> tuple[Literal["rotary", "sliding"], dict[str, float]]:
+def _checked(row: Mapping[str, Any], k: int) -> tuple[RowKind, dict[str, float]]:
     for key in row:
         if key not in _KEYS:
             raise ChainError(f"row {k}: {key!r} is unknown; {suggest(str(key), _KEYS)}")
-    kind = row.get("kind", "rotary")
-    if kind not in ("rotary", "sliding"):
-        raise ChainError(f"row {k}: kind={kind!r}; {suggest(str(kind), ('rotary', 'sliding'))}")
+    kind: RowKind = row.get("kind", "rotary")
+    if kind not in KINDS:
+        raise ChainError(f"row {k}: kind={kind!r}; {suggest(str(kind), KINDS)}")
     try:
         value = {key: float(row.get(key, 0.0)) for key in _NUMBERS[:5]}
     except (TypeError, ValueError):

@@ -38,6 +38,7 @@ def write_page(found: Calibration, folder: Path) -> Path:
     text = render(
         _TEMPLATE,
         title=f"{found.case}: how true is the arm, and what is it off by?",
+        described=found.described,
         better=found.chosen != "frames",
         headline=_sentence(headline(found)),
         said=[_sentence(said) for said in sentences(found)],
@@ -97,7 +98,7 @@ def _facts(found: Calibration) -> dict[str, str]:
     origin = provenance()
     versions = json.loads(origin["versions"])
     return {
-        "URDF": found.urdf,
+        found.described: found.path,
         "chain": f"{found.base} to {found.tip}: {', '.join(found.joints)}",
         "read": found.observed,
         "scatter that is left": f"{plain(found.scatter[0], 3)} mm a coordinate"

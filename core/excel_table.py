@@ -15,18 +15,21 @@ from typing import Any
 
 from calibench.core.csv_table import Table, header_row, table_of
 from calibench.core.data_file import LARGEST_TEXT, MEGABYTE, MOST_CELLS, MOST_COLUMNS, check_columns, read_whole
-from calibench.discrepancy import DataError
 
 _LARGEST_UNPACKED = 400 * MEGABYTE  # of a sheet's XML: the most cells have some 40 to 80 bytes each
 _SMALLER = "save it as CSV or Parquet, or take part of the readings"
 
 
+class ExcelError(ValueError):
+    """A file that is no Excel table, or too large a one; the message is one line that says what to do."""
+
+
 def read_excel(path: Path) -> tuple[Table, tuple[str, ...]]:
-    """Return the table, and a note where other sheets hold something too. Raises `DataError` or `ValueError`."""
+    """Return the table, and a note where other sheets hold something too. Raises `ValueError`."""
     try:
         import openpyxl
     except ImportError:
-        raise DataError(
+        raise ExcelError(
             "is an Excel file; reading it needs openpyxl: pip install 'calibench[excel]', or save it as CSV"
         ) from None
     content = read_whole(path, LARGEST_TEXT, _SMALLER)
@@ -35,20 +38,20 @@ def read_excel(path: Path) -> tuple[Table, tuple[str, ...]]:
             unpacked = sum(part.file_size for part in packed.infolist())
         if unpacked > _LARGEST_UNPACKED:
             most = _LARGEST_UNPACKED // MEGABYTE
-            raise DataError(f"unpacks to {unpacked / MEGABYTE:.0f} MB, and at most {most} MB are read; {_SMALLER}")
+            raise ExcelError(f"unpacks to {unpacked / MEGABYTE:.0f} MB, and at most {most} MB are read; {_SMALLER}")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of styles and extensions that no number depends on
             book = openpyxl.load_workbook(io.BytesIO(content), read_only=True, data_only=True)
             sheets = {sheet.title: _rows(sheet) for sheet in book.worksheets}
-    except (DataError, MemoryError):
+    except (ExcelError, MemoryError):
         raise
     except Exception as error:  # openpyxl raises what its XML reader, zipfile and its own checks raise
-        raise DataError(
+        raise ExcelError(
             f"is no Excel file that can be read ({type(error).__name__}: {error}); save it as CSV"
         ) from None
     full = {title: rows for title, rows in sheets.items() if rows}
     if not full:
-        raise DataError("the sheets are empty: a header and a row for each reading are needed")
+        raise ExcelError("the sheets are empty: a header and a row for each reading are needed")
     found = {title: header_row([row for _, row in rows[:60]]) for title, rows in full.items()}
     title = next((title for title, at in found.items() if at is not None), next(iter(full)))
     rows, start = full[title], found[title] or 0
@@ -72,7 +75,7 @@ def _rows(sheet: Any) -> list[tuple[int, tuple[str, ...]]]:
     for number, row in enumerate(sheet.iter_rows(max_col=MOST_COLUMNS + 1, values_only=True), start=1):
         cells += len(row)
         if cells > MOST_CELLS:
-            raise DataError(f"has more than {MOST_CELLS} cells, and no more are read; {_SMALLER}")
+            raise ExcelError(f"has more than {MOST_CELLS} cells, and no more are read; {_SMALLER}")
         told = tuple(_text(cell) for cell in row)
         if any(told):
             check_columns(max(i for i, cell in enumerate(told) if cell) + 1)

@@ -1,0 +1,84 @@
+"""A table of Denavit and Hartenberg as a URDF: the same arm for ROS and simulators, without meshes or masses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from calibench.problems.arm.chains.chain import ChainJoint
+from calibench.problems.arm.chains.dh_table import BASE, TIP, DhTable
+from calibench.problems.arm.chains.rigid import rpy_of
+from calibench.problems.base import Array
+
+_MM = 1e-3  # metres
+
+
+def urdf_of_dh(table: DhTable, said: str = "") -> str:
+    """Return the URDF of a table, from `base` to `flange`, with a comment that says `said`.
+
+    Joints with limits are revolute, those without continuous. What a table does not tell and a URDF needs, effort and
+    velocity, is 0; so are both limits of a joint that slides without a stop.
+    """
+    chain = table.chain
+    lines = [f"<robot name={quoteattr(table.name)}>"]
+    lines += [f"  <!-- {said.replace('--', '- -')} -->"] if said else []
+    lines += [
+        f"  <!-- from a {table.form} table of Denavit and Hartenberg; effort and velocity are not known, and 0 -->",
+        f'  <link name="{BASE}"/>',
+    ]
+    above = BASE
+    for joint in chain.joints:
+        below = f"{joint.name}_link"
+        lines += [
+            f"  <link name={quoteattr(below)}/>",
+            f"  <joint name={quoteattr(joint.name)} type={quoteattr(_type(joint))}>",
+            f"    <parent link={quoteattr(above)}/><child link={quoteattr(below)}/>",
+            _origin(joint.origin),
+            '    <axis xyz="0 0 1"/>',
+            *_limit(joint),
+            "  </joint>",
+        ]
+        above = below
+    lines += [
+        f'  <link name="{TIP}"/>',
+        f'  <joint name={quoteattr(_free(f"{TIP}_joint", chain.driven))} type="fixed">',
+        f'    <parent link={quoteattr(above)}/><child link="{TIP}"/>',
+        _origin(chain.tail),
+        "  </joint>",
+        "</robot>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _free(name: str, taken: Sequence[str]) -> str:
+    """Return a name that is not `taken`."""
+    return _free(f"{name}_", taken) if name in taken else name
+
+
+def _type(joint: ChainJoint) -> str:
+    if joint.kind == "sliding":
+        return "prismatic"
+    return "revolute" if np.isfinite(joint.upper - joint.lower) else "continuous"
+
+
+def _limit(joint: ChainJoint) -> list[str]:
+    scale = _MM if joint.kind == "sliding" else 1.0
+    sides = (scale * joint.lower, scale * joint.upper)
+    if not np.isfinite(sides).all():
+        sides = (0.0, 0.0)
+        if joint.kind == "rotary":
+            return []
+    return [f'    <limit lower="{sides[0]:.12g}" upper="{sides[1]:.12g}" effort="0" velocity="0"/>']
+
+
+def _origin(origin: Array) -> str:
+    xyz = " ".join(_number(_MM * v) for v in origin[:3, 3])
+    rpy = " ".join(_number(v) for v in rpy_of(origin))
+    return f'    <origin xyz="{xyz}" rpy="{rpy}"/>'
+
+
+def _number(value: float) -> str:
+    """Return a number with the digits of a picometre or a picoradian, and no more."""
+    return f"{round(float(value), 12) + 0.0:.12g}"

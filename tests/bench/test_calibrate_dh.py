@@ -1,0 +1,297 @@
+"""`bench calibrate dh=`: an arm of a table instead of a URDF; what was hidden in its numbers comes out in a table."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibench import problems
+from calibench.bench.cli import main
+from calibench.bench.provenance.run_id import options_of
+from calibench.problems.arm.chains.kinematics import forward, nominal
+from calibench.problems.arm.chains.urdf import read_urdf
+from calibench.problems.arm.measured import shipped
+from tests.dh_by_hand import PUMA_CRAIG, STANFORD, UR10, as_csv, modified, reached, standard
+
+BASE = ((0.8, -1.9, 0.4), 0.7)  # of the arm in the tracker: m, and a turn about z
+TARGET = (0.06, 0.02, 0.11)
+HIDDEN = {  # m and rad; rows count from 0
+    "ur10": {("a", 1): 8e-4, ("theta", 2): 2.6e-3, ("beta", 1): -9e-4, ("d", 3): 6e-4, ("alpha", 4): 1e-3},
+    "craig": {("a", 2): -7e-4, ("theta", 2): 2e-3, ("alpha", 4): 1.1e-3, ("d", 3): 9e-4},
+    "stanford": {("d", 2): 4e-3, ("theta", 1): 2e-3, ("alpha", 3): 1.5e-3, ("theta", 4): -3e-3},
+}
+ARMS = {"ur10": (UR10, standard), "craig": (PUMA_CRAIG, modified), "stanford": (STANFORD, standard)}
+URDF_NAMES = [
+    *(f"shoulder_{one}_joint" for one in ("pan", "lift")),
+    "elbow_joint",
+    *(f"wrist_{k}_joint" for k in "123"),
+]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def bench(here, capsys):
+    def call(*words, code=0):
+        with pytest.raises(SystemExit) as ended:
+            main([*words, "--json"])
+        told = capsys.readouterr()
+        assert ended.value.code == code, told.err
+        return json.loads(told.out) if code == 0 else told.err
+
+    return call
+
+
+def turned(roll, pitch, yaw):
+    cx, sx, cy, sy, cz, sz = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch), np.cos(yaw), np.sin(yaw)
+    return np.array([
+        [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
+        [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx],
+        [-sy, cy * sx, cy * cx],
+    ])  # fmt: skip
+
+
+def measured(name, n=60, noise=3e-5, seed=3, hold=0, turns=False):
+    """Write `name`.csv and its table; return joints (n, 6) [rad, m] and places seen (n, 3) [m]."""
+    rows, of = ARMS[name]
+    rng = np.random.default_rng(seed)
+    q = np.column_stack([rng.uniform(-2.4, 2.4, n) if r[4] == "r" else rng.uniform(0.3, 1.2, n) for r in rows])
+    base = np.eye(4)
+    base[:3, :3], base[:3, 3] = turned(0, 0, BASE[1]), BASE[0]
+    arm = base @ reached(rows, q, of, HIDDEN[name])
+    seen = arm[:, :3, 3] + arm[:, :3, :3] @ np.array(TARGET) + rng.normal(0, noise, (n, 3))
+    columns = [q, seen]
+    heads = [*(f"axis_{k}" for k in range(1, 7)), "x [m]", "y [m]", "z [m]"]
+    heads[2] += "" if rows[2][4] == "r" else " [m]"
+    if turns:
+        r = arm[:, :3, :3]
+        columns.append(np.column_stack([
+            np.arctan2(r[:, 2, 1], r[:, 2, 2]), -np.arcsin(r[:, 2, 0]), np.arctan2(r[:, 1, 0], r[:, 0, 0])
+        ]) + rng.normal(0, 1e-4, (n, 3)))  # fmt: skip
+        heads += ["roll", "pitch", "yaw"]
+    marks = ["hold" if i % 4 == 1 and i // 4 < hold else "train" for i in range(n)]
+    lines = [",".join([*heads, *(["split"] if hold else [])])]
+    for row, mark in zip(np.column_stack(columns), marks, strict=True):
+        lines.append(",".join([*(f"{v:.9f}" for v in row), *([mark] if hold else [])]))
+    Path(f"{name}.csv").write_text("\n".join(lines))
+    Path(f"{name}_dh.csv").write_text(as_csv(rows))
+    return q, seen, np.array(marks) == "hold"
+
+
+def words(name, *more):
+    of = {standard: "standard", modified: "modified"}[ARMS[name][1]]
+    return "calibrate", f"dh={name}_dh.csv", f"convention={of}", f"data={name}.csv", "page=false", *more
+
+
+def written(path):
+    """Return the rows of a table that was written, each a dictionary of texts by heading."""
+    lines = [line for line in Path(path).read_text().splitlines() if not line.startswith("#")]
+    return list(csv.DictReader(lines))
+
+
+def numbers(row):
+    return tuple(
+        float(row.get(f"{n} [{'m' if n in 'ad' else 'rad'}]", 0)) for n in ("a", "alpha", "d", "theta", "beta")
+    )
+
+
+@pytest.mark.parametrize("name", list(ARMS))
+def test_what_was_hidden_in_a_table_comes_back_within_its_errors(bench, name):
+    measured(name, turns=name == "stanford")
+    found = bench(*words(name))
+    assert found["chosen"] == "geometry"
+    assert found["dh"] == f"{name}_dh.csv"
+    assert found["after"]["rms"] < 0.09 < 0.5 < found["before"]["rms"]
+    truth = {f"{number}_axis_{k + 1}": v * (1000 if number in "ad" else 1) for (number, k), v in HIDDEN[name].items()}
+    changes = {change["parameter"]: change for change in found["changes"]}
+    assert set(truth) <= set(changes), set(truth) - set(changes)
+    away = [abs(change["change"] - truth.get(one, 0.0)) / change["sd"] for one, change in changes.items()]
+    assert max(away) < 4
+    assert np.mean(np.array(away) < 2) > 0.75
+    undetermined = {one["parameter"] for one in found["undetermined"]}
+    assert not set(changes) & undetermined
+    assert {one.partition("_")[0] for one in set(changes) | undetermined} <= {"theta", "d", "a", "alpha", "beta"}
+
+
+@pytest.mark.parametrize("name", ["ur10", "craig"])
+def test_who_predicts_rows_held_back_by_the_written_table_finds_the_error_that_is_told(bench, name):
+    q, seen, hold = measured(name, 70, hold=15)
+    found = bench(*words(name))
+    told = [numbers(row) for row in written(found["files"]["dh"])]
+    beta = {("beta", k): row[4] for k, row in enumerate(told)}
+    arm = reached([(*row[:4], "r") for row in told], q, ARMS[name][1], beta)
+    x, y, z, *angles = found["frames"]["base"]
+    place = arm[:, :3, 3] + arm[:, :3, :3] @ (np.array(found["frames"]["target"][:3]) / 1000)
+    there = np.array([x, y, z]) / 1000 + place @ turned(*angles).T
+    left = 1000 * np.linalg.norm((there - seen)[hold], axis=1)
+    assert np.sqrt((left**2).mean()) == pytest.approx(found["after"]["rms"], rel=1e-3)
+
+
+def test_only_numbers_that_the_data_determine_are_others_than_they_were(bench):
+    measured("ur10")
+    found = bench(*words("ur10"))
+    changed = {change["parameter"] for change in found["changes"]}
+    rows = written(found["files"]["dh"])
+    for k, (row, before) in enumerate(zip(rows, UR10, strict=True), start=1):
+        for one, number, was in zip(
+            ("a", "alpha", "d", "theta", "beta"), numbers(row), (*before[:4], 0.0), strict=True
+        ):
+            sd = row.get(f"sd_{one} [{'m' if one in 'ad' else 'rad'}]", "")
+            if f"{one}_axis_{k}" in changed:
+                assert number != was
+                assert float(sd) > 0
+            else:
+                assert number == pytest.approx(was, abs=1e-9)
+                assert sd == ""
+    kept = {f"{one}_axis_{k}" for k in (2, 3) for one in ("d",)}
+    assert not kept & changed  # Hayati: the offset along axes that are parallel is told once, behind them
+    assert {"beta_axis_2", "beta_axis_3", "d_axis_4"} <= changed
+
+
+def test_the_urdf_that_is_written_is_the_arm_of_the_table_that_is_written(bench):
+    q, _, _ = measured("ur10")
+    found = bench(*words("ur10"))
+    told = [numbers(row) for row in written(found["files"]["dh"])]
+    wanted = reached([(*row[:4], "r") for row in told], q, standard, {("beta", k): r[4] for k, r in enumerate(told)})
+    chain = read_urdf(found["files"]["urdf"]).chain()
+    np.testing.assert_allclose(forward(chain, nominal(chain), q)[:, :3, 3] / 1000, wanted[:, :3, 3], atol=1e-8)
+
+
+def test_a_calibrated_table_is_read_again_and_left_alone(bench):
+    measured("ur10")
+    found = bench(*words("ur10"))
+    measured("ur10", seed=9)
+    again = bench("calibrate", f"dh={found['files']['dh']}", "data=ur10.csv", "page=false")
+    assert again["before"]["rms"] < 0.12
+    assert again["after"]["rms"] > 0.5 * again["before"]["rms"]
+
+
+def test_a_true_arm_keeps_its_table(bench, monkeypatch):
+    monkeypatch.setitem(HIDDEN, "craig", {})
+    measured("craig", 40)
+    found = bench(*words("craig"))
+    assert (found["chosen"], found["changes"]) == ("frames", [])
+    assert not {"dh", "urdf"} & set(found["files"])
+
+
+def test_an_arm_by_its_table_and_by_its_urdf_is_one_arm_to_every_verb(bench, here, capsys):
+    measured("ur10", 40)
+    text = Path("ur10.csv").read_text()
+    for k, name in enumerate(URDF_NAMES, start=1):
+        text = text.replace(f"axis_{k}", name)
+    Path("ur10.csv").write_text(text)
+    Path("t.csv").write_text(as_csv(UR10, names=URDF_NAMES))
+    Path("ur10.urdf").write_bytes(shipped("ur10.urdf").read_bytes())
+    table = ("machine.dh=t.csv", "machine.convention=standard")
+    one = bench("design", "machine=arm", *table, "data=ur10.csv", "plan.n=4", "plan.limits=data")
+    other = bench("design", "machine=arm", "machine.urdf=ur10.urdf", "data=ur10.csv", "plan.n=4", "plan.limits=data")
+    assert (one["numbers"], one["measured"]) == (other["numbers"], other["measured"])
+    np.testing.assert_allclose(one["error_mm"][0], other["error_mm"][0], rtol=0.05)
+
+    of_table = problems.make("arm", dh=Path("t.csv"), convention="standard", data=Path("ur10.csv"))
+    of_urdf = problems.make("arm", urdf=Path("ur10.urdf"), data=Path("ur10.csv"))
+    assert [p.name for p in of_table.parameters] == [p.name for p in of_urdf.parameters]
+    assert of_table(of_table.start) == pytest.approx(of_urdf(of_urdf.start), rel=1e-6)
+    assert of_table(of_table.best) == pytest.approx(of_urdf(of_urdf.best), rel=1e-6)
+    assert {"dh", "convention"} <= set(options_of(of_table))
+    assert not {"dh", "convention"} & set(options_of(of_urdf))  # rows of a URDF keep their ids
+
+    calibrated = bench("calibrate", "urdf=ur10.urdf", "data=ur10.csv", "page=false")
+    assert bench("calibrate", "machine=arm", *table, "data=ur10.csv", "page=false")["after"]["rms"] == pytest.approx(
+        calibrated["after"]["rms"], rel=0.02
+    )
+    assert "--json" not in capsys.readouterr().err
+
+
+@pytest.mark.slow  # a search
+def test_causes_are_searched_with_a_table_as_with_a_urdf(bench, here):
+    measured("ur10", 60)
+    table = ("machine.dh=ur10_dh.csv", "machine.convention=standard")
+    found = bench("discover", "machine=arm", *table, "data=ur10.csv", "sigma_mm=0.03")
+    assert found["verdict"] == "none"
+
+
+def test_the_convention_that_the_readings_fit_is_told_where_none_is_stated(bench):
+    for name, of in (("ur10", "standard"), ("craig", "modified")):
+        measured(name, 30)
+        told = bench("calibrate", f"dh={name}_dh.csv", f"data={name}.csv", code=2)
+        assert "the convention is not stated, and the same numbers are two arms" in told
+        assert f"the readings fit the arm as {of} only" in told
+        assert told.count("\n") == 1
+
+
+def five_rows():
+    Path("ur10_dh.csv").write_text(as_csv(UR10[:5]))
+
+
+def seven_rows():
+    Path("ur10_dh.csv").write_text(as_csv([*UR10, UR10[5]]))
+
+
+def in_mm_for_m():
+    Path("ur10_dh.csv").write_text(as_csv(UR10, scale=(1000, 1, 1000, 1)))
+
+
+def in_degrees():
+    Path("ur10_dh.csv").write_text(as_csv(UR10, scale=(1, 180 / np.pi, 1, 1)))
+
+
+def without_d():
+    Path("ur10_dh.csv").write_text(as_csv(UR10).replace("d [m]", "height"))
+
+
+def of_another_arm():
+    Path("ur10_dh.csv").write_text(as_csv(STANFORD).replace("prismatic", "revolute"))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "more", "said"),
+    [
+        (five_rows, (), "5 rows that move (axis_1, axis_2, axis_3, axis_4, axis_5), and axis_6 is a joint beside them"),
+        (seven_rows, (), "joint axis_7 of the table has no column; "),
+        (in_mm_for_m, (), "these look like mm; write a [mm] and d [mm]"),
+        (in_degrees, (), "alpha is stated in rad and reaches 90: degrees? then write alpha [deg]"),
+        (without_d, (), "no column d among joint, type, a, alpha, height, theta"),
+        (of_another_arm, (), "is this the table of the arm, convention= the one it was written in"),
+        (None, ("urdf=my.urdf",), "urdf= and dh= both describe the arm; give one"),
+        (None, ("machine.tip=tool0",), "machine.tip= is a link of a URDF; a table goes from its first row to its last"),
+        (None, ("machine.dh=b.csv",), "dh= and machine.dh= are the same thing; give one"),
+        (None, ("level=all",), "choices: auto, frames, zeros, geometry, gains"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_table_is_one_line_that_says_what_to_do(bench, spoil, more, said):
+    measured("ur10", 30)
+    if spoil:
+        spoil()
+    told = bench(*words("ur10", *more), code=2)
+    assert said in told
+    assert told.count("\n") == 1
+    assert not Path("results").exists()
+
+
+def test_a_convention_without_a_table_is_refused(bench):
+    assert "convention= is that of a table; state dh= too" in bench(
+        "calibrate", "urdf=a.urdf", "convention=standard", "data=a.csv", code=2
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({}, "problem.urdf=my.urdf, or problem.dh=table.csv"),
+        ({"urdf": "a", "dh": "b"}, "both describe the arm"),
+        ({"urdf": "a", "convention": "standard"}, "is that of a table"),
+        ({"dh": "b", "tip": "c"}, "are links of a URDF"),
+        ({"dh": "ur10_dh.csv"}, "problem.convention=standard"),
+    ],
+)
+def test_a_problem_needs_one_description(here, options, said):
+    measured("ur10", 20)
+    with pytest.raises(ValueError, match=said.replace(".", r"\.")):
+        problems.make("arm", data="ur10.csv", **options)
