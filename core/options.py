@@ -12,7 +12,7 @@ import math
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from enum import Enum
 from itertools import islice
 from numbers import Number, Real
@@ -49,9 +49,13 @@ class Option:
 
     @property
     def fields(self) -> dict[str, Option]:
-        """Return the options inside it, where it is a dataclass."""
+        """Return the options inside it, where it is a dataclass; their defaults are those of its own default."""
         kind = _dataclass_of(self.type) or _dataclass_of(type(self.default))
-        return {} if kind is None else declared_options(kind)
+        inside = {} if kind is None else declared_options(kind)
+        if type(self.default) is not kind:
+            return inside
+        held = {name: getattr(self.default, name, option.default) for name, option in inside.items()}
+        return {name: replace(option, default=held[name], required=False) for name, option in inside.items()}
 
     def taken(self, label: str, value: Any) -> Any:
         """Return `value` as `coerce` does; of a dataclass the fields that are not given are those of the default."""

@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from calibench.core import sources, user_file
-from calibench.core.options import Option, declared_options, suggest
+from calibench.core.options import Option, declared_options, shown, suggest
 
 T = TypeVar("T")
+_DEPTH = 12  # of lists in lists, as rows tell them
 _LISTED = 8  # names of a user's file that a message lists; of a long file those that are near
 
 
@@ -119,8 +120,15 @@ class Registry(Generic[T]):
         known = self._known(name)
         given = self._checked(known, options)
         factory = self._factory(known)
-        thing = factory(**given)
-        defaults = {key: option.default for key, option in self._declared(known).items()}
+        shared = {key: option.default for key, option in self._declared(known).items()}
+        defaults = {key: _copied(value) for key, value in shared.items()}
+        thing = factory(**{key: _copied(value) for key, value in given.items()})  # what is asked for stays as it is
+        for key, value in defaults.items():
+            if not _is_as_before(shared[key], value):
+                raise ValueError(
+                    f"{known} changes its own default {key}={shown(value)}, which all its objects share, to "
+                    f"{shown(shared[key])}; let it change a copy"
+                )
         self._remember(thing, Made(known, given, defaults | given, factory))
         return thing
 
@@ -278,6 +286,28 @@ class Registry(Generic[T]):
         except TypeError:  # it takes no weak reference (__slots__): keep it, so that nothing else gets its id
             get = _holder(thing)
         self._made[key] = (get, made)
+
+
+def _copied(value: Any, depth: int = 0) -> Any:
+    """Return `value` with lists, mappings and sets of its own; what stands in them is the same."""
+    if depth > _DEPTH:
+        return value
+    if type(value) is dict:
+        return {key: _copied(item, depth + 1) for key, item in value.items()}
+    if type(value) in (list, tuple):
+        return type(value)(_copied(item, depth + 1) for item in value)
+    return set(value) if type(value) is set else value
+
+
+def _is_as_before(value: Any, before: Any) -> bool:
+    """Tell whether nothing was changed in `value` since `_copied` returned `before`."""
+    if value is before:
+        return True
+    if type(value) is dict:
+        return [*value] == [*before] and all(_is_as_before(value[key], before[key]) for key in value)
+    if type(value) in (list, tuple):
+        return len(value) == len(before) and all(map(_is_as_before, value, before))
+    return type(value) is set and bool(value == before)
 
 
 def _own_names(module: types.ModuleType) -> list[str]:

@@ -42,7 +42,10 @@ def plain(value: Any, depth: int = 0) -> Any:
     if depth > _DEPTH:
         raise NotPlain("an object that contains itself")
     if isinstance(value, Mapping):
-        return {k if isinstance(k, str) else str(plain(k, depth + 1)): plain(v, depth + 1) for k, v in value.items()}
+        named = {k if isinstance(k, str) else str(plain(k, depth + 1)): plain(v, depth + 1) for k, v in value.items()}
+        if len(named) < len(value):
+            raise NotPlain("two keys of a mapping that are written alike, such as 1 and '1'")
+        return named
     if isinstance(value, list | tuple):
         return [plain(item, depth + 1) for item in value]
     if isinstance(value, set | frozenset):

@@ -9,7 +9,8 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
-from collections.abc import Mapping
+import types
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any
@@ -23,7 +24,9 @@ from calibench.core.registry import Made, Registry
 from calibench.core.seeds import digest as digest  # who asks for ids asks for these here
 from calibench.core.seeds import seed_sequence as seed_sequence
 
+OPTIONS = "options"  # the attribute by which an object may tell what it is
 UNSEEN = "unseen, box"  # stands, with a digest of the box, for a parameter that no attribute of an object tells
+_ANY = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 def name_of(thing: Any) -> str:
@@ -44,21 +47,37 @@ def options_of(thing: Any) -> dict[str, Any]:
     For an entry of a registry: the arguments it was given, then its own `options`, then the defaults; an option of its
     `said_if_chosen` only where it was given. For another object: its `options`, or its dataclass fields, or its
     attributes that are named as the parameters of its `__init__`; a parameter that is no attribute (``self.n`` or
-    ``self._n``) shows only in the box, with a warning.
+    ``self._n``) shows only in the box, with a warning. Where `options` is one parameter beside others, it is a value
+    as they are, and says nothing of them.
 
     Raises `ValueError` for a value that cannot be told from others, such as a random generator.
     """
-    made, own = made_as(thing), getattr(thing, "options", None)
+    made = made_as(thing)
     if made is None:
         return _as_plain(thing, seen_options(thing))
-    said = own if isinstance(own, Mapping) else {}
-    return _of_made(thing, made, said)
+    return _of_made(thing, made, _said(thing, made.arguments, made.arguments.get(OPTIONS)) or {})
 
 
 def seen_options(thing: Any) -> Mapping[Any, Any]:
     """Return the options, as they are, of an object that no registry made."""
-    own = getattr(thing, "options", None)
-    return own if isinstance(own, Mapping) else _seen(thing)
+    said = _said(thing, _parameters(type(thing)))
+    return _seen(thing) if said is None else said
+
+
+def _said(thing: Any, parameters: Collection[str], argument: Any = None) -> Mapping[Any, Any] | None:
+    """Return the `options` by which an object tells what it is; None without, or where they are one of its parameters.
+
+    As a parameter beside others it would hide them: of two objects that differ in another one all would be the same.
+    `argument` is what that parameter was given, where it is known.
+    """
+    own = getattr(thing, OPTIONS, None)
+    if not isinstance(own, Mapping):
+        return None
+    others = {*parameters} - {OPTIONS}
+    if OPTIONS not in parameters or not others:
+        return own
+    tells_all = others <= {*own} and not (isinstance(argument, Mapping) and {*own} == {*argument})
+    return own if tells_all else None
 
 
 def options_as_asked(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -203,12 +222,19 @@ def _declared(kind: type) -> Mapping[str, Option]:
 
 
 def _parameters(kind: type) -> list[str]:
-    """Return the names of the parameters of a class, none where it takes any keyword."""
-    begin: Any = vars(kind).get("__init__") or getattr(kind, "__init__", None)
-    if begin is object.__init__:
-        return []
-    try:
+    """Return the names of the parameters of a class: of one that hands ``*args, **options`` on, its base's too."""
+    found: list[str] = []
+    for at, base in enumerate(kind.__mro__):
+        begin: Any = vars(base).get("__init__")
+        if begin is None or getattr(begin, "__module__", "") == "typing":  # which a Protocol has
+            continue
+        if not inspect.isroutine(begin) or isinstance(begin, types.WrapperDescriptorType):  # of C, such as object's
+            break
         declared = list(inspect.signature(begin).parameters.values())[1:]
-    except (TypeError, ValueError):
-        return []
-    return [p.name for p in declared if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+        found += [p.name for p in declared if p.kind not in _ANY and p.name not in found]
+        collecting = [p.name for p in declared if p.kind in _ANY]
+        if not collecting:
+            break
+        if not any("__init__" in vars(one) for one in kind.__mro__[at + 1 : -1]):  # nobody takes them: it keeps them
+            found += [name for name in collecting if name not in found]
+    return found

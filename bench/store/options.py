@@ -17,7 +17,8 @@ PREFIXES = tuple(prefix for prefix, _, _ in _KINDS)  # of the columns
 OF_OPTIONS = tuple(column for _, name, options in _KINDS for column in (name, options))
 
 
-_MEMBER = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*\.([A-Za-z_]\w*)")  # of an enumeration, as rows write it
+# a member of an enumeration, as rows write it; its class has a capital letter, which data:run.csv has not
+_MEMBER = re.compile(r"[A-Za-z_][\w.]*:(?:[A-Za-z_]\w*\.)*_*[A-Z]\w*\.([A-Za-z_]\w*)")
 
 
 def typed(value: Any) -> Any:

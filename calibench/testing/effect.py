@@ -1,4 +1,4 @@
-"""The laws of an effect: the identity at zero, derivatives that are derivatives, names, units, columns that are there.
+"""The laws of an effect: the identity at zero, rows by themselves, slopes, names, units, columns that are there.
 
 An effect acts on a machine, so it is checked on one: ``check_effect(sag, Arm(), data)``, where `sag` is one `Effect` or
 a whole `EffectFamily`, of which every candidate that the data can test is checked.
@@ -19,6 +19,7 @@ from calibench.problems.base import Array
 from calibench.testing._law import Checks, checks_of, require
 
 _DIFFERENCE = 1e-5
+_SAME = 1e-9  # of a change: sums of fewer numbers round otherwise
 
 
 def check_effect(effect: Effect | EffectFamily, machine: Machine, data: MeasuredData) -> None:
@@ -83,6 +84,26 @@ def zero_changes_nothing(effect: Effect, formulation: Formulation) -> None:
     plain, more = Model(formulation), Model(formulation).with_effects(effect)
     same = np.array_equal(plain.residuals(plain.start), more.residuals(more.start))
     require(same, f"{name_of(effect)}: zero changes nothing", "other residuals", "change no state")
+
+
+def a_row_changes_by_what_stands_in_it(effect: Effect, formulation: Formulation) -> None:
+    """A reading changes by the same beside few other rows as beside all: held-out rows are told without the others."""
+    q, data, rng = _quantities(formulation), formulation.data, np.random.default_rng(4)
+    c = 0.1 * rng.normal(size=len(effect.coefficients))
+    whole = effect.shift(q, data, c)
+    for few in (min(2, len(data)), (len(data) + 1) // 2):
+        some = np.zeros(len(data), dtype=bool)
+        some[rng.choice(len(data), few, replace=False)] = True
+        part = effect.shift({name: value[some] if np.ndim(value) else value for name, value in q.items()},
+                            data.rows(some), c)  # fmt: skip
+        for name, value in whole.items():
+            size, there = float(np.abs(value).max()), np.asarray(part[name])
+            gap = float(np.abs(value[some] - there).max()) if there.shape == (few,) else np.inf
+            require(
+                gap <= _SAME * size, f"{name_of(effect)}: a row changes by what stands in it",
+                f"a gap of {gap:.2g} beside {size:.2g} in {name} where {few} of {len(data)} rows are given",
+                "take a mean, an extreme or an order of all rows in build(formulation, target), once, as a number",
+            )  # fmt: skip
 
 
 def basis_is_the_derivative_of_shift(effect: Effect, formulation: Formulation) -> None:
@@ -170,7 +191,7 @@ def a_missing_column_makes_it_not_testable(family: EffectFamily, machine: Machin
 
 EFFECT_LAWS = (
     it_is_named_and_has_units, its_columns_are_in_the_data, it_changes_quantities_of_the_machine, zero_changes_nothing,
-    basis_is_the_derivative_of_shift, signature_is_the_derivative_of_the_residuals,
+    a_row_changes_by_what_stands_in_it, basis_is_the_derivative_of_shift, signature_is_the_derivative_of_the_residuals,
 )  # fmt: skip
 FAMILY_LAWS = (the_family_is_named, the_data_can_test_some_of_it, a_missing_column_makes_it_not_testable)
 

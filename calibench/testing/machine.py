@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibench.discrepancy.checks.machine import refuse_no_machine
-from calibench.discrepancy.checks.wild import formulated
+from calibench.discrepancy.checks.wild import formulated, refuse_wild
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Machine, Quantities
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
@@ -114,6 +114,14 @@ def constraints_have_a_row_a_reading(machine: Machine, data: MeasuredData) -> No
     require(np.isfinite(rows).all(), "constraints are finite at the start", "nan or inf", "mend start or closure")
 
 
+def readings_are_near_the_model(machine: Machine, data: MeasuredData) -> None:
+    """No column is in another unit, or from another zero, than the constraints take it to be."""
+    try:
+        refuse_wild(machine.formulate(data))
+    except DataError as error:
+        require(False, "readings are near the model", error, "bring the column, or the formula, to that unit")
+
+
 def slopes_agree_with_differences(machine: Machine, data: MeasuredData) -> None:
     """There is a slope for every quantity, and it is the derivative of the constraints."""
     formulation, q = _at_start(machine, data)
@@ -191,8 +199,8 @@ def covariates_are_columns_of_known_targets(machine: Machine, data: MeasuredData
 MACHINE_LAWS = (
     data_are_formulated_and_left_alone, a_missing_column_is_no_crash, parameters_are_named_once_and_start_in_their_box,
     every_reading_has_its_noise_and_its_sensor, declared_units_agree, constraints_have_a_row_a_reading,
-    slopes_agree_with_differences, other_rows_have_the_same_constraints, decorrelate_is_linear,
-    readings_determine_every_parameter, covariates_are_columns_of_known_targets,
+    readings_are_near_the_model, slopes_agree_with_differences, other_rows_have_the_same_constraints,
+    decorrelate_is_linear, readings_determine_every_parameter, covariates_are_columns_of_known_targets,
 )  # fmt: skip
 
 

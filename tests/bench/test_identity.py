@@ -226,3 +226,64 @@ def test_an_option_that_came_later_is_told_only_where_it_was_chosen(registered):
     assert options_of(registered.make("spoken", shift=None)) == {"dimension": 2}
     assert options_of(registered.make("spoken", shift=0.5)) == {"dimension": 2, "shift": 0.5}
     assert options_as_asked(registered, "spoken", {}) == {"dimension": 2}
+
+
+class Scaled:
+    """One of its parameters is called `options`, as many a library has it."""
+
+    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.5)
+
+    def __init__(self, gain: float = 1.0, options: dict = {}):  # noqa: B006
+        self.gain, self.options = gain, options
+
+    def __call__(self, x):
+        return self.gain * float(x @ x)
+
+
+@pytest.mark.parametrize("inside", [{}, {"gain": 7.0}, {"depth": 2}])
+def test_a_parameter_called_options_hides_no_other(registered, inside):
+    made = registered.make(f"{__name__}:Scaled", gain=2.0, options=inside)
+    assert options_of(made) == {"gain": 2.0, "options": inside}
+    assert options_of(registered.make(f"{__name__}:Scaled", options=inside)) == {"gain": 1.0, "options": inside}
+    by_hand = [Scaled(gain, {"depth": 2}) for gain in (1.0, 2.0)]
+    assert [options_of(one)["gain"] for one in by_hand] == [1.0, 2.0]
+
+
+class Passing(Deep):
+    def __init__(self, **options):
+        super().__init__(**options)
+
+
+class Collecting(Scaled):
+    def __init__(self, *parts, **more):
+        super().__init__(more.get("gain", 1.0))
+        self.more = more
+
+
+def test_keys_that_are_written_alike_are_refused():
+    assert plain({1: "a"}) == {"1": "a"}
+    with pytest.raises(ValueError, match="two keys of a mapping that are written alike"):
+        plain({1: "a", "1": "b"})
+
+
+def test_parameters_that_are_handed_on_or_collected_tell_objects_apart():
+    assert options_of(Passing(depth=1.0)) == options_of(Deep(1.0)) == {"depth": 1.0}
+    ids = {bench.execute(Collecting(gain=k), optimizers.make("de"), budget=2).run_id for k in (1.0, 2.0)}
+    assert len(ids) == 2
+    assert options_of(SimpleNamespace(lower=0)) == {}
+
+
+class Growing(Scaled):
+    def __init__(self, weights: list = [1.0]):  # noqa: B006
+        weights.append(2.0)
+        super().__init__(sum(weights))
+
+
+def test_what_an_object_does_to_its_arguments_changes_no_other_run(registered):
+    asked = {"weights": [5.0]}
+    made = [registered.make(f"{__name__}:Growing", **asked) for _ in range(2)]
+    assert [one.gain for one in made] == [7.0, 7.0]
+    assert asked == {"weights": [5.0]}
+    assert [options_of(one)["weights"] for one in made] == [[5.0], [5.0]]
+    with pytest.raises(ValueError, match=r"Growing changes its own default weights=\[1\.0\].*to \[1\.0,2\.0\].*copy"):
+        registered.make(f"{__name__}:Growing")

@@ -9,6 +9,7 @@ from calibench.bench.cli import main
 from calibench.bench.report.one_run.again import again_command
 from calibench.bench.statistics.names.labels import problem_titles
 from calibench.bench.statistics.tables import problem_of
+from calibench.bench.store.options import typed
 from calibench.bench.store.runs import ResultStore
 
 RIG = """
@@ -185,3 +186,10 @@ def test_what_cannot_be_pickled_runs_in_other_processes(closed, tmp_path, monkey
     assert bench("run", "-m", *words, *f"execution={way}".split()) == 0
     runs = ResultStore("results/adhoc").runs()
     assert (len(runs), {*runs["status"]}, {*runs["evaluations"]}) == (4, {"ok"}, {40})
+
+
+def test_a_text_with_a_colon_and_a_dot_is_no_member_of_an_enumeration():
+    assert [typed(text) for text in ("rig:Loss.L1", "a.rig:Rig._Loss.low")] == ["L1", "low"]
+    assert [typed(text) for text in ("data:run.csv", "tcp:host.local", "C:run.csv", "a:b:Loss.L1")] == [
+        "data:run.csv", "tcp:host.local", "C:run.csv", "a:b:Loss.L1",
+    ]  # fmt: skip

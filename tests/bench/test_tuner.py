@@ -14,6 +14,7 @@ from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import carry_out
 from calibench.bench.sweep.tuner.space import read_tuning
 from calibench.bench.sweep.tuner.trials import first_request, trials
+from calibench.bench.sweep.words.values import RequestError
 from tests.bench.test_cli import REPEATABLE
 
 pytest.importorskip("optuna")
@@ -174,3 +175,71 @@ def test_the_space_is_checked_before_anything_runs() -> None:
     assert [d.default for d in tuning.space] == [None, 0.5]  # 150 lies outside 5 .. 60
     assert len(first_request(tuning).specs) == 6
     assert np.isclose(tuning.space[1].probes()[2], 0.3 + 0.6 / np.pi)
+
+
+NESTED = """
+from dataclasses import dataclass, field
+
+from calibench import optimizers
+
+
+@dataclass(frozen=True)
+class Step:
+    size: float = 0.5
+
+
+@dataclass
+class Walk:
+    near: Step = field(default_factory=lambda: Step(0.2))
+    far: Step = field(default_factory=Step)
+    shrink: float = 1.0
+
+    traits = optimizers.Traits(stochastic=True)
+
+    def minimize(self, objective, rng):
+        assert self.near.size <= 0.3 <= self.far.size, (self.near, self.far)
+        while True:
+            size = self.shrink * (self.near.size if rng.random() < 0.5 else self.far.size)
+            inside = rng.random(objective.dimension) * (objective.upper - objective.lower)
+            objective(objective.lower + size * inside)
+"""
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory) -> str:
+    file = tmp_path_factory.mktemp("own") / "walk.py"
+    file.write_text(NESTED)
+    return f"{file}:Walk"
+
+
+def test_options_of_one_name_in_two_others_are_two_options(run_bench, tmp_path, walk) -> None:
+    words = [*CELLS[:2], "budget=20", "seeds=1", f"optimizer={walk}", "tuner=optuna", "tuner.trials=3"]
+    space = ["optimizer.near.size=interval(0.1,0.3)", "opt.Walk.far.size=interval(0.3,0.9)", "opt.Walk.shrink=0.5,1.0"]
+    tuning = read_tuning([*words, *space])
+    assert [(d.option, d.default) for d in tuning.space] == [("near.size", 0.2), ("far.size", 0.5), ("shrink", "1.0")]
+    code, out, err = run_bench(["run", *words, *space, "tuner.sampler=random"])
+    assert code == 0, err
+    rows = ResultStore(tmp_path / "results" / "adhoc").runs(options=True)
+    assert (rows["status"] == "ok").all(), rows["error"].tolist()
+    assert len(rows) == 4 * 6  # the default and three settings on six instances: no list is swept beside them
+    assert rows["opt.near.size"].nunique() == rows["opt.far.size"].nunique() == 4
+    assert "near.size=" in out
+    assert "(default)" in out
+
+
+def test_a_default_that_always_fails_does_not_end_the_search(run_bench, tmp_path, walk) -> None:
+    words = [*CELLS[:2], "budget=20", "seeds=1", f"optimizer={walk}", "optimizer.near.size=0.5", "tuner=optuna"]
+    code, out, err = run_bench(["run", *words, "optimizer.shrink=interval(0.5,1)", "tuner.trials=2", "study=none"])
+    assert code == 1, err
+    assert out.count("no score (a run without an answer") == 3  # the default and both trials
+    assert "18 failed, 0 have no row" in out
+    assert "what choosing is worth is not told" in out
+    mixed = [word for word in words if "near" not in word] + ["optimizer.far.size=0.2,0.6", "optimizer.near.size=0.3"]
+    code, out, _ = run_bench(["run", *mixed, "tuner.trials=6", "tuner.sampler=random"])
+    assert 0 < out.count("no score") < 6  # 0.2 fails, 0.6 does not
+    assert code == 1
+
+
+def test_one_option_by_two_words_is_refused(walk) -> None:
+    with pytest.raises(RequestError, match="are one option; give it once"):
+        read_tuning([*CELLS, "tuner=optuna", "optimizer.F=interval(0.3,0.9)", "opt.de.F=interval(0.4,0.8)"])

@@ -15,6 +15,8 @@ from tests.discrepancy.arm import Arm, readings
 DATA = readings()
 DATA = DATA.with_columns({"payload_N": np.resize([0.0, 10.0, 20.0], len(DATA))})
 
+PAYLOAD = DATA["payload_N"]
+
 
 def sag(**changed: Any) -> LinearEffect:
     """Return an effect that keeps every law: the second drive gives way under the payload."""
@@ -57,6 +59,19 @@ EFFECTS: list[tuple[str, Any, str]] = [
     (
         "it_changes_quantities_of_the_machine",
         Bent(sag(), basis=lambda q, data, c: {"enc_2": -payload(data)}), r"enc_2 changes by \(180, 1\)",
+    ),
+    (
+        "a_row_changes_by_what_stands_in_it",
+        sag(changes=lambda q, data: {"enc_2": (payload(data).mean() - payload(data))[:, None]}),
+        r"a gap of .* in enc_2 where 2 of 180 rows are given; take a mean",
+    ),
+    (
+        "a_row_changes_by_what_stands_in_it",
+        sag(changes=lambda q, data: {"enc_2": np.gradient(payload(data))[:, None]}), "a gap of",
+    ),
+    (
+        "a_row_changes_by_what_stands_in_it",
+        sag(changes=lambda q, data: {"enc_2": -PAYLOAD[:, None]}), "a gap of inf",
     ),
     (
         "basis_is_the_derivative_of_shift",

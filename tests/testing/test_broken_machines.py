@@ -53,6 +53,16 @@ class Scribbling(Arm):
         return super().formulate(data)
 
 
+class InDegrees(Arm):
+    def formulate(self, data):
+        return super().formulate(data.with_columns({"enc_2": np.rad2deg(data["enc_2"])}))
+
+
+class InMetres(Arm):
+    def formulate(self, data):
+        return super().formulate(data.with_columns({"x": data["x"] / 1000}))
+
+
 class Crashing(Arm):
     def formulate(self, data):
         data.columns["enc_2"]
@@ -115,6 +125,8 @@ MACHINES: list[tuple[str, Any, str]] = [
     ),
     ("decorrelate_is_linear", Fake({"decorrelate": lambda _, rows: rows**2}), "decorrelate is linear"),
     ("readings_determine_every_parameter", WithUnseen(), "base, tracker move together unseen; hold one of them"),
+    ("readings_are_near_the_model", InDegrees(), "if enc_2 is multiplied by 0.0174533.*looks like deg"),
+    ("readings_are_near_the_model", InMetres(), "if x is multiplied by 1000.*looks like m; state"),
     (
         "covariates_are_columns_of_known_targets",
         Fake({"covariates": lambda _, told: {"wrist": {}}}), "a covariate has a known target; found wrist",

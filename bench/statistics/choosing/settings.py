@@ -122,11 +122,11 @@ def choose(runs: pd.DataFrame, by: By = "value", over: Over = "instances") -> Ch
 def score_of(runs: pd.DataFrame, by: By) -> float:
     """Return the score of the one setting of `runs` on all its instances; NaN where it has none."""
     rows = runs.reset_index(drop=True)
-    paid, won, without = _scores(rows, by)
+    if by == "value" and _without_answer(rows).any():
+        return float("nan")
+    paid, won, _ = _scores(rows, by)
     if by == "goal":
         return float(np.log10(paid.sum() / won.sum())) if won.any() else float("nan")
-    if without.any():
-        return float("nan")
     return float(pd.Series(paid).groupby([rows[name] for name in PROBLEM]).mean().mean())
 
 
@@ -224,10 +224,13 @@ def _complete(
     return set(count.index[count == whole]), tuple(names[text] for text in count.index[count < whole])
 
 
+def _without_answer(rows: pd.DataFrame) -> NDArray[np.bool_]:
+    return np.asarray(~np.isfinite(answers(rows)) | (rows["status"] == "failed").to_numpy())
+
+
 def _scores(rows: pd.DataFrame, by: By) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return of each run what it paid, what it won, and whether it has no answer."""
-    values = answers(rows)
-    without = ~np.isfinite(values) | (rows["status"] == "failed").to_numpy()
+    values, without = answers(rows), _without_answer(rows)
     goals = np.array([goal(t, levels) for t, levels in zip(rows["target"], rows["targets"], strict=True)])
     if by == "goal":
         if np.isnan(goals).any():

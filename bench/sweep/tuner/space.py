@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any, Literal, cast, final, get_args
 
 from calibench.bench.statistics.choosing.settings import By, default_of
@@ -28,21 +29,18 @@ _WHOLE_SWEEP = ("shard", "stop_after")  # a trial is judged by all its runs
 class Dimension:
     """What one option may be: numbers from `low` to `high`, or where there are `choices` one of them, as Hydra text.
 
-    `default` is the declared one; None where it is not known or lies outside.
+    `option` is its name, ``noise.sigma`` inside another, and `word` what the command calls it. `default` is the
+    declared one; None where it is not known or lies outside.
     """
 
     word: str
+    option: str
     low: float
     high: float
     whole: bool
     log: bool
     choices: tuple[str, ...]
     default: Any
-
-    @property
-    def option(self) -> str:
-        """Return the option's own name."""
-        return self.word.rpartition(".")[2]
 
     def probes(self) -> list[Any]:
         """Return values that must be right before anything runs: all choices, or both ends and one between."""
@@ -84,12 +82,15 @@ def read_tuning(words: Sequence[str]) -> Tuning:
     optimizer = last_value([o for o in overrides if not o.is_sweep_override()], "optimizer", "")
     if not optimizer:
         raise RequestError("tuner=optuna: one optimizer=NAME is needed, whose options are to be chosen")
-    varied = [o for o in overrides if _is_option(o.key_or_group, optimizer) and o.is_sweep_override()]
+    varied = [o for o in overrides if _option(o.key_or_group, optimizer) and o.is_sweep_override()]
     if not varied:
         raise RequestError(
             "tuner=optuna: no option varies; give one, such as 'optimizer.population=int(interval(10,200))'"
         )
     space = tuple(_dimension(o, optimizer) for o in varied)
+    for one, other in combinations(space, 2):
+        if one.option == other.option:
+            raise RequestError(f"{one.word} and {other.word} are one option; give it once")
     words_left = tuple(text for text, o in zip(rest, overrides, strict=True) if o not in varied)
     sampler = given.get("tuner.sampler", "tpe")
     if sampler not in get_args(Sampler):
@@ -138,22 +139,30 @@ def _number(given: Mapping[str, str], key: str, least: int, most: int) -> int:
     return value
 
 
-def _is_option(key: str, optimizer: str) -> bool:
-    return key.startswith(("optimizer.", f"opt.{optimizer}."))
+def _option(key: str, optimizer: str) -> str:
+    """Return which option of the optimiser a word is about, ``noise.sigma`` inside another; "" where it is about none.
+
+    A class of a file is addressed by its name alone, too.
+    """
+    for prefix in ("optimizer.", f"opt.{optimizer}.", f"opt.{optimizer.rpartition(':')[2]}."):
+        if key.startswith(prefix):
+            return key.removeprefix(prefix)
+    return ""
 
 
 def _dimension(override: Any, optimizer: str) -> Dimension:
     from hydra.core.override_parser.types import IntervalSweep
 
     word = override.key_or_group
-    default = _default(optimizer, word.rpartition(".")[2])
+    option = _option(word, optimizer)
+    default = _default(optimizer, option)
     value = None if isinstance(override, PlainOverride) else override.value()
     if not isinstance(value, IntervalSweep):
         choices = tuple(dict.fromkeys(values_of(override)))
         if not choices:
             raise RequestError(f"{override.input_line}: holds no value")
         own = next((text for text in choices if _same(text, default)), None)
-        return Dimension(word, 0.0, 0.0, False, False, choices, own)
+        return Dimension(word, option, 0.0, 0.0, False, False, choices, own)
     low, high = value.start, value.end
     if low is None or high is None:
         raise RequestError(f"{override.input_line}: interval(LOW,HIGH) with finite LOW < HIGH is needed")
@@ -165,7 +174,8 @@ def _dimension(override: Any, optimizer: str) -> Dimension:
     if log and low <= 0:
         raise RequestError(f"{override.input_line}: a logarithmic scale needs LOW above 0")
     inside = isinstance(default, int | float) and not isinstance(default, bool) and low <= default <= high
-    return Dimension(word, low, high, whole, log, (), (int(default) if whole else float(default)) if inside else None)
+    own = (int(default) if whole else float(default)) if inside else None
+    return Dimension(word, option, low, high, whole, log, (), own)
 
 
 def _default(optimizer: str, option: str) -> Any:

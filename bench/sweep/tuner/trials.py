@@ -4,7 +4,7 @@ A trial is one setting on all cells of the command, by the same gate, store and 
 of the search but its rows: the same command asks the same proposals of the same seed again, finds the runs of the
 finished trials done, tells their scores and goes on. For that a score depends on the runs of its trial alone, in an
 order that does not depend on when they were collected; and a trial without one (a run without an answer, or nobody at
-the goal) is told as one decade worse than the worst before it.
+the goal) is told as one decade worse than the worst before it, or as failed where there was none.
 
 The default setting is run first, as it is what choosing must beat.
 """
@@ -73,10 +73,12 @@ def trials(tuning: Tuning, carry: CarryOut) -> Iterator[Trial]:
         score = _score(request, tuning)
         if math.isfinite(score):
             worst = max(worst, score)
-        told = score if math.isfinite(score) else (worst if math.isfinite(worst) else 0.0) + 1.0
-        if asked is not None:
+        told = score if math.isfinite(score) else worst + 1.0
+        if asked is not None and not math.isfinite(told):
+            study.tell(asked, state=optuna.trial.TrialState.FAIL)
+        elif asked is not None:
             study.tell(asked, told)
-        elif all(d.default is not None for d in tuning.space):
+        elif math.isfinite(told) and all(d.default is not None for d in tuning.space):
             default = {d.option: d.default for d in tuning.space}
             study.add_trial(optuna.trial.create_trial(params=default, distributions=distributions, value=told))
         yield Trial(number, values, request, outcome, score)
