@@ -35,6 +35,7 @@ PAGES = (
     "own-suite.md",
     "comparing.md",
     "my-robot.md",
+    "hand-eye.md",
 )
 PICTURES = {
     "images/discovery_backlash.png": "results/discover/demo_backlash/figures/residuals_1.png",

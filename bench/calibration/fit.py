@@ -79,9 +79,11 @@ def order_of(names: Sequence[str], level: str, sliding: Collection[str] = ()) ->
 def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, hopeful: bool = False) -> Index:
     """Return which of the parameters in `order` the readings determine, as places in p, sorted.
 
-    The residuals at p give the noise; `hopeful` assumes that they will be small.
+    The residuals at p give the noise; `hopeful` assumes that they will be small. Of a model with `every`, all of them.
     """
     order = list(order)
+    if model.every:
+        return np.array(sorted(order), dtype=np.int64)
     rows = _stacked(*model.jacobian(p, np.array(order, dtype=np.int64), weights), weights)
     residuals = _stacked_residuals(*model.residuals(p, weights), weights)
     spare = max(1.0, float(np.median(np.abs(residuals))) / 0.6745)  # a model with misfit determines less

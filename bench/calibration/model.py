@@ -33,6 +33,7 @@ class ArmModel:
     `sigma` is the noise of a position [mm] and of a rotation [rad]; `distance` that of two sockets of a place [mm], 0
     where it is not known, and `sigma_distance` how well [mm]. `scatter` (n,) is how many times as far as others the
     readings of a socket lie apart; None where all are alike. `rows` is the arm of a table; None for that of a URDF.
+    With `every` a fit frees all parameters that it is asked for, however little the readings tell of one.
     """
 
     chain: Chain
@@ -46,6 +47,7 @@ class ArmModel:
     sigma_distance: float = KNOWN_TO
     scatter: Array | None = None
     rows: DhArm | None = None
+    every: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:

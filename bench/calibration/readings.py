@@ -140,8 +140,8 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
         notes.append(f"{len(lost)} of {len(whole)} rows are without a value or not valid, and left out: {listed}")
     notes += _not_read(given, matched)
     if observed != "sockets":
-        notes += _without_copies(table, np.column_stack(used), whole)
-    hold = _held_back(table, matched, whole)
+        notes += without_copies(table, np.column_stack(used), whole)
+    hold = held_back(table, matched, whole)
     used_rows = whole if hold is None else whole & ~hold
     poses = _count(joints[used_rows], observed)
     if poses < _LEAST[observed]:
@@ -243,8 +243,8 @@ def _beside(given: Sequence[str], matched: Matched) -> list[str]:
     return [name for name in given if name not in used and not only_asked(name)]
 
 
-def _without_copies(table: Table, values: Array, whole: Mask) -> list[str]:
-    """Leave rows out of `whole` that equal an earlier one in joints and readings; return a remark.
+def without_copies(table: Table, values: Array, whole: Mask, what: str = "joint and reading") -> list[str]:
+    """Leave rows out of `whole` that equal an earlier one in `values` (n, k), told as `what`; return a remark.
 
     Two readings of a pose differ by noise, so equal rows are copies: a held-out copy would be among the fitted rows,
     too.
@@ -257,7 +257,7 @@ def _without_copies(table: Table, values: Array, whole: Mask) -> list[str]:
     whole[rows[again]] = False
     told = [f"{table.told(int(rows[i]))} of {table.told(int(rows[first[alike.reshape(-1)[i]]]))}" for i in again[:4]]
     listed = ", ".join(told) + (f" and {len(again) - 4} more" if len(again) > 4 else "")
-    return [f"{len(again)} rows are copies of others in every joint and reading, and left out: {listed}"]
+    return [f"{len(again)} rows are copies of others in every {what}, and left out: {listed}"]
 
 
 def _observed(matched: Matched) -> str:
@@ -286,7 +286,7 @@ def _sockets(table: Table, matched: Matched, observed: str) -> tuple[Index, Inde
     return both.ravel().astype(np.int64), place.astype(np.int64)
 
 
-def _held_back(table: Table, matched: Matched, whole: Mask) -> Mask | None:
+def held_back(table: Table, matched: Matched, whole: Mask) -> Mask | None:
     """Return which rows the file holds back, (n,), some of the `whole` ones; None where it does not say."""
     if "split" not in matched.other or not whole.any():
         return None

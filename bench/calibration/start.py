@@ -8,6 +8,7 @@ what to do.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import final
@@ -250,25 +251,32 @@ def _rotations(readings: Readings, columns: list[str], rotation: str) -> dict[st
     """Return the possible meanings of the rotations, in words -> (n, 3, 3)."""
     assert readings.angles is not None
     angles = readings.angles
-    if angles.shape[1] == 4:
-        found = {
-            "quaternion": quaternion(*angles.T)[:, :3, :3],
-            "quaternion whose first number is the real part": quaternion(*np.roll(angles, -1, axis=1).T)[:, :3, :3],
-        }
-    else:
-        stated = any(name in readings.table.units for name in columns)
-        large = float(np.abs(angles).max()) > 2 * np.pi + 0.01
-        units = {"rad": 1.0} if stated or readings.matched.figaroh else {"degrees": np.pi / 180}
-        if not large and not stated and not readings.matched.figaroh:
-            units = {"rad": 1.0, **units}
-        found = {}
-        for order in (rotation,) if rotation else ("rpy", "xyz", "vector"):
-            for unit, size in units.items():
-                said = f"{_WORDS[order]}, {unit}"
-                found[said] = _matrices(size * angles, order)
+    stated = any(name in readings.table.units for name in columns)
+    large = float(np.abs(angles).max()) > 2 * np.pi + 0.01
+    units = {"rad": 1.0} if stated or readings.matched.figaroh else {"degrees": np.pi / 180}
+    if not large and not stated and not readings.matched.figaroh:
+        units = {"rad": 1.0, **units}
+    found = meanings(angles, rotation, units)
     if not rotation:
         found |= {f"{said}, of the tracker in the target": made.swapaxes(1, 2) for said, made in found.items()}
     return found
+
+
+def meanings(angles: Array, rotation: str, units: Mapping[str, float]) -> dict[str, Array]:
+    """Return what rotations may mean, in words -> (n, 3, 3): quaternions (n, 4), or angles (n, 3).
+
+    `rotation` states the order of angles, "" for every order; `units` are those of angles, name -> rad.
+    """
+    if angles.shape[1] == 4:
+        return {
+            "quaternion": quaternion(*angles.T)[:, :3, :3],
+            "quaternion whose first number is the real part": quaternion(*np.roll(angles, -1, axis=1).T)[:, :3, :3],
+        }
+    return {
+        f"{_WORDS[order]}, {unit}": _matrices(size * angles, order)
+        for order in ((rotation,) if rotation else ("rpy", "xyz", "vector"))
+        for unit, size in units.items()
+    }
 
 
 _WORDS = {

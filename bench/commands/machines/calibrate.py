@@ -19,6 +19,10 @@ _LISTED = 8  # wild readings that are printed
 def run(argv: list[str]) -> int:
     """Calibrate the arm that `argv` names, write what came of it, and print it."""
     flags, words = split_flags(argv, ("--json",))
+    if any(word.partition("=")[0] == "hand_eye" for word in words):
+        from calibench.bench.commands.machines import hand_eye
+
+        return hand_eye.run(words, "--json" in flags)
     request = read_calibrate(words)
     found, written, readings = calibrate(request)
     found = write_calibration(found, written, readings, request)

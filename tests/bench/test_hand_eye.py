@@ -1,0 +1,288 @@
+"""`bench calibrate hand_eye=...`: both frames as a closed form has them, honest intervals, and what is refused."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibench.bench.calibration.hand_eye.adjust import adjusted, frames_order, model_of_pairs
+from calibench.bench.calibration.hand_eye.frames import frames_of, slopes_of
+from calibench.bench.calibration.hand_eye.start import arm_poses
+from calibench.bench.cli import main
+from tests.bench.hand_eye_by_hand import (
+    BOARD,
+    CAMERA,
+    QUATERNION,
+    VECTOR,
+    about,
+    columns_of,
+    measured,
+    park_martin,
+    pose,
+    vector_of,
+    write,
+)  # fmt: skip
+
+NEAR = pose((3, -2, 1), (0.01, 0.02, -0.01))  # from the truth to where a fit begins
+NOISE = (0.3, 0.002)  # mm, rad
+
+
+@pytest.fixture
+def bench(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words, code=0):
+        with pytest.raises(SystemExit) as ended:
+            main(["calibrate", *words])
+        told = capsys.readouterr()
+        assert ended.value.code == code, told.err
+        assert code == 0 or told.err.count("\n") == 1
+        return told.out if code == 0 else told.err
+
+    return call
+
+
+@pytest.fixture
+def calibrate(bench, tmp_path):
+    """Write pairs into a file, calibrate, and return what JSON says, or the line of a refusal."""
+
+    def call(flange, seen, *words, code=0, mode="eye_in_hand", turns=(QUATERNION, VECTOR), names=("flange", "board")):
+        parts = (columns_of(flange, names[0], turns=turns[0]), columns_of(seen, names[1], "m", turns[1]))
+        write(tmp_path / "pairs.csv", *parts)
+        said = bench(f"hand_eye={mode}", "data=pairs.csv", "--json", *words, code=code)
+        return json.loads(said) if code == 0 else said
+
+    return call
+
+
+def model(n, mode, noise=(0.0, 0.0), seed=3):
+    flange, seen = measured(n, mode, noise, seed)
+    return model_of_pairs(arm_poses(flange, mode), seen, np.linalg.inv(pose(*CAMERA)) @ NEAR, pose(*BOARD) @ NEAR)
+
+
+@pytest.mark.parametrize("mode", ["eye_in_hand", "eye_to_hand"])
+def test_both_frames_of_exact_pairs_are_the_true_ones(calibrate, mode):
+    found = calibrate(*measured(8, mode), mode=mode)
+    for frame, true in ((found["camera"], CAMERA), (found["board"], BOARD)):
+        assert np.allclose(frame["matrix"], pose(*true), atol=1e-6)
+        assert np.allclose(frame["position"], true[0], atol=1e-6)
+
+
+def test_exact_pairs_give_what_park_and_martin_give_in_closed_form(calibrate):
+    flange, seen = measured(8)
+    found = calibrate(flange, seen)
+    assert np.allclose(found["camera"]["matrix"], park_martin(flange, seen), atol=1e-6)
+
+
+def test_noisy_pairs_are_fitted_closer_to_the_truth_than_the_closed_form_on_the_whole():
+    ours, theirs = [], []
+    for seed in range(20):
+        flange, seen = measured(12, noise=NOISE, seed=seed)
+        found = adjusted(model(12, "eye_in_hand", NOISE, seed), (0.0, 0.0))
+        ours.append(np.linalg.norm(np.linalg.inv(found.mount)[:3, 3] - CAMERA[0]))
+        theirs.append(np.linalg.norm(park_martin(flange, seen)[:3, 3] - CAMERA[0]))
+    assert np.median(ours) < np.median(theirs)
+
+
+@pytest.mark.parametrize("mode", ["eye_in_hand", "eye_to_hand"])
+def test_the_slopes_of_the_residuals_agree_with_differences(mode):
+    made = model(6, mode)
+    made = replace(made, chain=made.chain.placed(np.linalg.inv(pose(*CAMERA)), pose(*BOARD)))
+    kept = np.array(sorted(frames_order(made)))
+    weights = np.ones(6)
+    slopes = made.jacobian(made.start, kept, weights)[0]
+    for k, place in enumerate(kept):
+        ahead, behind = made.start, made.start
+        ahead[place] += 1e-5
+        behind[place] -= 1e-5
+        wanted = (made.residuals(ahead, weights)[0] - made.residuals(behind, weights)[0]) / 2e-5
+        assert np.allclose(slopes[:, :, k], wanted, rtol=1e-5, atol=1e-4)
+
+
+def test_the_slopes_of_the_frames_agree_with_differences():
+    found = adjusted(model(6, "eye_in_hand", NOISE), (0.0, 0.0))
+    slopes = slopes_of(found)
+    for k in range(12):
+        step = np.zeros(12)
+        step[k] = 1e-6
+        mount, tool = (frame @ pose(s[:3], s[3:]) for frame, s in ((found.mount, step[:6]), (found.tool, step[6:])))
+        pairs = ((np.linalg.inv(mount), np.linalg.inv(found.mount)), (tool, found.tool))
+        for slope, (there, here) in zip(slopes, pairs, strict=True):
+            turn = vector_of(there[:3, :3] @ here[:3, :3].T)
+            moved = np.concatenate([there[:3, 3] - here[:3, 3], turn]) / 1e-6
+            assert np.allclose(slope[:, k], moved, atol=2e-2 * max(1.0, np.abs(slope[:, k]).max()))
+
+
+def hits(n, mode, noise, seed):
+    """Return which of 12 intervals hold the truth: places, and turns about the parent's axes."""
+    found, held = adjusted(model(n, mode, noise, seed), (0.0, 0.0)), []
+    for frame, true in zip(frames_of(found, mode), (CAMERA, BOARD), strict=True):
+        held += [low <= v <= high for v, (low, high) in zip(true[0], frame.position_ci95, strict=True)]
+        turn = vector_of(np.array(frame.matrix)[:3, :3] @ about(true[1]).T)
+        held += list(np.abs(turn) <= np.array(frame.turn_within95))
+    return held
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("n", "mode", "noise"), [(12, "eye_in_hand", NOISE), (6, "eye_to_hand", (1.0, 0.001))]
+)  # 200 cases each of seeds 0 to 199, both stated before they were run; a minute
+def test_intervals_hold_the_truth_in_95_of_100_cases(n, mode, noise):
+    held = np.array([hits(n, mode, noise, seed) for seed in range(200)])
+    assert 0.93 <= held.mean() <= 0.97
+    assert (held.mean(axis=0) > 0.90).all()
+
+
+def test_intervals_hold_the_truth_in_most_of_a_few_cases():
+    held = np.array([hits(12, "eye_in_hand", NOISE, seed) for seed in range(10)])
+    assert held.mean() > 0.85
+
+
+def test_the_noise_is_learned_and_may_be_stated(calibrate):
+    pairs = measured(60, noise=NOISE)
+    found = calibrate(*pairs)
+    assert found["sigma"] == pytest.approx(NOISE[0], rel=0.15)
+    assert found["sigma_rotation"] == pytest.approx(NOISE[1], rel=0.15)
+    wide = calibrate(*pairs, "sigma=0.9", "sigma_rotation=0.006")
+    assert wide["learned"] == [False, False]
+    ratio = np.array(wide["camera"]["position_se"]) / found["camera"]["position_se"]
+    assert np.allclose(ratio, 3.0, rtol=0.15)
+
+
+def test_what_is_left_is_that_of_rows_held_back_or_left_out_in_turn(calibrate, bench, tmp_path):
+    flange, seen = measured(20, noise=NOISE)
+    crossed = calibrate(flange, seen)
+    assert crossed["unseen"]["poses"] == 20
+    assert crossed["unseen"]["position"] == pytest.approx(np.sqrt(3) * NOISE[0], rel=0.4)
+    lines = (tmp_path / "pairs.csv").read_text().splitlines()
+    split = ["split", *["train"] * 14, *["hold"] * 6]
+    (tmp_path / "held.csv").write_text("\n".join(f"{a},{b}" for a, b in zip(lines, split, strict=True)))
+    held = json.loads(bench("hand_eye=eye_in_hand", "data=held.csv", "--json"))
+    assert (held["fitted"]["poses"], held["unseen"]["poses"]) == (14, 6)
+    alone = calibrate(flange[:14], seen[:14])
+    assert np.allclose(held["camera"]["matrix"], alone["camera"]["matrix"], atol=1e-6)
+
+
+def test_an_outlying_pair_is_named_and_has_no_say(calibrate):
+    flange, seen = measured(15, noise=NOISE)
+    seen[4, :3, 3] += 30
+    seen[9, :3, :3] = about((0, 0.2, 0)) @ seen[9, :3, :3]
+    found = calibrate(flange, seen)
+    assert {one["row"] for one in found["outliers"]} == {"row 5", "row 10"}
+    keep = np.delete(np.arange(15), [4, 9])
+    assert np.allclose(
+        found["camera"]["position"], calibrate(flange[keep], seen[keep])["camera"]["position"], atol=1e-3
+    )
+
+
+def test_the_camera_in_the_board_is_read_where_that_is_stated(calibrate):
+    flange, seen = measured(8)
+    turned = np.linalg.inv(seen)
+    assert "read=camera_in_board" in calibrate(flange, turned, names=("flange", "camera"), code=2)
+    found = calibrate(flange, turned, "read=camera_in_board", names=("flange", "camera"))
+    assert np.allclose(found["camera"]["matrix"], pose(*CAMERA), atol=1e-6)
+
+
+def test_the_file_for_ros_is_in_metres_with_the_real_part_last(calibrate, tmp_path):
+    calibrate(*measured(8))
+    text = (tmp_path / "results/hand_eye/pairs/static_transforms.yaml").read_text()
+    assert "translation: {x: 0.0400000, y: -0.0250000, z: 0.1100000}" in text
+    size = np.linalg.norm(CAMERA[1])
+    x, y, z = np.array(CAMERA[1]) / size * np.sin(size / 2)
+    w = np.cos(size / 2)
+    assert f"rotation: {{x: {x:.8f}, y: {y:.8f}, z: {z:.8f}, w: {w:.8f}}}" in text
+    assert "--frame-id flange --child-frame-id camera" in text
+
+
+def flanges(turns, places):
+    return np.array([pose(p + np.array([500.0, 0, 400]), t) for p, t in zip(places, turns, strict=True)])
+
+
+PLACES = np.random.default_rng(1).uniform(-100, 100, (12, 3))
+
+
+@pytest.mark.parametrize(
+    ("turns", "told"),
+    [
+        (np.zeros((12, 3)), "shifts alone do not tell"),
+        (np.outer(np.linspace(-1, 1, 12), [0, 0, 1.0]), "about one axis of the flange, (0.00, 0.00, 1.00)"),
+    ],
+)
+def test_poses_that_do_not_tell_the_frames_are_refused_with_what_to_measure(calibrate, turns, told):
+    for noise in ((0.0, 0.0), NOISE):
+        line = calibrate(*measured(12, flange=flanges(turns, PLACES), noise=noise), code=2)
+        assert told in line
+        assert "at least two axes" in line
+
+
+def test_rotations_too_small_for_their_noise_are_refused_with_the_direction(calibrate):
+    turns = np.random.default_rng(2).normal(0, 0.015, (12, 3))
+    line = calibrate(*measured(12, flange=flanges(turns, PLACES), noise=(6.0, 0.05)), "rotation=vector", code=2)
+    assert "do not determine it" in line
+    assert "at least two axes" in line
+
+
+def test_few_poses_are_refused_and_three_need_a_stated_noise(calibrate):
+    flange, seen = measured(3, noise=NOISE)
+    assert "too few: 3 at the least" in calibrate(flange[:2], seen[:2], code=2)
+    assert "state sigma=" in calibrate(flange, seen, code=2)
+    found = calibrate(flange, seen, "sigma=0.3", "sigma_rotation=0.002")
+    for (low, high), true in zip(found["camera"]["position_ci95"], CAMERA[0], strict=True):
+        assert low - 1 < true < high + 1
+    assert found["unseen"]["position"] is None
+
+
+@pytest.mark.parametrize("noise", [(0.0, 0.0), NOISE])
+@pytest.mark.parametrize("mode", ["eye_in_hand", "eye_to_hand"])
+def test_inverse_poses_are_told(calibrate, mode, noise):
+    flange, seen = measured(12, mode, noise)
+    for turns in ((QUATERNION, QUATERNION), (QUATERNION, VECTOR)):
+        line = calibrate(flange, np.linalg.inv(seen), code=2, mode=mode, turns=turns)
+        assert "times better with one side inverted" in line
+        assert "read=camera_in_board" in line
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_quaternion_with_its_real_part_first_is_told_with_the_columns_to_copy(bench, tmp_path, side):
+    parts = [columns_of(p, n) for p, n in zip(measured(12, noise=NOISE), ("flange", "board"), strict=True)]
+    parts[side][1][:, 3:] = np.roll(parts[side][1][:, 3:], 1, axis=1)
+    write(tmp_path / "q.csv", *parts)
+    line = bench("hand_eye=eye_in_hand", "data=q.csv", code=2)
+    assert "the first of them is the real part" in line
+    columns = line.partition("columns=")[2].strip()
+    found = json.loads(bench("hand_eye=eye_in_hand", "data=q.csv", f"columns={columns}", "--json"))
+    assert np.allclose(found["camera"]["position"], CAMERA[0], atol=1.0)
+
+
+def test_rows_out_of_step_are_told(calibrate):
+    flange, seen = measured(15, noise=NOISE)
+    assert "stands in the row below" in calibrate(flange[1:], seen[:-1], code=2)
+    assert "stands in the row above" in calibrate(flange[:-1], seen[1:], code=2)
+
+
+def test_mm_for_m_is_told_and_so_is_a_board_of_another_size(bench, calibrate, tmp_path):
+    flange, seen = measured(12, noise=NOISE)
+    heads, numbers = columns_of(seen, "board", "m")
+    write(tmp_path / "m.csv", columns_of(flange, "flange"), ([h.replace("[m]", "[mm]") for h in heads], numbers))
+    line = bench("hand_eye=eye_in_hand", "data=m.csv", code=2)
+    assert "units=board_x:m,board_y:m,board_z:m" in line
+    seen[:, :3, 3] *= 0.9
+    assert "is the size of its squares or markers the true one?" in calibrate(flange, seen, code=2)
+
+
+def test_units_lengths_of_quaternions_and_missing_columns_are_refused(bench, tmp_path):
+    flange, seen = (columns_of(p, n) for p, n in zip(measured(12), ("flange", "board"), strict=True))
+    bare = [h.partition(" [")[0] for h in seen[0]]
+    words = ("hand_eye=eye_in_hand", "data=p.csv")
+    write(tmp_path / "p.csv", flange, (bare, seen[1]))
+    assert "board_x, board_y, board_z: no unit is stated" in bench(*words, code=2)
+    bench(*words, "units=board_x:mm,board_y:mm,board_z:mm")
+    long = seen[1].copy()
+    long[2, 3:] *= 1.2
+    write(tmp_path / "p.csv", flange, (seen[0], long))
+    assert "row 3: board_qx, board_qy, board_qz, board_qw have the length 1.2" in bench(*words, code=2)
+    write(tmp_path / "p.csv", flange)
+    assert "no pose of the board is found" in bench(*words, code=2)
+    assert "read=" in bench("hand_eye=eye_in_hand", "data=p.csv", "read=upside_down", code=2)
+    assert "hand_eye" in bench("hand_eye=in_the_sky", "data=p.csv", code=2)
