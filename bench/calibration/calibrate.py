@@ -15,7 +15,7 @@ from time import perf_counter
 
 import numpy as np
 
-from calibench.bench.calibration.described import Written, described_by
+from calibench.bench.calibration.described import Written, described_by, other_convention
 from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.fit import LEVELS, Fit, far_out, fitted, norms, order_of
 from calibench.bench.calibration.judged import FOLDS, HeldOut, crossed_out, predicted, resampled, rms, rms_interval
@@ -48,7 +48,10 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, Written, Readings
     readings = read_readings(table, chain, request.observe, request.limits)
     _refuse_unused(request, readings)
     train = np.ones(len(readings), dtype=bool) if readings.hold is None else ~readings.hold
-    begin = started(readings.where(train), chain, rotation)
+    try:
+        begin = started(readings.where(train), chain, rotation)
+    except DataError as error:
+        raise DataError(f"{error}{other_convention(request)}") from None
     readings = begin.readings if train.all() else started(readings, chain, rotation).readings
     model = model_of(chain, readings, begin.base, begin.tool, request.distance, request.sigma_distance, arm.table)
     fits = _fits(model.at(train).numbered(), readings)

@@ -73,6 +73,14 @@ def described_by(request: CalibrateRequest) -> Described:
         raise
 
 
+def other_convention(request: CalibrateRequest) -> str:
+    """Return a clause on the convention as which the readings fit a table, where they do not fit it as it was read."""
+    if request.dh is None:
+        return ""
+    fits = [form for form in FORMS if form != read_dh(request.dh, request.convention).form and _fits(request, form)]
+    return f"; the readings fit the arm as {fits[0]}: convention={fits[0]}" if fits else ""
+
+
 def _urdf_text(path: Path) -> bytes:
     try:
         return read_whole(path, LARGEST_TEXT)

@@ -226,6 +226,17 @@ def test_the_convention_that_the_readings_fit_is_told_where_none_is_stated(bench
         assert told.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "stated", "of"), [("ur10", "modified", "standard"), ("craig", "standard", "modified")]
+)
+def test_a_convention_stated_wrong_is_told_with_the_one_that_fits(bench, name, stated, of):
+    measured(name, 30)
+    asked = [word.replace(f"convention={of}", f"convention={stated}") for word in words(name)]
+    told = bench(*asked, code=2)
+    assert told.rstrip().endswith(f"the readings fit the arm as {of}: convention={of}")
+    assert told.count("\n") == 1
+
+
 def five_rows():
     Path("ur10_dh.csv").write_text(as_csv(UR10[:5]))
 

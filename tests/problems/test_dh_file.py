@@ -144,6 +144,14 @@ def test_limits_are_kept_in_the_table_and_in_the_urdf(tmp_path):
     ]
 
 
+def test_a_joint_that_slides_without_a_stop_may_slide_in_the_urdf(tmp_path):
+    path = tmp_path / "stanford.csv"
+    path.write_text(as_csv(STANFORD))
+    text = urdf_of_dh(read_dh(path, "standard"))
+    assert text.count("the table has no limits of axis_3: 1 m either way stand for them") == 1
+    assert text.count('<limit lower="-1" upper="1"') == 1
+
+
 def test_joints_may_be_called_as_the_links_that_a_urdf_needs():
     table = DhTable((DhRow("flange_joint", a=300.0), DhRow("base", a=200.0)))
     again = parse_urdf(urdf_of_dh(table)).chain()

@@ -97,7 +97,7 @@ def text_of_dh(table: DhTable, said: str = "", errors: Mapping[str, float] | Non
     units = {one: table.length if one in _LENGTHS else table.angle for one in NUMBERS}
     shown = [one for one in NUMBERS if one != "beta" or any(row.beta for row in table.rows) or _has(errors, "beta_")]
     lines = [f"# {said}"] if said else []
-    lines += [f"# convention: {table.form}"]
+    lines += [f"# convention: {table.form}", f"# each row: {product(table.form, 'beta' in shown)}"]
     heads = ["joint", "type", *(f"{one} [{units[one]}]" for one in shown), "lower", "upper"]
     lines.append(",".join([*heads, *(f"sd_{one} [{units[one]}]" for one in shown if errors)]))
     for row in table.rows:
@@ -114,6 +114,19 @@ def text_of_dh(table: DhTable, said: str = "", errors: Mapping[str, float] | Non
         ]
         lines.append(",".join(cells))
     return "\n".join(lines) + "\n"
+
+
+def product(form: Form, leaning: bool = True) -> str:
+    """Return what a row of a table stands for, from left to right; `leaning`: with beta.
+
+    >>> product("standard"), product("modified")
+    ('Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta)', 'Rx(alpha) Ry(beta) Tx(a) Rz(theta) Tz(d)')
+    """
+    lean = " Ry(beta)" if leaning else ""
+    return {
+        "standard": f"Rz(theta) Tz(d) Tx(a) Rx(alpha){lean}",
+        "modified": f"Rx(alpha){lean} Tx(a) Rz(theta) Tz(d)",
+    }[form]
 
 
 def _has(errors: Mapping[str, float], begins: str) -> bool:

@@ -13,21 +13,26 @@ from calibench.problems.arm.chains.rigid import rpy_of
 from calibench.problems.base import Array
 
 _MM = 1e-3  # metres
+_FREE = 1.0  # metres that a joint without a stop slides, either way
 
 
 def urdf_of_dh(table: DhTable, said: str = "") -> str:
     """Return the URDF of a table, from `base` to `flange`, with a comment that says `said`.
 
     Joints with limits are revolute, those without continuous. What a table does not tell and a URDF needs, effort and
-    velocity, is 0; so are both limits of a joint that slides without a stop.
+    velocity, is 0. A joint that slides without a stop goes a metre either way, as a URDF must have limits for it; a
+    comment says so.
     """
     chain = table.chain
     lines = [f"<robot name={quoteattr(table.name)}>"]
     lines += [f"  <!-- {said.replace('--', '- -')} -->"] if said else []
     lines += [
         f"  <!-- from a {table.form} table of Denavit and Hartenberg; effort and velocity are not known, and 0 -->",
-        f'  <link name="{BASE}"/>',
     ]
+    if free := [joint.name for joint in chain.joints if _slides_freely(joint)]:
+        told = ", ".join(free).replace("--", "- -")
+        lines.append(f"  <!-- the table has no limits of {told}: {_FREE:g} m either way stand for them -->")
+    lines.append(f'  <link name="{BASE}"/>')
     above = BASE
     for joint in chain.joints:
         below = f"{joint.name}_link"
@@ -63,13 +68,17 @@ def _type(joint: ChainJoint) -> str:
     return "revolute" if np.isfinite(joint.upper - joint.lower) else "continuous"
 
 
+def _slides_freely(joint: ChainJoint) -> bool:
+    return joint.kind == "sliding" and not np.isfinite(joint.upper - joint.lower)
+
+
 def _limit(joint: ChainJoint) -> list[str]:
     scale = _MM if joint.kind == "sliding" else 1.0
     sides = (scale * joint.lower, scale * joint.upper)
-    if not np.isfinite(sides).all():
-        sides = (0.0, 0.0)
-        if joint.kind == "rotary":
-            return []
+    if _slides_freely(joint):
+        sides = (-_FREE, _FREE)
+    elif not np.isfinite(sides).all():
+        return []
     return [f'    <limit lower="{sides[0]:.12g}" upper="{sides[1]:.12g}" effort="0" velocity="0"/>']
 
 
