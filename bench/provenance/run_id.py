@@ -48,7 +48,7 @@ def options_of(thing: Any) -> dict[str, Any]:
     `said_if_chosen` only where it was given. For another object: its `options`, or its dataclass fields, or its
     attributes that are named as the parameters of its `__init__`; a parameter that is no attribute (``self.n`` or
     ``self._n``) shows only in the box, with a warning. Where `options` is one parameter beside others, it is a value
-    as they are, and says nothing of them.
+    as they are, and says nothing of them; but for a class with ``options_tell_all = True``.
 
     Raises `ValueError` for a value that cannot be told from others, such as a random generator.
     """
@@ -74,7 +74,7 @@ def _said(thing: Any, parameters: Collection[str], argument: Any = None) -> Mapp
     if not isinstance(own, Mapping):
         return None
     others = {*parameters} - {OPTIONS}
-    if OPTIONS not in parameters or not others:
+    if OPTIONS not in parameters or not others or getattr(type(thing), "options_tell_all", False):
         return own
     tells_all = others <= {*own} and not (isinstance(argument, Mapping) and {*own} == {*argument})
     return own if tells_all else None

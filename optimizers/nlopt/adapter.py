@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
@@ -26,6 +26,7 @@ _LARGEST = 1e100  # stands for an infinite value: models built through inf becom
 class NLopt:
     """One NLopt algorithm, its tolerances off, with the options of its family."""
 
+    options_tell_all: ClassVar[bool] = True  # what else it is follows from the options
     algorithm: str
     options: Mapping[str, Any]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
@@ -34,6 +34,7 @@ class Pygmo:
     The option `population` is a number, or the formula of the rule in `population_sizes` that gives one.
     """
 
+    options_tell_all: ClassVar[bool] = True  # what else it is follows from the options
     algorithm: str
     options: Mapping[str, Any]
     build: Build = field(repr=False, compare=False)

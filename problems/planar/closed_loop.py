@@ -40,6 +40,7 @@ class Planar:
     `drawn` is the instance of the family; None for the paper's problem.
     """
 
+    options_tell_all: ClassVar[bool] = True  # what else it is follows from the options
     name: str
     options: Mapping[str, Any]
     parameters: tuple[Parameter, ...]

@@ -37,6 +37,7 @@ class BlackBox:
     this very function.
     """
 
+    options_tell_all: ClassVar[bool] = True  # what else it is follows from the options
     name: str
     library: str
     options: Mapping[str, Any]

@@ -302,8 +302,10 @@ def test_a_limit_is_judged_by_its_side():
     assert verdicts == ["reproduced", "reproduced in kind", "not reproduced", "not checkable"]
 
 
-def test_quartiles_leave_out_what_is_not_finite():
-    assert Ours.of([1.0, 2.0, 3.0, math.inf, math.nan]) == Ours(2.0, 1.5, 2.5, 3)
+def test_quartiles_leave_out_what_was_not_measured_and_keep_what_failed():
+    assert Ours.of([1.0, 2.0, 3.0, math.nan]) == Ours(2.0, 1.5, 2.5, 3)
+    assert Ours.of([1.0, 2.0, 3.0, math.inf, math.nan]) == Ours(2.5, 1.75, math.inf, 4)
+    assert Ours.of([1.0, math.inf, math.inf]) == Ours(math.inf, math.inf, math.inf, 3)
     assert Ours.of([]).n == 0
 
 

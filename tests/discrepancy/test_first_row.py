@@ -18,7 +18,7 @@ from calibench.discrepancy.model.measured.data import TO_PREDICT
 _DEMO = Path(discrepancy.__file__).parent / "demo" / "arm"
 _PLAY = 0.4e-3  # rad
 PAN = SimpleNamespace(name="pan", kind="rotary", mimic=None, lower=-np.pi, upper=np.pi)
-CHAIN = SimpleNamespace(driven=("pan",), joints=(PAN,))
+CHAIN = SimpleNamespace(driven=("pan",), joints=(PAN,), told="URDF")
 
 
 def _rows(**more: np.ndarray) -> MeasuredData:

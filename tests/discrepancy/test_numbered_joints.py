@@ -9,6 +9,7 @@ from calibench.discrepancy.machines.arm.validate import accepted
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 
 CHAIN = SimpleNamespace(
+    told="URDF",
     driven=("shoulder", "elbow"),
     joints=tuple(
         SimpleNamespace(name=name, kind="rotary", mimic=None, lower=-np.pi, upper=np.pi)

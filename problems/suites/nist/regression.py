@@ -42,6 +42,7 @@ class NistRegression:
     defined at x the value is not finite. `table` is what NIST prints.
     """
 
+    options_tell_all: ClassVar[bool] = True  # what else it is follows from the options
     options: Mapping[str, Any]
     table: Table
     parameters: tuple[Parameter, ...]
