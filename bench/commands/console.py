@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -15,6 +15,8 @@ from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.names.labels import several, titles_of_problems
 from calibench.bench.statistics.ranking import order_of
 from calibench.bench.statistics.summary import names_of_methods, runs_once
+
+_LISTED = 8  # of what was left out of a fit: more are counted
 
 
 def print_json(value: Any) -> None:
@@ -87,6 +89,18 @@ def print_table(columns: list[str], rows: list[list[str]]) -> None:
     widths = [max(len(str(cell)) for cell in column) for column in zip(columns, *rows, strict=True)]
     for cells in [columns, *rows]:
         print("  ".join(str(cell).ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip())
+
+
+def print_end(what: str, left_out: Sequence[str], notes: Iterable[str], written: Iterable[object]) -> None:
+    """Print what was left out of a fit, called `what`, the first few of it; then the notes, and the files written."""
+    if left_out:
+        more = f" and {len(left_out) - _LISTED} more" if len(left_out) > _LISTED else ""
+        print(f"\n{what}, not used in the fit: {', '.join(left_out[:_LISTED])}{more}")
+    for note in notes:
+        print(f"note: {note}")
+    print()
+    for path in written:
+        print(path)
 
 
 def _plain(value: Any) -> Any:

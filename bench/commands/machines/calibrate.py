@@ -10,10 +10,8 @@ from calibench.bench.calibration.report.words import headline, level_rows, rows_
 from calibench.bench.calibration.report.write import write_calibration
 from calibench.bench.calibration.request import read_calibrate
 from calibench.bench.commands.arguments import split_flags
-from calibench.bench.commands.console import print_table
+from calibench.bench.commands.console import print_end, print_table
 from calibench.core.counted import plain
-
-_LISTED = 8  # wild readings that are printed
 
 
 def run(argv: list[str]) -> int:
@@ -37,15 +35,8 @@ def run(argv: list[str]) -> int:
     if found.changes:
         print(f"\nwhat changes in the {found.described}")
         print_table(["joint", "what", "by", "95 %"], rows_of_changes(found))
-    if found.wild:
-        more = f" and {len(found.wild) - _LISTED} more" if len(found.wild) > _LISTED else ""
-        listed = ", ".join(f"{one.row} ({plain(one.error, 3)} mm)" for one in found.wild[:_LISTED])
-        print(f"\nwild readings, not used in the fit: {listed}{more}")
-    for note in found.notes:
-        print(f"note: {note}")
-    print()
-    for path in found.files.values():
-        print(path)
+    wild = [f"{one.row} ({plain(one.error, 3)} mm)" for one in found.wild]
+    print_end("wild readings", wild, found.notes, found.files.values())
     return 0
 
 

@@ -9,10 +9,8 @@ from calibench.bench.calibration.hand_eye.frames import Frame
 from calibench.bench.calibration.hand_eye.hand_eye import hand_eye, write_hand_eye
 from calibench.bench.calibration.hand_eye.request import read_hand_eye
 from calibench.bench.calibration.hand_eye.result import HandEye, Left
-from calibench.bench.commands.console import print_table
+from calibench.bench.commands.console import print_end, print_table
 from calibench.core.counted import plain
-
-_LISTED = 8  # outlying pairs that are printed
 
 
 def run(words: list[str], as_json: bool) -> int:
@@ -28,15 +26,8 @@ def run(words: list[str], as_json: bool) -> int:
     for frame in (found.camera, found.board):
         print(f"\n{frame.child} in {frame.parent}")
         print_table(["", "value", "standard error", "95 %"], _rows(frame))
-    if found.outliers:
-        more = f" and {len(found.outliers) - _LISTED} more" if len(found.outliers) > _LISTED else ""
-        listed = ", ".join(f"{one.row} ({_size(one.position, one.rotation)})" for one in found.outliers[:_LISTED])
-        print(f"\noutlying pairs, not used in the fit: {listed}{more}")
-    for note in found.notes:
-        print(f"note: {note}")
-    print()
-    for path in found.files.values():
-        print(path)
+    pairs = [f"{one.row} ({_size(one.position, one.rotation)})" for one in found.outliers]
+    print_end("outlying pairs", pairs, found.notes, found.files.values())
     return 0
 
 
