@@ -253,7 +253,7 @@ def _of_ours(one: _Import, target: Path, root: Path) -> list[Path]:
     if target in _FACES:  # from calibench import problems
         whole = f"{one.module}.{one.name}"
         return [] if one.name is None or _find(whole, root) is None else _files_of(_Import(whole, None), root)
-    if target.relative_to(_HOME).parts[0] not in _OURS and not target.match("_*_kernels.py"):
+    if not _can_be_run_through(target):
         return []
     if target.name != "__init__.py":
         return [target]
@@ -267,12 +267,29 @@ def _of_ours(one: _Import, target: Path, root: Path) -> list[Path]:
 
 
 @cache
+def _can_be_run_through(target: Path) -> bool:
+    return target.relative_to(_HOME).parts[0] in _OURS or target.match("_*_kernels.py")
+
+
+@cache
 def _search(name: str, root: Path) -> Path | None:
+    if not _begins_in(root, name.partition(".")[0]):
+        return None
     path = root.joinpath(*name.split("."))
     for file in (path.with_name(f"{path.name}.py"), path / "__init__.py"):
         if file.is_file():
             return file.resolve()
     return None
+
+
+@cache
+def _begins_in(root: Path, top: str) -> bool:
+    return (root / top).is_dir() or (root / f"{top}.py").is_file()
+
+
+@cache
+def _is_package_in(root: Path, top: str) -> bool:
+    return _is_package(root / top)
 
 
 def _find(name: str, root: Path) -> Path | None:
@@ -288,7 +305,7 @@ def _is_hidden(name: str, root: Path) -> bool:
     Python takes a folder without ``__init__.py``, such as that of a clone, only where it finds no package of the name.
     """
     top, _, inside = name.partition(".")
-    return bool(inside) and file_of(top) is not None and not _is_package(root / top)
+    return bool(inside) and not _is_package_in(root, top) and file_of(top) is not None
 
 
 @cache

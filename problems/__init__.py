@@ -6,6 +6,8 @@
 ((12,), 12, True)
 """
 
+from typing import TYPE_CHECKING, Any
+
 from calibench._checkout import one_module
 from calibench.problems.base import Calibration, Parameter, Problem, registry
 from calibench.problems.covariance import Estimate, FTest, LeaveOneOut, estimate, f_test, leave_one_out
@@ -20,12 +22,15 @@ from calibench.problems.orthoglide import Orthoglide, orthoglide6  # last: names
 from calibench.problems.delta import DeltaProbing, delta9
 
 # isort: split
-from calibench.problems.arm import ArmCalibration, arm, arm_panda, arm_ur10
+from calibench.problems.arm import arm, arm_panda, arm_ur10
 
 # isort: split
 from calibench.problems.suites.bbob import bbob
 from calibench.problems.suites.ioh import ioh
 from calibench.problems.suites.nist import nist
+
+if TYPE_CHECKING:
+    from calibench.problems.arm import ArmCalibration
 
 make = registry.make
 names = registry.names
@@ -65,5 +70,19 @@ __all__ = [
     "sensor_zero",
     "tracking_zero",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load the class of the arms' problems when it is first asked for."""
+    if name == "ArmCalibration":
+        from calibench.problems.arm.calibration import ArmCalibration
+
+        return ArmCalibration
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
 
 one_module(__name__)

@@ -4,8 +4,6 @@ Execution makes a `RunRow`, `bench.store.schema` makes the Arrow schema of it, a
 ``docs/results.md`` to it. A column that is null in the rows of an earlier version says so (`added`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from datetime import datetime
 from types import NoneType

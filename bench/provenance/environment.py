@@ -27,12 +27,12 @@ class Provenance(TypedDict):
 @cache
 def provenance() -> Provenance:
     """Return git_commit, git_dirty (of this package's checkout, else empty), versions (JSON) and platform."""
-    commit, dirty = _git("rev-parse", "HEAD"), _git("status", "--porcelain", "--untracked-files=no")
+    commit, dirty = _checkout()
     versions = {package: library_version(package) for package in _PACKAGES}
     versions |= {package: version for package in _SUITES if (version := library_version(package))}
     return {
         "git_commit": commit,
-        "git_dirty": bool(dirty),
+        "git_dirty": dirty,
         "versions": json.dumps({"python": platform.python_version(), **versions}),
         "platform": f"{sys.platform} {platform.machine()}",
     }
@@ -47,12 +47,18 @@ def library_version(package: str) -> str:
         return ""
 
 
-def _git(*arguments: str) -> str:
+def _checkout() -> tuple[str, bool]:
+    """Return the commit of this package's checkout, and whether a tracked file differs from it; "" outside of one."""
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
-        return ""
+        return "", False
+    asked = ["git", "-C", str(root), "status", "--porcelain=v2", "--branch", "--untracked-files=no"]
     try:
-        done = subprocess.run(["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=10)
+        done = subprocess.run(asked, capture_output=True, text=True, timeout=10)
     except (OSError, subprocess.TimeoutExpired):
-        return ""
-    return done.stdout.strip() if done.returncode == 0 else ""
+        return "", False
+    if done.returncode != 0:
+        return "", False
+    lines = done.stdout.splitlines()
+    commit = next((line.split()[-1] for line in lines if line.startswith("# branch.oid ")), "")
+    return commit, any(not line.startswith("#") for line in lines)

@@ -46,25 +46,19 @@ def njit() -> Callable[[F], F]:
     return compiled
 
 
-def exact(kernel: Any, *dimensions: int, given: int = 1) -> Any:
+@cache
+def exact(kernel: Any, *dimensions: int) -> Any:
     """Compile `kernel`, and let it take nothing but float64 arrays of these numbers of dimensions.
 
-    They must lie in C order; the first `given` of them, a caller's, may be writable or not, the others are not.
-    Anything else is a `TypeError`, and no new compilation: so a caller can hand over what it got, and look at it only
-    if it is refused.
+    They must lie in C order, writable or not; `kernel` does not write to them. Anything else is a `TypeError`, and no
+    new compilation: so a caller can hand over what it got, and look at it only if it is refused.
     """
-    return _exact(kernel, dimensions, given)
-
-
-@cache
-def _exact(kernel: Any, dimensions: tuple[int, ...], given: int) -> Any:
     if not hasattr(kernel, "py_func"):
         return _Interpreted(kernel, dimensions)
     import numba
 
-    for readonly in (False, True):  # a mixture is taken as if none were writable
-        kinds = [readonly] * given + [True] * (len(dimensions) - given)
-        kernel.compile(tuple(numba.types.Array(numba.float64, d, "C", readonly=r) for d, r in zip(dimensions, kinds)))
+    # one compilation: numba hands a writable array to what takes one that is not
+    kernel.compile(tuple(numba.types.Array(numba.float64, d, "C", readonly=True) for d in dimensions))
     kernel.disable_compile()
     return kernel
 

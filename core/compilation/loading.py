@@ -7,10 +7,12 @@ numba's compiler loads it then by itself.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, final
 
+from llvmlite.binding import add_symbol
 from numba.core.caching import FunctionCache
-from numba.core.runtime.nrt import rtsys
+from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
 
 
 @final
@@ -19,9 +21,20 @@ class KernelCache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return what is kept for arguments of these types; None where nothing is."""
-        rtsys.initialize(target_context)  # the counting of references, which kept machine code is linked with
+        _name_helpers()
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+
+
+@cache
+def _name_helpers() -> None:
+    """Tell the linker where the C functions of numba's counting of references are.
+
+    Kept machine code holds the rest of that counting already; `rtsys.initialize`, which the compiler calls by itself,
+    would compile it again.
+    """
+    for name, address in _nrt_python.c_helpers.items():
+        add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
 def keep(function: Any) -> Any:

@@ -6,9 +6,27 @@ the coordinates it works in (`frame`), MATLAB's names (`options`), tests and exi
 (`kkt`). See docs/fmincon.md.
 """
 
-from calibench.optimizers.fmincon.direct import Multipliers, Output, Result, fmincon
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from calibench.optimizers.fmincon.method import Fmincon
 from calibench.optimizers.fmincon.options import Options, optimoptions
-from calibench.optimizers.fmincon.search.told import OptimValues
+
+if TYPE_CHECKING:
+    from calibench.optimizers.fmincon.direct import Multipliers, Output, Result, fmincon
+    from calibench.optimizers.fmincon.search.told import OptimValues
 
 __all__ = ["Fmincon", "Multipliers", "OptimValues", "Options", "Output", "Result", "fmincon", "optimoptions"]
+
+_HOMES = dict.fromkeys(("Multipliers", "Output", "Result", "fmincon"), "direct") | {"OptimValues": "search.told"}
+
+
+def __getattr__(name: str) -> Any:
+    """Load the direct call when it is first asked for: every start lists the names of all methods."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -16,9 +16,7 @@ import numpy as np
 
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 from calibench.optimizers.derivatives import Memoized
-from calibench.optimizers.fmincon.constraints import region
 from calibench.optimizers.fmincon.options import Algorithm, DifferenceType, Display, Options, optimoptions
-from calibench.optimizers.fmincon.search.run import search
 from calibench.optimizers.fmincon.steps import Numbers, StepRule
 from calibench.optimizers.fmincon.stop import StopPlace, StopRule
 
@@ -76,14 +74,19 @@ class Fmincon:
         )
 
     def compile(self) -> None:
-        """Import SciPy's part, so that no clock sees it."""
+        """Import the search and SciPy's part of it, so that no clock sees it."""
         import scipy.optimize  # noqa: F401
+
+        import calibench.optimizers.fmincon.search.run  # noqa: F401
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
         return with_restarts(lambda start: self._descend(objective, start), objective, self.restarts)
 
     def _descend(self, objective: Objective, start: Array) -> None:
+        from calibench.optimizers.fmincon.constraints import region  # here, as the names of all methods are listed
+        from calibench.optimizers.fmincon.search.run import search
+
         asked = Memoized(objective, self.SpecifyObjectiveGradient, self.FiniteDifferenceType)
         while not np.isfinite(asked.value(start)):
             start = objective.restart()

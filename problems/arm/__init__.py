@@ -1,9 +1,14 @@
 """Serial arms: read from a URDF or a table of joints, their kinematics, and their calibration on measured postures."""
 
-from calibench.problems.arm.calibration import ArmCalibration
-from calibench.problems.arm.chains.chain import Chain, ChainError, ChainJoint, Mimic
-from calibench.problems.arm.chains.urdf import Robot, UrdfError, parse_urdf, read_urdf
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from calibench.problems.arm.families import arm, arm_panda, arm_ur10
+
+if TYPE_CHECKING:
+    from calibench.problems.arm.calibration import ArmCalibration
+    from calibench.problems.arm.chains.chain import Chain, ChainError, ChainJoint, Mimic
+    from calibench.problems.arm.chains.urdf import Robot, UrdfError, parse_urdf, read_urdf
 
 __all__ = [
     "ArmCalibration",
@@ -19,3 +24,20 @@ __all__ = [
     "parse_urdf",
     "read_urdf",
 ]
+
+_HOMES = {
+    "ArmCalibration": "calibration",
+    **dict.fromkeys(("Chain", "ChainError", "ChainJoint", "Mimic"), "chains.chain"),
+    **dict.fromkeys(("Robot", "UrdfError", "parse_urdf", "read_urdf"), "chains.urdf"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load what reads and calibrates arms when it is first asked for: every start lists the names of all problems."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

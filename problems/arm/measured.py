@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from calibench.core.marks import split_rows, valid_rows
 from calibench.core.units import factor_to_base
 from calibench.problems.arm.chains.chain import Chain, ChainError
 from calibench.problems.arm.chains.kinematics import forward
-from calibench.problems.arm.chains.rigid import quaternion, turn
+from calibench.problems.arm.chains.rigid import Rotation, quaternion, turn
 from calibench.problems.arm.columns import Matched, match_columns, unit_of
 from calibench.problems.arm.frames import Frames, ball_in_sockets, frames_of_positions, tool_rotation
 from calibench.problems.arm.stands import moved
@@ -27,7 +27,6 @@ from calibench.problems.base import Array
 
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-Rotation = Literal["", "rpy", "xyz"]
 FEWEST = 10  # postures: 27 numbers of a six-axis arm from 30 residuals
 _FOLDER = Path(__file__).resolve().parents[1] / "data" / "arms"
 _BEYOND = 1e-2  # rad or mm, above a limit: controllers stop a little behind it

@@ -10,9 +10,9 @@ from calibench import bench, optimizers, problems, testing
 from calibench.bench.cli import main
 from calibench.bench.statistics.tables import problem_of
 from calibench.problems.arm import read_urdf
+from calibench.problems.arm.build import compared
 from calibench.problems.arm.chains.kinematics import forward
 from calibench.problems.arm.chains.rigid import rpy, rpy_of, shift
-from calibench.problems.arm.families import compared
 from calibench.problems.arm.gauge import observability, reach
 from calibench.problems.arm.measured import found_frames, read_measured, shipped
 from calibench.problems.identifiability import identify

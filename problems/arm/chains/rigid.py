@@ -5,13 +5,16 @@ All but `rpy_of` and `quaternion` take complex numbers, so that a complex step p
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibench.problems.base import Array
 
+Rotation = Literal[
+    "", "rpy", "xyz"
+]  # how three columns tell a turn: roll, pitch and yaw, or a vector; "": as the file says
 Numbers = NDArray[Any]  # float64, or complex128 where a complex step passes through
 
 

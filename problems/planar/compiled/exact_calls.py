@@ -36,13 +36,11 @@ class ExactCalls:
         self.packed, self.screen = packed, _abandon_kernels.screen(packed)
         self._compile_later("cost", _closed_loop_kernels.cost, 1, 2)
         self._compile_later("batch", _closed_loop_kernels.batch, 2, 2)
-        self._compile_later("batch_below", _abandon_kernels.batch_below, 2, 1, 2, 2, given=2)
+        self._compile_later("batch_below", _abandon_kernels.batch_below, 2, 1, 2, 2)
 
-    def _compile_later(
-        self, slot: Literal["cost", "batch", "batch_below"], kernel: Any, *dimensions: int, given: int = 1
-    ) -> None:
+    def _compile_later(self, slot: Literal["cost", "batch", "batch_below"], kernel: Any, *dimensions: int) -> None:
         def first(*arrays: Array) -> Any:
-            ready = exact(kernel, *dimensions, given=given)
+            ready = exact(kernel, *dimensions)
             setattr(self, slot, ready)
             return ready(*arrays)
 
