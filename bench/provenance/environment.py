@@ -61,4 +61,4 @@ def _checkout() -> tuple[str, bool]:
         return "", False
     lines = done.stdout.splitlines()
     commit = next((line.split()[-1] for line in lines if line.startswith("# branch.oid ")), "")
-    return commit, any(not line.startswith("#") for line in lines)
+    return "" if commit == "(initial)" else commit, any(not line.startswith("#") for line in lines)
