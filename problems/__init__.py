@@ -6,9 +6,10 @@
 ((12,), 12, True)
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from calibench._checkout import one_module
+from calibench.core.lazy import loader
 from calibench.problems.base import Calibration, Parameter, Problem, registry
 from calibench.problems.covariance import Estimate, FTest, LeaveOneOut, estimate, f_test, leave_one_out
 from calibench.problems.fitting import fit
@@ -71,14 +72,7 @@ __all__ = [
     "tracking_zero",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Load the class of the arms' problems when it is first asked for."""
-    if name == "ArmCalibration":
-        from calibench.problems.arm.calibration import ArmCalibration
-
-        return ArmCalibration
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = loader(__name__, {"ArmCalibration": "arm.calibration"})  # as every start lists all problems
 
 
 def __dir__() -> list[str]:

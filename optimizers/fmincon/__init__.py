@@ -6,9 +6,9 @@ the coordinates it works in (`frame`), MATLAB's names (`options`), tests and exi
 (`kkt`). See docs/fmincon.md.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from calibench.core.lazy import loader
 from calibench.optimizers.fmincon.method import Fmincon
 from calibench.optimizers.fmincon.options import Options, optimoptions
 
@@ -19,13 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["Fmincon", "Multipliers", "OptimValues", "Options", "Output", "Result", "fmincon", "optimoptions"]
 
 _HOMES = dict.fromkeys(("Multipliers", "Output", "Result", "fmincon"), "direct") | {"OptimValues": "search.told"}
-
-
-def __getattr__(name: str) -> Any:
-    """Load the direct call when it is first asked for: every start lists the names of all methods."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__ = loader(__name__, _HOMES)  # as every start lists the names of all that there is
 
 
 def __dir__() -> list[str]:

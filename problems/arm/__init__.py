@@ -1,8 +1,8 @@
 """Serial arms: read from a URDF or a table of joints, their kinematics, and their calibration on measured postures."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from calibench.core.lazy import loader
 from calibench.problems.arm.families import arm, arm_panda, arm_ur10
 
 if TYPE_CHECKING:
@@ -30,13 +30,7 @@ _HOMES = {
     **dict.fromkeys(("Chain", "ChainError", "ChainJoint", "Mimic"), "chains.chain"),
     **dict.fromkeys(("Robot", "UrdfError", "parse_urdf", "read_urdf"), "chains.urdf"),
 }
-
-
-def __getattr__(name: str) -> Any:
-    """Load what reads and calibrates arms when it is first asked for: every start lists the names of all problems."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__ = loader(__name__, _HOMES)  # as every start lists the names of all that there is
 
 
 def __dir__() -> list[str]:

@@ -1,0 +1,23 @@
+"""Public names of a package that are loaded when they are first asked for: a start pays for what it uses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+
+def loader(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
+    """Return a ``__getattr__`` for `package`; `homes` is public name -> the module of the package that has it.
+
+    >>> load = loader("calibench.core", {"shown": "options"})
+    >>> load("shown")(True)
+    'true'
+    """
+
+    def load(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(f"{package}.{homes[name]}"), name)
+
+    return load
