@@ -71,7 +71,7 @@ def scale_told(scale: Scale, stated: float) -> str:
     size = f"{plain(100 * abs(1 / scale.value - 1), 2)} % {'smaller' if scale.value > 1 else 'larger'}"
     return (
         f"the camera sees the board {plain(scale.value, 5)} times as far as the robot's moves say (standard error "
-        f"{plain(scale.se, 2)}): the frames and intervals above are wrong. Measure the board: if its squares or "
+        f"{plain(scale.se, 2)}): the frames and their intervals are wrong. Measure the board: if its squares or "
         f"markers are {size} than the camera was told, state board_scale={cure}; if they are not, calibrate the "
         "camera's lens anew"
     )
