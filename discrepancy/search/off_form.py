@@ -23,7 +23,7 @@ from calibench.discrepancy.model.effect import Effect, along_of, is_possible
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.form import ALONG, MOST, SLOW, Modulated, Slow, product, slow_along, waves_over
-from calibench.discrepancy.search.select import Option, close
+from calibench.discrepancy.search.select import Option, close, told_apart
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -54,8 +54,9 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
     plain, top = close(found), max(found, key=lambda o: o.gain)
     if not _are_few(top):
         return plain
-    part_of = description_of(top.fit.model.formulation.data.machine).part_of
-    own = {o.name for o in found if part_of(o.effect.target) == part_of(top.effect.target)}
+    if top.fit.noise.profiled:
+        return _as_a_form_may_err(found, plain, top)
+    own = _on_its_part(found, top)
     rivals = [o for o in found if o.name in own or _go_along(o, top)]
     if len(rivals) < 2:
         return plain
@@ -71,6 +72,31 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
     kept = {o.name for o in told.values() if o.behind < thresholds().close}
     kept |= {top.name, *(o.name for o in plain if o.name not in told or o.name not in own)}
     return _likeliest_first([told.get(o.name, o) for o in found if o.name in kept])
+
+
+def _as_a_form_may_err(found: Sequence[Option], plain: Sequence[Option], top: Option) -> tuple[Option, ...]:
+    """Return the best option and its rivals, where nothing tells the noise.
+
+    A random form would be measured by a noise that holds the error of the best form itself. So a rival on the same part
+    stays where the best one explains no more than it does but for an error of form: up to `formula_error` of all. Its
+    distance is what it leaves, in squares of `form_off`.
+    """
+    own, count = _on_its_part(found, top), top.fit.degrees
+    kept = []
+    for o in found:
+        lost = float(np.expm1((top.gain - o.gain) / count) / np.expm1(top.gain / count))
+        errs = o is not top and o.name in own and not _is_rich(o) and 0 <= lost < thresholds().formula_error
+        if errs:
+            behind = min(told_apart(top, top.gain - o.gain), lost / thresholds().form_off ** 2)
+            kept.append(replace(o, behind=behind))
+        elif o in plain:
+            kept.append(o)
+    return tuple(kept)
+
+
+def _on_its_part(found: Sequence[Option], top: Option) -> set[str]:
+    part_of = description_of(top.fit.model.formulation.data.machine).part_of
+    return {o.name for o in found if part_of(o.effect.target) == part_of(top.effect.target)}
 
 
 def _likeliest_first(found: Sequence[Option]) -> tuple[Option, ...]:

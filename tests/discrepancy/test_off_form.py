@@ -25,6 +25,7 @@ from calibench.discrepancy.search.off_form import _least, bonus, near, random_cu
 from calibench.discrepancy.search.select import close, options, run_tests
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds
 from calibench.problems.base import Parameter
+from tests.independent import mount
 
 
 def _told(seed: int) -> tuple[bool, str]:
@@ -49,6 +50,17 @@ def test_a_rival_that_takes_up_the_error_of_a_form_does_not_shut_the_truth_out(s
 def test_a_formula_met_to_the_letter_does_not_shut_out_one_whose_form_is_off(seed: int) -> None:
     """Gears, beside harmonics and eccentricities that fit to the letter or nearly, but may be off as well."""
     assert _told(seed) == (True, "ambiguous")
+
+
+@pytest.mark.parametrize(("k", "truth", "rival"), [(179, "PHH", "HCES"), (172, "DCES", "PDD")])
+def test_without_a_stated_noise_the_error_of_a_form_shuts_no_rival_out(
+    k: int, truth: str, rival: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A scale of an axis and a circle off its centre, whose forms are a tenth off: the false one explains more."""
+    monkeypatch.setattr(mount, "SEED", 35000)
+    night = mount.case(k)
+    report = explain("mount", MeasuredData(night.columns, "mount", night.stated, "night"))
+    assert {f"{truth} mount", f"{rival} mount"} <= {one.effect for one in report.findings[0].set}
 
 
 def test_a_random_curve_has_mean_zero_and_rms_one_where_its_argument_is_known() -> None:
