@@ -47,7 +47,8 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
                                                        a robot arm: a calibrated URDF, its errors on held-out poses;
                                                        dh=: from a table of Denavit and Hartenberg, and one out
   calibrate hand_eye=eye_in_hand|eye_to_hand data=FILE [read=board_in_camera|camera_in_board]
-      [columns=.. units=..] [rotation=rpy|xyz|vector] [sigma=MM] [sigma_rotation=RAD] [--json]
+      [flange=flange_in_base|base_in_flange] [columns=.. units=..] [rotation=rpy|xyz|vector]
+      [board_scale=TRUE_SIZE_BY_TOLD] [sigma=MM] [sigma_rotation=RAD] [--json]
                                                        a camera on the hand or beside the robot: its frame, and the
                                                        board's, from pairs of poses
   design machine=NAME data=FILE|plan=NAME [plan.OPTION=V] [size=SIGMAS] [next=K] [rivals=A,B] [--json]

@@ -1,6 +1,7 @@
 """`bench calibrate hand_eye=...`: both frames as a closed form has them, honest intervals, and what is refused."""
 
 import json
+import shlex
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from calibench.bench.calibration.hand_eye.adjust import adjusted, frames_order, model_of_pairs
 from calibench.bench.calibration.hand_eye.frames import frames_of, slopes_of
+from calibench.bench.calibration.hand_eye.scale import scale_of
 from calibench.bench.calibration.hand_eye.start import arm_poses
 from calibench.bench.cli import main
 from tests.bench.hand_eye_by_hand import (
@@ -250,8 +252,8 @@ def test_a_quaternion_with_its_real_part_first_is_told_with_the_columns_to_copy(
     write(tmp_path / "q.csv", *parts)
     line = bench("hand_eye=eye_in_hand", "data=q.csv", code=2)
     assert "the first of them is the real part" in line
-    columns = line.partition("columns=")[2].strip()
-    found = json.loads(bench("hand_eye=eye_in_hand", "data=q.csv", f"columns={columns}", "--json"))
+    (columns,) = shlex.split("columns=" + line.partition("columns=")[2])  # as a shell reads what is copied
+    found = json.loads(bench("hand_eye=eye_in_hand", "data=q.csv", columns, "--json"))
     assert np.allclose(found["camera"]["position"], CAMERA[0], atol=1.0)
 
 
@@ -268,7 +270,10 @@ def test_mm_for_m_is_told_and_so_is_a_board_of_another_size(bench, calibrate, tm
     line = bench("hand_eye=eye_in_hand", "data=m.csv", code=2)
     assert "units=board_x:m,board_y:m,board_z:m" in line
     seen[:, :3, 3] *= 0.9
-    assert "is the size of its squares or markers the true one?" in calibrate(flange, seen, code=2)
+    line = calibrate(flange, seen, code=2)
+    assert "is the size of its squares or markers the true one?" in line
+    found = calibrate(flange, seen, "board_scale=" + line.partition("board_scale=")[2].strip())
+    assert np.allclose(found["camera"]["position"], CAMERA[0], atol=1.0)
 
 
 def test_units_lengths_of_quaternions_and_missing_columns_are_refused(bench, tmp_path):
@@ -286,3 +291,103 @@ def test_units_lengths_of_quaternions_and_missing_columns_are_refused(bench, tmp
     assert "no pose of the board is found" in bench(*words, code=2)
     assert "read=" in bench("hand_eye=eye_in_hand", "data=p.csv", "read=upside_down", code=2)
     assert "hand_eye" in bench("hand_eye=in_the_sky", "data=p.csv", code=2)
+
+
+@pytest.mark.parametrize("mode", ["eye_in_hand", "eye_to_hand"])
+def test_a_board_of_slightly_another_size_is_told_with_a_cure_to_copy(calibrate, mode):
+    flange, seen = measured(15, mode, noise=(1.0, 0.0035))
+    before = calibrate(flange, seen, mode=mode)
+    assert before["scale"] == pytest.approx(1.0, abs=3 * before["scale_se"])
+    assert not any("board_scale=" in note for note in before["notes"])
+    seen[:, :3, 3] *= 1.03
+    wrong = calibrate(flange, seen, mode=mode)
+    assert wrong["scale"] == pytest.approx(1.03, abs=3 * wrong["scale_se"])
+    assert "smaller than the camera was told" in wrong["notes"][0]
+    (cure,) = (word for word in wrong["notes"][0].split() if word.startswith("board_scale="))
+    right = calibrate(flange, seen, cure.rstrip(";"), mode=mode)
+    assert not any("board_scale=" in note for note in right["notes"])
+    truth = CAMERA[0]
+    off = [np.linalg.norm(np.array(one["camera"]["position"]) - truth) for one in (wrong, right)]
+    assert off[1] < off[0]
+
+
+def test_the_error_of_a_scale_is_that_of_many_cases():
+    values, errors, told = [], [], []
+    for seed in range(60):
+        made = model(12, "eye_in_hand", (1.0, 0.002), seed)
+        found = scale_of(adjusted(made, (0.0, 0.0)), True)
+        values.append(found.value)
+        errors.append(found.se)
+        told.append(found.told)
+    assert np.std(values) == pytest.approx(np.mean(errors), rel=0.3)
+    assert np.mean(values) == pytest.approx(1.0, abs=3 * np.mean(errors) / np.sqrt(60))
+    assert sum(told) <= 1
+
+
+def test_a_scale_of_no_board_is_refused(calibrate):
+    for wrong in ("0", "-1", "large"):
+        assert "board_scale" in calibrate(*measured(8), f"board_scale={wrong}", code=2)
+
+
+def test_the_base_in_the_flange_is_read_where_that_is_stated(calibrate):
+    flange, seen = measured(12)
+    line = calibrate(np.linalg.inv(flange), seen, code=2)
+    cure = line.split()[-1]
+    assert cure == "flange=base_in_flange"
+    found = calibrate(np.linalg.inv(flange), seen, cure)
+    assert np.allclose(found["camera"]["matrix"], pose(*CAMERA), atol=1e-6)
+    assert calibrate(flange, seen, cure, code=2).split()[-1] == "flange=flange_in_base"
+
+
+def test_names_of_the_users_own_are_told_with_all_columns_to_copy(bench, tmp_path):
+    flange, seen = measured(12, noise=NOISE)
+    (_, robot), (_, board) = columns_of(flange, "flange"), columns_of(seen, "board", turns=VECTOR)
+    table = np.column_stack([robot, board])
+    heads = "Bild;Roboter X [mm];Roboter Y [mm];Roboter Z [mm];q1;q2;q3;q4;" + ";".join(
+        [*(f"Tafel {axis} [mm]" for axis in "XYZ"), *(f"Tafel r{axis} [rad]" for axis in "xyz")]
+    )
+    rows = [";".join([f"bild{k}.png", *(f"{v:.9f}".replace(".", ",") for v in row)]) for k, row in enumerate(table)]
+    (tmp_path / "eigene.csv").write_text("\n".join([heads, *rows]) + "\n")
+    line = bench("hand_eye=eye_in_hand", "data=eigene.csv", code=2)
+    (columns,) = shlex.split("columns=" + line.partition("columns=")[2])
+    found = json.loads(bench("hand_eye=eye_in_hand", "data=eigene.csv", columns, "--json"))
+    assert np.allclose(found["camera"]["position"], CAMERA[0], atol=1.0)
+
+
+def test_a_b_c_of_a_kuka_are_proposed_as_turns_about_z_y_and_x(bench, tmp_path):
+    flange, seen = measured(12, noise=NOISE)
+    heads, numbers = columns_of(flange, "flange", turns=VECTOR)
+    one = flange[:, :3, :3]  # A, B and C turn about z, y and x in this order, each about an axis that moves along
+    abc = [np.arctan2(one[:, 1, 0], one[:, 0, 0]), -np.arcsin(one[:, 2, 0]), np.arctan2(one[:, 2, 1], one[:, 2, 2])]
+    heads = [*heads[:3], "flange_A [deg]", "flange_B [deg]", "flange_C [deg]"]
+    write(tmp_path / "k.csv", (heads, np.column_stack([numbers[:, :3], np.degrees(abc).T])), columns_of(seen, "board"))
+    line = bench("hand_eye=eye_in_hand", "data=k.csv", code=2)
+    (columns,) = shlex.split("columns=" + line.partition("columns=")[2])
+    found = json.loads(bench("hand_eye=eye_in_hand", "data=k.csv", columns, "--json"))
+    assert np.allclose(found["camera"]["position"], CAMERA[0], atol=1.0)
+
+
+def test_degrees_that_are_stated_as_rad_are_told(bench, tmp_path):
+    flange, seen = (columns_of(p, n, turns=VECTOR) for p, n in zip(measured(12), ("flange", "board"), strict=True))
+    flange[1][:, 3:] = np.degrees(flange[1][:, 3:])
+    write(tmp_path / "d.csv", flange, seen)
+    line = bench("hand_eye=eye_in_hand", "data=d.csv", code=2)
+    units = line.split()[-1]
+    assert units == "units=flange_rx:deg,flange_ry:deg,flange_rz:deg"
+    found = json.loads(bench("hand_eye=eye_in_hand", "data=d.csv", units, "--json"))
+    assert np.allclose(found["camera"]["position"], CAMERA[0], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("turns", "told"),
+    [
+        (np.random.default_rng(2).normal(0, 0.015, (12, 3)), "° at the most, so that the intervals are wide"),
+        (np.random.default_rng(2).normal(0, 1, (12, 3)) * [0.01, 0.03, 0.5], "about its axis (1.00, "),
+        (np.random.default_rng(2).normal(0, 0.5, (12, 3)), ""),
+    ],
+)
+def test_turns_that_are_missing_are_told(calibrate, turns, told):
+    found = calibrate(*measured(12, flange=flanges(turns, PLACES), noise=NOISE), "rotation=vector")
+    said = [note for note in found["notes"] if note.startswith("the flange turns by")]
+    assert len(said) == bool(told)
+    assert all(told in note and "30° or more" in note for note in said)

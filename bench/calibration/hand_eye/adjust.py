@@ -82,13 +82,13 @@ def adjusted(model: ArmModel, stated: tuple[float, float]) -> Adjusted:
     sigma, freedom = fit.model.sigma, (np.inf, np.inf)
     for _ in range(_ROUNDS):
         before = sigma
-        sigma, freedom = _noise(fit, order, before, stated)
+        sigma, freedom = _noise(fit, before, stated)
         fit = replace(fit, model=replace(fit.model, sigma=sigma))
         fit = replace(fit, p=fitted_from(fit, order, everywhere))
         if np.allclose(sigma, before, rtol=_SETTLED, atol=0.0):
             break
     fit = _with_frames(fit)
-    rows = _rows(fit, order)
+    rows = rows_of(fit)
     inverted = _inverse(rows)
     parts = np.stack([inverted @ part.T @ part @ inverted for part in rows])
     return Adjusted(fit, fit.model.chain.mount, fit.model.chain.tool, parts, sigma, freedom)
@@ -108,9 +108,9 @@ def _with_frames(fit: Fit) -> Fit:
     return replace(fit, model=model, p=model.start)
 
 
-def _rows(fit: Fit, order: list[int]) -> Array:
+def rows_of(fit: Fit) -> Array:
     """Return the derivatives of places and rotations over their noise, (2, 3 n, 12), of mount and tool in order."""
-    kept = np.array(sorted(order), dtype=np.int64)
+    kept = np.array(sorted(frames_order(fit.model)), dtype=np.int64)
     rows = fit.model.jacobian(fit.p, kept, fit.weights)[0] * fit.weights[:, None, None]
     return np.stack([rows[:, :3].reshape(-1, len(kept)), rows[:, 3:].reshape(-1, len(kept))])
 
@@ -123,10 +123,10 @@ def _inverse(rows: Array) -> Array:
 
 
 def _noise(
-    fit: Fit, order: list[int], sigma: tuple[float, float], stated: tuple[float, float]
+    fit: Fit, sigma: tuple[float, float], stated: tuple[float, float]
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the noise of places and of rotations, and their degrees of freedom, by the residuals under `sigma`."""
-    rows = _rows(fit, order)
+    rows = rows_of(fit)
     inverted = _inverse(rows)
     found, freedom = list(stated), [np.inf, np.inf]
     for k, part in enumerate(fit.model.errors(fit.p)):

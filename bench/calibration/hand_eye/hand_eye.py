@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,9 @@ from calibench.bench.calibration.hand_eye.frames import frames_of
 from calibench.bench.calibration.hand_eye.pairs import Pairs, read_pairs_of_poses
 from calibench.bench.calibration.hand_eye.request import HandEyeRequest
 from calibench.bench.calibration.hand_eye.result import HandEye, Left, Outlier, transforms_yaml
-from calibench.bench.calibration.hand_eye.start import started
-from calibench.bench.calibration.hand_eye.undetermined import check_determined, check_poses
+from calibench.bench.calibration.hand_eye.scale import scale_of, scale_told
+from calibench.bench.calibration.hand_eye.start import arm_poses, started
+from calibench.bench.calibration.hand_eye.undetermined import check_determined, check_poses, missing_turns
 from calibench.bench.calibration.judged import FOLDS, HeldOut, crossed_out, predicted, rms
 from calibench.bench.calibration.model import ArmModel
 from calibench.bench.calibration.readings import Mask, poses_of
@@ -42,7 +44,7 @@ def hand_eye(request: HandEyeRequest) -> HandEye:
 
 def _calibrated(pairs: Pairs, request: HandEyeRequest) -> HandEye:
     train = np.ones(len(pairs), dtype=bool) if pairs.hold is None else ~pairs.hold
-    named = pairs.flange.as_matrices(next(iter(pairs.flange.meanings)))  # one axis is one in any order of angles
+    named = pairs.moved(next(iter(pairs.flange.meanings)))  # one axis is one in any order of angles
     check_poses(named[train], stands_of(named[train]), bool(request.sigma and request.sigma_rotation))
     begin = started(pairs, request.hand_eye, train)
     model = model_of_pairs(begin.arm, begin.seen, begin.mount, begin.tool)
@@ -60,11 +62,15 @@ def _calibrated(pairs: Pairs, request: HandEyeRequest) -> HandEye:
         for i in sorted(np.flatnonzero(fit.wild), key=lambda i: -left[i])
     )
     kept = ~fit.wild
+    scale = scale_of(found, not request.sigma)
+    said = [scale_told(scale, request.board_scale)] if scale and scale.told else []
+    said += missing_turns(arm_poses(begin.arm, request.hand_eye)[train][kept])
     return HandEye(
         pairs.table.name, request.hand_eye, pairs.read, len(pairs), camera, board,
         Left(int(kept.sum()), rms(left[kept]), rms(turned[kept])), unseen, how, *found.sigma,
-        (not request.sigma, not request.sigma_rotation), outliers,
-        (*pairs.notes, *begin.notes, *_notes(found, poses)),
+        (not request.sigma, not request.sigma_rotation),
+        scale.value if scale else nan, scale.se if scale else nan, outliers,
+        (*said, *pairs.notes, *begin.notes, *_notes(found, poses)),
     )  # fmt: skip
 
 

@@ -7,7 +7,8 @@ angles turn is left open, for the poses themselves tell it (`start`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -32,6 +33,8 @@ _CALLED = {
     "camera": ("camera", "cam"),
 }
 _LENGTH = 0.01  # by which a quaternion's length may differ from 1: three digits leave a thousandth
+_TURNED = 4 * np.pi  # rad
+_NO_POSE = ("split", "valid")
 _HUGE = 1e9  # mm: a place that no instrument gives
 
 
@@ -59,7 +62,8 @@ class Pose:
 class Pairs:
     """n pairs: `flange` in the base, and `board` as `read` says; `hold` (n,) are kept from the fit, None for none.
 
-    `rows` (n,) are those of the table.
+    `rows` (n,) are those of the table. `inverted` says that the robot's columns hold the base in the flange; `board`
+    is `board_scale` times as far as in the file.
     """
 
     flange: Pose
@@ -69,6 +73,8 @@ class Pairs:
     rows: Index
     table: Table
     notes: tuple[str, ...]
+    inverted: bool
+    board_scale: float
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -76,6 +82,16 @@ class Pairs:
     def told(self, i: int) -> str:
         """Return how a message names pair i in the file."""
         return self.table.told(int(self.rows[i]))
+
+    @property
+    def other_flange(self) -> str:
+        """Return what `flange=` would be for the inverse poses."""
+        return "flange_in_base" if self.inverted else "base_in_flange"
+
+    def moved(self, meaning: str) -> Array:
+        """Return the poses of the flange in the base, (n, 4, 4) [mm]."""
+        made = self.flange.as_matrices(meaning)
+        return np.asarray(inverse(made)) if self.inverted else made
 
     def seen(self, meaning: str) -> Array:
         """Return the poses of the board in the camera, (n, 4, 4) [mm]."""
@@ -102,6 +118,7 @@ def _pairs(table: Table, columns: Mapping[str, str], request: HandEyeRequest) ->
     read = _read(sides, request.read)
     seen = "camera" if "board" not in sides else "board"
     used = [name for side in ("flange", seen) for name in _columns_of(sides[side])]
+    _check_radians(table, *(sides[side].rotation.values() for side in ("flange", seen)))
     turned, units, notes = in_base_units(table.columns, used, table.units)
     table = replace(table, columns={**table.columns, **turned}, units={**table.units, **units})
     _check_units(table, sides["flange"], sides[seen])
@@ -129,7 +146,11 @@ def _pairs(table: Table, columns: Mapping[str, str], request: HandEyeRequest) ->
     flange, board = (_pose(table, sides[side], rows_of, request.rotation.get(name, "")) for side, name in (
         ("flange", "flange"), (seen, "board")
     ))  # fmt: skip
-    return Pairs(flange, board, read, None if hold is None else hold[rows_of], rows_of, table, tuple(said))
+    board = replace(board, place=request.board_scale * board.place)
+    return Pairs(
+        flange, board, read, None if hold is None else hold[rows_of], rows_of, table, tuple(said),
+        request.flange == "base_in_flange", request.board_scale,
+    )  # fmt: skip
 
 
 def _sides(table: Table, ours: Mapping[str, str]) -> dict[str, Matched]:
@@ -154,16 +175,42 @@ def _sides(table: Table, ours: Mapping[str, str]) -> dict[str, Matched]:
             also = " (or camera_ for the camera in the board)" if side == "board" else ""
             raise DataError(
                 f"no pose of the {side} is found among {', '.join(table.columns)}: {side}_x, {side}_y, {side}_z and "
-                f'{side}_qx ... {side}_qw or {side}_rx ... {side}_rz are needed{also}; columns={{"{side}_x": "NAME"}} '
-                "names one"
+                f"{side}_qx ... {side}_qw or {side}_rx ... {side}_rz are needed{also}; {_proposed(table)}"
             )
     if "board" in sides and "camera" in sides:
         raise DataError("the file has columns of board_ and of camera_; leave out those that are not to be read")
     for side, made in sides.items():
         for part, needed in ((made.position, "x, y and z"), (made.rotation, "rx, ry and rz, or qx, qy, qz and qw")):
             if not part:
-                raise DataError(f"the pose of the {side} lacks {side}_ with {needed}")
+                raise DataError(f"the pose of the {side} lacks {side}_ with {needed}; {_proposed(table)}")
     return sides
+
+
+def _proposed(table: Table) -> str:
+    """Return `columns=` to copy: for all columns if there are as many as two poses have, else an example of one."""
+    names = [name for name, column in table.columns.items() if column.dtype.kind in "iuf" and name not in _NO_POSE]
+    half = 7 if len(names) == 14 or (len(names) == 13 and _of_unit_length(table, names[3:7])) else 6
+    if not 12 <= len(names) <= 14:
+        return """columns='{"flange_x":"NAME"}' names one"""
+    parts = [
+        f'"{side}_{own}":"{name}"'
+        for side, part in (("flange", names[:half]), ("board", names[half:]))
+        for own, name in zip(("x", "y", "z", *_turns_of(part[3:])), part, strict=True)
+    ]
+    return f"if the columns stand in this order, flange first: columns='{{{','.join(parts)}}}'"
+
+
+def _of_unit_length(table: Table, names: Sequence[str]) -> bool:
+    size = np.linalg.norm([np.asarray(table.columns[name], dtype=float) for name in names], axis=0)
+    return bool(abs(np.nanmedian(size) - 1) < _LENGTH)
+
+
+def _turns_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return our names for columns of a rotation; A B C of a KUKA turn about z, y and x."""
+    if len(names) == 4:
+        return ("qx", "qy", "qz", "qw")
+    last = [re.split(r"[ _.]", name.strip().lower())[-1] for name in names]
+    return ("rz", "ry", "rx") if last == ["a", "b", "c"] else ("rx", "ry", "rz")
 
 
 def _read(sides: Mapping[str, Matched], stated: str) -> str:
@@ -196,6 +243,19 @@ def _check_units(table: Table, *sides: Matched) -> None:
             other = next((name for name in names if table.units[name] != base), None)
             if other is not None:
                 raise DataError(f"column {other} is in {table.units[other]}, and {base} or {example} is needed")
+
+
+def _check_radians(table: Table, *sides: Iterable[str]) -> None:
+    """Refuse angles that are stated in rad and hold more than two turns: they are degrees."""
+    for side in sides:
+        names = [name for name in side if table.units.get(name) == "rad"]
+        values = np.abs([np.asarray(table.columns[name], dtype=float) for name in names])
+        largest = float(np.max(values, where=values < _HUGE, initial=0.0))
+        if largest > _TURNED:
+            raise DataError(
+                f"{', '.join(names)}: rad are stated, and they hold {plain(largest, 4)}, more than two turns: state "
+                f"deg in the heading, or units={','.join(f'{name}:deg' for name in names)}"
+            )
 
 
 def _of_length_one(table: Table, side: Matched, whole: Mask) -> Mask:

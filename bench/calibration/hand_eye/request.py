@@ -13,12 +13,14 @@ from calibench.bench.sweep.words.values import RequestError
 from calibench.core.options import coerce, suggest
 
 Mounting = Literal["eye_in_hand", "eye_to_hand"]
+Flange = Literal["flange_in_base", "base_in_flange"]
 Read = Literal["", "board_in_camera", "camera_in_board"]
 ORDERS = ("rpy", "xyz", "vector")
 POSES = ("flange", "board")
 _KEYS = {
     "hand_eye": "eye_in_hand", "data": "pairs.csv", "read": "board_in_camera", "rotation": "vector",
-    "columns": '{"flange_x":"Weg X"}', "units": "flange_x:m", "sigma": "0.3", "sigma_rotation": "0.001",
+    "columns": '{"flange_x":"Weg X"}', "units": "flange_x:m", 
+    "flange": "base_in_flange", "board_scale": "0.97", "sigma": "0.3", "sigma_rotation": "0.001",
     "study": "hand_eye", "results": "results",
 }  # fmt: skip
 
@@ -28,7 +30,8 @@ _KEYS = {
 class HandEyeRequest:
     """A calibration of a camera on the hand, or beside the robot; `stated` goes before the data's own metadata.
 
-    `read` is what the camera's columns hold, "" where their names say it. `rotation` is the order of angles of the
+    `read` is what the camera's columns hold, "" where their names say it; `flange` what the robot's do. `board_scale`
+    is how many times as far as the file says the board is. `rotation` is the order of angles of the
     poses of `flange` and `board`, where it is stated. `sigma` [mm] and `sigma_rotation` [rad] are the noise of the
     board's pose on each axis; 0 where it is to be learned from the data.
     """
@@ -41,6 +44,8 @@ class HandEyeRequest:
     sigma: float = 0.0
     sigma_rotation: float = 0.0
     folder: Path = Path("results/hand_eye")
+    flange: Flange = "flange_in_base"
+    board_scale: float = 1.0
 
 
 def read_hand_eye(words: Sequence[str]) -> HandEyeRequest:
@@ -55,6 +60,12 @@ def read_hand_eye(words: Sequence[str]) -> HandEyeRequest:
     for key, unit in (("sigma", "mm"), ("sigma_rotation", "rad")):
         if key in given and not 0 < noise[key] < float("inf"):
             raise RequestError(f"{key}={given[key]}: the noise of the board's pose [{unit}], above 0, is needed")
+    scale = coerce("board_scale", json_or_text(given.get("board_scale", "1")), float)
+    if not 0 < scale < float("inf"):
+        raise RequestError(
+            f"board_scale={given['board_scale']}: the board's true size over that which the camera was told, above 0, "
+            "is needed"
+        )
     return HandEyeRequest(
         coerce("hand_eye", given["hand_eye"], Mounting),
         given["data"],
@@ -64,6 +75,8 @@ def read_hand_eye(words: Sequence[str]) -> HandEyeRequest:
         noise["sigma"],
         noise["sigma_rotation"],
         Path(given.get("results", "results")).expanduser() / study,
+        coerce("flange", given.get("flange", "flange_in_base"), Flange),
+        scale,
     )
 
 

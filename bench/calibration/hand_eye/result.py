@@ -40,7 +40,8 @@ class HandEye:
 
     `fitted` is what is left of the fitted pairs; `unseen` of pairs that were not fitted: those that the file holds
     back, or each by a fit to others, as `how` says. `sigma` [mm] and `sigma_rotation` [rad] are the noise on an axis,
-    `learned` from what is left, or stated.
+    `learned` from what is left, or stated. `scale` is how many times as far as the robot's moves say the camera sees
+    the board, with its standard error; the frames take it as 1.
     """
 
     case: str
@@ -55,6 +56,8 @@ class HandEye:
     sigma: float
     sigma_rotation: float
     learned: tuple[bool, bool]
+    scale: float
+    scale_se: float
     outliers: tuple[Outlier, ...] = ()
     notes: tuple[str, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)

@@ -55,7 +55,7 @@ def started(pairs: Pairs, mounting: str, train: Mask) -> Start:
     apart_by = {key: _misfit(*both) for key, both in tried.items()}
     _check_sides(pairs, tried, min(apart_by.values()), mounting)
     flange, board, notes = _meaning(pairs, apart_by)
-    arm, seen = arm_poses(pairs.flange.as_matrices(flange), mounting), pairs.seen(board)
+    arm, seen = arm_poses(pairs.moved(flange), mounting), pairs.seen(board)
     here = arm[train], seen[train]
     mount, tool, apart = _rotations(*here)
     if apart > _APART:
@@ -75,7 +75,7 @@ def _tried(pairs: Pairs, mounting: str, train: Mask) -> dict[tuple[str, str], tu
     """Return the poses of arm and board of `train` (n,) for each meaning of both rotations."""
     return {
         (flange, board): (
-            arm_poses(pairs.flange.as_matrices(flange), mounting)[train],
+            arm_poses(pairs.moved(flange), mounting)[train],
             pairs.seen(board)[train],
         )
         for flange, board in product(pairs.flange.meanings, pairs.board.meanings)
@@ -121,7 +121,7 @@ def _real_part_first(pose: Pose, named: float, other: float) -> str:
     ))  # fmt: skip
     return (
         f"{', '.join(names)} fit {_more(named, other)} times better if the first of them is the real part of the "
-        f"quaternion: columns={{{order}}}"
+        f"quaternion: columns='{{{order}}}'"
     )
 
 
@@ -137,7 +137,7 @@ def _check_sides(
         raise DataError(
             f"the poses fit {_more(left, better)} times better with one side inverted: the camera's columns are "
             f"read={other}, or the camera is mounted hand_eye={mount}, or the flange's columns hold the base in the "
-            "flange"
+            f"flange: flange={pairs.other_flange}"
         )
     for lag, where in ((1, "below"), (-1, "above")) if n > 5 else ():
         better = min(
@@ -245,7 +245,11 @@ def _of_scale(pairs: Pairs, scale: float, left: float, free: float) -> str:
                 f"{told} {side} are {plain(by, 3)} times as far: units={named} if they are {unit}, or the unit of the "
                 f"{other}'s is another"
             )
-    return f"{told} board are {plain(scale, 5)} times as far: is the size of its squares or markers the true one?"
+    return (
+        f"{told} board are {plain(scale, 5)} times as far: is the size of its squares or markers the true one? "
+        f"If they are {plain(pairs.board_scale * scale, 4)} times as large as the camera was told: "
+        f"board_scale={plain(pairs.board_scale * scale, 5)}"
+    )
 
 
 def _nearest(rows: Array, wanted: Array) -> tuple[Array, float]:

@@ -19,6 +19,7 @@ from calibench.problems.base import Array
 LEAST = 3  # poses: two motions about different axes
 _TURNS = np.deg2rad(0.5)  # rad: less than this about an axis is how a robot holds still
 _WORTH = 0.2  # of the board's distance, or 0.2 rad: a number known no better is not told by the poses
+_FEW_TURNS = np.deg2rad(15)  # rad: less about an axis, and the intervals are wide
 _BESIDE = 20  # poses from which all others are looked at
 _WAY_OUT = "add poses that turn the flange by 30° or more about at least two axes, such as 10 to 20 of them"
 
@@ -39,22 +40,45 @@ def check_poses(flange: Array, stands: Array, stated: bool) -> None:
             f"{count} different poses tell both frames, and not the noise, so that no interval is known: state sigma= "
             "[mm] and sigma_rotation= [rad] of the board's pose, or add poses"
         )
-    some = flange[:: max(1, len(flange) // _BESIDE), :3, :3]
-    turns = np.stack([Rotation.from_matrix(one.T @ flange[:, :3, :3]).as_rotvec() for one in some])
-    turns = turns.reshape(-1, 3)
-    largest = float(np.linalg.norm(turns, axis=1).max())
+    largest, axis, beside, _ = _turned(flange)
     if largest < _TURNS:
         raise DataError(
             f"the flange turns by {plain(float(np.rad2deg(largest)), 2)}° at the most, and shifts alone do not tell "
             f"where the camera is: {_WAY_OUT}"
         )
-    axis = np.linalg.svd(turns, full_matrices=False)[2][0]
-    beside = float(np.linalg.norm(turns - np.outer(turns @ axis, axis), axis=1).max())
     if beside < _TURNS:
         raise DataError(
             f"all rotations are about one axis of the flange, ({_listed(axis)}): where camera and board are along it "
             f"is not determined: {_WAY_OUT}"
         )
+
+
+def missing_turns(flange: Array) -> list[str]:
+    """Return in a sentence which turns would narrow the intervals, where poses of the flange (n, 4, 4) turn little."""
+    largest, axis, beside, across = _turned(flange)
+    if largest < _FEW_TURNS:
+        return [
+            f"the flange turns by {plain(float(np.rad2deg(largest)), 2)}° at the most, so that the intervals are wide: "
+            f"{_WAY_OUT}"
+        ]
+    if beside < _FEW_TURNS:
+        return [
+            f"the flange turns by up to {plain(float(np.rad2deg(largest)), 2)}° about its axis ({_listed(axis)}), and "
+            f"by {plain(float(np.rad2deg(beside)), 2)}° at the most about others: add poses that turn it by 30° or "
+            f"more about its axis ({_listed(across)})"
+        ]
+    return []
+
+
+def _turned(flange: Array) -> tuple[float, Array, float, Array]:
+    """Return the largest turn between poses [rad], the axis of most turns, the largest beside it, and across it."""
+    some = flange[:: max(1, len(flange) // _BESIDE), :3, :3]
+    turns = np.stack([Rotation.from_matrix(one.T @ flange[:, :3, :3]).as_rotvec() for one in some])
+    turns = turns.reshape(-1, 3)
+    axes = np.linalg.svd(turns, full_matrices=False)[2]
+    axis, across = axes[0], axes[-1]
+    beside = float(np.linalg.norm(turns - np.outer(turns @ axis, axis), axis=1).max())
+    return float(np.linalg.norm(turns, axis=1).max()), axis, beside, across
 
 
 def check_determined(found: Adjusted) -> None:
