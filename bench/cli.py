@@ -19,6 +19,7 @@ from importlib import import_module
 from calibench.core.words import check_word, one_line
 
 _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --version)
+       bench VERB --help         what one verb reads: all of its words, with what they mean
 
   list problems|optimizers|effects|machines|studies|figures [--json]
                                                        what there is, with traits and options
@@ -37,8 +38,9 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|processes] [to=DIR]
                                                        rerun the papers: printed | ours | verdict | why;
                                                        to=results/reference keeps a small copy of all of it
-  discover machine=NAME data=FILE|GLOB|FOLDER|NAME [OPTION=V] [study=NAME] [results=DIR] [execution=serial|processes]
-      [pages=auto|all|none] [--json] [--retry]         what the model is missing: where, which effect, how large;
+  discover machine=NAME data=FILE|GLOB|FOLDER|NAME [OPTION=V] [study=NAME] [results=DIR]
+      [execution=serial|processes] [pages=auto|all|none] [--json] [--retry]
+                                                       what the model is missing: where, which effect, how large;
                                                        OPTION: what a file should state and does not (sigma_enc=5e-5)
   calibrate urdf=FILE|dh=TABLE [convention=standard|modified] data=FILE|GLOB|FOLDER
       [machine.tip=LINK] [machine.observe=position|pose|sockets]
@@ -153,6 +155,8 @@ def _look_less_for_garbage() -> None:
 
 
 def _dispatch(argv: list[str]) -> int:
+    if argv[:1] == ["help"] and argv[1:2] and argv[1] in _VERBS:
+        argv = [argv[1], "--help"]
     if not argv or argv[0] in ("-h", "--help", "help"):
         print(_USAGE, end="")
         return 0 if argv else 2
@@ -169,7 +173,9 @@ def _dispatch(argv: list[str]) -> int:
 
         raise ValueError(f"unknown verb {verb!r}; {suggest(verb, _VERBS)}")
     if "-h" in rest or "--help" in rest:
-        print(_USAGE, end="")
+        from calibench.bench.commands.verb_help import help_of
+
+        print(help_of(verb, _USAGE), end="")
         return 0
     module, _, function = _VERBS[verb].partition(":")
     call: Callable[[list[str]], int] = getattr(import_module(module), function)
