@@ -86,6 +86,20 @@ def coordinates_of(problem: Any) -> tuple[Parameter, ...]:
     return _named(problem, "coordinates" if converted else "parameters", own=True)
 
 
+def _truth(problem: Any, dim: int) -> Array | None:
+    """Return the problem's `truth`, shape (dim,), None where it has none."""
+    given = getattr(problem, "truth", None)
+    if given is None:
+        return None
+    try:
+        truth = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        truth = np.empty(0)
+    if truth.shape != (dim,):
+        raise ValueError(f"truth={given!r}: the x of the least value, {dim} numbers, or None is needed")
+    return truth
+
+
 def _named(problem: Any, attribute: str, own: bool) -> tuple[Parameter, ...]:
     """Return the entries of `attribute` as `Parameter`s; `own`: x holds them, one for one."""
     given = getattr(problem, attribute, None)
@@ -95,11 +109,11 @@ def _named(problem: Any, attribute: str, own: bool) -> tuple[Parameter, ...]:
     listed = tuple(f"x{i}" for i in range(lower.size)) if given is None else tuple(given)
     if own and len(listed) != lower.size:
         raise ValueError(f"{attribute}: {len(listed)} are named, and x has {lower.size}")
-    truth = getattr(problem, "truth", None) if own else None
+    truth = _truth(problem, lower.size) if own else None
     found = []
     for i, each in enumerate(listed):
         box = (start[i], lower[i], upper[i]) if own else (np.nan, -np.inf, np.inf)
-        true = None if truth is None else float(np.asarray(truth)[i])
+        true = None if truth is None else float(truth[i])
         if isinstance(each, str):
             found.append(Parameter(each, "", float(box[0]), float(box[1]), float(box[2]), true))
             continue

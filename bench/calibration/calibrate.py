@@ -15,7 +15,7 @@ from time import perf_counter
 
 import numpy as np
 
-from calibench.bench.calibration.described import Written, described_by, other_convention
+from calibench.bench.calibration.described import Written, described_by, table_told
 from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.fit import LEVELS, Fit, far_out, fitted, norms, order_of
 from calibench.bench.calibration.judged import FOLDS, HeldOut, crossed_out, predicted, resampled, rms, rms_interval
@@ -45,16 +45,17 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, Written, Readings
     chain = arm.chain
     table = read_table(request.data, request.stated)
     rotation = request.rotation or str(table.stated.get("rotation", ""))
-    readings = read_readings(table, chain, request.observe, request.limits)
-    _refuse_unused(request, readings)
-    train = np.ones(len(readings), dtype=bool) if readings.hold is None else ~readings.hold
     try:
+        readings = read_readings(table, chain, request.observe, request.limits)
+        _refuse_unused(request, readings)
+        train = np.ones(len(readings), dtype=bool) if readings.hold is None else ~readings.hold
         begin = started(readings.where(train), chain, rotation)
+        readings = begin.readings if train.all() else started(readings, chain, rotation).readings
+        model = model_of(chain, readings, begin.base, begin.tool, request.distance, request.sigma_distance, arm.table)
+        fits = _fits(model.at(train).numbered(), readings)
     except DataError as error:
-        raise DataError(f"{error}{other_convention(request)}") from None
-    readings = begin.readings if train.all() else started(readings, chain, rotation).readings
-    model = model_of(chain, readings, begin.base, begin.tool, request.distance, request.sigma_distance, arm.table)
-    fits = _fits(model.at(train).numbered(), readings)
+        told = table_told(arm, table, request)
+        raise (DataError(f"{told}. As it stands: {error}") if told else error) from None
     crossed = {level: crossed_out(fits[level], order_of(model.names, level, model.sliding)) for level in LEVELS}
     poses = _poses(model)
     chosen = _chosen(crossed, fits, poses[train]) if request.level == "auto" else request.level
@@ -63,9 +64,10 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, Written, Readings
     draws = resampled(fit, request.resamples)
     levels = tuple(_error(level, judged[level], ~wild, poses, request.distance) for level in LEVELS)
     fitted_rows = readings.where(train)
+    doubt = table_told(arm, table, request)
     notes = (
-        *arm.notes, *readings.notes, *_notes(levels, chosen, model, fitted_rows), *_many_wild(wild),
-        *_step(fit, fitted_rows), *_again(poses, train),
+        *([doubt] if doubt else []), *arm.notes, *readings.notes, *_notes(levels, chosen, model, fitted_rows),
+        *_many_wild(wild), *_step(fit, fitted_rows), *_again(poses, train),
     )  # fmt: skip
     before, after = (np.where(wild, np.nan, judged[level].left) for level in ("frames", chosen))
     drawn = Drawn(readings.joints, chain.driven, _in_base(fit, model), before, after)

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, final
 
-from calibench.bench.calibration.files import read_table
+from calibench.bench.calibration.files import Table, read_table
 from calibench.bench.calibration.fit import Fit
-from calibench.bench.calibration.readings import read_readings
 from calibench.bench.calibration.report.diff import changes_of_tip, origins_of
 from calibench.bench.calibration.report.result import Change
 from calibench.bench.calibration.report.urdf_text import calibrated
 from calibench.bench.calibration.request import CalibrateRequest
-from calibench.bench.calibration.start import started
+from calibench.bench.calibration.table_errors import error_of_table, fits
 from calibench.core.data_file import LARGEST_TEXT, read_whole
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain
@@ -73,12 +72,10 @@ def described_by(request: CalibrateRequest) -> Described:
         raise
 
 
-def other_convention(request: CalibrateRequest) -> str:
-    """Return a clause on the convention as which the readings fit a table, where they do not fit it as it was read."""
-    if request.dh is None:
-        return ""
-    fits = [form for form in FORMS if form != read_dh(request.dh, request.convention).form and _fits(request, form)]
-    return f"; the readings fit the arm as {fits[0]}: convention={fits[0]}" if fits else ""
+def table_told(arm: Described, data: Table, request: CalibrateRequest) -> str:
+    """Return with which one change of the arm's table the readings fit, where they do not as it stands; else ""."""
+    found = "" if arm.table is None else error_of_table(arm.table, data, request)
+    return f"{arm.path.name}: the readings fit the arm {found}" if found else ""
 
 
 def _urdf_text(path: Path) -> bytes:
@@ -91,12 +88,9 @@ def _urdf_text(path: Path) -> bytes:
 def _fits(request: CalibrateRequest, convention: str) -> bool:
     assert request.dh is not None
     try:
-        data = read_table(request.data, request.stated)
-        chain = read_dh(request.dh, convention).chain
-        started(read_readings(data, chain, request.observe, request.limits), chain, request.rotation)
+        return fits(read_dh(request.dh, convention), read_table(request.data, request.stated), request)
     except (DataError, DhError):
         return False
-    return True
 
 
 @final

@@ -20,7 +20,7 @@ from calibench.bench.measured.renamed import pairs_of
 from calibench.bench.sweep.words.pairs import json_or_text, read_pairs
 from calibench.bench.sweep.words.values import RequestError
 from calibench.core.options import coerce
-from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.chains.chain import Chain, ChainJoint
 from calibench.problems.arm.chains.dh_arm import DhArm
 from calibench.problems.arm.chains.dh_file import read_dh
 from calibench.problems.arm.chains.dh_table import DhTable
@@ -133,7 +133,7 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
         raise RequestError(f"plan.to={to}: there is no folder {to.parent}")
     return Planned(
         chain, taken, target, chosen, sigma, 0 if fit is None else int((~fit.wild).sum()), int(joints.sum()),
-        "data" if limits == "data" else "urdf" if table is None else "table",
+        _source(chain, limits),
         (*notes, *_without_stops(chain, limits), _NOT_KNOWN),
     ), to  # fmt: skip
 
@@ -148,11 +148,22 @@ def _noise(given: Mapping[str, str], key: str, usual: float, unit: str) -> float
 
 def _without_stops(chain: Chain, limits: Limits) -> list[str]:
     """Return a remark on joints that turn or slide without limits in the URDF."""
-    open_ = [joint for joint in chain.joints if not np.isfinite(joint.upper - joint.lower) and joint.mimic is None]
+    open_ = [joint for joint in chain.joints if _is_open(joint) and joint.mimic is None]
     if limits == "data" or not open_:
         return []
     wide = {"±180°" if joint.kind == "rotary" else "±1 m": None for joint in open_}
     return [f"{', '.join(j.name for j in open_)}: no limits in the {chain.told}, {' and '.join(wide)} are taken"]
+
+
+def _is_open(joint: ChainJoint) -> bool:
+    return not np.isfinite(joint.upper - joint.lower)
+
+
+def _source(chain: Chain, limits: Limits) -> str:
+    """Return what the limits are those of: data, urdf, table, or none where no joint has any."""
+    if limits == "data":
+        return "data"
+    return "none" if all(map(_is_open, chain.joints)) else chain.told.lower()
 
 
 def _described(given: Mapping[str, str]) -> tuple[Chain, DhTable | None]:
@@ -236,6 +247,9 @@ def _random(
     low, high = np.empty(len(chain.driven)), np.empty(len(chain.driven))
     for k, name in enumerate(chain.driven):
         joint = there.get(name)
+        if joint is not None and joint.kind == "sliding" and not _is_open(joint):
+            low[k], high[k] = joint.lower, joint.upper
+            continue
         edge = _TURN if joint is None or joint.kind == "rotary" else 1000.0
         low[k] = max(-edge, -np.inf if joint is None else joint.lower)
         high[k] = min(edge, np.inf if joint is None else joint.upper)

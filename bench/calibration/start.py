@@ -28,7 +28,7 @@ from calibench.problems.base import Array
 
 _UNITS = {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
 _NEAR = 0.2  # part of a unit: few poses of an arm that is not calibrated tell it no better
-_APART = 0.08  # part of the arm's reach: readings further off are not of this arm
+APART = 0.08  # part of the arm's reach: readings further off are not of this arm
 _TURNED = 0.12  # rad: the same of rotations
 ROTATIONS = ("rpy", "xyz", "vector", "quaternion")
 _CHOICE = {"URDF": "machine.tip= the right arm of it", "table": "convention= the one it was written in"}
@@ -53,7 +53,7 @@ def started(readings: Readings, chain: Chain, rotation: str = "") -> Start:
     if readings.position is None:
         return _in_sockets(readings, chain, poses)
     readings, scale = _in_metres(readings)
-    readings, poses, start = _slid(readings, chain, poses)
+    readings, poses, start = slid(readings, chain, poses)
     readings, found = _in_mm(readings, start, poses, chain, scale)
     _check_one_stand(readings, found, poses)
     if readings.observed != "pose":
@@ -73,7 +73,7 @@ def _check_one_stand(readings: Readings, found: Frames, poses: Array) -> None:
         )
 
 
-def _slid(readings: Readings, chain: Chain, poses: Array) -> tuple[Readings, Array, Frames]:
+def slid(readings: Readings, chain: Chain, poses: Array) -> tuple[Readings, Array, Frames]:
     """Return readings, nominal poses and frames; sliding joints are taken for m where only that fits the arm."""
     assert readings.position is not None
     found = frames_of_positions(poses, readings.position)
@@ -111,7 +111,7 @@ def _in_mm(readings: Readings, found: Frames, poses: Array, chain: Chain, said: 
     unit = next((u for u, size in _UNITS.items() if abs(found.scale / size - 1) < _NEAR), None)
     if found.mirrored:
         other = frames_of_positions(poses, readings.position * [-1.0, 1.0, 1.0])
-        if other.left < _APART * other.reach:
+        if other.left < APART * other.reach:
             x, y = names["x"], names["y"]
             raise DataError(
                 "x, y and z fit the arm as a left-handed frame only: an axis points the other way, or two are "
@@ -119,7 +119,7 @@ def _in_mm(readings: Readings, found: Frames, poses: Array, chain: Chain, said: 
             )
     if unit is not None:
         found = frames_of_positions(poses, readings.position, _UNITS[unit])
-    if unit is None or found.left > _APART * found.reach:
+    if unit is None or found.left > APART * found.reach:
         raise DataError(_why(readings, found, chain))
     if said and unit == "mm":
         return readings, found
@@ -206,7 +206,7 @@ def _fit(chain: Chain, joints: Array, readings: Readings) -> Frames:
 
 def _fits(found: Frames) -> bool:
     near = any(abs(found.scale / size - 1) < _NEAR for size in _UNITS.values())
-    return near and found.left < 0.5 * _APART * found.reach
+    return near and found.left < 0.5 * APART * found.reach
 
 
 def _with_rotations(readings: Readings, found: Frames, poses: Array, rotation: str) -> Start:
@@ -301,7 +301,7 @@ def _matrices(angles: Array, order: str) -> Array:
 def _in_sockets(readings: Readings, chain: Chain, poses: Array) -> Start:
     ball, _, left = ball_in_sockets(poses, readings.socket)
     reach = float(np.sqrt(((poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)) ** 2).sum(axis=1).mean()))
-    if left > max(_APART * reach, 1.0):
+    if left > max(APART * reach, 1.0):
         degrees = forward(chain, nominal(chain), np.deg2rad(readings.joints))
         better = ball_in_sockets(degrees, readings.socket)[2]
         if better < 0.2 * left:

@@ -233,8 +233,82 @@ def test_a_convention_stated_wrong_is_told_with_the_one_that_fits(bench, name, s
     measured(name, 30)
     asked = [word.replace(f"convention={of}", f"convention={stated}") for word in words(name)]
     told = bench(*asked, code=2)
-    assert told.rstrip().endswith(f"the readings fit the arm as {of}: convention={of}")
+    assert f"{name}_dh.csv: the readings fit the arm as {of}: convention={of}. As it stands: " in told
     assert told.count("\n") == 1
+
+
+def spoilt(name, rows, names=None):
+    Path(f"{name}_dh.csv").write_text(as_csv(rows, names=names))
+
+
+@pytest.mark.parametrize(
+    ("row", "other", "said"), [(2, "r", "slides: type prismatic"), (3, "p", "turns: type revolute")]
+)
+def test_a_row_with_the_wrong_kind_of_joint_is_told(bench, row, other, said):
+    measured("stanford", 40)
+    spoilt("stanford", [(*r[:4], other if k == row else r[4]) for k, r in enumerate(STANFORD)])
+    told = bench(*words("stanford"), code=2)
+    assert f"stanford_dh.csv: the readings fit the arm if row {row + 1} (axis_{row + 1}) {said}. As it stands: " in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["ur10", "craig"])
+@pytest.mark.parametrize("pair", [(0, 3), (1, 3), (2, 3), (3, 5)])
+def test_two_rows_that_are_exchanged_are_told(bench, name, pair):
+    measured(name, 40)
+    rows, names = list(ARMS[name][0]), [f"axis_{k}" for k in range(1, 7)]
+    i, j = pair
+    rows[i], rows[j] = rows[j], rows[i]
+    spoilt(name, rows)  # names stay: the numbers are exchanged
+    told = bench(*words(name), code=2)
+    assert (
+        f"rows {i + 1} (axis_{i + 1}) and {j + 1} (axis_{j + 1}) exchange their numbers, and keep their names" in told
+    )
+    names[i], names[j] = names[j], names[i]
+    spoilt(name, rows, names)
+    told = bench(*words(name), code=2)
+    assert f"rows {i + 1} (axis_{j + 1}) and {j + 1} (axis_{i + 1}) are exchanged" in told
+    assert told.count("\n") == 1
+
+
+def test_two_names_that_are_exchanged_are_told(bench):
+    measured("ur10", 40)
+    spoilt("ur10", UR10, [f"axis_{k}" for k in (1, 4, 3, 2, 5, 6)])
+    told = bench(*words("ur10"), code=2)
+    assert "axis_2" in told
+    assert "axis_4" in told
+    assert "exchange" in told
+    assert told.count("\n") == 1
+
+
+def test_a_table_with_german_headings_gives_a_urdf_with_names_that_ros_takes(bench):
+    measured("ur10", 60)
+    german = as_csv(UR10, "Gelenk,Typ,a [m],alpha [rad],d [m],theta [rad]", [f"Gelenk {k}" for k in range(1, 7)])
+    Path("ur10_dh.csv").write_text(german.replace("revolute", "Drehgelenk"))
+    Path("ur10.csv").write_text(Path("ur10.csv").read_text().replace("axis_", "Gelenk "))
+    found = bench(*words("ur10"))
+    chain = read_urdf(found["files"]["urdf"]).chain()
+    assert chain.driven == tuple(f"Gelenk_{k}" for k in range(1, 7))
+    again = bench("calibrate", f"urdf={found['files']['urdf']}", "data=ur10.csv", "page=false")
+    assert again["before"]["rms"] < 0.12
+
+
+def test_poses_of_an_arm_without_limits_say_so(bench, capsys):
+    measured("ur10", 30)
+    asked = ("design", "machine=arm", "machine.dh=ur10_dh.csv", "machine.convention=standard", "plan.n=3")
+    assert bench(*asked)["limits"] == "none"
+    with pytest.raises(SystemExit):
+        main(list(asked))
+    assert "no limits are stated" in capsys.readouterr().out
+
+
+def test_poses_on_a_long_rail_use_all_of_it(bench):
+    rail = "joint,type,a [m],alpha [rad],d [m],theta [rad],lower,upper\nrail,p,0,pi/2,0,0,2,5\n"
+    Path("rail.csv").write_text(rail + "".join(f"axis_{k},r,0.5,{k - 2}*pi/2,0.1,0,-3,3\n" for k in range(1, 5)))
+    found = bench("design", "machine=arm", "machine.dh=rail.csv", "machine.convention=standard", "plan.n=12")
+    rail = [pose[0] for pose in found["poses"]]
+    assert 2000 <= min(rail) < 2500
+    assert 4500 < max(rail) <= 5000
 
 
 def five_rows():

@@ -26,7 +26,8 @@ def run(argv: list[str]) -> int:
         print(json.dumps(found.to_dict(), allow_nan=False))
         return 0
     told = f"beside {found.measured} that are measured" if found.measured else "to begin with"
-    print(f"{len(found.joints)} poses {told}, for {found.numbers} numbers of the arm; limits of the {found.limits}\n")
+    limits = "no limits are stated" if found.limits == "none" else f"limits of the {found.limits}"
+    print(f"{len(found.joints)} poses {told}, for {found.numbers} numbers of the arm; {limits}\n")
     _print_poses(found)
     print("\nerror of the calibrated arm over the workspace, from the uncertainty of its numbers alone")
     count = len(found.joints)

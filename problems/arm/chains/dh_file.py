@@ -39,9 +39,12 @@ _SPELT = {
     **dict.fromkeys(("lower", "min", "qmin", "lowerlimit", "limitlower", "minimum"), "lower"),
     **dict.fromkeys(("upper", "max", "qmax", "upperlimit", "limitupper", "maximum"), "upper"),
     **dict.fromkeys(("joint", "name", "jointname", "i", "link", "axis", "no", "nr", "number", ""), "joint"),
-    **dict.fromkeys(("type", "kind", "jointtype", "sigma"), "type"),
+    **dict.fromkeys(("gelenk", "achse", "articulation", "axe", "articulación", "eje", "giunto", "asse"), "joint"),
+    **dict.fromkeys(("type", "kind", "jointtype", "sigma", "typ", "art", "tipo"), "type"),
 }  # fmt: skip
 _KINDS: dict[str, RowKind] = {
+    **dict.fromkeys(("drehgelenk", "rotoide", "rotativa"), "rotary"),
+    **dict.fromkeys(("schubgelenk", "prismatique", "prismática", "prismatica"), "sliding"),
     **dict.fromkeys(("revolute", "rotary", "rotational", "rotation", "continuous", "r", "0"), "rotary"),
     **dict.fromkeys(("prismatic", "sliding", "linear", "translational", "p", "1"), "sliding"),
     **dict.fromkeys(("fixed", "none", "f", "-", "flange", "tool"), "fixed"),

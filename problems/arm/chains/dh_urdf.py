@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from xml.sax.saxutils import quoteattr
 
@@ -21,9 +22,10 @@ def urdf_of_dh(table: DhTable, said: str = "") -> str:
 
     Joints with limits are revolute, those without continuous. What a table does not tell and a URDF needs, effort and
     velocity, is 0. A joint that slides without a stop goes a metre either way, as a URDF must have limits for it; a
-    comment says so.
+    comment says so. In names stand letters, digits, _ and - only, as ROS wants them; others become _.
     """
     chain = table.chain
+    named = _names(chain.driven)
     lines = [f"<robot name={quoteattr(table.name)}>"]
     lines += [f"  <!-- {said.replace('--', '- -')} -->"] if said else []
     lines += [
@@ -35,11 +37,11 @@ def urdf_of_dh(table: DhTable, said: str = "") -> str:
     lines.append(f'  <link name="{BASE}"/>')
     above = BASE
     for joint in chain.joints:
-        below = f"{joint.name}_link"
+        below = f"{named[joint.name]}_link"
         lines += [
-            f"  <link name={quoteattr(below)}/>",
-            f"  <joint name={quoteattr(joint.name)} type={quoteattr(_type(joint))}>",
-            f"    <parent link={quoteattr(above)}/><child link={quoteattr(below)}/>",
+            f'  <link name="{below}"/>',
+            f'  <joint name="{named[joint.name]}" type="{_type(joint)}">',
+            f'    <parent link="{above}"/><child link="{below}"/>',
             _origin(joint.origin),
             '    <axis xyz="0 0 1"/>',
             *_limit(joint),
@@ -48,13 +50,21 @@ def urdf_of_dh(table: DhTable, said: str = "") -> str:
         above = below
     lines += [
         f'  <link name="{TIP}"/>',
-        f'  <joint name={quoteattr(_free(f"{TIP}_joint", chain.driven))} type="fixed">',
-        f'    <parent link={quoteattr(above)}/><child link="{TIP}"/>',
+        f'  <joint name="{_free(f"{TIP}_joint", list(named.values()))}" type="fixed">',
+        f'    <parent link="{above}"/><child link="{TIP}"/>',
         _origin(chain.tail),
         "  </joint>",
         "</robot>",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _names(joints: Sequence[str]) -> dict[str, str]:
+    """Return each joint's name in the URDF."""
+    found: dict[str, str] = {}
+    for name in joints:
+        found[name] = _free(re.sub(r"[^A-Za-z0-9_-]", "_", name), list(found.values()))
+    return found
 
 
 def _free(name: str, taken: Sequence[str]) -> str:

@@ -1,0 +1,89 @@
+"""What is wrong in a table of Denavit and Hartenberg that readings do not fit, found by trying what people mistake.
+
+Tried are the other convention, each row with the other kind of joint, and every two rows exchanged: with their names,
+which is another order of the joints, and without. A change is told if the readings fit the arm with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+from math import inf
+
+from calibench.bench.calibration.files import Table
+from calibench.bench.calibration.readings import read_readings
+from calibench.bench.calibration.request import CalibrateRequest
+from calibench.bench.calibration.start import APART, slid, started
+from calibench.discrepancy import DataError
+from calibench.problems.arm.chains.chain import ChainError
+from calibench.problems.arm.chains.dh import FORMS
+from calibench.problems.arm.chains.dh_table import NUMBERS, DhRow, DhTable
+from calibench.problems.arm.chains.kinematics import forward, nominal
+
+_BETTER = 0.2  # of the misfit of the table as it stands: one change of an arm that is merely not calibrated gains less
+_DOUBTFUL = 0.01  # part of the reach: arms that are not calibrated lie nearer to their tables
+_AS_WELL = 2.0  # times the misfit of the best change: one that leaves less may be meant as well
+_TOLD = 2
+
+
+def fits(table: DhTable, data: Table, request: CalibrateRequest) -> bool:
+    """Return whether the readings fit the arm of `table`."""
+    return misfit(table, data, request) < inf
+
+
+def misfit(table: DhTable, data: Table, request: CalibrateRequest) -> float:
+    """Return how far readings and nominal arm lie apart, as a part of its reach; infinite where it is not this arm."""
+    try:
+        chain = table.chain
+        readings = read_readings(data, chain, request.observe, request.limits)
+        if readings.position is not None:
+            found = slid(readings, chain, forward(chain, nominal(chain), readings.joints))[2]
+            if found.left > APART * found.reach:
+                return inf  # before `started` looks for the reason
+        started(readings, chain, request.rotation)
+    except (DataError, ChainError):
+        return inf
+    return 0.0 if readings.position is None else found.left / found.reach
+
+
+def error_of_table(table: DhTable, data: Table, request: CalibrateRequest) -> str:
+    """Return which one change of `table` makes the readings fit the arm; "" where none does, or several would.
+
+    Readings that fit the table as it stands, as well as arms do that are not calibrated, tell no error.
+    """
+    own = misfit(table, data, request)
+    if own < _DOUBTFUL:
+        return ""
+    found = [(misfit(other, data, request), said) for other, said in _changed(table)]
+    found = sorted(one for one in found if one[0] < min(APART / 2, _BETTER * own))
+    likely = [said for left, said in found if left <= _AS_WELL * found[0][0]]
+    return " or ".join(likely) if 0 < len(likely) <= _TOLD else ""
+
+
+def _changed(table: DhTable) -> Iterator[tuple[DhTable, str]]:
+    """Yield tables with one thing changed, and the change as the end of "the readings fit the arm ..."."""
+    for form in FORMS:
+        if form != table.form:
+            yield replace(table, form=form), f"as {form}: convention={form}"
+    rows = table.rows
+    for k, row in enumerate(rows):
+        if row.kind != "fixed":
+            slides = row.kind == "rotary"
+            other = replace(row, kind="sliding" if slides else "rotary", lower=-inf, upper=inf)
+            told = "slides: type prismatic" if slides else "turns: type revolute"
+            yield _with(table, {k: other}), f"if row {k + 1} ({row.name}) {told}"
+    for i, j in combinations(range(len(rows)), 2):
+        one, other = rows[i], rows[j]
+        pair = f"rows {i + 1} ({one.name}) and {j + 1} ({other.name})"
+        yield _with(table, {i: other, j: one}), f"if {pair} are exchanged"
+        numbers = {i: _named_as(one, other), j: _named_as(other, one)}
+        yield _with(table, numbers), f"if {pair} exchange their numbers, and keep their names"
+
+
+def _with(table: DhTable, rows: dict[int, DhRow]) -> DhTable:
+    return replace(table, rows=tuple(rows.get(k, row) for k, row in enumerate(table.rows)))
+
+
+def _named_as(row: DhRow, numbers: DhRow) -> DhRow:
+    return replace(row, kind=numbers.kind, **{one: getattr(numbers, one) for one in NUMBERS})
