@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import sys
 import types
 import weakref
 from collections.abc import Callable, Iterable, Mapping
@@ -44,13 +45,16 @@ class Made:
 class Registry(Generic[T]):
     """The entries of one kind (`kind` is the word users see: problem, optimizer, ...).
 
-    `group` is the entry-point group in which other packages name their own.
+    `group` is the entry-point group in which other packages name their own. Names that were promised (`promise`) are
+    known at once, and their modules loaded when one of them is asked for.
     """
 
     kind: str
     group: str
     _factories: dict[str, Callable[..., T]] = field(default_factory=dict)
     _options: dict[str, Callable[..., Any]] = field(default_factory=dict)
+    _order: dict[str, None] = field(default_factory=dict)
+    _promised: dict[str, str] = field(default_factory=dict)
     _left_out: dict[str, str] = field(default_factory=dict)
     _by_path: dict[str, Callable[..., T]] = field(default_factory=dict)
     _places: dict[str, Path] = field(default_factory=dict)
@@ -65,13 +69,24 @@ class Registry(Generic[T]):
         """
 
         def enter(factory: Callable[..., T]) -> Callable[..., T]:
+            if (home := self._promised.get(name)) and home not in sys.modules:  # another's, under a name of ours
+                self._load_promised(home)
             if name in self._factories:
                 raise ValueError(f"{self.kind} {name!r} is registered twice")
             self._factories[name] = factory
             self._options[name] = options or factory
+            self._order.setdefault(name)
             return factory
 
         return enter
+
+    def promise(self, module: str, *names: str) -> None:
+        """Say that `module` registers `names` when it is loaded; they are listed in the order of the promises."""
+        for name in names:
+            self._order.pop(name, None)
+            self._order[name] = None
+            if name not in self._factories:
+                self._promised[name] = module
 
     def exclude(self, name: str, reason: str) -> None:
         """Keep `name` for what a library has and this registry has not; asking for it gives the reason."""
@@ -82,18 +97,25 @@ class Registry(Generic[T]):
     @property
     def left_out(self) -> dict[str, str]:
         """Return name -> the reason why it is not in the registry, or why another package's is not."""
+        self._load_promised()
         self._load_outside()
         return dict(self._left_out)
 
     def names(self) -> list[str]:
         """Return all names in order of entry, those of other packages last."""
         self._load_outside()
-        return list(self._factories)
+        return list(self._order)
+
+    def __contains__(self, name: object) -> bool:
+        """Tell whether `name` is one of the names; other packages are asked where it is none of ours."""
+        if name not in self._order:
+            self._load_outside()
+        return name in self._order
 
     def factories(self) -> dict[str, Callable[..., T]]:
         """Return name -> what builds it."""
-        self._load_outside()
-        return dict(self._factories)
+        self._load_promised()
+        return {name: self._factories[name] for name in self.names()}
 
     def options(self, name: str) -> dict[str, Option]:
         """Return the options of `name` in the order they are declared."""
@@ -176,9 +198,11 @@ class Registry(Generic[T]):
         return self._by_path[known] if ":" in known else self._factories[known]
 
     def _known(self, name: str) -> str:
-        self._load_outside()
-        if name in self._factories:
+        if name in self:
+            if name in self._promised:
+                self._load_promised(self._promised[name])
             return name
+        self._load_promised()  # it may be one that they leave out
         if name in self._left_out:
             raise ValueError(f"{self.kind} {name!r} is left out: {self._left_out[name]}")
         if user_file.is_file_path(name):
@@ -190,14 +214,24 @@ class Registry(Generic[T]):
             raise ValueError(
                 f"{self.kind} {name!r}: which class of the file is not said; write FILE.py:CLASS; {self._in_file(name)}"
             )
-        raise UnknownName(f"unknown {self.kind} {name!r}; {beside(self.kind, name)}{suggest(name, self._factories)}")
+        raise UnknownName(f"unknown {self.kind} {name!r}; {beside(self.kind, name)}{suggest(name, self._order)}")
+
+    def _load_promised(self, module: str = "") -> None:
+        """Load `module`, or all that register what was promised."""
+        for one in [module] if module else list(dict.fromkeys(self._promised.values())):
+            importlib.import_module(one)
+            kept = [name for name, of in self._promised.items() if of == one]
+            if missing := [name for name in kept if name not in self._factories]:
+                raise ValueError(f"{one} was to register {self.kind} {', '.join(missing)}, and did not")
+            for name in kept:
+                self._promised.pop(name, None)
 
     def _load_outside(self) -> None:
         if self._outside_loaded:
             return
         self._outside_loaded = True
         for point in entry_points(group=self.group):
-            before = set(self._factories)
+            before = set(self._order)
             try:
                 found = point.load()
                 if point.name in before or point.name not in self._factories:  # or it entered itself as it was loaded

@@ -202,8 +202,8 @@ def _meaning(raw: bytes, package: str) -> tuple[str, list[tuple[str, str | None]
     imports = [(one.module, one.name) for one in _imports(tree, package)]
     provides = {
         name.asname or name.name: _absolute(node, package)
-        for node in tree.body
-        if isinstance(node, ast.ImportFrom)
+        for node in [*tree.body, *(one for block in tree.body if isinstance(block, ast.If) for one in block.body)]
+        if isinstance(node, ast.ImportFrom)  # in a block as well: names that are loaded when they are asked for
         for name in node.names
     }
     text = ast.unparse(_without_docstrings(tree)).encode(errors="replace")

@@ -5,7 +5,10 @@
 40
 """
 
+from typing import TYPE_CHECKING
+
 from calibench._checkout import one_module
+from calibench.core.lazy import loader
 from calibench.optimizers.base import (
     BudgetExhausted,
     Objective,
@@ -17,11 +20,26 @@ from calibench.optimizers.base import (
     registry,
 )
 
-# isort: split
-from calibench.optimizers import own  # noqa: F401  they register themselves; names are listed in the order of entry
+if TYPE_CHECKING:
+    from calibench.optimizers import fmincon, least_squares, nlopt, own, pygmo  # noqa: F401
 
-# isort: split
-from calibench.optimizers import fmincon, least_squares, nlopt, pygmo  # noqa: F401
+_NLOPT = """
+    GN_DIRECT GN_DIRECT_L GN_DIRECT_L_RAND GN_DIRECT_NOSCAL GN_DIRECT_L_NOSCAL GN_DIRECT_L_RAND_NOSCAL GN_ORIG_DIRECT
+    GN_ORIG_DIRECT_L GN_CRS2_LM GN_ISRES GN_ESCH GN_AGS GD_STOGO GD_STOGO_RAND GN_MLSL GD_MLSL GN_MLSL_LDS GD_MLSL_LDS
+    G_MLSL G_MLSL_LDS LN_COBYLA LN_BOBYQA LN_NEWUOA LN_NEWUOA_BOUND LN_NELDERMEAD LN_SBPLX LN_PRAXIS LD_SLSQP LD_LBFGS
+    LD_VAR1 LD_VAR2 LD_TNEWTON LD_TNEWTON_RESTART LD_TNEWTON_PRECOND LD_TNEWTON_PRECOND_RESTART LD_MMA LD_CCSAQ AUGLAG
+    AUGLAG_EQ LN_AUGLAG LN_AUGLAG_EQ LD_AUGLAG LD_AUGLAG_EQ
+"""
+_PYGMO = """
+    de sade de1220 pso pso_gen sga bee_colony gaco gwo cmaes xnes ihs
+    compass_search simulated_annealing sea ipopt mbh
+"""
+_MODULES = ("own", "fmincon", "least_squares", "nlopt", "pygmo")
+registry.promise("calibench.optimizers.own", "de", "ga", "nine_point", "pso")
+registry.promise("calibench.optimizers.fmincon", "fmincon")
+registry.promise("calibench.optimizers.least_squares", "lm", "trf", "dogbox")
+registry.promise("calibench.optimizers.nlopt", *(f"nlopt_{one}" for one in _NLOPT.split()))
+registry.promise("calibench.optimizers.pygmo", *(f"pygmo_{one}" for one in _PYGMO.split()))
 
 make = registry.make
 names = registry.names
@@ -38,5 +56,12 @@ __all__ = [
     "names",
     "registry",
 ]
+
+__getattr__ = loader("calibench.optimizers", {}, _MODULES)  # a start loads the optimisers that it asks for
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_MODULES})
+
 
 one_module(__name__)

@@ -10,28 +10,28 @@ from typing import TYPE_CHECKING
 
 from calibench._checkout import one_module
 from calibench.core.lazy import loader
+from calibench.problems.arm import arm, arm_panda, arm_ur10  # at once: a function and its module share a name
 from calibench.problems.base import Calibration, Parameter, Problem, registry
-from calibench.problems.covariance import Estimate, FTest, LeaveOneOut, estimate, f_test, leave_one_out
-from calibench.problems.fitting import fit
-from calibench.problems.identifiability import Identifiability, identify
-from calibench.problems.planar import Planar, Tracking, full11, full12, link_length, sensor_zero, tracking_zero
-
-# isort: split
-from calibench.problems.orthoglide import Orthoglide, orthoglide6  # last: names are listed in the order of entry
-
-# isort: split
-from calibench.problems.delta import DeltaProbing, delta9
-
-# isort: split
-from calibench.problems.arm import arm, arm_panda, arm_ur10
-
-# isort: split
-from calibench.problems.suites.bbob import bbob
-from calibench.problems.suites.ioh import ioh
-from calibench.problems.suites.nist import nist
 
 if TYPE_CHECKING:
     from calibench.problems.arm import ArmCalibration
+    from calibench.problems.covariance import Estimate, FTest, LeaveOneOut, estimate, f_test, leave_one_out
+    from calibench.problems.delta import DeltaProbing, delta9
+    from calibench.problems.fitting import fit
+    from calibench.problems.identifiability import Identifiability, identify
+    from calibench.problems.orthoglide import Orthoglide, orthoglide6
+    from calibench.problems.planar import Planar, Tracking, full11, full12, link_length, sensor_zero, tracking_zero
+    from calibench.problems.suites.bbob import bbob
+    from calibench.problems.suites.ioh import ioh
+    from calibench.problems.suites.nist import nist
+
+_PLANAR = ("sensor_zero", "link_length", "full11", "full12", "tracking_zero")
+registry.promise("calibench.problems.planar", *_PLANAR)
+registry.promise("calibench.problems.orthoglide", "orthoglide6")
+registry.promise("calibench.problems.delta", "delta9")
+registry.promise("calibench.problems.arm", "arm_ur10", "arm_panda", "arm")
+for _suite in ("bbob", "ioh", "nist"):
+    registry.promise(f"calibench.problems.suites.{_suite}", _suite)
 
 make = registry.make
 names = registry.names
@@ -72,7 +72,18 @@ __all__ = [
     "tracking_zero",
 ]
 
-__getattr__ = loader(__name__, {"ArmCalibration": "arm.calibration"})  # as every start lists all problems
+_HOMES = {
+    **dict.fromkeys(("Estimate", "FTest", "LeaveOneOut", "estimate", "f_test", "leave_one_out"), "covariance"),
+    **dict.fromkeys(("Identifiability", "identify"), "identifiability"),
+    **dict.fromkeys(("Planar", "Tracking", *_PLANAR), "planar"),
+    **dict.fromkeys(("Orthoglide", "orthoglide6"), "orthoglide"),
+    **dict.fromkeys(("DeltaProbing", "delta9"), "delta"),
+    **{suite: f"suites.{suite}" for suite in ("bbob", "ioh", "nist")},
+    "ArmCalibration": "arm",
+    "fit": "fitting",
+}
+_MODULES = ("covariance", "delta", "fitting", "identifiability", "orthoglide", "planar", "suites")
+__getattr__ = loader("calibench.problems", _HOMES, _MODULES)  # a start loads the problems that it asks for
 
 
 def __dir__() -> list[str]:

@@ -66,8 +66,12 @@ class CompiledProblem:
 
     def compile(self) -> None:
         """Compile (or load from the cache) the four kernels, so that no clock sees it."""
-        points = self.start[None].copy()
-        self.cost(points[0]), self.batch(points), self.residuals(points[0]), self.jacobian(points[0])
+        self.compile_values()
+        self.residuals(self.start), self.jacobian(self.start)
+
+    def compile_values(self) -> None:
+        """Compile likewise what methods call that ask for values alone."""
+        self.cost(self.start), self.batch(self.start[None])
 
     def vector(self, x: Array) -> Array:
         """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""

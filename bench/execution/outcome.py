@@ -18,7 +18,9 @@ def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
     """Do the work that is not timed; return the ending of a run whose problem or optimiser fails in it."""
     for part in (problem, optimizer):
         try:
-            if hasattr(part, "compile"):
+            if part is problem:
+                compile_problem(problem, optimizer)
+            elif hasattr(part, "compile"):
                 part.compile()
         except KeyboardInterrupt:
             raise
@@ -26,6 +28,16 @@ def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
             said = f"{BEFORE}{text_of(error)}"
             return Ending(type(error).__name__, said, 0.0, 0.0, frames_of(error))
     return None
+
+
+def compile_problem(problem: Any, optimizer: Any) -> None:
+    """Compile what `optimizer` will call; of a problem with `compile_values` the values alone, if it asks no more."""
+    traits = getattr(optimizer, "traits", None)
+    values = traits is not None and not (traits.uses_residuals or traits.uses_gradient)
+    if values and hasattr(problem, "compile_values"):
+        problem.compile_values()
+    elif hasattr(problem, "compile"):
+        problem.compile()
 
 
 def check_merit(problem: Any) -> Ending | None:

@@ -103,7 +103,7 @@ def canonical(options: Mapping[str, Any]) -> str:
 
 def chosen_options(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options that differ from what `name` declares, so that a new option with a default changes no id."""
-    if name not in registry.names():  # a class by its path, or an object: all its options count
+    if name not in registry:  # a class by its path, or an object: all its options count
         return dict(options)
     declared = registry.options(name)
     return {k: v for k, v in options.items() if k not in declared or not _is_default(v, declared[k])}
@@ -115,7 +115,7 @@ def given_options(registry: Registry[Any], name: str, options: Mapping[str, Any]
     None in a row also means an option that a registered name leaves out: an instance determines plan and noise by
     itself. The word that a row has for a default that is a function or an object is left out, so the default is used.
     """
-    if name not in registry.names():  # somebody's own: None is what was given
+    if name not in registry:  # somebody's own: None is what was given
         try:
             declared = registry.options(name)
         except ValueError:  # it is elsewhere

@@ -27,7 +27,7 @@ def _ending(optimizer: str, options: str) -> str:
     said = json.loads(options)
     if said.get("restarts"):
         return "restarts"
-    if optimizer not in optimizers.names():
+    if optimizer not in optimizers.registry:
         return ""
     chosen = given_options(optimizers.registry, optimizer, said)
     try:

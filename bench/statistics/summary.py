@@ -265,7 +265,7 @@ def names_of_methods(methods: Iterable[tuple[str, str]]) -> list[str]:
     asked = list(methods)
     pairs = list(dict.fromkeys(asked))
     names: dict[tuple[str, str], str] = {}
-    ours = set(optimizers.registry.names())
+    ours = optimizers.registry
     for optimizer, text in pairs:
         told = chosen_options(optimizers.registry, optimizer, parts(json.loads(text), classes=False))
         others = [parts(json.loads(its)) for name, its in pairs if name == optimizer]
@@ -303,7 +303,7 @@ def problem_name(problem: str, options: str, but: Sequence[str] = (), also: Coll
 
     Those in `also` are told at their default too.
     """
-    declared = problems.registry.options(problem) if problem in problems.registry.names() else {}
+    declared = problems.registry.options(problem) if problem in problems.registry else {}
     have = parts(json.loads(options))
     named = parts(json.loads(options), classes=False)
     told = chosen_options(problems.registry, problem, named) | {key: have[key] for key in also if key in have}

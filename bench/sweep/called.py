@@ -75,7 +75,7 @@ def copies(cells: Iterable[Cell]) -> list[str]:
         name, options, data = _problem(cell)
         chosen = json.loads(options)
         seed = {key: chosen.pop(key) for key in ("data_seed", "seed") if key in chosen}
-        if data and name in problems.names():
+        if data and name in problems.registry:
             found.setdefault(canonical({"problem": name, "data": data, **chosen}), set()).add(canonical(seed))
     lines = {
         f"{json.loads(key)['problem']}: its {len(seeds)} data seeds draw nothing (no noise, a fixed plan): they are "

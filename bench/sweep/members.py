@@ -229,7 +229,7 @@ def _unquoted(text: str) -> str:
 def _registered_name(kind: str, choice: str) -> str:
     """Return the registry's name of a choice: itself, or what a preset of ``conf/<kind>/`` is made from."""
     registry = registry_of(kind)
-    if choice in registry.names() or ":" in choice:
+    if choice in registry or ":" in choice:
         enter(kind, choice, registry)
         return choice
     if (CONF / kind / f"{choice}.yaml").is_file():

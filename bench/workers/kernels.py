@@ -13,6 +13,7 @@ from functools import partial
 from typing import Any
 
 from calibench import optimizers, problems
+from calibench.bench.execution.outcome import compile_problem
 from calibench.bench.execution.run import Spec
 from calibench.bench.gate.box import looks
 from calibench.bench.gate.evaluator import Evaluator
@@ -36,27 +37,37 @@ def load_kernels(specs: Iterable[Spec], fork: bool = True) -> None:
     What was never compiled is first compiled in as many processes as there are cores, if this one may `fork`.
     """
     parts: dict[str, Part] = {}
+    beside: dict[str, list[str]] = {}  # problem -> the optimisers that run on it
     for spec in specs:
+        words = []
         for registry, name, options in (
             (problems.registry, spec.problem, spec.problem_options),
             (optimizers.registry, spec.optimizer, spec.optimizer_options),
         ):
-            parts[f"{registry.kind} {name} {canonical(options)}"] = registry, name, options
+            words.append(f"{registry.kind} {name} {canonical(options)}")
+            parts[words[-1]] = registry, name, options
+        beside.setdefault(words[0], []).append(words[1])
     if fork:
         _compile_at_once({word: parts[word] for word in unseen(parts) if _is_own(*parts[word][:2])})
-    for registry, name, options in parts.values():
+    made: dict[str, Any] = {}
+    for word, (registry, name, options) in sorted(parts.items()):  # optimisers first
         with suppress(Exception):  # the rows of its runs will have the error
             part: Any = registry.make(name, **options) if _is_own(registry, name) else None
+            made[word] = part
             if registry is optimizers.registry and (part is None or not stays_inside(part)):
                 looks()
-            if part is not None:
-                digest_of(part)
-            if hasattr(part, "compile"):
-                part.compile()
-            if part is not None and registry is problems.registry:
-                Evaluator(part, 1).close()  # it loads what looks through a batch
-                if hasattr(part, "merit"):
-                    part.merit(part.start)
+            if part is None:
+                continue
+            digest_of(part)
+            if registry is optimizers.registry:
+                if hasattr(part, "compile"):
+                    part.compile()
+                continue
+            for method in dict.fromkeys(beside[word]):
+                compile_problem(part, made.get(method))
+            Evaluator(part, 1).close()  # it loads what looks through a batch
+            if hasattr(part, "merit"):
+                part.merit(part.start)
     gate_digest()
     provenance()
     if not all(_is_own(registry, name) for registry, name, _ in parts.values()):
@@ -83,7 +94,7 @@ def _compile_at_once(parts: Mapping[str, Part]) -> None:
 
 
 def _is_own(registry: Registry[Any], name: str) -> bool:
-    if ":" in name or name not in registry.names():
+    if ":" in name or name not in registry:
         return False
     file = file_of(getattr(registry.factory(name), "__module__", None) or "")
     return file is not None and is_ours(file)

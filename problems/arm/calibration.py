@@ -213,6 +213,10 @@ class ArmCalibration:
         """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
         self._compiled.compile()
 
+    def compile_values(self) -> None:
+        """Compile likewise what methods call that ask for values alone."""
+        self._compiled.compile_values()
+
     @cached_property
     def _free(self) -> Any:
         names = (*parameter_names(self.chain), *plane_names(len(self.seen.planes)))

@@ -164,6 +164,10 @@ class DeltaProbing:
         """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
         self._compiled.compile()
 
+    def compile_values(self) -> None:
+        """Compile likewise what methods call that ask for values alone."""
+        self._compiled.compile_values()
+
     @property
     def _noise(self) -> float:
         return float(self.options.get("sigma") or 0.0) if self.drawn is None else self.drawn.noise.level

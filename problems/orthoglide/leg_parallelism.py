@@ -199,6 +199,10 @@ class Orthoglide:
         """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
         self._compiled.compile()
 
+    def compile_values(self) -> None:
+        """Compile likewise what methods call that ask for values alone."""
+        self._compiled.compile_values()
+
     def _errors(self, x: Array) -> Array:
         full = np.zeros(6)
         full[self._compiled.constants[0]] = x

@@ -262,9 +262,13 @@ class Planar:
 
     def compile(self) -> None:
         """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
+        self.compile_values()
+        self._compiled.compile()
+
+    def compile_values(self) -> None:
+        """Compile likewise what methods call that ask for values alone."""
         points = self.start[None].copy()
         self(points[0]), self.batch(points), self.batch_below(points, np.zeros(1))
-        self._compiled.compile()
 
     @cached_property
     def _free(self) -> NDArray[np.int64]:

@@ -230,6 +230,10 @@ class Tracking:
         """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
         self._compiled.compile()
 
+    def compile_values(self) -> None:
+        """Compile likewise what methods call that ask for values alone."""
+        self._compiled.compile_values()
+
 
 @registry.register("tracking_zero")
 def tracking_zero(

@@ -42,6 +42,8 @@ SPARED = {
     "matplotlib", "pygmo", "nlopt", "joblib", "rich", "jinja2", "jsonschema", "scipy.stats", "pyarrow.dataset",
     "calibench.discrepancy", "calibench.bench.report", "calibench.bench.papers", "calibench.bench.sweep.tuner",
     "calibench.bench.statistics.choosing",
+    "calibench.problems.orthoglide", "calibench.problems.delta", "calibench.problems.suites.nist",
+    "calibench.problems.covariance", "calibench.optimizers.pygmo", "calibench.optimizers.nlopt",
     "calibench.problems.arm.build", "calibench.optimizers.fmincon.direct", "xml.etree.ElementTree",
 }  # fmt: skip
 

@@ -69,6 +69,63 @@ def test_the_decorator_gives_back_what_it_enters(pots):
     assert pots.factories()["pan"] is pan
 
 
+@pytest.fixture
+def promised(pots, tmp_path, monkeypatch):
+    """Return a registry of which a module that is not loaded promised two entries, before the two that are there."""
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys.modules[__name__], "SHELF", pots, raising=False)
+    text = "import sys\nSHELF = sys.modules[" + repr(__name__) + "].SHELF\n"
+    text += "SHELF.register('wok')(lambda size=3: size)\nSHELF.register('pan')(lambda: 'pan')\n"
+    text += "SHELF.exclude('vase', 'it holds flowers')\n"
+    (tmp_path / "shelf_of_pots.py").write_text(text)
+    pots.promise("shelf_of_pots", "pan", "wok")
+    pots.promise("loaded_long_ago", "kettle")
+    yield pots
+    sys.modules.pop("shelf_of_pots", None)
+
+
+def test_what_is_promised_is_known_before_its_module_is_loaded(promised):
+    assert promised.names() == ["needy", "pan", "wok", "kettle"]
+    assert "wok" in promised
+    assert "vase" not in promised
+    assert promised.make("kettle") == (2, 1.5, "tin", True)
+    assert "shelf_of_pots" not in sys.modules
+    assert promised.make("wok", size=4) == 4
+    assert "shelf_of_pots" in sys.modules
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda pots: pots.factories()["pan"](),
+        lambda pots: pots.option("wok", "size"),
+        lambda pots: pots.factory("pan"),
+        lambda pots: pots.check("wok", {"size": 1}),
+        lambda pots: pots.left_out["vase"],
+    ],
+)
+def test_what_is_promised_is_loaded_where_it_is_needed(promised, call):
+    assert call(promised)
+    assert promised.names() == list(promised.factories()) == ["needy", "pan", "wok", "kettle"]
+
+
+def test_what_a_promised_module_leaves_out_is_told(promised):
+    refused("pot 'vase' is left out: it holds flowers", lambda: promised.make("vase"))
+
+
+def test_a_near_name_is_proposed_of_promised_ones_too(promised):
+    refused("unknown pot 'wokk'; did you mean 'wok'", lambda: promised.make("wokk"))
+
+
+def test_a_promised_name_is_taken(promised):
+    refused("pot 'wok' is registered twice", lambda: promised.register("wok")(kettle))
+
+
+def test_a_promise_that_is_not_kept_is_told(promised):
+    promised.promise("shelf_of_pots", "pot")
+    refused("shelf_of_pots was to register pot pot, and did not", lambda: promised.make("pot"))
+
+
 def test_changing_the_dictionary_handed_out_enters_nothing(pots):
     pots.factories()["pan"] = kettle
     assert pots.names() == ["kettle", "needy"]

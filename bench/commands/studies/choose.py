@@ -121,7 +121,7 @@ def _lines(chosen: Chosen) -> list[str]:
         f"optimism {_change(chosen, found.optimism, found.optimism_interval)}",
     ]
     if found.default is None:
-        or_ = "" if chosen.optimizer in optimizers.registry.names() else ", or its class is not here"
+        or_ = "" if chosen.optimizer in optimizers.registry else ", or its class is not here"
         lines.append(
             f"the default is not among the settings{or_}, so the gain over it is not known; add it to the sweep"
         )

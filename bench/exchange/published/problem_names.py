@@ -53,7 +53,7 @@ def of_ioh(suite: str, function: int, name: str, dimension: int, instance: int) 
 
 
 def _named(problem: str, options: dict[str, Any], data_id: str) -> Named:
-    if problem not in problems.registry.names():
+    if problem not in problems.registry:
         return Named(problem, canonical(options), data_id, None)
     try:
         text = canonical(options_as_asked(problems.registry, problem, options))

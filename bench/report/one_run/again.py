@@ -64,4 +64,4 @@ def value_text(value: Any) -> str:
 
 def _is_named(name: str, registry: Registry[Any]) -> bool:
     """Tell whether the command line finds this: by the registry, or in a file or module by its path."""
-    return name in registry.names() or (":" in name and "<" not in name and not name.startswith("__main__"))
+    return name in registry or (":" in name and "<" not in name and not name.startswith("__main__"))

@@ -191,7 +191,7 @@ def _swept(texts: list[str]) -> list[str]:
 
 def _is_default(optimizer: str, text: str, texts: list[str]) -> bool:
     """Tell whether a setting has the declared default of every option that is swept."""
-    if optimizer not in optimizers.registry.names():
+    if optimizer not in optimizers.registry:
         held, declared = parts(json.loads(text), classes=False), _own_defaults(optimizer)
         return bool(declared) and all(canonical({"": held.get(k)}) == declared.get(k) for k in _swept(texts))
     chosen = chosen_options(optimizers.registry, optimizer, json.loads(text))

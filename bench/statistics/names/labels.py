@@ -40,7 +40,7 @@ def titles_of_problems(named: Iterable[tuple[str, str, str]], but: Sequence[str]
     asked = list(named)
     every = list(dict.fromkeys(asked))
     varied = _varied(every)
-    ours = set(problems.registry.names())
+    ours = problems.registry
     for name, options, data in every:
         told = parts(json.loads(options))
         same = {*told} - varied[name] if name not in ours and len(told) > MOST_TOLD else set()
@@ -98,7 +98,7 @@ def method_titles(table: pd.DataFrame) -> pd.Series:
     """
     import pandas as pd
 
-    ours = set(optimizers.registry.names())
+    ours = optimizers.registry
     beside = method_names(table)
     pairs = zip(table["optimizer"], table["optimizer_options"], beside, strict=True)
     told = [method_name(name, options) if name in ours else other for name, options, other in pairs]

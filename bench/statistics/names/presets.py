@@ -22,7 +22,7 @@ def preset_names() -> dict[tuple[str, str], str]:
     found: dict[tuple[str, str], str] = {}
     for path in sorted((CONF / "optimizer").glob("*.yaml")):
         name, options = _resolved(path.stem)
-        if name in optimizers.names():
+        if name in optimizers.registry:
             found.setdefault((name, canonical(options_of(optimizers.make(name, **options)))), path.stem)
     return found
 

@@ -75,7 +75,7 @@ def _member(kind: str, name: str) -> dict[str, Any] | None:
     if (kind, name) in _ENTERED:
         return _ENTERED[kind, name]
     registry = registry_of(kind)
-    return _node(name, registry) if name in registry.names() else None
+    return _node(name, registry) if name in registry else None
 
 
 def _as_named(composed: Any) -> Any:
