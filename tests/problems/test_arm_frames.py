@@ -7,11 +7,12 @@ from calibench.problems.arm.frames import _solved
 
 
 def handfuls(seed, k=40):
-    """Return coefficients (k, 24, 15) and what they want (k, 24, 1), of which two thirds nearly say a number twice."""
+    """Return coefficients (k, 24, 15) and what they want (k, 24, 1), most with a column that is nearly a mean of others."""
     rng = np.random.default_rng(seed)
     rows = rng.normal(0, 1, (k, 24, 15))
     for first, apart in ((0, 1e-11), (1, 1e-7)):
-        rows[first::3, :, 14] = rows[first::3, :, 13] + rng.normal(0, apart, rows[first::3, :, 13].shape)
+        some = rows[first::3]
+        some[:, :, 14] = some[:, :, :14].mean(axis=2) + rng.normal(0, apart, some.shape[:2])
     return rows, rng.normal(0, 1000, (k, 24, 1))
 
 
