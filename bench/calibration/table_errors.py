@@ -14,7 +14,7 @@ from math import inf
 from calibench.bench.calibration.files import Table
 from calibench.bench.calibration.readings import read_readings
 from calibench.bench.calibration.request import CalibrateRequest
-from calibench.bench.calibration.start import APART, slid, started
+from calibench.bench.calibration.start import APART, slid, started, unit_of
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import ChainError
 from calibench.problems.arm.chains.dh import FORMS
@@ -39,7 +39,7 @@ def misfit(table: DhTable, data: Table, request: CalibrateRequest) -> float:
         readings = read_readings(data, chain, request.observe, request.limits)
         if readings.position is not None:
             found = slid(readings, chain, forward(chain, nominal(chain), readings.joints))[2]
-            if found.left > APART * found.reach:
+            if found.left > APART * found.reach or unit_of(found) is None:
                 return inf  # before `started` looks for the reason
         started(readings, chain, request.rotation)
     except (DataError, ChainError):
