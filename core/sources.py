@@ -85,13 +85,17 @@ def module_digest(module: str) -> str:
 def closure(file: Path) -> set[Path]:
     """Return `file` and all local files that it imports, directly or through others."""
     found: set[Path] = set()
+    leads: dict[tuple[_Import, Path], list[Path]] = {}
     left = [file]
     while left:
         path = left.pop()
         if path not in found:
             found.add(path)
             root = root_of(path)
-            left += [p for one in dict.fromkeys(_source(path).imports) for p in _files_of(one, root)]
+            for one in dict.fromkeys(_source(path).imports):
+                if (one, root) not in leads:  # most files import what others do
+                    leads[one, root] = _files_of(one, root)
+                left += leads[one, root]
     return found
 
 
