@@ -222,7 +222,7 @@ def _other_way(joint: str, readings: Readings, chain: Chain) -> str:
     moves = "slides" if joint in readings.sliding else "turns"
     cure = "turn its axis, or its readings"
     if chain.told == "table":
-        cure = "change the sign of its column, or the alpha that points its axis"
+        cure = "change the sign of its column, or the alphas that point its axis"
     return f"joint {joint} {moves} the other way than in the {chain.told}: {cure}"
 
 
