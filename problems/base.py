@@ -96,7 +96,7 @@ def _truth(problem: Any, dim: int) -> Array | None:
     except (TypeError, ValueError):
         truth = np.empty(0)
     if truth.shape != (dim,):
-        raise ValueError(f"truth={given!r}: the x of the least value, {dim} numbers, or None is needed")
+        raise ValueError(f"truth has shape {np.shape(given)}, and x has {dim} numbers; these, or None, are needed")
     return truth
 
 

@@ -17,7 +17,7 @@ QUICK = ("my-robot.md", "hand-eye.md")
 def own_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    for kept in ("_factories", "_options"):  # effects that a page enters are gone with it
+    for kept in ("_factories", "_options", "_order"):  # effects that a page enters are gone with it
         monkeypatch.setattr(effects, kept, dict(getattr(effects, kept)))
     yield tmp_path
     for name in [name for name, module in sys.modules.items() if str(tmp_path) in str(getattr(module, "__file__", ""))]:

@@ -14,7 +14,7 @@ from calibench.bench.calibration.report.result import Change
 from calibench.bench.calibration.report.urdf_text import calibrated
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.table_errors import error_of_table, fits
-from calibench.core.data_file import LARGEST_TEXT, read_whole
+from calibench.core.tables.data_file import LARGEST_TEXT, read_whole
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.chains.dh import FORMS

@@ -58,6 +58,7 @@ _RANK = {
     "theta": 2, "a": 3, "alpha": 4, "beta": 5, "d": 6,
 }  # fmt: skip  # of a URDF, and of a table
 _OF_SLIDING = {"d": 2, "theta": 4}  # the zero of a joint that slides is a length
+_PLACES = {f"{frame}_{axis}" for frame in ("base", "tool") for axis in "xyz"}
 _UP_TO = {"frames": 1, "zeros": 2, "geometry": 6, "gains": 7}
 
 
@@ -88,7 +89,7 @@ def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, 
     residuals = _stacked_residuals(*model.residuals(p, weights), weights)
     spare = max(1.0, float(np.median(np.abs(residuals))) / 0.6745)  # a model with misfit determines less
     spare = 0.0 if hopeful else spare
-    worst = np.array([WORST if is_length(model.names[place]) else 1e-3 * WORST for place in order])
+    worst = np.array([WORST if is_length(model.names[place], model.sliding) else 1e-3 * WORST for place in order])
     sizes = np.linalg.norm(rows, axis=0) + _FLOOR
     taken: list[int] = []
     basis, upper = np.zeros((rows.shape[0], len(order))), np.zeros((len(order), len(order)))
@@ -267,8 +268,7 @@ def _stacked_residuals(rows: Array, more: Array, weights: Array) -> Array:
     return np.concatenate([(np.sqrt(weights)[:, None] * rows).ravel(), more])
 
 
-def is_length(name: str) -> bool:
-    """Return whether a parameter is a length [mm]; the others are angles, or gains."""
-    return name.partition("_")[0] in ("x", "y", "z", "a", "d") or name in {
-        f"{f}_{a}" for f in ("base", "tool") for a in "xyz"
-    }
+def is_length(name: str, sliding: Collection[str] = ()) -> bool:
+    """Return whether a parameter is a length [mm], as the zero of a joint in `sliding` is, and no angle or gain."""
+    kind, _, of = name.partition("_")
+    return kind in ("x", "y", "z", "a", "d") or (of in sliding if kind == "zero" else name in _PLACES)

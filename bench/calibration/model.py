@@ -91,7 +91,9 @@ class ArmModel:
 
         For a ball in sockets it is the vector from the mean point of its socket, by `weights` (n,).
         """
-        poses = self.placed(p)
+        return self._errors(self.placed(p), weights)
+
+    def _errors(self, poses: Array, weights: Array | None) -> tuple[Array, Array | None]:
         if self.position is None:
             return poses[:, :3, 3] - self._means(poses[:, :3, 3], weights)[self.socket], None
         left = poses[:, :3, 3] - self.position
@@ -99,11 +101,12 @@ class ArmModel:
 
     def residuals(self, p: Array, weights: Array) -> tuple[Array, Array]:
         """Return residuals (n, c) over their noise, and those of known distances, (d,)."""
-        left, turned = self.errors(p, weights)
+        poses = self.placed(p)
+        left, turned = self._errors(poses, weights)
         over = left / self.of_rows[:, None]
         if turned is not None:
             over = np.column_stack([over, turned / self.sigma[1]])
-        return over, self._distances(p, weights)
+        return over, self._distances(poses, weights)
 
     def jacobian(self, p: Array, kept: Index, weights: Array) -> tuple[Array, Array]:
         """Return the derivatives of `residuals` in the parameters `kept`: (n, c, k) and (d, k)."""
@@ -136,13 +139,16 @@ class ArmModel:
 
     def spans(self, p: Array, weights: Array | None = None) -> Array:
         """Return the distance of the sockets of each place that has two, (d,) [mm]."""
-        points = self._means(self.placed(p)[:, :3, 3], weights)
+        return self._spans(self.placed(p), weights)
+
+    def _spans(self, poses: Array, weights: Array | None) -> Array:
+        points = self._means(poses[:, :3, 3], weights)
         return np.array([np.linalg.norm(points[a] - points[b]) for a, b in replace(self, distance=1.0).pairs()])
 
-    def _distances(self, p: Array, weights: Array) -> Array:
+    def _distances(self, poses: Array, weights: Array) -> Array:
         if self.position is not None or not self.distance:
             return np.zeros(0)
-        return (self.spans(p, weights) - self.distance) / self.sigma_distance
+        return (self._spans(poses, weights) - self.distance) / self.sigma_distance
 
     def _means(self, values: Array, weights: Array | None) -> Array:
         """Return the mean of (n, m) over each socket, (k, m)."""

@@ -115,7 +115,7 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
     pool = _random(chain, fit, limits, rng, _POOL + _WORKSPACE, _box(given))
     model, p = _model(given, chain, table, fit, observe, sigma, turned)
     rows, kept = _rows(model, p, pool, fit)
-    scale = np.array([1.0 if is_length(model.names[k]) else 1e-3 for k in kept])
+    scale = np.array([1.0 if is_length(model.names[k], model.sliding) else 1e-3 for k in kept])
     joints = np.array([not model.names[k].startswith(("base_", "tool_")) for k in kept])
     before = np.zeros((len(kept), len(kept)))
     if fit is not None:

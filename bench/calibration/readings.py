@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 
 from calibench.bench.calibration.files import Table
 from calibench.core.counted import counted, plain
-from calibench.core.marks import split_rows, valid_rows
+from calibench.core.tables.marks import split_rows, valid_rows
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain, ChainJoint
 from calibench.problems.arm.chains.kinematics import forward, nominal

@@ -111,7 +111,7 @@ def _in_mm(readings: Readings, found: Frames, poses: Array, chain: Chain, said: 
     """Return positions in mm and their frames; refuse what no unit explains."""
     assert readings.position is not None
     names = readings.matched.position
-    unit = next((u for u, size in _UNITS.items() if abs(found.scale / size - 1) < _NEAR), None)
+    unit = unit_of(found)
     if found.mirrored:
         other = frames_of_positions(poses, readings.position * [-1.0, 1.0, 1.0])
         if other.left < APART * other.reach:
@@ -137,6 +137,11 @@ def _in_mm(readings: Readings, found: Frames, poses: Array, chain: Chain, said: 
         )
     note = f"{', '.join(names.values())}: no unit is stated; they fit the arm in {unit}"
     return replace(readings, position=_UNITS[unit] * readings.position).noted(note), found
+
+
+def unit_of(found: Frames) -> str | None:
+    """Return the unit in which the readings fit the arm; None where there is none."""
+    return next((unit for unit, size in _UNITS.items() if abs(found.scale / size - 1) < _NEAR), None)
 
 
 def _why(readings: Readings, found: Frames, chain: Chain) -> str:
@@ -236,8 +241,7 @@ def _fit(chain: Chain, joints: Array, readings: Readings) -> Frames:
 
 
 def _fits(found: Frames) -> bool:
-    near = any(abs(found.scale / size - 1) < _NEAR for size in _UNITS.values())
-    return near and found.left < 0.5 * APART * found.reach
+    return unit_of(found) is not None and found.left < 0.5 * APART * found.reach
 
 
 def _with_rotations(readings: Readings, found: Frames, poses: Array, rotation: str) -> Start:

@@ -17,10 +17,10 @@ from typing import Any
 from calibench.bench.calibration.files import Table
 from calibench.bench.calibration.readings import read_readings
 from calibench.bench.calibration.request import CalibrateRequest
-from calibench.bench.calibration.start import APART, slid, started
+from calibench.bench.calibration.start import APART, slid, started, unit_of
 from calibench.bench.calibration.table_lengths import LENGTHS, length_told
 from calibench.core.counted import plain
-from calibench.core.units import between
+from calibench.core.tables.units import between
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import ChainError
 from calibench.problems.arm.chains.dh import FORMS
@@ -46,7 +46,7 @@ def misfit(table: DhTable, data: Table, request: CalibrateRequest) -> float:
         readings = read_readings(data, chain, request.observe, request.limits)
         if readings.position is not None:
             found = slid(readings, chain, forward(chain, nominal(chain), readings.joints))[2]
-            if found.left > APART * found.reach:
+            if found.left > APART * found.reach or unit_of(found) is None:
                 return inf  # before `started` looks for the reason
         started(readings, chain, request.rotation)
     except (DataError, ChainError):

@@ -12,8 +12,8 @@ import numpy as np
 
 from calibench.bench.statistics.best_texts import best_texts
 from calibench.bench.statistics.cells import PROBLEM
+from calibench.bench.statistics.comparison.ranking import order_of
 from calibench.bench.statistics.names.labels import several, titles_of_problems
-from calibench.bench.statistics.ranking import order_of
 from calibench.bench.statistics.summary import names_of_methods, runs_once
 
 _LISTED = 8  # of what was left out of a fit: more are counted

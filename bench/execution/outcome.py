@@ -30,11 +30,11 @@ def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
     return None
 
 
-def compile_problem(problem: Any, optimizer: Any) -> None:
-    """Compile what `optimizer` will call; of a problem with `compile_values` the values alone, if it asks no more."""
-    traits = getattr(optimizer, "traits", None)
-    values = traits is not None and not (traits.uses_residuals or traits.uses_gradient)
-    if values and hasattr(problem, "compile_values"):
+def compile_problem(problem: Any, *optimizers: Any) -> None:
+    """Compile what `optimizers` will call; of a problem with `compile_values` the values alone, if they ask no more."""
+    traits = [getattr(optimizer, "traits", None) for optimizer in optimizers]
+    more = any(one is None or one.uses_residuals or one.uses_gradient for one in traits)
+    if not more and hasattr(problem, "compile_values"):
         problem.compile_values()
     elif hasattr(problem, "compile"):
         problem.compile()

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from calibench.core.csv_table import Table
-from calibench.core.data_file import LARGEST_TEXT, read_whole, text_of
+from calibench.core.tables.csv_table import Table
+from calibench.core.tables.data_file import LARGEST_TEXT, read_whole, text_of
 from calibench.core.words import shortened
 from calibench.discrepancy import DataError
 

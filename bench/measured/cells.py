@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from calibench.core.data_file import MOST_LETTERS
-from calibench.core.no_number import way_out
+from calibench.core.tables.data_file import MOST_LETTERS
+from calibench.core.tables.no_number import way_out
 from calibench.core.words import shortened
 from calibench.discrepancy import DataError
 from calibench.discrepancy.labels import COLUMNS_OF_NAMES, columns_of_numbers

@@ -14,8 +14,8 @@ import numpy as np
 from calibench.bench.measured.blocks import blocks_of
 from calibench.bench.measured.cells import columns_of, like_numbers
 from calibench.bench.measured.found import Found
-from calibench.core.csv_table import Table, read_table
-from calibench.core.units import is_unit
+from calibench.core.tables.csv_table import Table, read_table
+from calibench.core.tables.units import is_unit
 from calibench.core.words import shortened
 from calibench.discrepancy import DataError
 

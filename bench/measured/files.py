@@ -28,10 +28,10 @@ from calibench.bench.measured.parquet_table import table_of
 from calibench.bench.measured.renamed import of_part, pairs_of, renamed
 from calibench.bench.measured.units import factor, units_of
 from calibench.bench.store.files.atomic_file import write_whole
-from calibench.core.data_file import LARGEST_METADATA, LARGEST_PARQUET, LARGEST_TEXT, read_whole, text_of
-from calibench.core.excel_table import read_excel
-from calibench.core.no_number import way_out
 from calibench.core.options import shown
+from calibench.core.tables.data_file import LARGEST_METADATA, LARGEST_PARQUET, LARGEST_TEXT, read_whole, text_of
+from calibench.core.tables.excel_table import read_excel
+from calibench.core.tables.no_number import way_out
 from calibench.core.words import DEEPEST, depth
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.labels import columns_of_text

@@ -17,8 +17,8 @@ from scipy.io import loadmat, whosmat
 
 from calibench.bench.measured.cells import as_words
 from calibench.bench.measured.found import Found
-from calibench.core.csv_table import heads
-from calibench.core.data_file import LARGEST_TEXT, MOST_NUMBERS, check_columns, read_whole
+from calibench.core.tables.csv_table import heads
+from calibench.core.tables.data_file import LARGEST_TEXT, MOST_NUMBERS, check_columns, read_whole
 from calibench.discrepancy import DataError
 from calibench.discrepancy.model.measured.data import UNREAD
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from calibench.core.data_file import LARGEST_UNPACKED, LONGEST_FOOTER, MEGABYTE, MOST_NUMBERS, check_columns
+from calibench.core.tables.data_file import LARGEST_UNPACKED, LONGEST_FOOTER, MEGABYTE, MOST_NUMBERS, check_columns
 from calibench.discrepancy import DataError
 
 _END = 8  # bytes: the length of the footer, little endian, and PAR1

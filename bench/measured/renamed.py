@@ -12,9 +12,9 @@ from dataclasses import replace
 from typing import Any
 
 from calibench.bench.measured.found import Found
-from calibench.core.csv_table import heads
 from calibench.core.options import suggest
-from calibench.core.units import is_unit
+from calibench.core.tables.csv_table import heads
+from calibench.core.tables.units import is_unit
 from calibench.discrepancy import DataError
 from calibench.discrepancy.registries import description_of
 

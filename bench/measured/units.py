@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
-from calibench.core.units import factor_to_base
+from calibench.core.tables.units import factor_to_base
 from calibench.discrepancy.labels import column_units
 from calibench.discrepancy.registries import description_of, descriptions
 

@@ -13,9 +13,9 @@ import pandas as pd
 
 from calibench import problems
 from calibench.bench.provenance.run_id import given_options
-from calibench.bench.statistics import ranking
 from calibench.bench.statistics.by_cell import by_cell
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
+from calibench.bench.statistics.comparison import ranking
 from calibench.bench.statistics.summary import QUARTILES, quantiles, summary
 from calibench.bench.store.columns import floats
 from calibench.problems.base import Parameter, parameters_of
@@ -114,12 +114,12 @@ def overview(
 ) -> pd.DataFrame:
     """Return a field of methods, best first: a row for each cell (`bench.statistics.cells`), a method's together.
 
-    Columns: of the method over all tasks (`bench.statistics.ranking`) rank, solved, mean_place, tasks, of_tasks; of
-    the cell optimizer, options, problem, error, problem_options, data_id, dimension, start, budget, target, goal,
-    place (within the task, ties share their mean), runs, failed, timeouts, reached, success, charged_to_target (median
-    over those that reached it), best_median, parameter_error_mm (aligned, median), cpu_s (median), outside_box; with
-    `costs` (`bench.sweep.costs`) objective_s_median and objective_s_to_target. `cells` is the summary of the runs,
-    where it is made already.
+    Columns: of the method over all tasks (`bench.statistics.comparison.ranking`) rank, solved, mean_place, tasks,
+    of_tasks; of the cell optimizer, options, problem, error, problem_options, data_id, dimension, start, budget,
+    target, goal, place (within the task, ties share their mean), runs, failed, timeouts, reached, success,
+    charged_to_target (median over those that reached it), best_median, parameter_error_mm (aligned, median), cpu_s
+    (median), outside_box; with `costs` (`bench.sweep.costs`) objective_s_median and objective_s_to_target. `cells`
+    is the summary of the runs, where it is made already.
     """
     cells = summary(runs, costs) if cells is None else cells.copy()
     cells["place"] = ranking.places(cells)

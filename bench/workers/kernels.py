@@ -63,8 +63,7 @@ def load_kernels(specs: Iterable[Spec], fork: bool = True) -> None:
                 if hasattr(part, "compile"):
                     part.compile()
                 continue
-            for method in dict.fromkeys(beside[word]):
-                compile_problem(part, made.get(method))
+            compile_problem(part, *(made.get(method) for method in beside[word]))
             Evaluator(part, 1).close()  # it loads what looks through a batch
             if hasattr(part, "merit"):
                 part.merit(part.start)

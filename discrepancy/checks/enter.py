@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.marks import valid_rows
+from calibench.core.tables.marks import valid_rows
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData, with_split
 from calibench.discrepancy.model.measured.visits import told_visits
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.counted import plain
-from calibench.core.units import factors_near
+from calibench.core.tables.units import factors_near
 from calibench.discrepancy.model.machine import Formulation, Machine, Numbers
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData, MisfitError
 from calibench.discrepancy.model.model import Model

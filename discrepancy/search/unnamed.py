@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calibench.core.units import between
+from calibench.core.tables.units import between
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.model.effect import Effect, has_free_period
 from calibench.discrepancy.model.machine import Formulation

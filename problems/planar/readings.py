@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibench.core.csv_table import read_table
-from calibench.core.units import factor_to_base
+from calibench.core.tables.csv_table import read_table
+from calibench.core.tables.units import factor_to_base
 from calibench.problems.base import Array
 
 _COLUMNS = ("enc_1", "enc_2", "enc_3")

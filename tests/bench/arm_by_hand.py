@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 PLACES = [(0, 0, 0.30), (0, 0.10, 0.10), (0, 0, 0.60), (0, 0, 0.50), (0.05, 0, 0.10), (0, 0, 0.12)]  # m
@@ -86,20 +88,30 @@ def _reach(aim, q, ball):
     return q if np.linalg.norm(_held(q, ball)[0] - aim) < 1e-6 and np.abs(q).max() < 2.6 else None
 
 
-def in_sockets(folder, places=4, postures=16, apart=50.0, noise=0.02, seed=3):
-    """Write a folder of places with two sockets, in whose points the ball is held in some postures."""
+@cache
+def _postures(places, postures, apart, noise, seed):
+    """Return the joints, (places, 2, postures, 6) [rad], of a ball held in the two sockets of each place."""
     rng = np.random.default_rng(seed)
     ball = np.array([10.0, -15.0, 90.0])
-    for place in range(places):
+    held = []
+    for _ in range(places):
         bent = rng.uniform(-1.2, 1.2, 6)
         bent[2] = rng.uniform(0.8, 1.6)  # the elbow: what is about the point is in reach
         start = _held(bent, ball)[0]
         way = about((0, 0, 1), rng.uniform(0, 6)) @ [apart, 0, 0]
-        (folder / f"place_{place}").mkdir(parents=True)
         for socket in (0, 1):
             point, found = start + socket * way, []
             while len(found) < postures:
                 q = _reach(point + rng.normal(0, noise, 3), rng.uniform(-2.0, 2.0, 6), ball)
                 if q is not None:
                     found.append(q)
+            held.append(found)
+    return np.reshape(held, (places, 2, postures, 6))
+
+
+def in_sockets(folder, places=4, postures=16, apart=50.0, noise=0.02, seed=3):
+    """Write a folder of places with two sockets, in whose points the ball is held in some postures."""
+    for place, of_place in enumerate(_postures(places, postures, apart, noise, seed)):
+        (folder / f"place_{place}").mkdir(parents=True)
+        for socket, found in enumerate(of_place):
             np.savetxt(folder / f"place_{place}" / f"hole_{socket}.csv", found, delimiter=",")

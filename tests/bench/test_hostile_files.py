@@ -17,9 +17,9 @@ import pytest
 from calibench import problems
 from calibench.bench.cli import main
 from calibench.bench.measured import Source, files, parquet_table, read_measured, shipped_path, write_measured
-from calibench.core import data_file
-from calibench.core.csv_table import read_table
-from calibench.core.data_file import LARGEST_PARQUET, LARGEST_TEXT, MOST_CELLS, MOST_COLUMNS, read_whole
+from calibench.core.tables import data_file
+from calibench.core.tables.csv_table import read_table
+from calibench.core.tables.data_file import LARGEST_PARQUET, LARGEST_TEXT, MOST_CELLS, MOST_COLUMNS, read_whole
 from calibench.discrepancy import DataError
 
 DEEP = "[" * 100_000 + "]" * 100_000

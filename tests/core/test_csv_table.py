@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibench.bench.measured import read_measured, shipped_path
-from calibench.core.csv_table import read_table
+from calibench.core.tables.csv_table import read_table
 from calibench.problems import full11, orthoglide6
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.readings import read_readings
-from calibench.core.marks import split_rows, valid_rows
+from calibench.core.tables.marks import split_rows, valid_rows
 from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.checks.enter import entered
 from calibench.problems.arm.chains.urdf import read_urdf

@@ -16,7 +16,7 @@ import pytest
 from benchmarks.blind import orthoglide as blind
 from benchmarks.blind.gpm2002.simulate import case
 from calibench import testing
-from calibench.core.units import is_unit
+from calibench.core.tables.units import is_unit
 from calibench.discrepancy import Machine, MeasuredData, machines
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.labels import effect_label

@@ -315,7 +315,7 @@ def test_degrees_and_radians_are_one_joint():
 
 
 def test_a_machines_own_family_comes_before_the_general_one(monkeypatch):
-    for kept in ("_factories", "_options"):
+    for kept in ("_factories", "_options", "_order"):
         monkeypatch.setattr(effects, kept, dict(getattr(effects, kept)))
     EffectFamily("backlash", "general_arm", "own", "own", "reading", (), "rad", ("elbow",), lambda f, t: ()).enter()
     own = [family for family in families("general_arm") if family.name == "backlash"]
@@ -323,7 +323,7 @@ def test_a_machines_own_family_comes_before_the_general_one(monkeypatch):
 
 
 def test_a_set_never_holds_a_rival_that_the_catalogue_does_not_have(monkeypatch):
-    for kept in ("_factories", "_options"):
+    for kept in ("_factories", "_options", "_order"):
         monkeypatch.setattr(effects, kept, dict(getattr(effects, kept)))
 
     def build(formulation, target):
@@ -343,7 +343,7 @@ def test_a_set_never_holds_a_rival_that_the_catalogue_does_not_have(monkeypatch)
 
 
 def test_a_large_effect_of_unit_1_does_not_vanish(monkeypatch):
-    for kept in ("_factories", "_options"):
+    for kept in ("_factories", "_options", "_order"):
         monkeypatch.setattr(effects, kept, dict(getattr(effects, kept)))
 
     def build(formulation, target):

@@ -20,8 +20,8 @@ from calibench.bench.calibration.readings import Index, Mask, held_back, without
 from calibench.bench.calibration.start import meanings
 from calibench.bench.measured.renamed import pairs_of
 from calibench.core.counted import plain
-from calibench.core.marks import valid_rows
 from calibench.core.options import suggest
+from calibench.core.tables.marks import valid_rows
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import inverse
 from calibench.problems.arm.columns import Matched, in_base_units, match_columns

@@ -31,9 +31,7 @@ def changes_of(fit: Fit, draws: Array) -> tuple[Change, ...]:
             continue
         nominal = 1.0 if kind == "gain" else 0.0
         low, high = np.quantile(draws[:, k], [0.025, 0.975]) - nominal
-        unit = "mm" if is_length(name) else "" if kind == "gain" else "rad"
-        if kind == "zero" and _kinds(fit)[joint] == "sliding":
-            unit = "mm"
+        unit = "mm" if is_length(name, fit.model.sliding) else "" if kind == "gain" else "rad"
         sd = float(draws[:, k].std(ddof=1))
         found.append(
             Change(name, joint, _WORDS[kind], unit, float(fit.p[place] - nominal), sd, (float(low), float(high)))
@@ -67,7 +65,7 @@ def undetermined_of(fit: Fit, draws: Array) -> tuple[Undetermined, ...]:
             like = tuple(names[fit.kept[i]] for i in order[:3] if abs(shares[i, j]) > _TELLS * size)
             found.append(Undetermined(names[place], f"looks like {' with '.join(like)}", like))
         else:
-            unit = "mm" if is_length(names[place]) else "mrad"
+            unit = "mm" if is_length(names[place], fit.model.sliding) else "mrad"
             sd = (1.0 if unit == "mm" else 1e3) / beyond
             found.append(
                 Undetermined(names[place], f"would be known to {plain(max(sd, 0.01), 2)} {unit} and spoil others")
@@ -144,7 +142,3 @@ def placement(fit: Fit, name: str) -> Array:
 def _placed(values: Array) -> Array:
     made: Array = shift(values[0], values[1], values[2]) @ rpy(values[3], values[4], values[5])
     return made
-
-
-def _kinds(fit: Fit) -> dict[str, str]:
-    return {joint.name: joint.kind for joint in fit.model.chain.joints}

@@ -13,7 +13,7 @@ import pandas as pd
 
 from calibench.bench.discovery.implied import Implied, implied_errors
 from calibench.bench.discovery.page.quantity import in_small_units, largest
-from calibench.core.units import between
+from calibench.core.tables.units import between
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.labels import effect_label, quantity_label, quantity_of
 from calibench.discrepancy.model.effect import name_of

@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibench.bench.statistics import ranking
 from calibench.bench.statistics.cells import METHOD, PROBLEM, TASK
+from calibench.bench.statistics.comparison import ranking
 from calibench.bench.statistics.comparison.score import scores
 from calibench.bench.statistics.comparison.two_methods import two_methods
 from calibench.bench.statistics.summary import goals_of, has_chance, outside_box, success_interval

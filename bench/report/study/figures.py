@@ -19,9 +19,10 @@ from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawin
 from calibench.bench.report.study.additions import Additions, Mark, figures_for, marks_for
 from calibench.bench.report.study.critical_difference import critical_difference
 from calibench.bench.report.study.explored.curves import bands
-from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics import tables
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, TASK
+from calibench.bench.statistics.comparison import ranking
 from calibench.bench.statistics.comparison.many_methods import FEWEST, Ranked, blocks_of, friedman
 from calibench.bench.statistics.endings import endings
 from calibench.bench.statistics.names.labels import in_order, method_labels, problem_titles

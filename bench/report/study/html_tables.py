@@ -15,11 +15,11 @@ from calibench.bench.report.shared.templating import macros
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, PROBLEM
+from calibench.bench.statistics.comparison.ranking import best_first
 from calibench.bench.statistics.names.labels import method_titles, problem_titles, setting_text, several
 from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.statistics.priced import priced as priced_runs
 from calibench.bench.statistics.progress import without_numbers
-from calibench.bench.statistics.ranking import best_first
 from calibench.bench.store.options import parts
 from calibench.core.counted import counted
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import pandas as pd
 
 from calibench.bench.statistics.cells import CELL, METHOD
+from calibench.bench.statistics.comparison.ranking import methods as ranked_methods
 from calibench.bench.statistics.names.labels import in_order, method_labels
-from calibench.bench.statistics.ranking import methods as ranked_methods
 
 LOOK = "look"  # the column of runs that holds the number of a method's colour and line style
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibench.core.units import between
+from calibench.core.tables.units import between
 from calibench.discrepancy.effects.general.recipe import (
     Built,
     declared,

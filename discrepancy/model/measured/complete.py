@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.no_number import way_out
-from calibench.core.units import between, is_unit
+from calibench.core.tables.no_number import way_out
+from calibench.core.tables.units import between, is_unit
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.problems.base import Array

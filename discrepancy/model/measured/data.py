@@ -14,7 +14,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.marks import split_rows
+from calibench.core.tables.marks import split_rows
 
 Column = NDArray[Any]
 TO_PREDICT = "row_to_predict"  # the place of a row that a report predicts

@@ -53,12 +53,12 @@ def vector(chain: Chain, p: Mapping[str, Any] | Numbers) -> Numbers:
 
     Raises `ChainError` for a name that the chain does not have, or a vector of another length.
     """
-    names = parameter_names(chain)
     if not isinstance(p, Mapping):
-        given = np.asarray(p)
-        if given.shape != (len(names),):
-            raise ChainError(f"{chain.name}: {given.shape} parameters were given; ({len(names)},) are needed")
+        given, needed = np.asarray(p), (12 + 8 * len(chain.joints),)
+        if given.shape != needed:
+            raise ChainError(f"{chain.name}: {given.shape} parameters were given; {needed} are needed")
         return given
+    names = parameter_names(chain)
     values = nominal(chain).astype(np.result_type(np.float64, *p.values()))
     index = {name: k for k, name in enumerate(names)}
     for name, value in p.items():

@@ -13,8 +13,8 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-from calibench.core.csv_table import Table, header_row, table_of
-from calibench.core.data_file import LARGEST_TEXT, MEGABYTE, MOST_CELLS, MOST_COLUMNS, check_columns, read_whole
+from calibench.core.tables.csv_table import Table, header_row, table_of
+from calibench.core.tables.data_file import LARGEST_TEXT, MEGABYTE, MOST_CELLS, MOST_COLUMNS, check_columns, read_whole
 
 _LARGEST_UNPACKED = 400 * MEGABYTE  # of a sheet's XML: the most cells have some 40 to 80 bytes each
 _SMALLER = "save it as CSV or Parquet, or take part of the readings"

@@ -15,8 +15,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import final
 
-from calibench.core.data_file import LARGEST_TEXT, MOST_CELLS, MOST_COLUMNS, check_columns, read_whole, text_of
-from calibench.core.units import is_unit
+from calibench.core.tables.data_file import LARGEST_TEXT, MOST_CELLS, MOST_COLUMNS, check_columns, read_whole, text_of
+from calibench.core.tables.units import is_unit
 from calibench.core.words import shortened
 
 _LONGEST_HEAD = 200  # characters
@@ -53,7 +53,7 @@ def read_table(path: str | Path, bare: bool = False) -> Table:
     """Return the table in a file; lines that begin with # are comments, and what stands before the header a preamble.
 
     With `bare` a first row of numbers is a row, and the table has no header. Raises `ValueError` in one line for what
-    is no such table or beyond the bounds of `calibench.core.data_file`, `OSError` for what cannot be opened.
+    is no such table or beyond the bounds of `calibench.core.tables.data_file`, `OSError` for what cannot be opened.
     """
     text = text_of(read_whole(path, LARGEST_TEXT, _SMALLER))
     _check_cells(text.count("\n"))  # before they are parted

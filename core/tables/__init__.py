@@ -1,0 +1,1 @@
+"""Tables of readings in files: CSV and Excel, units of columns, cells without a number, marks of rows."""
