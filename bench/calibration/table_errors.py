@@ -2,8 +2,9 @@
 
 Tried are the other convention, each row with the other kind of joint, every two rows exchanged (with their names,
 which is another order of the joints, and without), the columns a and d or alpha and theta exchanged, each alpha with
-the other sign or a quarter turn more or less. Where none of these helps, each length is tried as the readings have it:
-a free number fits more than a slip of the pen. A change is told if the readings fit the arm with it.
+the other sign or a quarter turn more or less. Where none of these helps as much as it should, each length is tried as
+the readings have it: a free number fits more than a slip of the pen. A change is told if the readings fit the arm with
+it.
 """
 
 from __future__ import annotations
@@ -62,17 +63,19 @@ def error_of_table(table: DhTable, data: Table, request: CalibrateRequest) -> st
     own = misfit(table, data, request)
     if own < _DOUBTFUL:
         return ""
-    return _likely(_changed(table), own, data, request) or _likely(
-        _other_lengths(table, data, request), own, data, request
-    )
-
-
-def _likely(tried: Iterable[tuple[DhTable, str]], own: float, data: Table, request: CalibrateRequest) -> str:
-    """Return what cures a misfit of `own` best, and what does as well; "" for nothing, or for too much."""
-    found = [(misfit(other, data, request), said) for other, said in tried]
-    found = sorted(one for one in found if one[0] < min(APART / 2, _BETTER * own))
+    found = _cures(_changed(table), own, data, request)
+    if not found or found[0][0] > _DOUBTFUL:
+        found = sorted([*found, *_cures(_other_lengths(table, data, request), own, data, request)])
     likely = [said for left, said in found if left <= _AS_WELL * found[0][0]]
     return ", or ".join(likely) if 0 < len(likely) <= _TOLD else ""
+
+
+def _cures(
+    tried: Iterable[tuple[DhTable, str]], own: float, data: Table, request: CalibrateRequest
+) -> list[tuple[float, str]]:
+    """Return what each change leaves that cures a misfit of `own`, with the change, the best first."""
+    found = [(misfit(other, data, request), said) for other, said in tried]
+    return sorted(one for one in found if one[0] < min(APART / 2, _BETTER * own))
 
 
 def _changed(table: DhTable) -> Iterator[tuple[DhTable, str]]:
