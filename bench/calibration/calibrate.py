@@ -20,7 +20,7 @@ from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.fit import LEVELS, Fit, far_out, fitted, norms, order_of
 from calibench.bench.calibration.judged import FOLDS, HeldOut, crossed_out, predicted, resampled, rms, rms_interval
 from calibench.bench.calibration.model import ArmModel, model_of
-from calibench.bench.calibration.readings import Index, Mask, Readings, longer_than_urdf, poses_of, read_readings
+from calibench.bench.calibration.readings import Index, Mask, Readings, joints_beside, poses_of, read_readings
 from calibench.bench.calibration.report.diff import changes_of, placement, undetermined_of
 from calibench.bench.calibration.report.parts import by_joint, by_region
 from calibench.bench.calibration.report.result import Calibration, Drawn, Error, Wild
@@ -29,10 +29,12 @@ from calibench.bench.calibration.start import started
 from calibench.core.counted import plain
 from calibench.core.one_thread import one_thread
 from calibench.discrepancy import DataError
+from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.chains.rigid import rpy_of
 from calibench.problems.arm.stands import stepped
 from calibench.problems.base import Array
 
+_DOUBTFUL = 0.01  # part of the reach: no calibrated arm errs so much
 _MANY = 0.1  # of the poses: more wild ones are no mishaps
 WRITTEN = ("frames", "zeros", "geometry")
 
@@ -66,7 +68,8 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, Written, Readings
     fitted_rows = readings.where(train)
     doubt = table_told(arm, table, request)
     notes = (
-        *([doubt] if doubt else []), *arm.notes, *readings.notes, *_notes(levels, chosen, model, fitted_rows),
+        *([doubt] if doubt else _far_off(levels, chosen, model, readings)), *arm.notes, *readings.notes,
+        *_notes(levels, chosen, model, fitted_rows),
         *_many_wild(wild), *_step(fit, fitted_rows), *_again(poses, train),
     )  # fmt: skip
     before, after = (np.where(wild, np.nan, judged[level].left) for level in ("frames", chosen))
@@ -103,7 +106,7 @@ def _fits(model: ArmModel, readings: Readings) -> dict[str, Fit]:
                 model, order_of(model.names, level, model.sliding), None if before is None else before.p
             )
         except ValueError as error:
-            raise DataError(f"{error}{longer_than_urdf(readings.table, readings.matched)}") from None
+            raise DataError(f"{error}{joints_beside(readings, model.chain)}") from None
     return fits
 
 
@@ -171,6 +174,23 @@ def _notes(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Re
     if (poses := len(np.unique(poses_of(readings.joints)))) < 40:
         said.append(f"{poses} poses are few: some 40 make the numbers sure, and bench design says which")
     return said
+
+
+def _far_off(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Readings) -> list[str]:
+    """Return a remark where so much is left that the description cannot be that of the arm."""
+    if model.position is None:
+        return []
+    left = next(error.rms for error in levels if error.level == chosen)
+    places = forward(model.chain, nominal(model.chain), model.joints)[:, :3, 3]
+    reach = rms(np.linalg.norm(places - places.mean(axis=0), axis=1))
+    if left < _DOUBTFUL * reach:
+        return []
+    told = model.chain.told
+    return [
+        f"{plain(left, 3)} mm are left, and the arm moves its tip by {reach:.0f} mm: so much is no matter of "
+        f"calibration; is this the {told} of the arm, and does each column hold its joint?"
+        f"{joints_beside(readings, model.chain)}"
+    ]
 
 
 def _many_wild(wild: Mask) -> list[str]:

@@ -145,7 +145,9 @@ class OfTable:
         new = fit.model.rows.corrected(fit.p)
         errors = {change.parameter: change.sd for change in changes if not change.parameter.startswith("gain_")}
         stem = f"{self.path.stem}_calibrated"
+        ways = zip(fit.model.joints.min(axis=0).tolist(), fit.model.joints.max(axis=0).tolist(), strict=True)
+        used = dict(zip(self.chain.driven, ways, strict=True))
         return {
             "dh": (f"{stem}.csv", text_of_dh(new, said, errors).encode()),
-            "urdf": (f"{stem}.urdf", urdf_of_dh(new, said).encode()),
+            "urdf": (f"{stem}.urdf", urdf_of_dh(new, said, used).encode()),
         }

@@ -18,7 +18,7 @@ from calibench.bench.calibration.files import Table
 from calibench.core.counted import counted, plain
 from calibench.core.tables.marks import split_rows, valid_rows
 from calibench.discrepancy import DataError
-from calibench.problems.arm.chains.chain import Chain
+from calibench.problems.arm.chains.chain import Chain, ChainJoint
 from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.columns import Matched, in_base_units, is_called_joint, match_columns, only_asked
 from calibench.problems.arm.frames import frames_of_positions
@@ -219,6 +219,17 @@ def longer_than_table(given: Sequence[str], matched: Matched) -> str:
     )
 
 
+def joints_beside(readings: Readings, chain: Chain) -> str:
+    """Return, for the end of a refusal, which columns may be of joints that the description lacks; "" for none."""
+    table, matched = readings.table, readings.matched
+    if chain.told != "table":
+        return longer_than_urdf(table, matched)
+    left = _beside([name for name in table.columns if table.columns[name].dtype.kind in "iuf"], matched)
+    if not left:
+        return ""
+    return f"; column {left[0]} is read by no row: if it is a joint, its row is missing in the table"
+
+
 def longer_than_urdf(table: Table, matched: Matched) -> str:
     """Return, for the end of a refusal, which columns are of joints that the URDF lacks; "" for none."""
     given = [name for name in table.columns if table.columns[name].dtype.kind in "iuf"]
@@ -323,16 +334,23 @@ def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
         if limits and beyond.any():
             unit = "rad" if rotary else "mm"
             turned = np.deg2rad(values)
-            fits = bool(np.all((turned >= joint.lower - _ROUND) & (turned <= joint.upper + _ROUND)))
             way_out = "is the column that of this joint, and its unit right?"
-            if rotary and fits and np.abs(values).max() > _TURNS:
+            if rotary and _within(turned, joint) and np.abs(values).max() > _TURNS:
                 units = ",".join(f"{column}:deg" for column in _degrees(readings, chain))
                 way_out = f"as degrees all its rows lie within: units={units}"
+            elif chain.told == "table" and rotary and _within(turned, joint):
+                way_out = "with limits in rad all its rows lie within: write lower [rad] and upper [rad]"
+            elif chain.told == "table" and not rotary and _within(values / 1000, joint):
+                way_out = f"with limits in m all its rows lie within: write their unit in the cells, {joint.upper:g} m"
             raise DataError(
                 f"{readings.told(int(np.argmax(beyond)))}: joint {name} stands at {values[np.argmax(beyond)]:.4g} "
                 f"{unit}, outside its limits {joint.lower:.4g} to {joint.upper:.4g} in the {chain.told} "
                 f"({counted(int(beyond.sum()), 'such row')}): {way_out}; limits=false passes this over"
             )
+
+
+def _within(values: Array, joint: ChainJoint) -> bool:
+    return bool(np.all((values >= joint.lower - _ROUND) & (values <= joint.upper + _ROUND)))
 
 
 def _check_moves(readings: Readings, chain: Chain) -> None:

@@ -15,7 +15,7 @@ from typing import final
 
 import numpy as np
 
-from calibench.bench.calibration.readings import Readings, in_unit, longer_than_urdf
+from calibench.bench.calibration.readings import Readings, in_unit, joints_beside
 from calibench.core.counted import plain
 from calibench.core.options import suggest
 from calibench.discrepancy import DataError
@@ -27,6 +27,9 @@ from calibench.problems.arm.stands import moved
 from calibench.problems.base import Array
 
 _UNITS = {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
+_RAILS = (  # what a rail is really in, and what it was taken for
+    ("m", "mm"), ("mm", "m"), ("cm", "mm"), ("mm", "cm"), ("inch", "mm"), ("mm", "inch"), ("m", "cm"), ("cm", "m"),
+)  # fmt: skip
 _NEAR = 0.2  # part of a unit: few poses of an arm that is not calibrated tell it no better
 APART = 0.08  # part of the arm's reach: readings further off are not of this arm
 _TURNED = 0.12  # rad: the same of rotations
@@ -156,6 +159,8 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
             return (
                 f"{left}, and {plain(tried.left, 2)} mm with joints in {told}: units={in_unit(readings, chain, unit)}"
             )
+    if told := _rail_unit(readings, chain):
+        return f"{left}, and {told}"
     for lag in (1, -1):
         kept = readings.where(np.arange(len(readings)) != (0 if lag > 0 else len(readings) - 1))
         tried = _fit(chain, readings.joints[max(-lag, 0) : len(readings) - max(lag, 0)], kept)
@@ -170,7 +175,7 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
         if tried.left < best.left:
             best, said = (
                 tried,
-                f"joint {name} turns the other way than in the {chain.told}: turn its axis, or its readings",
+                _other_way(name, readings, chain),
             )
         for degrees in (-90, 90, 180) if k in turning else ():
             shifted = readings.joints.copy()
@@ -188,7 +193,7 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
             best, said = (
                 tried,
                 (
-                    f"the columns of joints {one} and {other} are exchanged: "
+                    f"the columns of joints {one} and {other} are exchanged{_or_names(chain)}: "
                     f'columns={{"q_{one}": "{columns[0]}", "q_{other}": "{columns[1]}"}}'
                 ),
             )
@@ -200,8 +205,34 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
         return f"{left}; column {one} is the same in every row: is it that of joint {still[0]}?"
     return (
         f"{left}: is this the {chain.told} of the arm, {_CHOICE[chain.told]}, and are the joints' zeros and senses "
-        f"those of the {chain.told}?{longer_than_urdf(readings.table, readings.matched)}"
+        f"those of the {chain.told}?{joints_beside(readings, chain)}"
     )
+
+
+def _rail_unit(readings: Readings, chain: Chain) -> str:
+    """Return in which other unit the joints that slide fit the arm, as the end of a refusal; "" for none."""
+    sliding = [k for k, name in enumerate(chain.driven) if name in readings.sliding]
+    columns = [readings.matched.joints[chain.driven[k]] for k in sliding]
+    for really, taken in _RAILS if sliding else ():
+        scaled = readings.joints.copy()
+        scaled[:, sliding] *= _UNITS[really] / _UNITS[taken]
+        tried = _fit(chain, scaled, readings)
+        if _fits(tried):
+            units = ",".join(f"{column}:{really}" for column in columns)
+            return f"{plain(tried.left, 2)} mm with {', '.join(columns)} in {really}: units={units}"
+    return ""
+
+
+def _other_way(joint: str, readings: Readings, chain: Chain) -> str:
+    moves = "slides" if joint in readings.sliding else "turns"
+    cure = "turn its axis, or its readings"
+    if chain.told == "table":
+        cure = "change the sign of its column, or the alphas that point its axis"
+    return f"joint {joint} {moves} the other way than in the {chain.told}: {cure}"
+
+
+def _or_names(chain: Chain) -> str:
+    return ", or their names in the table" if chain.told == "table" else ""
 
 
 def _fit(chain: Chain, joints: Array, readings: Readings) -> Frames:

@@ -125,6 +125,11 @@ def heads(row: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
             told = f"{shortened(head)!r}" if head.strip() else f"'' of column {place + 1}"
             over = "" if head.strip() else "; leave out a line that names groups of columns"
             raise ValueError(f"header {told}: a name, or a name with its unit such as angle [rad], is needed{over}")
+        if match["name"] in known and _NUMBER.fullmatch(match["name"]):
+            raise ValueError(
+                f"the first row holds the number {match['name']} twice, so it is no header; write the names of the "
+                "columns above it"
+            )
         if match["name"] in known:
             raise ValueError(f"column {match['name']} is there twice; give each a name of its own")
         names.append(match["name"])
@@ -175,6 +180,10 @@ def _heading_in_comment(line: str, row: Sequence[str]) -> tuple[str, ...]:
 
 def _header(lines: Sequence[str], first: int) -> tuple[int, str]:
     """Return the line of the header and what parts its cells; `first` is the first line that is no comment."""
+    for mark in ";\t":  # no header, and decimal commas
+        cells = _cut(_parted(lines[first], mark), 1)
+        if len(cells) > 1 and all(map(_NUMBER.fullmatch, cells)):
+            return first, mark
     delimiter = max(",;\t", key=lines[first].count)
     beginning = [i for i in range(first, len(lines)) if lines[i].strip() and not _comment(lines[i])]
     beginning = beginning[: _LONGEST_PREAMBLE + 1]

@@ -57,6 +57,9 @@ class Matched:
     notes: tuple[str, ...] = ()
 
 
+_NO_JOINT = "or take its row out, or give it the type fixed"
+
+
 def match_columns(names: Sequence[str], joints: Sequence[str], option: str = "machine.", told: str = "URDF") -> Matched:
     """Return which of the columns `names` is which, for a chain of `joints` in their order.
 
@@ -184,7 +187,7 @@ def _joint_columns(names: Sequence[str], joints: Sequence[str], door: _Door) -> 
         )
     raise ValueError(
         f"joint {lost[0]} of the {door.told} has no column; {suggest(lost[0], names)}; {door.joint(lost[0], 'NAME')}, "
-        f"{door.other('or') + ' a link before that joint' if door.told == 'URDF' else 'or take its row out'}"
+        f"{door.other('or') + ' a link before that joint' if door.told == 'URDF' else _NO_JOINT}"
     )
 
 

@@ -271,6 +271,56 @@ def test_two_rows_that_are_exchanged_are_told(bench, name, pair):
     assert told.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "row", "number", "wrong", "said"),
+    [
+        ("ur10", 0, "alpha", -np.pi / 2, "alpha of row 1 (axis_1) is 1.571 rad, not -1.571 rad. "),
+        ("ur10", 3, "alpha", 0.0, "alpha of row 4 (axis_4) is 1.571 rad, not 0 rad. "),
+        ("ur10", 4, "alpha", np.pi / 2, "alpha of row 5 (axis_5) is -1.571 rad, not 1.571 rad. "),
+        ("craig", 1, "alpha", 0.0, "alpha of row 2 (axis_2) is -1.571 rad, not 0 rad. "),
+        ("ur10", 1, "a", -0.162, "a of row 2 (axis_2) is about -0.612 m, not -0.162. "),
+        ("craig", 2, "a", -0.4318, "a of row 3 (axis_3) is about 0.43 m, not -0.432. "),
+    ],
+)
+def test_one_number_of_a_table_that_is_wrong_is_told_with_the_one_that_fits(bench, name, row, number, wrong, said):
+    measured(name, 40)
+    rows = [list(r) for r in ARMS[name][0]]
+    rows[row][("a", "alpha", "d").index(number)] = wrong
+    spoilt(name, rows)
+    told = bench(*words(name), code=2)
+    assert f"{name}_dh.csv: the readings fit the arm if {said}" in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(("n", "seed"), [(12, 3), (12, 6), (14, 1), (14, 2)])
+def test_a_dozen_poses_name_no_other_error_of_a_table_than_there_is(bench, n, seed):
+    measured("ur10", n, seed=seed)
+    spoilt("ur10", [(*r[:2], 0.0116 if k == 4 else r[2], *r[3:]) for k, r in enumerate(UR10)])
+    told = bench(*words("ur10"), code=2)
+    assert "the readings fit the arm if d of row 5 (axis_5) is about 0.11" in told
+    assert "alpha" not in told.partition("As it stands")[0]
+
+
+def test_offsets_along_parallel_axes_of_which_one_is_wrong_are_told_together(bench):
+    measured("ur10", 40)
+    spoilt("ur10", [(*r[:2], 0.2639 if k == 3 else r[2], *r[3:]) for k, r in enumerate(UR10)])
+    told = bench(*words("ur10"), code=2)
+    assert "d of row 4 (axis_4) is about 0.164 m, not 0.264, or if d of row " in told
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "head"),
+    [
+        ("a", "d", "joint,type,d [m],alpha [rad],a [m],theta [rad]"),
+        ("alpha", "theta", "joint,type,a [m],theta [rad],d [m],alpha [rad]"),
+    ],
+)
+def test_two_columns_of_a_table_that_are_exchanged_are_told(bench, one, other, head):
+    measured("stanford", 40)
+    Path("stanford_dh.csv").write_text(as_csv(STANFORD, head))
+    assert f"the readings fit the arm if columns {one} and {other} are exchanged. " in bench(*words("stanford"), code=2)
+
+
 def test_two_names_that_are_exchanged_are_told(bench):
     measured("ur10", 40)
     spoilt("ur10", UR10, [f"axis_{k}" for k in (1, 4, 3, 2, 5, 6)])
@@ -309,6 +359,83 @@ def test_poses_on_a_long_rail_use_all_of_it(bench):
     rail = [pose[0] for pose in found["poses"]]
     assert 2000 <= min(rail) < 2500
     assert 4500 < max(rail) <= 5000
+
+
+WORDS = ["Sockel", "Schulter", "Ellbogen", "Unterarm", "Beuge", "Kopf"]
+
+
+def in_words(name):
+    """Call the joints of the readings by words of which none looks like a joint's."""
+    text = Path(f"{name}.csv").read_text()
+    for k, word in enumerate(WORDS, start=1):
+        text = text.replace(f"axis_{k}", word)
+    Path(f"{name}.csv").write_text(text)
+
+
+@pytest.mark.parametrize("row", [0, 2, 5])
+def test_a_column_that_no_row_reads_is_named_where_the_readings_do_not_fit(bench, row):
+    measured("ur10", 40)
+    in_words("ur10")
+    rest = [k for k in range(6) if k != row]
+    spoilt("ur10", [UR10[k] for k in rest], [WORDS[k] for k in rest])
+    told = bench(*words("ur10"), code=2)
+    assert f"column {WORDS[row]} is read by no row: if it is a joint, its row is missing in the table" in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize(("noise", "far"), [(1e-2, True), (1e-3, False)])
+def test_a_calibration_that_leaves_more_than_an_arm_errs_says_so(bench, noise, far):
+    measured("ur10", 60, noise=noise)
+    notes = [note for note in bench(*words("ur10"))["notes"] if "so much is no matter of calibration" in note]
+    assert len(notes) == far
+    assert all("is this the table of the arm, and does each column hold its joint?" in note for note in notes)
+
+
+@pytest.mark.parametrize(("stated", "really"), [("mm", "m"), ("cm", "m")])
+def test_a_rail_in_another_unit_than_its_heading_says_is_told_with_the_cure(bench, stated, really):
+    measured("stanford", 40)
+    text = Path("stanford.csv").read_text()
+    Path("stanford.csv").write_text(text.replace("axis_3 [m]", f"axis_3 [{stated}]"))
+    told = bench(*words("stanford"), code=2)
+    assert f"mm with axis_3 in {really}: units=axis_3:{really}" in told
+    found = bench(*words("stanford", f"units=axis_3:{really}"))
+    assert found["after"]["rms"] < 0.09
+
+
+def test_a_joint_of_a_table_that_slides_the_other_way_is_told_as_what_it_is(bench):
+    measured("stanford", 40)
+    lines = [line.split(",") for line in Path("stanford.csv").read_text().splitlines()]
+    flipped = [lines[0], *([*row[:2], str(-float(row[2])), *row[3:]] for row in lines[1:])]
+    Path("stanford.csv").write_text("\n".join(map(",".join, flipped)))
+    assert "joint axis_3 slides the other way than in the table: change the sign of its column" in bench(
+        *words("stanford"), code=2
+    )
+
+
+@pytest.mark.parametrize(
+    ("limits", "kind", "said"),
+    [
+        (("-3", "3"), "r", "with limits in rad all its rows lie within: write lower [rad] and upper [rad]"),
+        (("0.2", "1.3"), "p", "with limits in m all its rows lie within: write their unit in the cells, 1.3 m"),
+    ],
+)
+def test_limits_in_another_unit_are_told_with_it(bench, limits, kind, said):
+    measured("stanford", 40)
+    scale = (1000, 180 / np.pi, 1000, 180 / np.pi)
+    table = as_csv(STANFORD, "joint,type,a [mm],alpha [deg],d [mm],theta [deg]", scale=scale).splitlines()
+    rows = [f"{line},{','.join(limits if STANFORD[k][4] == kind else ('', ''))}" for k, line in enumerate(table[1:])]
+    Path("stanford_dh.csv").write_text("\n".join([f"{table[0]},lower,upper", *rows]))
+    assert said in bench(*words("stanford"), code=2)
+
+
+def test_a_rail_goes_in_the_urdf_as_far_as_its_readings(bench):
+    measured("stanford", 60)
+    found = bench(*words("stanford"))
+    joint = read_urdf(found["files"]["urdf"]).chain().joints[2]
+    assert 300 <= joint.lower < 400
+    assert 1100 < joint.upper <= 1200
+    again = bench("calibrate", f"urdf={found['files']['urdf']}", "data=stanford.csv", "page=false")
+    assert again["before"]["rms"] < 0.12
 
 
 def five_rows():

@@ -25,12 +25,22 @@ def test_three_bare_columns_have_no_header(tmp_path):
     assert len(read_table(path, bare=True).rows) == 2
 
 
+@pytest.mark.parametrize("mark", [";", "\t"])
+def test_numbers_with_decimal_commas_and_no_header_are_parted_by_what_parts_them(tmp_path, mark):
+    path = tmp_path / "run.csv"
+    path.write_text(f"1,5{mark}2,25{mark}-3,5\n4,5{mark}5,25{mark}6,5\n")
+    table = read_table(path, bare=True)
+    assert table.names == ()
+    assert [cells for _, cells in table.rows] == [("1,5", "2,25", "-3,5"), ("4,5", "5,25", "6,5")]
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("", "the file is empty"),
         ('"#"', "the file is empty"),
         ("a,a\n1,2\n", "column a is there twice"),
+        ("1,2,1\n4,5,6\n", "the first row holds the number 1 twice, so it is no header; write the names"),
         ("a,[mm]\n1,2\n", "a name with its unit"),
     ],
 )

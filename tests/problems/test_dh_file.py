@@ -152,6 +152,25 @@ def test_a_joint_that_slides_without_a_stop_may_slide_in_the_urdf(tmp_path):
     assert text.count('<limit lower="-1" upper="1"') == 1
 
 
+def test_a_joint_that_slides_without_a_stop_goes_in_the_urdf_as_far_as_it_was_used(tmp_path):
+    path = tmp_path / "stanford.csv"
+    path.write_text(as_csv(STANFORD))
+    text = urdf_of_dh(read_dh(path, "standard"), used={"axis_3": (12.6, 1956.7), "axis_1": (-1.0, 1.0)})
+    assert "the table has no limits of axis_3: the range of its readings stands for them" in text
+    joint = parse_urdf(text).chain().joints[2]
+    assert (joint.lower, joint.upper) == pytest.approx((12, 1957))
+    assert text.count("<limit ") == 1
+
+
+@pytest.mark.parametrize(
+    ("word", "kind"),
+    [("Drehgelenk", "rotary"), ("rotatorisch", "rotary"), ("Schub", "sliding"), ("fest", "fixed"), ("fisso", "fixed")],
+)
+def test_kinds_of_joints_have_words_of_other_languages(tmp_path, word, kind):
+    (tmp_path / "t.csv").write_text(HEAD + f"one,{word},0.3,0,0,0\ntwo,r,0.3,0,0,0\n")
+    assert read_dh(tmp_path / "t.csv", "standard").rows[0].kind == kind
+
+
 def test_joints_may_be_called_as_the_links_that_a_urdf_needs():
     table = DhTable((DhRow("flange_joint", a=300.0), DhRow("base", a=200.0)))
     again = parse_urdf(urdf_of_dh(table)).chain()
@@ -246,7 +265,11 @@ HEAD = "joint,type,a [m],alpha [rad],d [m],theta [rad]\n"
         (as_csv(UR5, scale=(1, 180 / pi, 1, 1)), "standard", "alpha is stated in rad and reaches 90: degrees? then"),
         (as_csv(UR5, "joint,type,a [m],alpha [deg],d [m],theta"), "standard", "1.5708 is a quarter turn in rad: write"),
         (HEAD.replace(" [rad]", "") + "one,r,0.3,0.7,0,0\n", "standard", "no unit is stated, and 0.7 may be rad or"),
-        (HEAD + "one,r,0.3,0,0,0\none,r,0.3,0,0,0\n", "standard", "two joints are named 'one'; give each a name"),
+        (HEAD + "one,r,0.3,0,0,0\none,r,0.3,0,0,0\n", "standard", "rows 1 and 2 are both named 'one'; give each a"),
+        (HEAD, "standard", "holds a header and no rows; a row for each joint is needed"),
+        (HEAD.replace("alpha [rad]", "alpha [deg]") + "one,r,0.3,-1.5708,0,0\ntwo,r,0.3,1.13,0,0\n", "standard",
+         "1.5708 is a quarter turn in rad: write alpha [rad]"),
+        ("one,r,0.3,0,0,0\ntwo,r,0.3,0,0,0\n", "standard", "holds the number 0 twice, so it is no header; write the"),
         (HEAD + "one,hinge,0.3,0,0,0\n", "standard", "row 1: type 'hinge'; "),
         (HEAD + "one,r,0.3,0,q1,0\n", "standard", "row 1: d is q1, and the joint is rotary; correct its type"),
         (HEAD + "one,r,0.3,wide,0,0\n", "standard", "row 1 (line 2): alpha is 'wide'; a number such as 0.5, pi/2"),

@@ -43,8 +43,10 @@ _SPELT = {
     **dict.fromkeys(("type", "kind", "jointtype", "sigma", "typ", "art", "tipo"), "type"),
 }  # fmt: skip
 _KINDS: dict[str, RowKind] = {
-    **dict.fromkeys(("drehgelenk", "rotoide", "rotativa"), "rotary"),
-    **dict.fromkeys(("schubgelenk", "prismatique", "prismática", "prismatica"), "sliding"),
+    **dict.fromkeys(("drehgelenk", "dreh", "drehend", "rotatorisch", "rotoide", "rotativa"), "rotary"),
+    **dict.fromkeys(("schubgelenk", "schub", "schiebend", "translatorisch", "linearachse"), "sliding"),
+    **dict.fromkeys(("prismatique", "prismática", "prismatica", "prismatisch"), "sliding"),
+    **dict.fromkeys(("fest", "starr", "flansch", "werkzeug", "fixe", "fijo", "fisso"), "fixed"),
     **dict.fromkeys(("revolute", "rotary", "rotational", "rotation", "continuous", "r", "0"), "rotary"),
     **dict.fromkeys(("prismatic", "sliding", "linear", "translational", "p", "1"), "sliding"),
     **dict.fromkeys(("fixed", "none", "f", "-", "flange", "tool"), "fixed"),
@@ -161,6 +163,9 @@ def _read(table: Table, name: str, form: Form | None, option: str, notes: Sequen
     _check_columns(columns, table)
     cells = [_Cells(row, columns, k, line, table.delimiter != ",") for k, (line, row) in enumerate(table.rows, 1)]
     cells = [one for one in cells if not one.empty]
+    if not cells:
+        raise ValueError("holds a header and no rows; a row for each joint is needed")
+    _check_names([one.name() for one in cells])
     kinds = [one.kind() for one in cells]
     values = {n: [one.number(n, kind) for one, kind in zip(cells, kinds, strict=True)] for n in (*NUMBERS, "offset")}
     angle, noted = _angles(values, columns, kinds)
@@ -186,8 +191,17 @@ def _read(table: Table, name: str, form: Form | None, option: str, notes: Sequen
             "own joint)"
         )
     made = DhTable(tuple(rows), form, name, length, angle, (*notes, *table.notes, *noted, *noted_too))
-    _ = made.chain  # that joints move and have names of their own
+    _ = made.chain  # that joints move
     return made
+
+
+def _check_names(names: Sequence[str]) -> None:
+    """Raise `ValueError` for two rows of one name."""
+    for k, name in enumerate(names):
+        if (first := names.index(name)) < k:
+            raise ValueError(
+                f"rows {first + 1} and {k + 1} are both named {name!r}; give each a name of its own, or take one out"
+            )
 
 
 def _columns(table: Table) -> _Columns:
@@ -359,9 +373,10 @@ def _angles(values: Mapping[str, list[_Value]], columns: _Columns, kinds: Sequen
         sizes = [abs(v.value) for v in values[name] if v.unit == unit and v.value]
         if unit and factor_to_base(name, unit, "rad")[1] == 1.0 and max(sizes, default=0.0) > _TURN:
             raise ValueError(f"{name} is stated in rad and reaches {max(sizes):g}: degrees? then write {name} [deg]")
-        if is_unit(unit) and factor_to_base(name, unit)[1] == pi / 180 and sizes and all(map(_is_quarter, sizes)):
+        small = is_unit(unit) and factor_to_base(name, unit)[1] == pi / 180 and max(sizes, default=inf) < _TURN
+        if small and (quarters := [*filter(_is_quarter, sizes)]):
             raise ValueError(
-                f"{name} is stated in deg, and {sizes[0]:.4f} is a quarter turn in rad: write {name} [rad]"
+                f"{name} is stated in deg, and {quarters[0]:.4f} is a quarter turn in rad: write {name} [rad]"
             )
     open_ = _open(values, _ANGLES, kinds, slide=False)
     stated = next((columns.units[name] for name in _ANGLES if name in columns.units), "")

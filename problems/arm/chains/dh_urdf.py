@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from math import ceil, floor
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -17,23 +18,24 @@ _MM = 1e-3  # metres
 _FREE = 1.0  # metres that a joint without a stop slides, either way
 
 
-def urdf_of_dh(table: DhTable, said: str = "") -> str:
+def urdf_of_dh(table: DhTable, said: str = "", used: Mapping[str, tuple[float, float]] | None = None) -> str:
     """Return the URDF of a table, from `base` to `flange`, with a comment that says `said`.
 
     Joints with limits are revolute, those without continuous. What a table does not tell and a URDF needs, effort and
-    velocity, is 0. A joint that slides without a stop goes a metre either way, as a URDF must have limits for it; a
-    comment says so. In names stand letters, digits, _ and - only, as ROS wants them; others become _.
+    velocity, is 0. A joint that slides without a stop goes as far as it was `used`, name -> (least, most) [mm], or a
+    metre either way, as a URDF must have limits for it; a comment says so. In names stand letters, digits, _ and -
+    only, as ROS wants them; others become _.
     """
     chain = table.chain
-    named = _names(chain.driven)
+    used, named = used or {}, _names(chain.driven)
     lines = [f"<robot name={quoteattr(table.name)}>"]
     lines += [f"  <!-- {said.replace('--', '- -')} -->"] if said else []
     lines += [
         f"  <!-- from a {table.form} table of Denavit and Hartenberg; effort and velocity are not known, and 0 -->",
     ]
-    if free := [joint.name for joint in chain.joints if _slides_freely(joint)]:
-        told = ", ".join(free).replace("--", "- -")
-        lines.append(f"  <!-- the table has no limits of {told}: {_FREE:g} m either way stand for them -->")
+    for name in (joint.name for joint in chain.joints if _slides_freely(joint)):
+        stand = "the range of its readings stands" if name in used else f"{_FREE:g} m either way stand"
+        lines.append(f"  <!-- the table has no limits of {name.replace('--', '- -')}: {stand} for them -->")
     lines.append(f'  <link name="{BASE}"/>')
     above = BASE
     for joint in chain.joints:
@@ -44,7 +46,7 @@ def urdf_of_dh(table: DhTable, said: str = "") -> str:
             f'    <parent link="{above}"/><child link="{below}"/>',
             _origin(joint.origin),
             '    <axis xyz="0 0 1"/>',
-            *_limit(joint),
+            *_limit(joint, used),
             "  </joint>",
         ]
         above = below
@@ -82,11 +84,12 @@ def _slides_freely(joint: ChainJoint) -> bool:
     return joint.kind == "sliding" and not np.isfinite(joint.upper - joint.lower)
 
 
-def _limit(joint: ChainJoint) -> list[str]:
+def _limit(joint: ChainJoint, used: Mapping[str, tuple[float, float]]) -> list[str]:
     scale = _MM if joint.kind == "sliding" else 1.0
     sides = (scale * joint.lower, scale * joint.upper)
     if _slides_freely(joint):
-        sides = (-_FREE, _FREE)
+        least, most = used.get(joint.name, (-_FREE / _MM, _FREE / _MM))
+        sides = (_MM * floor(least), _MM * ceil(most))
     elif not np.isfinite(sides).all():
         return []
     return [f'    <limit lower="{sides[0]:.12g}" upper="{sides[1]:.12g}" effort="0" velocity="0"/>']
