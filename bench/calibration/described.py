@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, final
 
+from calibench.bench.calibration.dh.errors import error_of_table, fits
 from calibench.bench.calibration.files import Table, read_table
 from calibench.bench.calibration.fit import Fit
 from calibench.bench.calibration.report.diff import changes_of_tip, origins_of
 from calibench.bench.calibration.report.result import Change
 from calibench.bench.calibration.report.urdf_text import calibrated
 from calibench.bench.calibration.request import CalibrateRequest
-from calibench.bench.calibration.table_errors import error_of_table, fits
 from calibench.core.tables.data_file import LARGEST_TEXT, read_whole
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain

@@ -15,11 +15,11 @@ from itertools import combinations
 from math import inf, pi
 from typing import Any
 
+from calibench.bench.calibration.dh.lengths import LENGTHS, length_told
 from calibench.bench.calibration.files import Table
 from calibench.bench.calibration.readings import read_readings
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.start import APART, slid, started, unit_of
-from calibench.bench.calibration.table_lengths import LENGTHS, length_told
 from calibench.core.counted import plain
 from calibench.core.tables.units import between
 from calibench.discrepancy import DataError
