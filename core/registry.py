@@ -202,14 +202,14 @@ class Registry(Generic[T]):
             if name in self._promised:
                 self._load_promised(self._promised[name])
             return name
-        self._load_promised()  # it may be one that they leave out
-        if name in self._left_out:
-            raise ValueError(f"{self.kind} {name!r} is left out: {self._left_out[name]}")
         if user_file.is_file_path(name):
             return self._load_file(name)
         if ":" in name:
             self._load_path(name)
             return name
+        self._load_promised()  # it may be one that they leave out
+        if name in self._left_out:
+            raise ValueError(f"{self.kind} {name!r} is left out: {self._left_out[name]}")
         if name.endswith(".py"):
             raise ValueError(
                 f"{self.kind} {name!r}: which class of the file is not said; write FILE.py:CLASS; {self._in_file(name)}"

@@ -25,7 +25,7 @@ from calibench.bench.calibration.report.diff import changes_of, placement, undet
 from calibench.bench.calibration.report.parts import by_joint, by_region
 from calibench.bench.calibration.report.result import Calibration, Drawn, Error, Wild
 from calibench.bench.calibration.request import CalibrateRequest
-from calibench.bench.calibration.start import started
+from calibench.bench.calibration.start import DOUBTFUL, started
 from calibench.core.counted import plain
 from calibench.core.one_thread import one_thread
 from calibench.discrepancy import DataError
@@ -34,7 +34,6 @@ from calibench.problems.arm.chains.rigid import rpy_of
 from calibench.problems.arm.stands import stepped
 from calibench.problems.base import Array
 
-_DOUBTFUL = 0.01  # part of the reach: no calibrated arm errs so much
 _MANY = 0.1  # of the poses: more wild ones are no mishaps
 WRITTEN = ("frames", "zeros", "geometry")
 
@@ -183,7 +182,7 @@ def _far_off(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: 
     left = next(error.rms for error in levels if error.level == chosen)
     places = forward(model.chain, nominal(model.chain), model.joints)[:, :3, 3]
     reach = rms(np.linalg.norm(places - places.mean(axis=0), axis=1))
-    if left < _DOUBTFUL * reach:
+    if left < DOUBTFUL * reach:
         return []
     told = model.chain.told
     return [

@@ -32,6 +32,7 @@ _RAILS = (  # what a rail is really in, and what it was taken for
 )  # fmt: skip
 _NEAR = 0.2  # part of a unit: few poses of an arm that is not calibrated tell it no better
 APART = 0.08  # part of the arm's reach: readings further off are not of this arm
+DOUBTFUL = 0.01  # part of the reach: arms that are not calibrated lie nearer to their descriptions
 _TURNED = 0.12  # rad: the same of rotations
 ROTATIONS = ("rpy", "xyz", "vector", "quaternion")
 _CHOICE = {"URDF": "machine.tip= the right arm of it", "table": "convention= the one it was written in"}

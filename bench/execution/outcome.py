@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,10 @@ from calibench.bench.gate.time_limit import BEFORE, Ending, text_of
 
 def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
     """Do the work that is not timed; return the ending of a run whose problem or optimiser fails in it."""
-    for part in (problem, optimizer):
+    for compile_part in (partial(compile_problem, problem, optimizer), getattr(optimizer, "compile", None)):
         try:
-            if part is problem:
-                compile_problem(problem, optimizer)
-            elif hasattr(part, "compile"):
-                part.compile()
+            if compile_part is not None:
+                compile_part()
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # SystemExit too
@@ -33,8 +32,8 @@ def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
 def compile_problem(problem: Any, *optimizers: Any) -> None:
     """Compile what `optimizers` will call; of a problem with `compile_values` the values alone, if they ask no more."""
     traits = [getattr(optimizer, "traits", None) for optimizer in optimizers]
-    more = any(one is None or one.uses_residuals or one.uses_gradient for one in traits)
-    if not more and hasattr(problem, "compile_values"):
+    asked = [getattr(one, trait, True) for one in traits for trait in ("uses_residuals", "uses_gradient")]
+    if not any(asked) and hasattr(problem, "compile_values"):
         problem.compile_values()
     elif hasattr(problem, "compile"):
         problem.compile()

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from calibench import optimizers, problems
+from calibench.bench.execution.outcome import compile_parts
 from calibench.bench.execution.run import Spec
 from calibench.bench.gate.processes import at_once
 from calibench.bench.workers import kernels
@@ -53,3 +54,21 @@ def test_what_was_compiled_before_is_loaded_and_no_process_begins(book):
 def test_where_it_may_not_fork_it_compiles_here(book):
     kernels.load_kernels(SPECS, fork=False)
     assert {pid for _, pid in book()} == {str(os.getpid())}
+
+
+class Traits:
+    stochastic, uses_residuals, uses_start, minimum_dimension, maximum_dimension = True, False, True, 1, None
+
+
+@pytest.mark.parametrize(
+    ("more", "called"),
+    [({}, "compile"), ({"uses_gradient": True}, "compile"), ({"uses_gradient": False}, "compile_values")],
+)
+def test_derivatives_are_compiled_unless_a_method_says_that_it_asks_for_none(more, called):
+    calls = []
+    problem = SimpleNamespace(
+        compile=lambda: calls.append("compile"), compile_values=lambda: calls.append("compile_values")
+    )
+    method = SimpleNamespace(traits=type("Own", (Traits,), more)())
+    assert compile_parts(problem, method) is None
+    assert calls == [called]

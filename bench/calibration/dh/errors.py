@@ -19,7 +19,7 @@ from calibench.bench.calibration.dh.lengths import LENGTHS, length_told
 from calibench.bench.calibration.files import Table
 from calibench.bench.calibration.readings import read_readings
 from calibench.bench.calibration.request import CalibrateRequest
-from calibench.bench.calibration.start import APART, slid, started, unit_of
+from calibench.bench.calibration.start import APART, DOUBTFUL, slid, started, unit_of
 from calibench.core.counted import plain
 from calibench.core.tables.units import between
 from calibench.discrepancy import DataError
@@ -29,7 +29,6 @@ from calibench.problems.arm.chains.dh_table import NUMBERS, DhRow, DhTable
 from calibench.problems.arm.chains.kinematics import forward, nominal
 
 _BETTER = 0.2  # of the misfit of the table as it stands: one change of an arm that is merely not calibrated gains less
-_DOUBTFUL = 0.01  # part of the reach: arms that are not calibrated lie nearer to their tables
 _AS_WELL = 2.0  # times the misfit of the best change: one that leaves less may be meant as well
 _TOLD = 3  # changes: of as many axes that are parallel the offsets say the same
 _STRAIGHT = 1e-3  # rad: an alpha that is nearer to a multiple of a quarter turn is one
@@ -61,10 +60,10 @@ def error_of_table(table: DhTable, data: Table, request: CalibrateRequest) -> st
     Readings that fit the table as it stands, as well as arms do that are not calibrated, tell no error.
     """
     own = misfit(table, data, request)
-    if own < _DOUBTFUL:
+    if own < DOUBTFUL:
         return ""
     found = _cures(_changed(table), own, data, request)
-    if not found or found[0][0] > _DOUBTFUL:
+    if not found or found[0][0] > DOUBTFUL:
         found = sorted([*found, *_cures(_other_lengths(table, data, request), own, data, request)])
     likely = [said for left, said in found if left <= _AS_WELL * found[0][0]]
     return ", or ".join(likely) if 0 < len(likely) <= _TOLD else ""
