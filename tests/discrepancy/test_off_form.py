@@ -53,12 +53,9 @@ def test_a_formula_met_to_the_letter_does_not_shut_out_one_whose_form_is_off(see
 
 
 @pytest.mark.parametrize(("k", "truth", "rival"), [(179, "PHH", "HCES"), (172, "DCES", "PDD")])
-def test_without_a_stated_noise_the_error_of_a_form_shuts_no_rival_out(
-    k: int, truth: str, rival: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_stated_noise_the_error_of_a_form_shuts_no_rival_out(k: int, truth: str, rival: str) -> None:
     """A scale of an axis and a circle off its centre, whose forms are a tenth off: the false one explains more."""
-    monkeypatch.setattr(mount, "SEED", 35000)
-    night = mount.case(k)
+    night = mount.case(k, base=35000)
     report = explain("mount", MeasuredData(night.columns, "mount", night.stated, "night"))
     assert {f"{truth} mount", f"{rival} mount"} <= {one.effect for one in report.findings[0].set}
 

@@ -161,12 +161,14 @@ def _apart(machine: Mechanism, towards: Any, base: Any) -> Any:
     return np.concatenate([np.sum(along * towards, axis=1), np.sum(up * towards, axis=1)]) / ARCSEC
 
 
-def case(k: int, only: str | None = None, altaz: bool | None = None, visible: float | None = None) -> Case:
-    """Return the k-th case: a fifth has no fault, a quarter one that is in no catalogue, the rest one of the field's.
+def case(
+    k: int, only: str | None = None, altaz: bool | None = None, visible: float | None = None, base: int = SEED
+) -> Case:
+    """Return the k-th case of a base: a fifth has no fault, a quarter one of no catalogue, the rest one of the field's.
 
     `only` names the fault, `altaz` the kind, `visible` the size, instead of drawing them.
     """
-    rng = np.random.default_rng(np.random.SeedSequence([SEED, k]))
+    rng = np.random.default_rng(np.random.SeedSequence([base, k]))
     drawn = bool(rng.random() < 0.4)
     altaz = drawn if altaz is None else altaz
     latitude = np.radians(rng.choice([-1, 1]) * rng.uniform(20, 60))
