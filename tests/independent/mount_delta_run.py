@@ -3,7 +3,8 @@
 One line an answer; what is in the file already is not searched again. 0/2 takes every second case, from the first, so
 that two processes share a batch. ``... score out.jsonl ...`` prints the rates of what the files hold.
 
-A mount's circle off its centre has a phase, and the field two terms for it, of the sine and of the cosine: either counts.
+A mount's circle off its centre has a phase, and the field two terms for it, of the sine and of the cosine: either
+counts.
 """
 
 from __future__ import annotations
