@@ -18,11 +18,27 @@ from typing import Any, Protocol, final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from calibench.bench.store.arrays import array_of, empty_table, indices, mask_of, numbers, scalar_of
+from calibench.bench.store.arrays import (
+    array_of,
+    cast_table,
+    dictionary_encode,
+    empty_table,
+    in_ascending_order,
+    index_in,
+    indices,
+    is_in,
+    kept,
+    list_flatten,
+    list_parent_indices,
+    mask_of,
+    numbers,
+    scalar_of,
+    sort_indices,
+    take,
+)
 from calibench.bench.store.files.atomic_file import temporary_name, write_whole
 from calibench.bench.store.files.journal import Record
 from calibench.bench.store.schema import PART_SCHEMA, POINT, RUNS_SCHEMA, TRACE, TRACES_SCHEMA, with_all
@@ -92,32 +108,33 @@ def _table_of(records: Sequence[Record]) -> pa.Table:
 
 def nested(rows: pa.Table, traces: pa.Table) -> pa.Table:
     """Return rows and their traces, which stand in the order of the rows, as one table of schema `PART_SCHEMA`."""
-    place = numbers(pc.index_in(traces["run_id"], value_set=rows["run_id"].combine_chunks()))
+    place = numbers(index_in(traces["run_id"], rows["run_id"].combine_chunks()))
     counts = np.bincount(place.astype(np.int64), minlength=len(rows))
     fields = [TRACES_SCHEMA.field(name) for name in POINT]
     columns = [traces[name].combine_chunks() for name in POINT]
-    offsets = indices(np.concatenate([[0], np.cumsum(counts)])).cast(pa.int32())
-    lists = pa.ListArray.from_arrays(offsets, pa.StructArray.from_arrays(columns, fields=fields))
-    return rows.append_column(PART_SCHEMA.field(TRACE), lists.cast(PART_SCHEMA.field(TRACE).type))
+    offsets = array_of(np.concatenate([[0], np.cumsum(counts)]).tolist(), pa.int32())
+    points = pa.StructArray.from_arrays(columns, fields=fields)
+    kind = PART_SCHEMA.field(TRACE).type
+    return rows.append_column(PART_SCHEMA.field(TRACE), pa.ListArray.from_arrays(offsets, points, type=kind))
 
 
 def points_of(parts: pa.Table) -> pa.Table:
     """Return the traces of a table of schema `PART_SCHEMA` as a table of points."""
     traces = parts[TRACE].combine_chunks()
-    of_run = parts["run_id"].combine_chunks().take(pc.list_parent_indices(traces))
-    return pa.Table.from_arrays([of_run, *pc.list_flatten(traces).flatten()], schema=TRACES_SCHEMA)
+    of_run = take(parts["run_id"].combine_chunks(), list_parent_indices(traces))
+    return pa.Table.from_arrays([of_run, *list_flatten(traces).flatten()], schema=TRACES_SCHEMA)
 
 
 def in_order(rows: pa.Table, traces: pa.Table) -> tuple[pa.Table, pa.Table]:
     """Return rows and traces sorted by what a run is, and the points of a run by evaluations."""
-    rows = rows.take(indices(_order(rows)))
+    rows = take(rows, indices(_order(rows)))
     return rows, _sorted_traces(rows, traces)
 
 
 def _sorted_traces(rows: pa.Table, traces: pa.Table) -> pa.Table:
-    place = pc.index_in(traces["run_id"], value_set=rows["run_id"].combine_chunks())
+    place = index_in(traces["run_id"], rows["run_id"].combine_chunks())
     by_run = traces.append_column("_order", place)
-    return by_run.sort_by([("_order", "ascending"), ("evaluations", "ascending")]).drop_columns(["_order"])
+    return in_ascending_order(by_run, ("_order", "evaluations")).drop_columns(["_order"])
 
 
 def _traces_of(records: Sequence[Record]) -> pa.Array:
@@ -132,7 +149,7 @@ def _traces_of(records: Sequence[Record]) -> pa.Array:
     points = pa.StructArray.from_arrays(
         [array_of(column, field.type) for column, field in zip(columns, fields, strict=True)], fields=fields
     )
-    return pa.ListArray.from_arrays(array_of(offsets, pa.int32()), points).cast(PART_SCHEMA.field(TRACE).type)
+    return pa.ListArray.from_arrays(array_of(offsets, pa.int32()), points, type=PART_SCHEMA.field(TRACE).type)
 
 
 def _pieces(new: Iterable[Record | pa.Table], refuse: Callable[[Record], None]) -> Iterator[pa.Table]:
@@ -165,7 +182,7 @@ def _read(new: Iterable[Record | pa.Table], refuse: Callable[[Record], None]) ->
 
 def _sorted_piece(tables: list[pa.Table]) -> pa.Table:
     whole = pa.concat_tables(tables).combine_chunks()
-    return whole.take(indices(_order(whole)))
+    return take(whole, indices(_order(whole)))
 
 
 @final
@@ -205,7 +222,7 @@ def _keys(table: pa.Table) -> pa.Table:
 
 
 def _coded(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    return column.dictionary_encode() if pa.types.is_string(column.type) else column
+    return dictionary_encode(column) if pa.types.is_string(column.type) else column
 
 
 def _held(table: pa.Table) -> _Piece:
@@ -228,7 +245,7 @@ class _Stored:
     """The tables there are, from front to end; runs that are dropped are read over."""
 
     def __init__(self, keys: pa.Table, keep: NDArray[np.bool_], points: Index, runs: _Sequence, traces: _Sequence):
-        self.keys = keys.filter(mask_of(keep))
+        self.keys = kept(keys, mask_of(keep))
         self._keep, self._points, self._runs, self._traces = keep, points, runs, traces
         self._kept = np.flatnonzero(keep)
         self._next = self._taken = 0
@@ -237,8 +254,8 @@ class _Stored:
         last = int(self._kept[self._taken + count - 1]) + 1
         span = slice(self._next, last)
         keep, points = self._keep[span], self._points[span]
-        rows = self._runs.take(last - self._next).filter(mask_of(keep))
-        traces = self._traces.take(int(points.sum())).filter(mask_of(np.repeat(keep, points)))
+        rows = kept(self._runs.take(last - self._next), mask_of(keep))
+        traces = kept(self._traces.take(int(points.sum())), mask_of(np.repeat(keep, points)))
         self._next, self._taken = last, self._taken + count
         return rows, traces
 
@@ -259,8 +276,8 @@ def _stored(tables: Tables, drop: set[str]) -> Source | None:
     if lengths is not None and traces_file is not None and (np.diff(_order(keys)) == 1).all():
         runs, traces = (file.iter_batches(batch_size=_CHUNK, use_threads=False) for file in (runs_file, traces_file))
         return _Stored(keys, keep, lengths, _Sequence(runs, RUNS_SCHEMA), _Sequence(traces, TRACES_SCHEMA))
-    rows, points = tables.runs().filter(mask_of(keep)), tables.traces()
-    points = points.filter(pc.is_in(points["run_id"], rows["run_id"].combine_chunks()))
+    rows, points = kept(tables.runs(), mask_of(keep)), tables.traces()
+    points = kept(points, is_in(points["run_id"], rows["run_id"].combine_chunks()))
     return _InMemory(*in_order(rows, points))
 
 
@@ -271,7 +288,7 @@ def _points_of_each(file: pq.ParquetFile | None, ids: pa.Array) -> Index | None:
         return None
     last = -1
     for batch in file.iter_batches(batch_size=1 << 18, columns=["run_id"], use_threads=False):
-        place = pc.index_in(batch["run_id"], value_set=ids)
+        place = index_in(batch["run_id"], ids)
         if place.null_count:
             return None
         at = numbers(place).astype(np.int64)
@@ -294,7 +311,7 @@ class _InMemory:
     def take(self, count: int) -> tuple[pa.Table, pa.Table]:
         rows = self._rows.slice(self._next, count)
         self._next += count
-        return rows, self._traces.filter(pc.is_in(self._traces["run_id"], rows["run_id"].combine_chunks()))
+        return rows, kept(self._traces, is_in(self._traces["run_id"], rows["run_id"].combine_chunks()))
 
 
 def _order(rows: pa.Table) -> Index:
@@ -305,7 +322,7 @@ def _order(rows: pa.Table) -> Index:
         if pa.types.is_dictionary(coded.type):
             values = coded.dictionary
             rank = np.empty(len(values), dtype=np.int64)
-            rank[numbers(pc.sort_indices(values))] = np.arange(len(values))
+            rank[numbers(sort_indices(values))] = np.arange(len(values))
             keys.append(rank[numbers(coded.indices)])
         else:
             keys.append(numbers(coded))
@@ -328,8 +345,8 @@ def _write(folder: Path, sources: Sequence[Source]) -> None:
         ):
             for begin in range(0, len(order), _CHUNK):
                 rows, traces = _merged(sources, whose[begin : begin + _CHUNK])
-                runs_out.write_table(rows.cast(runs_schema))
-                traces_out.write_table(traces.cast(traces_schema))
+                runs_out.write_table(cast_table(rows, runs_schema))
+                traces_out.write_table(cast_table(traces, traces_schema))
 
     try:
         write_whole(folder / TRACES, write_both)
@@ -346,6 +363,6 @@ def _merged(sources: Sequence[Source], whose: Index) -> tuple[pa.Table, pa.Table
     rows = pa.concat_tables([rows for _, (rows, _) in found])
     place = np.empty(len(whose), dtype=np.int64)
     place[np.argsort(whose, kind="stable")] = np.arange(len(whose))
-    rows = rows.take(indices(place)).combine_chunks()
+    rows = take(rows, indices(place)).combine_chunks()
     traces = pa.concat_tables([traces for _, (_, traces) in found])
     return rows, _sorted_traces(rows, traces)

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from calibench.bench.store.arrays import numbers
+from calibench.bench.store.arrays import cast, numbers
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -39,7 +39,7 @@ def columns_of(table: pa.Table) -> dict[str, pa.ChunkedArray]:
 def floats(column: Any) -> Array:
     """Return a column as numbers, NaN where it has none."""
     if isinstance(column, pa.ChunkedArray):
-        return numbers(column.cast(pa.float64(), safe=False), np.nan)
+        return numbers(cast(column, pa.float64(), safe=False), np.nan)
     if isinstance(column, list | np.ndarray):
         return np.asarray(column, dtype=float)
     found: Array = column.to_numpy(dtype=float, na_value=np.nan)

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from calibench.bench.execution.merit import PREFIX, offered
+from calibench.bench.store.arrays import index_in, mask_of, numbers
 from calibench.bench.store.crossings import (
     NEVER,
     Counts,
@@ -287,16 +287,16 @@ def _chunks(rows: pa.Table, traces: Iterable[pa.Table]) -> Iterator[tuple[pa.Tab
     held: list[pa.Table] = []
     begin = 0
     for batch in traces:
-        place = pc.index_in(batch["run_id"], value_set=ids)
-        known = batch.append_column("_row", place).filter(pc.is_valid(place))
+        place = index_in(batch["run_id"], ids)
+        known = batch.append_column("_row", place).filter(place.is_valid())
         if len(known):
             held.append(known)
             end = int(known["_row"][-1].as_py())  # of this run there may be more to come
             if end - begin >= _CHUNK // 4:
                 whole = pa.concat_tables(held)
-                done = pc.less(whole["_row"], end)
-                yield from _cut(rows, whole.filter(done), begin, end)
-                held, begin = [whole.filter(pc.invert(done))], end
+                done = numbers(whole["_row"]) < end
+                yield from _cut(rows, whole.filter(mask_of(done)), begin, end)
+                held, begin = [whole.filter(mask_of(~done))], end
     rest = pa.concat_tables(held) if held else None
     yield from _cut(rows, rest, begin, len(rows))
 

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from calibench.bench.store.arrays import numbers
+from calibench.bench.store.arrays import cast, list_flatten, list_value_length, numbers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -63,7 +62,7 @@ def lists_of(column: pd.Series | pa.ChunkedArray) -> Lists:
     if isinstance(known, pa.ChunkedArray):
         known = known.combine_chunks()
     if not pa.types.is_list(known.type):  # none has a number, and Arrow knows no type of it
-        known = known.cast(pa.list_(pa.float64()))
-    count = numbers(pc.list_value_length(known)).astype(np.int64)
-    flat = numbers(known.flatten().cast(pa.float64()), np.nan)
+        known = cast(known, pa.list_(pa.float64()))
+    count = numbers(list_value_length(known)).astype(np.int64)
+    flat = numbers(cast(list_flatten(known), pa.float64()), np.nan)
     return Lists(flat, np.cumsum(count) - count, count)

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, final
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from calibench.bench.execution.run_row import COLUMNS, SCHEMA_VERSION
+from calibench.bench.store.arrays import is_in
 from calibench.bench.store.collection import collect_into, nested
 from calibench.bench.store.manifest import StoreError, in_other_shards, write_manifest
 from calibench.bench.store.runs import ResultStore
@@ -79,7 +79,7 @@ def _new(stores: Sequence[ResultStore], study: str, known: set[str]) -> Iterator
             some = rows.slice(begin, _CHUNK)
             some = some.set_column(at, RUNS_SCHEMA.field("study"), pa.array([study] * len(some), pa.string()))
             some = some.set_column(*_version(len(some)))
-            yield nested(some, traces.filter(pc.is_in(traces["run_id"], some["run_id"].combine_chunks())))
+            yield nested(some, traces.filter(is_in(traces["run_id"], some["run_id"].combine_chunks())))
 
 
 def _version(count: int) -> tuple[int, pa.Field, pa.Array]:
@@ -100,7 +100,7 @@ def _in_several(stores: Sequence[ResultStore], keep_first: bool) -> int:
     unlike = {}
     for i in sorted({i for found in several.values() for i in found}):
         rows, _ = stores[i].tables()
-        chosen = rows.filter(pc.is_in(rows["run_id"], pa.array(list(several), pa.string()))).select(_COMPARED)
+        chosen = rows.filter(is_in(rows["run_id"], pa.array(list(several), pa.string()))).select(_COMPARED)
         for row in chosen.to_pylist():
             before = first.setdefault(row["run_id"], row)
             columns = [name for name, value in row.items() if not _same(value, before[name])]

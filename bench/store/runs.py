@@ -19,14 +19,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from calibench.bench.execution.merit import offered
 from calibench.bench.execution.run import Run
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.run_id import UNSEEN
-from calibench.bench.store.arrays import array_of, empty_table, scalar_of
+from calibench.bench.store.arrays import all_true, array_of, cast_table, empty_table, is_in, kept, not_equal, scalar_of
 from calibench.bench.store.collection import collect_into, in_order, part_table, points_of
 from calibench.bench.store.files.atomic_file import remove_stale, write_whole
 from calibench.bench.store.files.journal import FOLDER, Journal, JournalReader, Record, State, journals_in
@@ -120,7 +119,7 @@ class ResultStore:
         def write(file: Any) -> None:
             with pq.ParquetWriter(file, HITS_SCHEMA.with_metadata(metadata()), compression="zstd") as out:
                 for table in self._hit_tables(levels):
-                    out.write_table(table.cast(HITS_SCHEMA.with_metadata(metadata())))
+                    out.write_table(cast_table(table, HITS_SCHEMA.with_metadata(metadata())))
 
         return write_whole(self.folder / HITS, write)
 
@@ -236,10 +235,10 @@ class ResultStore:
         manifest = self.manifest()
         tables = self._tables(manifest)
         rows = tables.runs(asked)
-        rows = rows.filter(pc.not_equal(rows["status"], _OK))
+        rows = kept(rows, not_equal(rows["status"], _OK))
         found = self._new(manifest, tables.complete())
         new = _as_parts([one for one in found if not isinstance(one, Record) or one.status != "ok"])
-        new = new.filter(pc.not_equal(new["status"], _OK)).select(asked)
+        new = kept(new, not_equal(new["status"], _OK)).select(asked)
         return to_pandas(pa.concat_tables([rows, new]))
 
     def has_journals(self) -> bool:
@@ -391,8 +390,8 @@ class ResultStore:
     @staticmethod
     def _only(table: pa.Table, known: set[str], column: str = "run_id") -> pa.Table:
         """Return the rows of the runs that are whole."""
-        whole = pc.is_in(table[column], array_of(sorted(known), pa.string()))
-        return table if pc.all(whole).as_py() is not False else table.filter(whole)
+        whole = is_in(table[column], array_of(sorted(known), pa.string()))
+        return table if all_true(whole) else kept(table, whole)
 
     def _new(
         self, manifest: Mapping[str, Any], known: set[str], readers: Sequence[JournalReader] | None = None

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from calibench.bench.execution.run_row import COLUMNS
+from calibench.bench.store.arrays import cast_table, dictionary_encode, fill_null, scalar_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,7 +71,7 @@ def with_all(table: pa.Table, schema: pa.Schema, columns: list[str] | None = Non
     found = [
         table[field.name] if field.name in table.schema.names else pa.nulls(len(table), field.type) for field in wanted
     ]
-    return pa.table(found, names=[field.name for field in wanted]).cast(pa.schema(wanted))
+    return cast_table(pa.table(found, names=[field.name for field in wanted]), pa.schema(wanted))
 
 
 def to_pandas(table: pa.Table) -> pd.DataFrame:
@@ -99,7 +99,7 @@ def _column_type(arrow: pa.DataType) -> Any:
 def _text(column: pa.ChunkedArray) -> Any:
     import pandas as pd
 
-    coded = column.dictionary_encode().combine_chunks()
+    coded = dictionary_encode(column).combine_chunks()
     different = np.array([*coded.dictionary.to_pylist(), np.nan], dtype=object)  # the last stands for null
-    codes = pc.fill_null(coded.indices, len(different) - 1).to_numpy()
+    codes = fill_null(coded.indices, scalar_of(len(different) - 1, coded.indices.type)).to_numpy()
     return pd.array(different[codes], dtype=pd.StringDtype("python", na_value=np.nan))

@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Any, final
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.store.arrays import array_of, empty_table
+from calibench.bench.store.arrays import array_of, count_distinct, empty_table, unique
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.bench.store.manifest import READABLE, StoreError
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, is_ours, with_all
@@ -97,7 +96,7 @@ class Tables:
 
     def _trace_ids(self) -> pa.Array:
         file = self.open(TRACES)
-        return array_of([], pa.string()) if file is None else file.read(columns=["run_id"])["run_id"].unique()
+        return array_of([], pa.string()) if file is None else unique(file.read(columns=["run_id"])["run_id"])
 
     def _mark(self, name: str) -> str | None:
         file = self.open(name)
@@ -116,15 +115,15 @@ class Tables:
         path, ids = self.folder / RUNS, table["run_id"]
         if ids.null_count:
             raise StoreError(f"{path}: {ids.null_count} rows have no run_id; it is left alone")
-        if (double := len(ids) - pc.count_distinct(ids).as_py()) > 0:
+        if (double := len(ids) - count_distinct(ids)) > 0:
             raise StoreError(f"{path}: {double} rows have a run_id that another row has; it is left alone")
-        others = sorted({str(name) for name in table["study"].unique().to_pylist()} - {self.study})
+        others = sorted({str(name) for name in unique(table["study"]).to_pylist()} - {self.study})
         if others:
             raise StoreError(
                 f"{path}: has rows of study {others[0]!r}, this folder is study {self.study!r}; it is left alone "
                 "(`bench merge A B --to C` joins studies)"
             )
-        versions = {version for version in table["schema_version"].unique().to_pylist()} - set(READABLE)
+        versions = {version for version in unique(table["schema_version"]).to_pylist()} - set(READABLE)
         if versions:
             raise StoreError(f"{path}: has rows of schema {versions.pop()}, this version reads {READABLE}")
 

@@ -37,7 +37,7 @@ from calibench.bench.cli import main
 main()
 """
 SPARED = {
-    "hydra", "omegaconf", "antlr4", "pandas", "pyarrow.pandas_compat",
+    "hydra", "omegaconf", "antlr4", "pandas", "pyarrow.pandas_compat", "pyarrow.compute",
     "scipy.linalg", "scipy.optimize", "numba.np.arraymath",  # the last is numba's compiler: the kernels are kept
     "matplotlib", "pygmo", "nlopt", "joblib", "rich", "jinja2", "jsonschema", "scipy.stats", "pyarrow.dataset",
     "calibench.discrepancy", "calibench.bench.report", "calibench.bench.papers", "calibench.bench.sweep.tuner",

@@ -22,7 +22,7 @@ from calibench.bench.gate.processes.process_group import leaving_nothing
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.names.labels import method_titles, problem_titles
 from calibench.bench.statistics.progress import without_numbers
-from calibench.bench.store.arrays import mask_of
+from calibench.bench.store.arrays import kept, mask_of
 from calibench.bench.store.columns import columns_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import to_pandas
@@ -129,7 +129,7 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
 def _asked_for(runs: pa.Table, outcome: Outcome) -> pa.Table:
     """Return the rows of the runs that this sweep asked for."""
     asked = set(outcome.asked)
-    return runs.filter(mask_of(np.array([run_id in asked for run_id in runs["run_id"].to_pylist()], dtype=bool)))
+    return kept(runs, mask_of(np.array([run_id in asked for run_id in runs["run_id"].to_pylist()], dtype=bool)))
 
 
 def _print_failures(rows: pa.Table, request: Request) -> None:

@@ -15,13 +15,13 @@ from typing import final
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from calibench.bench.statistics.answers import said_by_the_problem
 from calibench.bench.statistics.cells import CELL, PROBLEM
 from calibench.bench.statistics.summary import QUARTILES, goal, quantiles
 from calibench.bench.statistics.targets import references
+from calibench.bench.store.arrays import index_in
 
 Array = NDArray[np.float64]
 COLUMNS = [*CELL, "charged", "q1", "median", "q3", "runs", "reference", "floor"]
@@ -94,9 +94,9 @@ def curves(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[Curves]:
     """
     rows = runs.reset_index(drop=True)
     told = {tuple(row[:3]): float(row[3]) for row in references(rows).itertuples(index=False)}
-    place = pc.index_in(
-        pa.array(traces["run_id"], pa.string()), value_set=pa.array(rows["run_id"], pa.string())
-    ).to_numpy(zero_copy_only=False)
+    place = index_in(pa.array(traces["run_id"], pa.string()), pa.array(rows["run_id"], pa.string())).to_numpy(
+        zero_copy_only=False
+    )
     known = ~np.isnan(place.astype(float))
     row = place[known].astype(np.int64)
     order = np.argsort(row, kind="stable")

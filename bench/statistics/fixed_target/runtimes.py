@@ -10,11 +10,11 @@ from typing import Literal, final, get_args
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.fixed_target.instances import pooled
+from calibench.bench.store.arrays import index_in
 from calibench.core.options import suggest
 
 Array = NDArray[np.float64]
@@ -75,9 +75,9 @@ def runtimes(
     if currency not in get_args(Currency):
         raise ValueError(f"there is no currency {currency!r}; {suggest(currency, get_args(Currency))}")
     rows = pooled(runs, instances)
-    where = pc.index_in(
-        pa.array(hits["run_id"], pa.string()), value_set=pa.array(rows["run_id"], pa.string())
-    ).to_numpy(zero_copy_only=False)
+    where = index_in(pa.array(hits["run_id"], pa.string()), pa.array(rows["run_id"], pa.string())).to_numpy(
+        zero_copy_only=False
+    )
     known = ~np.isnan(where.astype(float))
     seen, row = np.unique(where[known].astype(np.int64), return_inverse=True)
     rows = rows.iloc[seen].reset_index(drop=True)

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from calibench.bench.statistics.summary import QUARTILES, quantiles
+from calibench.bench.store.arrays import index_in
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ def bands(runs: pd.DataFrame, traces: pd.DataFrame, at: Array) -> Mapping[int, A
     before all runs of a cell have begun the quartiles are NaN; where too few of them have a value, infinite.
     """
     ids = pa.array(runs["run_id"], pa.string())
-    row = pc.index_in(pa.array(traces["run_id"], pa.string()), value_set=ids).to_numpy(zero_copy_only=False)
+    row = index_in(pa.array(traces["run_id"], pa.string()), ids).to_numpy(zero_copy_only=False)
     known = ~np.isnan(row.astype(float))
     row, charged = row[known].astype(np.int64), traces["charged"].to_numpy(dtype=np.int64)[known]
     values = traces["best_value"].to_numpy(dtype=float)[known]
