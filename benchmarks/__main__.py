@@ -6,9 +6,11 @@ Every module of this folder with a function `rows` is a benchmark: ``rows() -> D
 from __future__ import annotations
 
 import argparse
+import ast
 import json
 import os
 import platform
+import re
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -26,7 +28,7 @@ _UNITS = ((1e9, "s"), (1e6, "ms"), (1e3, "µs"), (1.0, "ns"))
 
 
 def main() -> None:
-    """Run what the command line names, or all; the page is written from the Parquet files, so a part updates it."""
+    """Run what the command line names, or all; the page keeps the sections of the others."""
     if sys.argv[1:2] == ["thresholds"]:  # rates of the search, and no times
         thresholds.main(sys.argv[2:])
         return
@@ -52,7 +54,9 @@ def main() -> None:
         table: pd.DataFrame = module.rows().assign(about=(module.__doc__ or "").strip(), **_circumstances())
         print(table[["benchmark", "contestant", "ns_per_evaluation", "ratio", "rounds"]].to_string(index=False))
         table.to_parquet(chosen.out / f"{name}.parquet", index=False)
-    chosen.page.write_text(page([pd.read_parquet(file) for file in sorted(chosen.out.glob("*.parquet"))]))
+    before = chosen.page.read_text(encoding="utf-8") if chosen.page.exists() else ""
+    tables = [pd.read_parquet(chosen.out / f"{name}.parquet") for name in chosen.names or known]
+    chosen.page.write_text(page(tables, before), encoding="utf-8")
 
 
 def known_names() -> list[str]:
@@ -61,8 +65,11 @@ def known_names() -> list[str]:
     return sorted(file.stem for file in Path(folder).glob("*.py") if "\ndef rows(" in file.read_text(encoding="utf-8"))
 
 
-def page(tables: Sequence[pd.DataFrame]) -> str:
-    """Return the page of results: a section a file, a table a benchmark."""
+def page(tables: Sequence[pd.DataFrame], before: str = "") -> str:
+    """Return the page of results: a section a file, a table a benchmark.
+
+    Sections of the page `before` that are not measured again stay as they are, where their benchmark is still there.
+    """
     parts = [
         "# Benchmarks\n\n"
         "`make bench` measures this page anew and writes the same rows to `results/benchmarks/*.parquet`. Times are\n"
@@ -72,17 +79,32 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
         "Other tools on the same work, each in an environment of its own: "
         "[peers, measured in one run](peers-measured.md).\n"
     ]
-    for table in tables:
-        first = table.iloc[0]
-        parts.append(f"## {first['about'].splitlines()[0].rstrip('.')}\n")
-        if rest := " ".join(first["about"].split("\n")[1:]).strip():
-            parts.append(f"{rest}\n")
-        parts.append(f"{first['date']}, {first['machine']}, {first['versions']}.\n")
-        for title, rows in table.groupby("benchmark", sort=False):
-            lines = [f"| {title} | time | quartiles | ratio |", "|---|---|---|---|"]
-            lines += [_line(row) for row in rows.to_dict("records")]
-            parts.append("\n".join(lines) + "\n")
+    sections = dict(re.findall(r"^## (.+)\n((?:(?!## ).*\n?)*)", before, re.MULTILINE)) | dict(map(_section, tables))
+    titles = [_title(name) for name in known_names()]
+    parts += [f"## {title}\n{sections[title].rstrip()}\n" for title in titles if title in sections]
     return "\n".join(parts)
+
+
+def _title(name: str) -> str:
+    """Return the first sentence of a benchmark, which is not imported for it."""
+    [folder] = benchmarks.__path__
+    told = ast.get_docstring(ast.parse((Path(folder) / f"{name}.py").read_text(encoding="utf-8"))) or name
+    return told.splitlines()[0].rstrip(".")
+
+
+def _section(table: pd.DataFrame) -> tuple[str, str]:
+    """Return the title of a section and what stands below it."""
+    first = table.iloc[0]
+    title, *rest = first["about"].splitlines()
+    parts = [""]
+    if told := " ".join(rest).strip():
+        parts.append(f"{told}\n")
+    parts.append(f"{first['date']}, {first['machine']}, {first['versions']}.\n")
+    for name, rows in table.groupby("benchmark", sort=False):
+        lines = [f"| {name} | time | quartiles | ratio |", "|---|---|---|---|"]
+        lines += [_line(row) for row in rows.to_dict("records")]
+        parts.append("\n".join(lines) + "\n")
+    return title.rstrip("."), "\n".join(parts)
 
 
 def _line(row: dict[Any, Any]) -> str:

@@ -3,8 +3,12 @@
 from importlib import import_module
 from pathlib import Path
 
+import pandas as pd
+
 import benchmarks
-from benchmarks.__main__ import known_names
+from benchmarks.__main__ import known_names, page
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_every_known_benchmark_has_rows_and_no_other_module_has_them() -> None:
@@ -14,3 +18,22 @@ def test_every_known_benchmark_has_rows_and_no_other_module_has_them() -> None:
 
     assert set(known_names()) == with_rows
     assert {"gate", "kernels", "optimisers"} <= with_rows
+
+
+def test_a_part_that_is_measured_again_leaves_the_rest_of_the_page_alone() -> None:
+    before = (ROOT / "docs/benchmarks.md").read_text(encoding="utf-8")
+    assert page([], before) == before
+    about = "From the shell to the answer.\n\nMeasured anew."
+    row = {
+        "benchmark": "a process",
+        "contestant": "ours",
+        "ns_per_evaluation": 2e9,
+        "ns_q1": 1e9,
+        "ns_q3": 3e9,
+        "ratio": 1.0,
+    }
+    told = {"about": about, "date": "2026-11-26", "machine": "a machine", "versions": "python 3.11"}
+    after = page([pd.DataFrame([row | told])], before)
+    assert "Measured anew.\n\n2026-11-26, a machine, python 3.11.\n\n| a process | time" in after
+    changed = [section for section in before.split("\n## ") if section not in after]
+    assert [section.splitlines()[0] for section in changed] == ["From the shell to the answer"]
