@@ -29,13 +29,18 @@ OUTSIDE = ("bump", "mirror", "creep")  # in no catalogue
 
 @dataclass(frozen=True)
 class Case:
-    """What a file would hold, and the truth: the fault's name ("" for none) and its visible size in sigma."""
+    """What a file would hold, and the truth: the fault's name ("" for none) and its visible size in sigma.
+
+    `outside` is how much of that is not the textbook's form, 0 to 1 and more: the geometry may take the form away and
+    leave what is off it.
+    """
 
     columns: dict[str, Any]
     stated: dict[str, Any]
     truth: str
     visible: float
     sigma: float
+    outside: float
 
 
 def turned(v: Any, about: Any, by: Any) -> Any:
@@ -106,18 +111,18 @@ def _smooth(rng: np.random.Generator, one: Any, two: Any) -> Any:
     return total / max(np.sqrt(np.mean(total**2)), 1e-9)
 
 
-def _fault(name: str, rng: np.random.Generator, one: Any, two: Any, t: Any, altaz: bool) -> Callable[[float], Any]:
-    """Return size [rad] -> the faults of a mechanism."""
-    form = 1 + rng.uniform(0.05, 0.15) * _smooth(rng, one, two) if name else 1.0
+def _fault(name: str, rng: np.random.Generator, one: Any, two: Any, t: Any, altaz: bool) -> Callable[..., Any]:
+    """Return (size [rad], textbook=False) -> the faults of a mechanism, in their own form or the textbook's."""
+    own = 1 + rng.uniform(0.05, 0.15) * _smooth(rng, one, two) if name else 1.0
     phase = rng.uniform(0, 2 * np.pi)
     beyond = np.cos(two) < 0
     moment = rng.uniform(0.2, 0.8)
     place = rng.uniform(-2, 2), rng.uniform(0.3, 0.9)
 
-    def of(size: float) -> Any:
+    def of(size: float, textbook: bool = False) -> Any:
         def faults(a: Any, b: Any) -> Any:
             zero = np.zeros(len(a))
-            s = size * form + zero
+            s = size * (1.0 if textbook else own) + zero
             on_one = {
                 "HCE": s * np.sin(a + phase),
                 "ACE": s * np.sin(a + phase),
@@ -193,9 +198,10 @@ def case(
     jacobian = np.stack([
         _apart(machine, Mechanism(altaz, machine.latitude, tuple(e + 1e-6 * (i == j) for i, e in enumerate(errors)))
                .points(one, two), plain) for j in range(6)], axis=1)  # fmt: skip
-    unit = _apart(machine, machine.points(one, two, fault(1e-6)), plain)
-    left = unit - jacobian @ np.linalg.lstsq(jacobian, unit, rcond=None)[0]
+    units = [_apart(machine, machine.points(one, two, fault(1e-6, textbook)), plain) for textbook in (False, True)]
+    left, told = (unit - jacobian @ np.linalg.lstsq(jacobian, unit, rcond=None)[0] for unit in units)
     rms = float(np.sqrt(np.mean(left**2)))
+    outside = float(np.sqrt(np.mean((left - told) ** 2))) / max(rms, 1e-12)
     size = 1e-6 * wanted * sigma / rms if rms > 1e-9 else 0.0
     towards = machine.points(one, two, fault(size if name else 0.0))
     law = rng.standard_t(4, (n, 3)) / np.sqrt(2.0) if tails else rng.standard_normal((n, 3))
@@ -205,4 +211,4 @@ def case(
     words = ("az", "el") if altaz else ("ha", "dec")
     columns = dict(zip((*words, *(f"star_{w}" for w in words), "t_s"), (one, two, *star, t)))
     stated = {"mount": "altaz" if altaz else "equatorial", "latitude_deg": float(np.degrees(latitude))}
-    return Case(columns, stated, name, wanted if name and rms > 1e-9 else 0.0, sigma)
+    return Case(columns, stated, name, wanted if name and rms > 1e-9 else 0.0, sigma, outside if name else 0.0)

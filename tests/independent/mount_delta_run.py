@@ -4,7 +4,7 @@ One line an answer; what is in the file already is not searched again. 0/2 takes
 that two processes share a batch. ``... score out.jsonl ...`` prints the rates of what the files hold.
 
 A mount's circle off its centre has a phase, and the field two terms for it, of the sine and of the cosine: either
-counts.
+counts. A fault of which the geometry leaves mostly what is off the textbook's form is counted apart, as on the arms.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from tests.independent.arm6_score import Rate
 
 BATCHES = Path(__file__).parent / "mount_delta_batches.json"
 FLOORS = 1.5
+OWN = 0.5  # of what is visible, at most off the textbook's form
 PHASED = {
     "HCE": ("HCES", "HCEC"), "DCE": ("DCES", "DCEC"), "ACE": ("ACES", "ACEC"), "ECE": ("ECES", "ECEC"),
     "HSxA2": ("HSSA2", "HSCA2"), "HExA2": ("HESA2", "HECA2"),
@@ -39,12 +40,15 @@ def told(machine: str, base: int, k: int) -> dict[str, Any]:
     if machine == "mount":
         night = mount.case(k, base=base)
         truth, visible, columns, stated = night.truth, night.visible, night.columns, night.stated
+        outside = night.outside
     else:
         printer = delta.case(k, base=base)
         truth, visible, columns, stated = printer.truth or "", printer.visible, printer.columns, printer.metadata
+        outside = 0.0
     report = explain(machine, MeasuredData(columns, machine, stated, f"{machine}{k}"))
     return {
-        "machine": machine, "base": base, "case": k, "truth": truth, "visible": visible, "verdict": report.verdict,
+        "machine": machine, "base": base, "case": k, "truth": truth, "visible": visible, "outside": outside,
+        "verdict": report.verdict,
         "sets": [[rival.effect for rival in finding.set] for finding in report.findings],
         "marked": [bool(finding.form or finding.caution) for finding in report.findings],
         "floors": report.left.times if report.left else None, "seconds": float(report.seconds),
@@ -64,13 +68,16 @@ def overstated(one: dict[str, Any]) -> bool:
 def score(answers: Sequence[dict[str, Any]]) -> list[str]:
     """Return the rates of answers, a line each."""
     nothing, hidden = [one for one in answers if not one["truth"]], [one for one in answers if one["truth"]]
-    clear = [one for one in hidden if _names(one) and one["visible"] >= 1]
+    named = [one for one in hidden if _names(one) and one["visible"] >= 1]
+    clear = [one for one in named if one["outside"] <= OWN]
+    bent = [one for one in named if one["outside"] > OWN]
     faint = [one for one in hidden if _names(one) and one["visible"] < 1]
     foreign = [one for one in hidden if not _names(one) and one["visible"] >= 1]
     verdicts = [one["verdict"] for one in foreign]
     holding = [rivals for one in clear for rivals in one["sets"] if set(rivals) & set(_names(one))]
     lines = [
         _rate("truth in a set, visible >= 1", map(in_a_set, clear)),
+        _rate("truth in a set, visible >= 1, mostly off its form", map(in_a_set, bent)),
         _rate("truth in a set, visible < 1", map(in_a_set, faint)),
         _rate("truth in the first set, visible >= 1", (in_a_set({**one, "sets": one["sets"][:1]}) for one in clear)),
         _rate("alarm where nothing is missing", (one["verdict"] != "none" for one in nothing)),
