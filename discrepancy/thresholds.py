@@ -327,11 +327,6 @@ class Thresholds:
         "term", JUDGED,
     )  # fmt: skip
     p_plain: float = _of(0.0001, "p", "p of the residual test below which a misfit is clear", JUDGED)
-    explained_nearly: float = _of(
-        0.97, "part of the excess",
-        "with more explained than this, a smooth term that gains more shows only small errors of a "
-        "formula", JUDGED,
-    )  # fmt: skip
     smooth_clearly: float = _of(
         6.0, "delta BIC",
         "by which smooth terms must gain more than the names for the verdict unknown", CONVENTION,

@@ -220,7 +220,7 @@ def verdict_of(
     short = selection.left < level and explained < (
         thresholds().explained if selection.left > thresholds().p_plain else thresholds().explained_plain
     )
-    smooth = selection.smooth_explains and explained < thresholds().explained_nearly
+    smooth = selection.smooth_explains
     little = short and explained < thresholds().explained
     bent = explained >= thresholds().explained_part and _excess(selection.fit) < _form_errors(selection)
     by_form = _by_large_forms(selection, base)
