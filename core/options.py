@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from calibench.core.words import shortened
 
 _TELLING = 3  # letters from which on a part of a name is taken for a hint
+_LONG, _BEGINNING = 30, 8  # choices: so many are not all told, but the first ones
 
 
 @dataclass(frozen=True)
@@ -101,13 +102,20 @@ def _fields(target: Callable[..., Any]) -> tuple[Any, ...]:
 def suggest(name: str, choices: Iterable[str]) -> str:
     """Return the advice on a misspelt name: the nearest one, or up to three that contain it, and the list.
 
+    Of a long list only the beginning stands beside a name that is near.
+
     >>> suggest("nelder-mead", ["de", "nlopt_LN_NELDERMEAD"])
     "did you mean 'nlopt_LN_NELDERMEAD'? choices: de, nlopt_LN_NELDERMEAD"
     """
     listed = list(choices)
     near = difflib.get_close_matches(name, listed, n=1) or _alike(name, listed)
-    lead = f"did you mean {' or '.join(repr(choice) for choice in near)}? " if near else ""
-    return f"{lead}choices: {', '.join(listed)}" if listed else "there are none"
+    if not listed:
+        return "there are none"
+    if not near:
+        return f"choices: {', '.join(listed)}"
+    rest = f" and {len(listed) - _BEGINNING} more" if len(listed) > _LONG else ""
+    shown = listed[:_BEGINNING] if rest else listed
+    return f"did you mean {' or '.join(repr(choice) for choice in near)}? choices: {', '.join(shown)}{rest}"
 
 
 def _alike(name: str, listed: Sequence[str]) -> list[str]:
