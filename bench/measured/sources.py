@@ -16,6 +16,8 @@ from calibench.core.tables.data_file import LARGEST_PARQUET, read_whole
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.registries import description_of
 
+OF_A_CALIBRATION = "readings.parquet"  # of every calibration, in a folder of its own
+
 
 @final
 @dataclass(frozen=True)
@@ -86,6 +88,11 @@ def shipped_path(name: str, machine: str) -> Path:
     return found[name]
 
 
+def _called(path: Path) -> str:
+    """Return a file's name; of what a calibration writes, whose name is always the same, that of its folder."""
+    return path.resolve().parent.name if path.name == OF_A_CALIBRATION else path.stem
+
+
 def _named(word: str, machine: str) -> list[Source]:
     path = Path(word).expanduser()
     if path.is_dir():
@@ -97,12 +104,12 @@ def _named(word: str, machine: str) -> list[Source]:
             raise DataError(f"data={word}: the folder holds no {' or '.join(endings_of(machine))} file")
         return [Source(_shown(p.stem), p, machine) for p in files]
     if _exists(path) or (path.suffix.lower() in endings_of(machine) and not glob.has_magic(word)):
-        return [Source(_shown(path.stem), path, machine)]
+        return [Source(_shown(_called(path)), path, machine)]
     if glob.has_magic(word):
         files = _data_files((Path(p) for p in glob.iglob(str(path), recursive=True)), machine)
         if not files:
             raise DataError(f"data={word}: matches no {' or '.join(endings_of(machine))} file")
-        return [Source(_shown(p.stem), p, machine) for p in files]
+        return [Source(_shown(_called(p)), p, machine) for p in files]
     if word in _printed(machine):
         return [Source(word, None, machine, printed=word)]
     if word in _demonstrations(machine):

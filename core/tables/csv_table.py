@@ -71,7 +71,9 @@ def read_table(path: str | Path, bare: bool = False) -> Table:
     try:
         read = [(at + reader.line_num, tuple(row)) for row in reader if row and not _comment(row[0])]
     except csv.Error as error:
-        raise ValueError(f"the file is no CSV: {error}") from None
+        opened = next((at + k + 1 for k, line in enumerate(lines[at:]) if line.count('"') % 2), None)
+        mark = f"; line {opened} has a quotation mark that is not closed" if opened else ""
+        raise ValueError(f"the file is no CSV: {error}{mark}") from None
     if not read:  # comments in quotation marks
         raise ValueError(_EMPTY)
     comment = " ".join(line.strip() for line in lines[:at])
@@ -143,14 +145,16 @@ def heads(row: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
 def header_row(rows: Sequence[Sequence[str]]) -> int | None:
     """Return the place of the header in the first rows of a file: words, above a row of as many cells with numbers.
 
-    A row of units may stand between them. None where there is no such row.
+    The last cells of that row may be empty, such as remarks. A row of units may stand between them. None where there is
+    no such row.
     """
-    for k, (row, below) in enumerate(pairwise(rows)):
-        row, below = _cut(row, 1), _cut(below, 1)
+    for k, (row, reading) in enumerate(pairwise(rows)):
+        row, below = _cut(row, 1), _cut(reading, 1)
         if len(below) != len(row) > len(_joined(row, below)):
             row = _joined(row, below)
         numbers = any(map(_NUMBER.fullmatch, row))
-        if len(row) > 1 and len(row) == len(below) and not numbers and any(map(_NUMBER.fullmatch, below)):
+        as_many = len(row) == len(below) or 2 <= len(below) < len(row) <= len(reading)
+        if len(row) > 1 and as_many and not numbers and any(map(_NUMBER.fullmatch, below)):
             return k - 1 if k and _are_units(row) and _are_names(_cut(rows[k - 1], 1), len(row)) else k
     return None
 

@@ -14,6 +14,7 @@ from calibench.bench.calibration.readings import Readings
 from calibench.bench.calibration.report.result import Calibration
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.measured import write_measured
+from calibench.bench.measured.sources import OF_A_CALIBRATION
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.discrepancy import MeasuredData
 from calibench.problems.arm.chains.rigid import rpy_of
@@ -29,7 +30,7 @@ def write_calibration(
     if found.chosen != "frames":
         for kind, (name, content) in written.items():
             files[kind] = str(_put(folder / name, content))
-    files["readings"] = str(write_measured(readings_table(readings, request.distance), folder / "readings.parquet"))
+    files["readings"] = str(write_measured(readings_table(readings, request.distance), folder / OF_A_CALIBRATION))
     found = replace(found, files=files)
     if request.page:
         from calibench.bench.calibration.report.page.write import write_page

@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibench.core.options import suggest
+from calibench.core.tables.units import factor_to_base
 from calibench.discrepancy.effects.general import shapes
 from calibench.discrepancy.effects.general.changes import run_terms
 from calibench.discrepancy.effects.general.recipe import Built, declared, recipe
@@ -19,6 +21,7 @@ from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.problems.base import Array
 
 _OF = {"once": 1, "twice": 2}  # harmonics of a known period
+_COVERED = 0.8  # of a turn, from which on what repeats with it is looked for: a table read every 60 degrees covers .83
 
 
 def _known(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -39,12 +42,29 @@ def _known(family: EffectFamily, formulation: Formulation, target: str) -> Built
 
 
 def _periods(formulation: Formulation) -> dict[str, float]:
-    """Return column -> period, as stated; raise `DataError` where one is no positive number."""
-    stated = formulation.data.metadata.get("periods") or {}
+    """Return column -> period: as stated, and a turn for an angle that covers nearly one.
+
+    Raises `DataError` for a period that is no positive number, and for one of a column that is not there.
+    """
+    data, known = formulation.data, roles_of(formulation).columns
+    stated = data.metadata.get("periods") or {}
     for column, period in stated.items():
         if isinstance(period, bool) or not isinstance(period, int | float) or not 0 < period < np.inf:
             raise DataError(f"periods: {column}: {period}: a number above 0, in the unit of the column, is needed")
-    return {column: float(period) for column, period in stated.items() if column in roles_of(formulation).columns}
+        if column not in known:
+            raise DataError(f"periods: {column}: no column that an error may follow; {suggest(column, known)}")
+    turns = {column: turn for column in known if (turn := _turn(data, column)) is not None}
+    return turns | {column: float(period) for column, period in stated.items()}
+
+
+def _turn(data: MeasuredData, column: str) -> float | None:
+    """Return a whole turn in the unit of an angle, which covers nearly one; None for any other column."""
+    try:
+        base, scale = factor_to_base(column, data.units.get(column, "1"))
+    except ValueError:
+        return None
+    turn, values = 2 * np.pi / scale, np.asarray(data[column], dtype=float) if column in data else np.empty(0)
+    return float(turn) if base == "rad" and values.size and np.ptp(values) > _COVERED * turn else None
 
 
 def _known_targets(formulation: Formulation) -> tuple[str, ...]:
@@ -100,7 +120,9 @@ FAMILIES = (
     recipe(
         "known_cycle", "What is measured repeats with a period that is stated",
         "measured -= a cos(2 pi k u / P) + b sin(2 pi k u / P), P stated, k 1 or 2", "prediction", ("the column",),
-        "that of the measurement", "once and twice in the period of each column of periods=", _known_targets, _known,
+        "that of the measurement",
+        "once and twice in the period of each column of periods=, and in a turn of an angle that covers one",
+        _known_targets, _known,
         label="cycle of known period",
     ).enter("table"),
     recipe(

@@ -146,6 +146,8 @@ def check_kinds(told: str, columns: object, inputs: object, parameters: Sequence
     for one in parameters:
         if not isinstance(one, Parameter):
             raise DataError(f"parameters: {one!r:.60} is no Parameter(name, unit, nominal, lower, upper)")
+        if not one.lower <= one.upper:
+            raise DataError(f"parameters: {one.name}: its lower bound {one.lower:g} is above its upper {one.upper:g}")
 
 
 def refuse_twice(columns: Sequence[str], held: Mapping[str, float], parameters: Sequence[Parameter]) -> None:
