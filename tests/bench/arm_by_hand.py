@@ -8,6 +8,7 @@ import numpy as np
 
 PLACES = [(0, 0, 0.30), (0, 0.10, 0.10), (0, 0, 0.60), (0, 0, 0.50), (0.05, 0, 0.10), (0, 0, 0.12)]  # m
 AXES = [(0, 0, 1), (0, 1, 0), (0, 1, 0), (0, 0, 1), (0, 1, 0), (0, 0, 1)]
+_ONE = np.eye(3)
 NAMES = tuple(f"joint_{k}" for k in range(1, 7))
 TRUTH = {"z_joint_3": 0.8, "zero_joint_3": 0.0026, "rx_joint_5": 0.0012, "zero_joint_4": -0.0015}  # mm, rad
 BASE = (np.array([800.0, -1900.0, 400.0]), 0.7)  # of the arm in the tracker: mm, and a turn about z
@@ -33,10 +34,17 @@ def urdf() -> str:
     return "\n".join([*lines, tip, "</robot>", ""])
 
 
-def about(axis, angle):
+@cache
+def _across(axis):
+    """Return the matrix of the cross product with `axis`, and its square."""
     x, y, z = axis
     across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across
+    return across, across @ across
+
+
+def about(axis, angle):
+    across, twice = _across(tuple(axis))
+    return _ONE + np.sin(angle) * across + (1 - np.cos(angle)) * twice
 
 
 _TILTS = [about((1, 0, 0), TRUTH.get(f"rx_{name}", 0.0)) for name in NAMES]

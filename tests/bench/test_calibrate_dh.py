@@ -252,8 +252,16 @@ def test_a_row_with_the_wrong_kind_of_joint_is_told(bench, row, other, said):
     assert told.count("\n") == 1
 
 
-@pytest.mark.parametrize("name", ["ur10", "craig"])
-@pytest.mark.parametrize("pair", [(0, 3), (1, 3), (2, 3), (3, 5)])
+@pytest.mark.parametrize(
+    ("name", "pair"),
+    [
+        ("ur10", (0, 3)),
+        ("craig", (2, 3)),
+        ("craig", (3, 5)),
+        *(pytest.param("ur10", pair, marks=pytest.mark.slow) for pair in ((1, 3), (2, 3), (3, 5))),
+        *(pytest.param("craig", pair, marks=pytest.mark.slow) for pair in ((0, 3), (1, 3))),
+    ],
+)
 def test_two_rows_that_are_exchanged_are_told(bench, name, pair):
     measured(name, 40)
     rows, names = list(ARMS[name][0]), [f"axis_{k}" for k in range(1, 7)]
@@ -275,11 +283,16 @@ def test_two_rows_that_are_exchanged_are_told(bench, name, pair):
     ("name", "row", "number", "wrong", "said"),
     [
         ("ur10", 0, "alpha", -np.pi / 2, "alpha of row 1 (axis_1) is 1.571 rad, not -1.571 rad. "),
-        ("ur10", 3, "alpha", 0.0, "alpha of row 4 (axis_4) is 1.571 rad, not 0 rad. "),
-        ("ur10", 4, "alpha", np.pi / 2, "alpha of row 5 (axis_5) is -1.571 rad, not 1.571 rad. "),
         ("craig", 1, "alpha", 0.0, "alpha of row 2 (axis_2) is -1.571 rad, not 0 rad. "),
         ("ur10", 1, "a", -0.162, "a of row 2 (axis_2) is about -0.612 m, not -0.162. "),
-        ("craig", 2, "a", -0.4318, "a of row 3 (axis_3) is about 0.43 m, not -0.432. "),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in (
+                ("ur10", 3, "alpha", 0.0, "alpha of row 4 (axis_4) is 1.571 rad, not 0 rad. "),
+                ("ur10", 4, "alpha", np.pi / 2, "alpha of row 5 (axis_5) is -1.571 rad, not 1.571 rad. "),
+                ("craig", 2, "a", -0.4318, "a of row 3 (axis_3) is about 0.43 m, not -0.432. "),
+            )
+        ),
     ],
 )
 def test_one_number_of_a_table_that_is_wrong_is_told_with_the_one_that_fits(bench, name, row, number, wrong, said):
@@ -292,7 +305,9 @@ def test_one_number_of_a_table_that_is_wrong_is_told_with_the_one_that_fits(benc
     assert told.count("\n") == 1
 
 
-@pytest.mark.parametrize(("n", "seed"), [(12, 3), (12, 6), (14, 1), (14, 2)])
+@pytest.mark.parametrize(
+    ("n", "seed"), [(12, 3), (14, 1), *(pytest.param(*one, marks=pytest.mark.slow) for one in ((12, 6), (14, 2)))]
+)
 def test_a_dozen_poses_name_no_other_error_of_a_table_than_there_is(bench, n, seed):
     measured("ur10", n, seed=seed)
     spoilt("ur10", [(*r[:2], 0.0116 if k == 4 else r[2], *r[3:]) for k, r in enumerate(UR10)])
@@ -372,7 +387,7 @@ def in_words(name):
     Path(f"{name}.csv").write_text(text)
 
 
-@pytest.mark.parametrize("row", [0, 2, 5])
+@pytest.mark.parametrize("row", [0, 5, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_column_that_no_row_reads_is_named_where_the_readings_do_not_fit(bench, row):
     measured("ur10", 40)
     in_words("ur10")
@@ -385,13 +400,13 @@ def test_a_column_that_no_row_reads_is_named_where_the_readings_do_not_fit(bench
 
 @pytest.mark.parametrize(("noise", "far"), [(1e-2, True), (1e-3, False)])
 def test_a_calibration_that_leaves_more_than_an_arm_errs_says_so(bench, noise, far):
-    measured("ur10", 60, noise=noise)
+    measured("ur10", 40, noise=noise)
     notes = [note for note in bench(*words("ur10"))["notes"] if "so much is no matter of calibration" in note]
     assert len(notes) == far
     assert all("is this the table of the arm, and does each column hold its joint?" in note for note in notes)
 
 
-@pytest.mark.parametrize(("stated", "really"), [("mm", "m"), ("cm", "m")])
+@pytest.mark.parametrize(("stated", "really"), [("mm", "m"), pytest.param("cm", "m", marks=pytest.mark.slow)])
 def test_a_rail_in_another_unit_than_its_heading_says_is_told_with_the_cure(bench, stated, really):
     measured("stanford", 40)
     text = Path("stanford.csv").read_text()

@@ -109,8 +109,13 @@ def nothing_left() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("nothing_left")
-@pytest.mark.parametrize("name", BATCHED)
-@pytest.mark.parametrize("make", [Valley, Holes])
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        *((Valley, name) for name in BATCHED),
+        *(pytest.param(Holes, name, marks=[pytest.mark.slow] if k > 1 else []) for k, name in enumerate(BATCHED)),
+    ],
+)
 def test_more_processes_change_no_bit(make: Any, name: str) -> None:
     alone = bench.execute(make(), optimizers.make(name), budget=333, seed=2)
     problem = make()

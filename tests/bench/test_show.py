@@ -56,7 +56,7 @@ def rows(study="adhoc"):
         "problem=sensor_zero optimizer=nlopt_LN_BOBYQA budget=80 seeds=1 target=1e-3",
         "problem=shown_own:Bowl problem.depth=0.5 problem.name_of='1e5' optimizer=pso budget=60 seeds=1",
         "problem=shown_own:Bowl problem.name_of='C:\\data\\,\\\\' optimizer=pso budget=60 seeds=1",
-        "problem=sensor_zero problem.instance=3 optimizer=lm budget=60 seeds=1",
+        pytest.param("problem=sensor_zero problem.instance=3 optimizer=lm budget=60 seeds=1", marks=pytest.mark.slow),
         "problem=delta9 problem.instance=2 optimizer=lm budget=60 seeds=1",
         "problem=orthoglide6 problem.data=exp1 problem.free=rho optimizer=lm budget=60 seeds=1",
         "problem=sensor_zero optimizer=pygmo_de optimizer.population=null budget=400 seeds=1",

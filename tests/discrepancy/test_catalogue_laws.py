@@ -70,7 +70,10 @@ def _candidates() -> tuple[tuple[str, Machine, MeasuredData, list[Effect]], ...]
     return tuple(found)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(one, marks=[pytest.mark.slow] if one == "orthoglide, lengths held" else []) for one in ALL],
+)
 def test_every_candidate_of_every_machine_keeps_the_laws_of_an_effect(name: str) -> None:
     [(machine, data, found)] = [(m, d, c) for n, m, d, c in _candidates() if n == name]
     formulation = machine.formulate(data)

@@ -60,7 +60,7 @@ def test_nothing_is_missing_where_the_model_meets_every_reading(
         ("delta", "rich", {}, "tower_radius tower a", 0.3),
         ("gpm2002", "disc", {"n": 24, "radius": 90.0, "tracked": True}, "backlash joint 1", 1e-3),
         ("orthoglide", "rich", {}, "guide_lean axis y", 1e-3),
-        ("orthoglide", "rich", {}, "backlash axis x", 0.2),
+        pytest.param("orthoglide", "rich", {}, "backlash axis x", 0.2, marks=pytest.mark.slow),
     ],
 )
 def test_the_one_effect_of_exact_readings_is_all_that_is_missing(

@@ -21,7 +21,7 @@ import numpy as np
 
 from calibench.core.options import suggest
 from calibench.problems.arm.chains.chain import Chain, ChainError, ChainJoint
-from calibench.problems.arm.chains.rigid import rpy, shift
+from calibench.problems.arm.chains.rigid import rpy, slide
 
 Form = Literal["standard", "modified"]
 RowKind = Literal["rotary", "sliding", "fixed"]
@@ -29,7 +29,7 @@ FORMS: tuple[Form, ...] = ("standard", "modified")
 KINDS: tuple[RowKind, ...] = ("rotary", "sliding", "fixed")
 _NUMBERS = ("theta", "d", "a", "alpha", "beta", "lower", "upper")
 _KEYS = (*_NUMBERS, "name", "kind")
-_Z = np.array([0.0, 0.0, 1.0])
+_X, _Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
 def chain_of_table(rows: Sequence[Mapping[str, Any]], form: Form = "standard", name: str = "arm") -> Chain:
@@ -43,21 +43,21 @@ def chain_of_table(rows: Sequence[Mapping[str, Any]], form: Form = "standard", n
     """
     if form not in FORMS:
         raise ChainError(f"form={form!r}: {suggest(str(form), FORMS)}")
+    checked = [_checked(row, k) for k, row in enumerate(rows, 1)]
+    theta, d, a, alpha, beta = np.array([[value[one] for one in _NUMBERS[:5]] for _, value in checked]).reshape(-1, 5).T
+    none, along_x, along_z = np.zeros(len(rows)), slide(_X, a), slide(_Z, d)  # of all rows at once, (rows, 4, 4) each
+    turned, twisted, leant = rpy(none, none, theta) @ along_z, rpy(alpha, none, none), rpy(none, beta, none)
+    if form == "modified":
+        before, behind = twisted @ leant @ along_x, np.broadcast_to(np.eye(4), turned.shape)
+    else:
+        before, behind = None, along_x @ twisted @ leant  # the first two commute, as do those about and along z
     joints, held = [], np.eye(4)
-    for k, row in enumerate(rows, 1):
-        kind, value = _checked(row, k)
-        turned = rpy(0, 0, value["theta"]) @ shift(0, 0, value["d"])
-        across = shift(value["a"], 0, 0) @ rpy(value["alpha"], 0, 0)  # the two commute, as do those about and along z
-        leant = rpy(0, value["beta"], 0)
-        if form == "modified":
-            across, leant = rpy(value["alpha"], 0, 0) @ leant @ shift(value["a"], 0, 0), np.eye(4)
-            origin, behind = held @ across @ turned, np.eye(4)
-        else:
-            origin, behind = held @ turned, across @ leant
+    for k, (row, (kind, _)) in enumerate(zip(rows, checked, strict=True), 1):
+        origin = (held if before is None else held @ before[k - 1]) @ turned[k - 1]
         if kind == "fixed":
-            held = origin @ behind
+            held = origin @ behind[k - 1]
             continue
-        held = behind
+        held = behind[k - 1]
         low, high = (float(row.get(side, usual)) for side, usual in (("lower", -np.inf), ("upper", np.inf)))
         joints.append(ChainJoint(str(row.get("name", f"joint_{k}")), kind, origin, _Z, low, high))
     return Chain(tuple(joints), np.asarray(held), name)

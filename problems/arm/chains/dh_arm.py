@@ -114,16 +114,18 @@ class DhArm:
 
 def _segments(table: DhTable) -> list[list[tuple[str, str, Array]]]:
     """Return the steps (number, row, (4, 4)) before each joint, and those behind the last."""
+    steps = {one: _steps(one, np.array([getattr(row, one) for row in table.rows])) for one in NUMBERS}
     before, behind = _STEPS[table.form]
     found: list[list[tuple[str, str, Array]]] = [[]]
-    for row in table.rows:
-        found[-1] += [(one, row.name, _step(one, getattr(row, one))) for one in before]
+    for k, row in enumerate(table.rows):
+        found[-1] += [(one, row.name, steps[one][k]) for one in before]
         if row.kind != "fixed":
             found.append([])
-        found[-1] += [(one, row.name, _step(one, getattr(row, one))) for one in behind]
+        found[-1] += [(one, row.name, steps[one][k]) for one in behind]
     return found
 
 
-def _step(number: str, value: float) -> Array:
-    made: Array = (slide if number in _SHIFTS else turn)(np.eye(3)[_AXIS[number]], value)
+def _steps(number: str, values: Array) -> Array:
+    """Return the turns about the axis of a number, or the shifts along it, of all rows, (rows, 4, 4)."""
+    made: Array = (slide if number in _SHIFTS else turn)(np.eye(3)[_AXIS[number]], values)
     return made

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import final
 
@@ -49,7 +49,7 @@ class DhTable:
     @cached_property
     def chain(self) -> Chain:
         """Return the chain from `base` to `flange`. Raises `ChainError` where no row moves, or two have one name."""
-        made = chain_of_table([asdict(row) for row in self.rows], self.form, self.name)
+        made = chain_of_table([vars(row) for row in self.rows], self.form, self.name)
         return replace(made, base=BASE, tip=TIP, told="table")
 
     @property
