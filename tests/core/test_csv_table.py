@@ -89,6 +89,23 @@ def test_a_preamble_as_wide_as_the_table_is_no_header(tmp_path, above, units):
     assert len(table.rows) == 3 + bool(units)
 
 
+@pytest.mark.parametrize("above", ["", "Portal 7\n", "Portal 7;;\n"])
+@pytest.mark.parametrize("remarks", [("", ""), ("", "Stoss"), ("gut", "")])
+def test_remarks_may_be_empty_in_the_first_readings_below_a_preamble(tmp_path, above, remarks):
+    file = tmp_path / "run.csv"
+    file.write_text(f"{above}X [mm];Y [mm];Bemerkung\n1,5;2;{remarks[0]}\n3;4;{remarks[1]}\n5;6;Ende\n")
+    table = read_table(file)
+    assert (table.names, table.units) == (("X", "Y", "Bemerkung"), {"X": "mm", "Y": "mm"})
+    assert len(table.rows) == 3
+
+
+def test_a_quotation_mark_that_is_not_closed_is_told_with_its_line(tmp_path):
+    file = tmp_path / "run.csv"
+    file.write_text('X;Y;Bemerkung\n1;2;"gut"\n3;4;"Stoss\n5;6;\n')
+    with pytest.raises(ValueError, match="line 3 has a quotation mark that is not closed"):
+        read_table(file)
+
+
 @pytest.mark.parametrize("header", ["V;A", "s;temp", "a;b"])
 def test_a_header_of_units_or_words_stays_the_header(tmp_path, header):
     file = tmp_path / "run.csv"

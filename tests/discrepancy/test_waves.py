@@ -36,6 +36,18 @@ def test_waves_of_a_rotary_joint_of_unknown_orders_are_named_one_after_another()
     assert [found.amplitude.value for found in report.findings] == pytest.approx([6e-4, 3e-4], rel=0.15)
 
 
+def _more_waves(q, d):
+    return {"b": _waves(q, d)["b"] + 4e-4 * np.sin(11.2 * q["b"] - 0.5)}
+
+
+def test_three_waves_of_one_joint_are_told_to_be_a_shape_and_no_cause():
+    said = "the 3 waves of elbow tell together what its error is like"
+    report = explain(Arm(BARE), readings(5, _more_waves))
+    assert sum(f.family in PERIODIC for f in report.findings) == 3
+    assert [note for note in report.notes if said in note]
+    assert not [note for note in explain(Arm(BARE), readings(5, _waves)).notes if "waves of elbow" in note]
+
+
 def test_the_orders_of_stated_teeth_have_a_name_of_their_own():
     known = Roles((Joint("shoulder", "a", teeth=30), Joint("elbow", "b")))
     found = catalogue(Arm(known).formulate(readings())).candidates

@@ -107,6 +107,28 @@ def test_what_changes_with_time_is_named(name):
     assert report.findings[0].effect == name
 
 
+@pytest.mark.parametrize(("unit", "turn"), [("deg", 360.0), ("rad", 2 * np.pi)])
+def test_of_an_angle_that_covers_a_turn_the_turn_is_a_known_period(unit, turn):
+    angle = turn * np.arange(72) / 36
+    rng = np.random.default_rng(4)
+    y = (
+        8 * np.sin(2 * np.pi * angle / turn + 1)
+        + 1.5 * np.cos(4 * np.pi * angle / turn)
+        + 0.25 * rng.standard_normal(72)
+    )
+    data = MeasuredData({"Winkel": angle, "y": y}, "table", {}, "turned").with_units({"Winkel": unit})
+    report = discrepancy.explain(Table(), data)
+    assert [f.effect for f in report.findings] == ["known_cycle once in Winkel", "known_cycle twice in Winkel"]
+    half = data.rows(angle < 0.5 * turn)
+    assert not [f for f in discrepancy.explain(Table(), half).findings if f.family == "known_cycle"]
+
+
+def test_a_period_of_a_column_that_is_not_there_is_refused():
+    columns, noise = rows()
+    with pytest.raises(DataError, match="periods: U: no column that an error may follow; did you mean 'u'"):
+        searched(columns, noise, metadata={"periods": {"U": 12}})
+
+
 def test_a_regression_of_nist_lacks_nothing_where_its_data_are_its_own():
     known = table("Misra1a")
     x = np.linspace(50, 800, N)
