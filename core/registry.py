@@ -144,7 +144,13 @@ class Registry(Generic[T]):
         factory = self._factory(known)
         shared = {key: option.default for key, option in self._declared(known).items()}
         defaults = {key: _copied(value) for key, value in shared.items()}
-        thing = factory(**{key: _copied(value) for key, value in given.items()})  # what is asked for stays as it is
+        try:
+            thing = factory(**{key: _copied(value) for key, value in given.items()})  # what is asked for stays as it is
+        except ValueError as error:
+            if ":" not in known:
+                raise
+            asked = "".join(f" {key}={shown(value)}" for key, value in given.items())
+            raise ValueError(f"{known}{asked}: {error}") from error  # a class of a user's says what, and not where
         for key, value in defaults.items():
             if not _is_as_before(shared[key], value):
                 raise ValueError(

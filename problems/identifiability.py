@@ -12,7 +12,7 @@ from typing import Any, final
 import numpy as np
 
 from calibench.core.one_thread import one_thread
-from calibench.problems.base import Array
+from calibench.problems.base import Array, coordinates_of
 
 _ANGLE_ARM = 244.0  # mm: an offset of 1 rad moves the joint B by a link length
 
@@ -88,7 +88,7 @@ def identify(problem: Any, x: Array | None = None, noise: float | None = None) -
     machine that is `x`, not to the errors of those at hand: where the problem can tell (`explained_by`), they are moved
     to readings that `x` explains.
 
-    The problem needs `jacobian` and `coordinates`. Residuals are weighted by its `residual_noise`, or where they are
+    The problem needs `jacobian`. Residuals are weighted by its `residual_noise`, or where they are
     not independent by its `residual_covariance`; without either, `noise` is the standard deviation of a residual in
     its own unit. Raises `ValueError` where there is no Jacobian.
     """
@@ -100,10 +100,14 @@ def identify(problem: Any, x: Array | None = None, noise: float | None = None) -
     if not noise > 0:
         raise ValueError(f"noise={noise:g}: must be above 0")
     if x is None:
-        x = problem.start if problem.truth is None else problem.truth
+        truth = getattr(problem, "truth", None)
+        x = np.asarray(problem.start if truth is None else truth, dtype=float)
     if getattr(problem, "explained_by", None) is not None:
         problem = problem.explained_by(x)
-    coordinates = problem.coordinates
+    coordinates = getattr(problem, "coordinates", None) or ()
+    if not coordinates or any(isinstance(one, str) for one in coordinates):
+        coordinates = coordinates_of(problem)
+    told = any(getattr(problem, name, None) is not None for name in ("residual_noise", "residual_covariance"))
     scale = np.array([1.0 / _ANGLE_ARM if c.unit == "rad" else 1.0 for c in coordinates])
     weighted = _weighted(problem, x) * scale
     few = weighted.shape[0] < weighted.shape[1]  # only then are null directions missing from the thin form
@@ -125,7 +129,7 @@ def identify(problem: Any, x: Array | None = None, noise: float | None = None) -
         condition=float(s[0] / s[rank - 1]) if rank else float("inf"),
         noise=noise,
         standard_errors=errors,
-        noise_unit=getattr(problem, "noise_unit", "rad"),
+        noise_unit=getattr(problem, "noise_unit", "rad" if told else "in a residual"),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 from typing import Any
@@ -22,6 +23,25 @@ _LISTED = 8  # of what was left out of a fit: more are counted
 def print_json(value: Any) -> None:
     """Print `value` as standard JSON: null for a number that is not finite, text for types that JSON does not have."""
     print(json.dumps(_plain(value), indent=1, allow_nan=False, default=str))
+
+
+def best_of(summary: Mapping[Any, list[Any]], most: int) -> dict[Any, list[Any]]:
+    """Return at most so many cells of a summary: as many of the best of each problem, none of too many problems.
+
+    Of several starts, budgets or targets the best of the first ones are told.
+    """
+    named = {
+        **summary,
+        "method": names_of_methods(zip(summary["optimizer"], summary["optimizer_options"], strict=True)),
+    }
+    tasks = list(zip(*(summary[name] for name in PROBLEM), strict=True))
+    each = most // len(set(tasks))
+    taken, kept = Counter[tuple[Any, ...]](), []
+    for i in order_of(named).tolist():
+        if taken[tasks[i]] < each:
+            taken[tasks[i]] += 1
+            kept.append(i)
+    return {name: [column[i] for i in kept] for name, column in summary.items()}
 
 
 def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> None:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _OTHERS = "merit"  # the column of all that has none of its own
 _OWN = tuple(column.name for column in COLUMNS if column.group == "merit" and column.name != _OTHERS)
 PREFIX = "merit."
+_INFINITE = ("inf", "-inf")
 
 
 @final
@@ -35,7 +36,8 @@ class Merit:
 def merit_of(found: Any) -> Merit:
     """Return the result of ``merit(x)`` as columns of a row.
 
-    A number that is not finite is null there, as JSON has none. Raises `TypeError` for a value that is not a number,
+    A number that is not finite is null there, as JSON has none; of the others an infinite one is the text "inf" or
+    "-inf". Raises `TypeError` for a value that is not a number,
     flag or text.
     """
     if not isinstance(found, Mapping):
@@ -95,6 +97,9 @@ def _column(values: list[Any], index: pd.Index) -> pd.Series:
     import pandas as pd
 
     known = [value for value in values if value is not None]
+    if all(value in _INFINITE or type(value) in (int, float) for value in known):
+        values = [float(value) if value in _INFINITE else value for value in values]
+        known = [value for value in values if value is not None]
     if known and all(isinstance(value, bool) for value in known):
         return pd.Series(values, index, dtype="boolean")
     if all(isinstance(value, int | float) for value in known):
@@ -117,5 +122,5 @@ def _plain(key: Any, value: Any) -> Any:
     if value is None or isinstance(value, str | bool | int):
         return value
     if isinstance(value, float):
-        return value if np.isfinite(value) else None
+        return value if np.isfinite(value) else None if np.isnan(value) else str(value)
     raise TypeError(f"merit(x) gave {key}={value!r:.60}: a number, True or False, or text is needed")

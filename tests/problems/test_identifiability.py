@@ -290,3 +290,27 @@ def test_many_readings_take_no_matrix_of_their_number_squared():
 def test_one_parameter_is_told_as_one():
     sentence = identify(problems.make("full12", free=["la1"])).sentence()
     assert sentence.startswith("the only parameter can be seen in the data (condition 1)")
+
+
+class Line:
+    """A problem of one's own, with the least that it needs."""
+
+    lower, upper, start = np.full(2, -5.0), np.full(2, 5.0), np.zeros(2)
+    t = np.linspace(0.0, 1.0, 9)
+
+    def residuals(self, x):
+        return x[0] + x[1] * self.t - 1.0
+
+    def jacobian(self, x):
+        return np.column_stack([np.ones(9), self.t])
+
+    def __call__(self, x):
+        return float(self.residuals(x) @ self.residuals(x))
+
+
+def test_a_problem_of_ones_own_needs_neither_truth_nor_names():
+    found = identify(Line(), noise=0.1)
+    covariance = 0.01 * np.linalg.inv(Line().jacobian(None).T @ Line().jacobian(None))
+    assert found.names == ("x0", "x1")
+    assert found.noise_unit == "in a residual"
+    np.testing.assert_allclose(found.standard_errors, np.sqrt(np.diag(covariance)), rtol=1e-12)

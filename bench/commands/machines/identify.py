@@ -27,7 +27,7 @@ def run(argv: list[str]) -> int:
     if "--json" in flags:
         print_json(found.to_dict())
         return 0
-    print(f"{problem.name}: {found.sentence()}\n")
+    print(f"{getattr(problem, 'name', type(problem).__name__)}: {found.sentence()}\n")
     unit = found.noise_unit + ("/mm" if any(found.units) else "")
     print(f"singular values [{unit}]: {'  '.join(f'{plain(s, 3)}' for s in found.singular_values)}\n")
     rows = [

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibench.bench.commands.arguments import split_flags
-from calibench.bench.commands.console import print_summary, print_table
+from calibench.bench.commands.console import best_of, print_summary, print_table
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.gate.processes.process_group import leaving_nothing
 from calibench.bench.statistics import summary as stats
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep")  # of one call, not of the study
 _LONG = 40  # rows of a summary that are still printed
+_SHORT = 12  # rows that are printed of a longer one
 _WIDE = 100  # letters of an error in the list of failures, at least: as many as the terminal has room for
 _UNTOLD = ("traceback", "best_x", "at_bound", "parameter_names", "parameter_values")  # what no summary looks at
 _TOLD = [column.name for column in COLUMNS if column.group != "origin" and column.name not in _UNTOLD]
@@ -98,7 +99,11 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
         if (cells := len(summary["runs"])) <= _LONG:
             print_summary(summary, request.seeds > 1)
         else:
-            print(f"{counted(cells, 'cell')}, more than are printed here")
+            best = best_of(summary, _SHORT)
+            if best["runs"]:
+                print_summary(best, request.seeds > 1)
+            some = f", of which the best {len(best['runs'])} are printed" if best["runs"] else ", more than are printed"
+            print(f"{counted(cells, 'cell')}{some}; the report has all")
     if way == "keep" and outcome.stale.other:
         print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
     missing = len(outcome.asked) - len(mine)
@@ -155,6 +160,7 @@ def _print_failures(rows: pa.Table, request: Request) -> None:
     print_table(heads, [[*row[:-1], _short(row[-1], room)] for row in shown])
     if len(reasons) > _LONG:
         print(f"and {len(reasons) - _LONG} more; `bench status {shlex.quote(str(request.folder))}` lists all reasons")
+    print("the same command with --retry-failed runs them again")
     where = "" if request.folder.parent == Path("results") else f" results={shlex.quote(str(request.folder.parent))}"
     print(f"`bench show RUN_ID{where}` prints one of them, with the last frames of an error that Python has raised")
 
