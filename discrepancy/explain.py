@@ -16,7 +16,12 @@ from calibench.discrepancy.checks.validate import CROSSED, NOT_CROSSED, validate
 from calibench.discrepancy.checks.wild import far_words
 from calibench.discrepancy.diagnostics.exact_readings import exact_readings
 from calibench.discrepancy.diagnostics.few_equations import few_equations
-from calibench.discrepancy.diagnostics.noise_diagnostic import coarse_sensors, outliers_under, outlying
+from calibench.discrepancy.diagnostics.noise_diagnostic import (
+    coarse_sensors,
+    less_than_stated,
+    outliers_under,
+    outlying,
+)
 from calibench.discrepancy.diagnostics.one_reading import one_reading
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
@@ -151,6 +156,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
             *remarks,
             *one_reading(base),
             *exact_readings(base),
+            *less_than_stated(final),
             *_scarce(base),
             *(few_equations(base) if findings else ()),
             *negative_size(final, findings),

@@ -11,7 +11,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import gammainc
 
+from calibench.core.counted import plain
 from calibench.discrepancy.fitting.fit import Fit, linearise, readings_of
 from calibench.discrepancy.model.formulations.blocks import rows_read
 from calibench.discrepancy.model.measured.sensor import Sensor, blamable, kinds_of, sensor_of
@@ -24,6 +26,8 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 _CORES = (0.75, 1.0)
+_NOTHING, _FAR_LESS = 1e-4, 0.5  # times the stated noise: less than the first has no noise at all
+_CHANCE = 1e-6  # that readings of the stated noise leave so little
 _SCALES = 0.7, 1.05  # between which noise is as stated
 _QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the quartiles of n Gaussian values
 
@@ -35,6 +39,18 @@ def coarse_sensors(at: Fit) -> tuple[NoiseFinding, ...]:
     sensors = blamable(formulation.sensors)
     found = [quantisation_of(formulation, sensor, r, signatures[sensor.column]) for sensor in sensors]
     return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > thresholds().step_gain)
+
+
+def less_than_stated(at: Fit) -> tuple[str, ...]:
+    """Return a note where a fit leaves far less than the noise that is taken would leave by chance."""
+    energy = float(np.sum(at.r**2))
+    times = float(np.sqrt(energy / at.degrees))
+    if at.exact or not _NOTHING < times < _FAR_LESS or gammainc(at.degrees / 2, energy / 2) > _CHANCE:
+        return ()
+    return (
+        f"what is left is {plain(times, 2)} times the noise: it is stated too large, and what is small beside it is "
+        "not found; state it as it is, or leave it out to have it learned",
+    )
 
 
 def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:

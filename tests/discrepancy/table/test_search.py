@@ -1,6 +1,7 @@
 """What a table's base function misses is named: cycles, shapes, lags; and a shuffled column is not."""
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -121,6 +122,15 @@ def test_of_an_angle_that_covers_a_turn_the_turn_is_a_known_period(unit, turn):
     assert [f.effect for f in report.findings] == ["known_cycle once in Winkel", "known_cycle twice in Winkel"]
     half = data.rows(angle < 0.5 * turn)
     assert not [f for f in discrepancy.explain(Table(), half).findings if f.family == "known_cycle"]
+
+
+@pytest.mark.parametrize(("sigma", "told"), [(0.5, True), (0.05, False), (0.005, False), (None, False)])
+def test_a_noise_that_is_stated_too_large_is_told(sigma, told):
+    columns, noise = rows()
+    options = {} if sigma is None else {"sigma": sigma}
+    notes = [note for note in searched(columns, noise, **options).notes if "it is stated too large" in note]
+    assert len(notes) == told
+    assert all(re.search(r"what is left is 0\.(09|1)\d* times the noise", note) for note in notes)
 
 
 def test_a_period_of_a_column_that_is_not_there_is_refused():
