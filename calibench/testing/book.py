@@ -53,6 +53,8 @@ class Rosenbrock:
         return np.concatenate([10.0 * (x[1:] - x[:-1] ** 2), 1.0 - x])
 
     def _write(self, tag: bytes, x: Array) -> None:
+        if np.shape(x) != (self.dimension,):
+            raise ValueError(f"takes a point of shape ({self.dimension},), and was given {np.shape(x)}")
         os.write(self._book, tag + np.ascontiguousarray(x, dtype=float).tobytes())
 
     def close(self) -> None:

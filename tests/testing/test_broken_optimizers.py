@@ -54,6 +54,11 @@ class Deaf(Wanderer):
                 pass
 
 
+class OneMore(Wanderer):
+    def minimize(self, objective, rng):
+        objective(np.append(objective.start, 1.0))
+
+
 class Cheat(Wanderer):
     def minimize(self, objective, rng):
         frame = sys._getframe()
@@ -192,3 +197,8 @@ class Counts:
 
 def test_what_a_run_knows_of_itself_is_there_to_be_read():
     testing.check_optimizer(Counts)
+
+
+def test_a_point_of_a_wrong_shape_is_told_as_such():
+    with pytest.raises(AssertionError, match=r"takes a point of shape \(12,\), and was given \(13,\)"):
+        testing.check_optimizer(OneMore)
