@@ -36,6 +36,7 @@ _LISTED = 8  # columns that a remark names
 _OWN_WORDS = ("socket", "place", "split", "valid")  # columns that are no numbers beside a pose
 _LENGTH = 0.5  # the most by which a quaternion's length may differ from 1
 _TURNS = 4 * np.pi  # rad: no joint turns further
+_LONGEST_RAIL = 20.0  # m: a limit with a larger number is no number of metres
 _ROUND = 1e-3  # rad or mm beyond a limit that a rounded number may be
 
 
@@ -340,6 +341,8 @@ def _check_joints(readings: Readings, chain: Chain, limits: bool) -> None:
                 way_out = f"as degrees all its rows lie within: units={units}"
             elif chain.told == "table" and rotary and _within(turned, joint):
                 way_out = "with limits in rad all its rows lie within: write lower [rad] and upper [rad]"
+            elif not rotary and _within(values / 1000, joint) and joint.upper > _LONGEST_RAIL:
+                way_out = f"as mm all its rows lie within: units={column}:mm"
             elif chain.told == "table" and not rotary and _within(values / 1000, joint):
                 way_out = f"with limits in m all its rows lie within: write their unit in the cells, {joint.upper:g} m"
             raise DataError(

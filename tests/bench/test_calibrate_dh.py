@@ -443,6 +443,22 @@ def test_limits_in_another_unit_are_told_with_it(bench, limits, kind, said):
     assert said in bench(*words("stanford"), code=2)
 
 
+def test_mm_below_a_heading_of_m_are_told_as_such_where_the_limits_are_mm(bench):
+    """Nobody has a rail of a kilometre, so it is the heading that is wrong and not the limits."""
+    measured("stanford", 40)
+    head, *rows = Path("stanford.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    Path("stanford.csv").write_text("\n".join([head, *(",".join(
+        f"{1000 * float(cell):.6f}" if k == 2 else cell for k, cell in enumerate(row)) for row in cells)]))  # fmt: skip
+    scale = (1000, 180 / np.pi, 1000, 180 / np.pi)
+    table = as_csv(STANFORD, "joint,type,a [mm],alpha [deg],d [mm],theta [deg]", scale=scale).splitlines()
+    limits = [",100,2000" if STANFORD[k][4] == "p" else ",," for k in range(6)]
+    Path("stanford_dh.csv").write_text(
+        "\n".join([f"{table[0]},lower,upper", *(f"{row}{more}" for row, more in zip(table[1:], limits, strict=True))])
+    )
+    assert "as mm all its rows lie within: units=axis_3:mm" in bench(*words("stanford"), code=2)
+
+
 def test_a_rail_goes_in_the_urdf_as_far_as_its_readings(bench):
     measured("stanford", 60)
     found = bench(*words("stanford"))
