@@ -86,11 +86,13 @@ def test_the_nearest_formula_is_told_where_it_is_a_hint() -> None:
     report = Report("run", "any", "unknown", unnamed=(one,), nearest=Nearest("gear slide", "gear", "slide", 0.87))
     assert unnamed_sentences(report) == [
         "x errs over its own range by 20.0 µm from its least to its largest: 98 % a line.",
-        "Of the formulas scale error of slide is the nearest: it explains 87 % of what is more than noise, and has "
-        "another form. Look there first.",
+        "Of the formulas scale error of slide is the nearest: it explains 87 % of what is more than noise, and "
+        "what it leaves is still no noise. Look there first.",
     ]
     far = Report("run", "any", "unknown", nearest=Nearest("gear slide", "gear", "slide", 0.1))
     assert unnamed_sentences(far) == []
+    whole = Report("run", "any", "unknown", nearest=Nearest("gear slide", "gear", "slide", 1.0))
+    assert "100 % of what is more than noise, and yet these readings do not tell" in unnamed_sentences(whole)[0]
     assert unnamed_sentences(Report("run", "any", "none", unnamed=(one,))) == []
     left = Report("run", "any", "partly", left=Left(2.0, Place("x", "y", 0.0)))
     assert left_sentence(left) == "2.0 times the noise is left, unnamed: clearest at x, over y."

@@ -25,6 +25,7 @@ from calibench.discrepancy.search.finding import BEGINS, FREE_PERIOD
 from calibench.discrepancy.search.unnamed import NEAR
 
 _BELOW = 0.9  # of what noise alone leaves: an error below it was measured in a noise that is too wide
+_ALL = 0.99  # of what is more than noise
 _NO_MORE = 1.15  # times the noise: what a reader would see as 1.1 times is no more than it
 _TAKES = 0.3  # of what is more than noise: smooth functions that take less tell nothing
 _TURN = {"rad": 2 * pi, "deg": 360.0}
@@ -89,8 +90,10 @@ def unnamed_sentences(report: Report) -> list[str]:
             for one in report.unnamed if not report.gap.excess_shrink < _TAKES]  # fmt: skip
     if (near := report.nearest) is not None and near.share >= NEAR:
         name = effect_label(report.machine, near.family, near.target)
+        enough = near.share >= _ALL
+        rest = "yet these readings do not tell that it is this" if enough else "what it leaves is still no noise"
         said.append(f"Of the formulas {name} is the nearest: it explains {100 * near.share:.0f} % of what is more than "
-                    "noise, and has another form. Look there first.")  # fmt: skip
+                    f"noise, and {rest}. Look there first.")  # fmt: skip
     if report.shortest and not said:
         said.append(f"{shortest_words(report)}.")
     return said
