@@ -1,6 +1,8 @@
 """What a new user meets first: tables in order, labels that are whole, failures that reached nothing, clear lines."""
 
+import re
 import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -222,3 +224,30 @@ def test_powers_of_ten_are_plain_text_and_a_figure_is_laid_out_once(tmp_path):
     assert count == 1
     assert "10⁰" in svg or "10¹" in svg
     assert not np.isnan(numbers["median"]).any()
+
+
+def test_values_that_are_not_finite_and_many_cells_are_told_under_the_table(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words):
+        with pytest.raises(SystemExit) as ended:
+            main(["run", *words])
+        assert ended.value.code == 0
+        return capsys.readouterr().out
+
+    Path("holes.py").write_text(
+        "import numpy as np\n\n\nclass Holes:\n    def __init__(self, k: int = 0):\n"
+        "        self.lower, self.upper, self.start = np.full(2, -1.0), np.full(2, 1.0), np.full(2, 0.5)\n\n"
+        "    def __call__(self, x):\n        return float('nan') if x[0] < -0.5 else float(x @ x)\n"
+    )
+    words = ("problem=holes.py:Holes", "seeds=1", "execution=serial")
+    told = run(*words, "budget=60", "optimizer=de")
+    (count,) = re.findall(
+        r"(\d+) of 60 values were not finite \(NaN or infinite\): \1 of de on holes\.py:Holes\n", told
+    )
+    assert 0 < int(count) < 60
+    told = run("-m", *words, "budget=20", "optimizer=nlopt_LN_COBYLA", "problem.k=range(45)")
+    assert "45 cells, more than are printed; the report has all" in told
+    told = run("-m", *words, "optimizer=de,pso", "problem.k=range(3)", "budget=10,20,30,40,50,60,70")
+    assert "42 cells, of which the best 12 are printed; the report has all" in told
+    assert told.count("holes.py:Holes k=") >= 12

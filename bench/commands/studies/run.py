@@ -22,7 +22,7 @@ from calibench.bench.gate.processes.process_group import leaving_nothing
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.names.labels import method_titles, problem_titles
 from calibench.bench.statistics.progress import without_numbers
-from calibench.bench.store.arrays import kept, mask_of
+from calibench.bench.store.arrays import kept, mask_of, numbers
 from calibench.bench.store.columns import columns_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import to_pandas
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep")  # of one call, not of the study
 _LONG = 40  # rows of a summary that are still printed
+_REASONS = 3  # methods whose values were not finite that are named
 _SHORT = 12  # rows that are printed of a longer one
 _WIDE = 100  # letters of an error in the list of failures, at least: as many as the terminal has room for
 _UNTOLD = ("traceback", "best_x", "at_bound", "parameter_names", "parameter_values")  # what no summary looks at
@@ -104,6 +105,7 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
                 print_summary(best, request.seeds > 1)
             some = f", of which the best {len(best['runs'])} are printed" if best["runs"] else ", more than are printed"
             print(f"{counted(cells, 'cell')}{some}; the report has all")
+        _print_not_finite(mine)
     if way == "keep" and outcome.stale.other:
         print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
     missing = len(outcome.asked) - len(mine)
@@ -129,6 +131,21 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
         print(f"\n{missing} {says}: run the same command again")
         return 1
     return 1 if ended else 0
+
+
+def _print_not_finite(rows: pa.Table) -> None:
+    """Print how many values were not finite, and of which methods on which problems."""
+    bad, all_of = numbers(rows["non_finite"]), numbers(rows["evaluations"])
+    if not bad.any():
+        return
+    where = Counter[str]()
+    for count, problem, optimizer in zip(
+        bad.tolist(), rows["problem"].to_pylist(), rows["optimizer"].to_pylist(), strict=True
+    ):
+        where[f"{optimizer} on {problem}"] += count
+    told = [f"{count} of {name}" for name, count in where.most_common(_REASONS) if count]
+    more = f" and {len(+where) - len(told)} more" if len(+where) > len(told) else ""
+    print(f"{bad.sum()} of {all_of.sum()} values were not finite (NaN or infinite): {', '.join(told)}{more}")
 
 
 def _asked_for(runs: pa.Table, outcome: Outcome) -> pa.Table:
