@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -28,12 +29,13 @@ from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.effects.general.columns import measured_columns
+from calibench.discrepancy.effects.general.waves import PERIODIC
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, with_columns
 from calibench.discrepancy.fitting.kept import keeping_fits
 from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, nominal_of, spread
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.fitting.starts import fit_from_several
-from calibench.discrepancy.labels import effect_label, quantity_of
+from calibench.discrepancy.labels import effect_label, part_label, quantity_of
 from calibench.discrepancy.model.effect import Effect, is_possible
 from calibench.discrepancy.model.formulations.learned_noise import told_by_middle
 from calibench.discrepancy.model.machine import Formulation, Machine
@@ -59,7 +61,7 @@ from calibench.discrepancy.report import (
     Verdict,
 )
 from calibench.discrepancy.search.alternatives import with_alternatives
-from calibench.discrepancy.search.finding import many_waves, negative_size, parted_by
+from calibench.discrepancy.search.finding import negative_size, parted_by
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import smoothed
 from calibench.discrepancy.search.stepwise import Selection, judged, select_stepwise
@@ -70,6 +72,7 @@ from calibench.discrepancy.validation.gap import gap_of
 from calibench.problems.base import Array
 
 _FAR_OFF = 20.0  # times the noise
+_MANY = 3  # waves of one part
 _OTHERS = (0.5, 2.0)  # times the stated noise: the search is repeated there where no repeats tell the noise
 
 
@@ -160,7 +163,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
             *_scarce(base),
             *(few_equations(base) if findings else ()),
             *negative_size(final, findings),
-            *many_waves(final, findings),
+            *_many_waves(findings, machine.name),
             *_unfollowed(formulation),
             *_impossible(found, machine.name),
         ),
@@ -183,6 +186,17 @@ def _calibrated(formulation: Formulation) -> tuple[Fit, tuple[Undetermined, ...]
     if lacking and started:  # the parameters that led the fit away from the nominal machine may be held now
         plain, started = fit_from_several(formulation)
     return plain, lacking, started
+
+
+def _many_waves(findings: Sequence[Finding], machine: str) -> tuple[str, ...]:
+    """Return a note for each part with three or more waves of unstated periods: any shape is a sum of some."""
+    count = Counter(one.target for one in findings if one.family in PERIODIC)
+    return tuple(
+        f"the {many} waves of {part_label(machine, target)} tell together what its "
+        "error is like over its way, and not what causes it: an error at one place is a sum of waves as well"
+        for target, many in count.items()
+        if many >= _MANY
+    )
 
 
 def _searched(

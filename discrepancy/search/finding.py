@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
-from calibench.discrepancy.effects.general.waves import PERIODIC
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.fitting.interval import amplitude_interval
 from calibench.discrepancy.fitting.projection import orthonormal
-from calibench.discrepancy.labels import effect_label, part_label, quantity_label
+from calibench.discrepancy.labels import effect_label, quantity_label
 from calibench.discrepancy.model.change_point import ChangePoint
 from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
 from calibench.discrepancy.model.machine import Formulation
@@ -33,7 +31,6 @@ _SAME = 1e-6  # of a signature: rounding, and what is of second order
 _PARTS = "look at the parts themselves"
 _TOGETHER = 0.5  # part of a column's variance: another column that explains so much goes together with it
 _NOT_POSES = "a known length, a second instrument, or a reading of another kind"
-_MANY_WAVES = 3  # of one part
 FORMULA_ERROR = "may be the error of the first formula"
 
 
@@ -155,18 +152,6 @@ def negative_size(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
             f"{told or 'a column'} has the other sign, or another cause acts like it"
         )
     return tuple(notes)
-
-
-def many_waves(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Return a note for each part with three or more waves of unstated periods: any shape is a sum of some."""
-    machine = final.model.formulation.data.machine
-    count = Counter(one.target for one in findings if one.family in PERIODIC)
-    return tuple(
-        f"the {many} waves of {part_label(machine, target)} tell together what its "
-        "error is like over its way, and not what causes it: an error at one place is a sum of waves as well"
-        for target, many in count.items()
-        if many >= _MANY_WAVES
-    )
 
 
 def _left_out(found: Fit) -> float:
