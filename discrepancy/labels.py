@@ -20,12 +20,16 @@ _PLACE = {
     "place_y": Quantity("place_y", "mm", "y of the tool"),
 }  # covariates that smooth terms over the workspace have on every machine
 
+_OFTEN = ("once", "twice")  # how a target of a period begins, which is no part
+
 
 def effect_label(machine: str, family: str, target: str, again: bool = False) -> str:
     """Return an effect in words; without a target, its family. With `again`, the short code of its field alone.
 
     >>> effect_label("gpm2002", "backlash", "joint 2"), effect_label("gpm2002", "thermal_links", "all")
     ('backlash of joint 2', 'thermal growth of all links')
+    >>> effect_label("table", "known_cycle", "twice in month")
+    'cycle of known period, twice in month'
     >>> effect_label("arm", "slip", "tool"), effect_label("orthoglide", "bar_skew", "common")
     ('slip of the tool', 'bar skew, common in the three axes')
     """
@@ -43,6 +47,8 @@ def effect_label(machine: str, family: str, target: str, again: bool = False) ->
     if target in told:
         return f"{words}, {told[target]}" if told[target] else words
     kind = target.partition(" ")[0]
+    if kind in _OFTEN:
+        return f"{words}, {target}"
     return f"{words.removeprefix(f'{kind} ')} of {target}"  # not "base shift of base 1"
 
 
