@@ -30,14 +30,10 @@ def best_of(summary: Mapping[Any, list[Any]], most: int) -> dict[Any, list[Any]]
 
     Of several starts, budgets or targets the best of the first ones are told.
     """
-    named = {
-        **summary,
-        "method": names_of_methods(zip(summary["optimizer"], summary["optimizer_options"], strict=True)),
-    }
     tasks = list(zip(*(summary[name] for name in PROBLEM), strict=True))
     each = most // len(set(tasks))
     taken, kept = Counter[tuple[Any, ...]](), []
-    for i in order_of(named).tolist():
+    for i in order_of(_with_methods(summary)).tolist():
         if taken[tasks[i]] < each:
             taken[tasks[i]] += 1
             kept.append(i)
@@ -50,10 +46,7 @@ def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> N
     Start, budget and target are shown where they differ, the rest where there is something to show. `repeated`: several
     runs of each were asked for.
     """
-    named = {
-        **summary,
-        "method": names_of_methods(zip(summary["optimizer"], summary["optimizer_options"], strict=True)),
-    }
+    named = _with_methods(summary)
     order = order_of(named).tolist()
     cells = {name: [column[i] for i in order] for name, column in named.items()}
     rows = [dict(zip(cells, row, strict=True)) for row in zip(*cells.values(), strict=True)]
@@ -90,6 +83,12 @@ def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> N
     if (spread or repeated) and any(row["runs"] == 1 and not row["noisy"] and _runs_once(row) for row in rows):
         told += ["1 run: a deterministic method gives one answer from one start, whatever the seed"]
     print("; ".join(told), end="\n\n" if told else "\n")
+
+
+def _with_methods(summary: Mapping[Any, list[Any]]) -> dict[Any, list[Any]]:
+    """Return the columns, and one with the names of the methods."""
+    methods = names_of_methods(zip(summary["optimizer"], summary["optimizer_options"], strict=True))
+    return {**summary, "method": methods}
 
 
 def _runs_once(row: Mapping[Any, Any]) -> bool:

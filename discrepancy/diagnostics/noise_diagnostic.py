@@ -18,6 +18,7 @@ from calibench.discrepancy.fitting.fit import Fit, linearise, readings_of
 from calibench.discrepancy.model.formulations.blocks import rows_read
 from calibench.discrepancy.model.measured.sensor import Sensor, blamable, kinds_of, sensor_of
 from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.roles import unknown_noise_of
 from calibench.discrepancy.noise.laws import heavy_tails_in, outliers_of, quantisation_of
 from calibench.discrepancy.noise.mixture import NoiseFinding, mixture
 from calibench.discrepancy.noise.repeats import TAILS, pairs_of, variance
@@ -42,13 +43,15 @@ def coarse_sensors(at: Fit) -> tuple[NoiseFinding, ...]:
 
 
 def less_than_stated(at: Fit) -> tuple[str, ...]:
-    """Return a note where a fit leaves far less than the noise that is taken would leave by chance."""
+    """Return a note where a fit leaves far less than the stated noise would by chance; none where it is learned."""
+    if unknown_noise_of(at.model.formulation):
+        return ()
     energy = float(np.sum(at.r**2))
     times = float(np.sqrt(energy / at.degrees))
     if at.exact or not _NOTHING < times < _FAR_LESS or gammainc(at.degrees / 2, energy / 2) > _CHANCE:
         return ()
     return (
-        f"what is left is {plain(times, 2)} times the noise: it is stated too large, and what is small beside it is "
+        f"what is left is {plain(times, 2)} times the stated noise, which is too large: what is small beside it is "
         "not found; state it as it is, or leave it out to have it learned",
     )
 

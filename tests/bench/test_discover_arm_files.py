@@ -5,6 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibench.bench.measured import read_measured, sources
+from calibench.bench.measured.sources import OF_A_CALIBRATION
 from calibench.discrepancy import DataError
 from calibench.discrepancy.machines.arm import Arm
 from calibench.discrepancy.machines.arm.formulation import TURNED
@@ -71,6 +72,17 @@ def test_a_folder_of_sockets_is_one_set(arm, tmp_path):
     file = tmp_path / "plate" / "place_0" / "hole_1.csv"
     file.write_text(file.read_text().replace("1", "2", 1))
     assert source.data_id not in ("", before)
+
+
+def test_the_readings_of_a_calibration_bear_its_name(tmp_path):
+    """Each calibration writes its readings under one name, in a folder of its own: two arms must not share a folder."""
+    for name in ("left", "right"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / OF_A_CALIBRATION).touch()
+        (tmp_path / name / "run.parquet").touch()
+    assert [one.case for one in sources(str(tmp_path / "left" / OF_A_CALIBRATION), "arm")] == ["left"]
+    assert [one.case for one in sources(str(tmp_path / "*" / OF_A_CALIBRATION), "arm")] == ["left", "right"]
+    assert [one.case for one in sources(str(tmp_path / "left" / "run.parquet"), "arm")] == ["run"]
 
 
 def test_a_folder_of_files_is_a_set_each(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from calibench import discrepancy
 from calibench.discrepancy import DataError, Instrument, Joint, Length, MeasuredData, Roles
 from calibench.discrepancy.checks.validate import validated
-from calibench.discrepancy.model.formulations.constraints import Constraints
+from calibench.discrepancy.model.formulations.constraints import Constraints, check_kinds
 from calibench.discrepancy.model.model import Model
 from calibench.problems.base import Parameter
 
@@ -97,6 +97,12 @@ def test_a_number_that_is_held_stays():
 def test_a_mistake_of_the_author_is_a_sentence(machine, said):
     with pytest.raises(DataError, match=said):
         discrepancy.explain(machine, readings())
+
+
+def test_a_parameter_whose_bounds_are_exchanged_is_refused():
+    exchanged = Parameter("scale", "1", 1.0, 1.01, 0.99)
+    with pytest.raises(DataError, match=r"parameters: scale: its lower bound 1\.01 is above its upper 0\.99"):
+        check_kinds("noise", {"turn": 1e-3}, (), [exchanged])
 
 
 def test_a_reading_that_is_no_number_costs_its_row_and_is_told():

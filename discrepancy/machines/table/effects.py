@@ -63,8 +63,10 @@ def _turn(data: MeasuredData, column: str) -> float | None:
         base, scale = factor_to_base(column, data.units.get(column, "1"))
     except ValueError:
         return None
-    turn, values = 2 * np.pi / scale, np.asarray(data[column], dtype=float) if column in data else np.empty(0)
-    return float(turn) if base == "rad" and values.size and np.ptp(values) > _COVERED * turn else None
+    if base != "rad" or column not in data:
+        return None
+    turn = 2 * np.pi / scale
+    return turn if np.ptp(data[column]) > _COVERED * turn else None
 
 
 def _known_targets(formulation: Formulation) -> tuple[str, ...]:

@@ -120,6 +120,7 @@ def test_of_an_angle_that_covers_a_turn_the_turn_is_a_known_period(unit, turn):
     data = MeasuredData({"Winkel": angle, "y": y}, "table", {}, "turned").with_units({"Winkel": unit})
     report = discrepancy.explain(Table(), data)
     assert [f.effect for f in report.findings] == ["known_cycle once in Winkel", "known_cycle twice in Winkel"]
+    assert not [note for note in report.notes if "too large" in note]  # what was learned before is no statement
     half = data.rows(angle < 0.5 * turn)
     assert not [f for f in discrepancy.explain(Table(), half).findings if f.family == "known_cycle"]
 
@@ -128,9 +129,9 @@ def test_of_an_angle_that_covers_a_turn_the_turn_is_a_known_period(unit, turn):
 def test_a_noise_that_is_stated_too_large_is_told(sigma, told):
     columns, noise = rows()
     options = {} if sigma is None else {"sigma": sigma}
-    notes = [note for note in searched(columns, noise, **options).notes if "it is stated too large" in note]
+    notes = [note for note in searched(columns, noise, **options).notes if "stated noise, which is too large" in note]
     assert len(notes) == told
-    assert all(re.search(r"what is left is 0\.(09|1)\d* times the noise", note) for note in notes)
+    assert all(re.search(r"what is left is 0\.(09|1)\d* times the stated noise", note) for note in notes)
 
 
 def test_a_period_of_a_column_that_is_not_there_is_refused():
