@@ -1,4 +1,6 @@
-"""The picture of the rooms, made from the code: ``python -m benchmarks.architecture`` writes docs/images/rooms.svg.
+"""The picture of the rooms and the list of all files, made from the code: ``python -m benchmarks.architecture``.
+
+It writes docs/images/rooms.svg, and the list into docs/architecture.md: a file a line, with the first sentence in it.
 
 A room is a package, or a folder inside one. `room_imports` reads the import statements of every module with `ast`. A
 band is a package, a box a folder of it; each stands above all that it imports, so every line runs downwards. Rooms that
@@ -17,6 +19,8 @@ from xml.sax.saxutils import escape
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "docs" / "images" / "rooms.svg"
+PAGE = ROOT / "docs" / "architecture.md"
+BEGIN, END = "<!-- made by python -m benchmarks.architecture -->", "<!-- end of what is made -->"
 PACKAGES = ("testing", "bench", "discrepancy", "problems", "optimizers", "core")
 _WIDE, _HIGH, _GAP, _DROP = 122, 30, 16, 34  # of a box, and between boxes and rows, in px
 _COLOURS = ("#f2e6ff", "#e3eefc", "#e4f5e9", "#fff3d6", "#fdeae4", "#eeeeee")
@@ -175,6 +179,45 @@ def _line(upper: tuple[float, float], lower: tuple[float, float]) -> str:
     )
 
 
+def files_listed() -> str:
+    """Return the list of all files as Markdown: a fold a folder, under what it holds, with the rooms in order."""
+    folds = []
+    for package in sorted(PACKAGES):
+        inside = ROOT / "calibench" / package
+        for folder in sorted({path.parent for path in inside.rglob("*.py")}):
+            files = sorted(path for path in folder.glob("*.py") if path.name != "__init__.py")
+            if not files:
+                continue
+            shown = ("calibench" if package == "testing" else "") / folder.relative_to(ROOT / "calibench")
+            own = folder / "__init__.py"
+            what = f": {_first_sentence(own)}" if own.exists() else ""
+            lines = "\n".join(f"- `{path.name}`: {_first_sentence(path)}" for path in files)
+            folds.append(
+                f'<details markdown="1"><summary><code>{shown}/</code>{_as_html(what)}</summary>\n\n{lines}\n\n</details>'
+            )
+    return "\n".join(folds)
+
+
+def with_files(page: str) -> str:
+    """Return the text of the page with the list of files as the code has it."""
+    before, _, rest = page.partition(BEGIN)
+    return f"{before}{BEGIN}\n\n{files_listed()}\n\n{END}{rest.partition(END)[2]}"
+
+
+def _first_sentence(path: Path) -> str:
+    """Return the first sentence of a module's docstring, in one line; raise `ValueError` for a module without one."""
+    said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    if not said:
+        raise ValueError(f"{path}: a docstring is needed; its first sentence stands in docs/architecture.md")
+    whole = " ".join(said.split("\n\n")[0].split())
+    return re.split(r"(?<!al)\.\s(?=[A-Z`])", whole)[0].rstrip(":.").replace("``", "`")
+
+
+def _as_html(text: str) -> str:
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
+
+
 if __name__ == "__main__":
+    PAGE.write_text(with_files(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     PICTURE.write_text(draw(room_imports()), encoding="utf-8")
     print(f"{PICTURE}; circles: {circles(room_imports()) or 'none'}")

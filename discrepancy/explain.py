@@ -37,7 +37,7 @@ from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.fitting.starts import fit_from_several
 from calibench.discrepancy.labels import effect_label, part_label, quantity_of
 from calibench.discrepancy.model.effect import Effect, is_possible
-from calibench.discrepancy.model.formulations.learned_noise import told_by_middle
+from calibench.discrepancy.model.formulations.learned_noise import relearned, told_by_middle
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured.data import NO_REPEATS, MeasuredData
 from calibench.discrepancy.model.model import Model
@@ -73,6 +73,7 @@ from calibench.problems.base import Array
 
 _FAR_OFF = 20.0  # times the noise
 _MANY = 3  # waves of one part
+_LEARNED = 3  # times that unknown noise is learned again at most: names and noise settle together, or never
 _OTHERS = (0.5, 2.0)  # times the stated noise: the search is repeated there where no repeats tell the noise
 
 
@@ -122,7 +123,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     final = found.fit
     if verdict in ("none", "unknown"):
         final = base if verdict == "none" else smoothed(base, (*terms, *joint_terms(base)))
-    unseen = whole.on(data.rows(hold)) if hold.any() else None
+    unseen = base.model.formulation.on(data.rows(hold)) if hold.any() else None
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
     gap = gap_of(base, final, unseen, suspects, rng)
@@ -205,7 +206,8 @@ def _searched(
 ) -> tuple[Selection, Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:  # fmt: skip
     """Return the selection, the fit without effects, the suspects that remain, and remarks on the noise.
 
-    The search is repeated where what was found explains a suspect, or explains why repeats scattered so much.
+    The search is repeated where what was found explains a suspect, or why repeats scattered so much, and where noise
+    that nobody states was learned with the found effects in the residuals.
     """
     model = Model(base.model.formulation)
     found = select_stepwise(base, candidates, terms, rng, level)
@@ -218,7 +220,34 @@ def _searched(
         noise, remarks = calmer
         base = fit(model, noise, base.x)
         found = select_stepwise(base, candidates, terms, rng, level)
+    for _ in range(_LEARNED if unknown_noise_of(base.model.formulation) else 0):
+        verdict, _, standing = judged(found, base, terms, suspects, level)
+        if verdict == "unknown" or not found.sets or found.fit.exact:
+            break
+        formulation, noise, told = _learned_beside(standing.fit, suspects)
+        at = fit(Model(formulation), noise, base.x)
+        again = select_stepwise(at, candidates, terms, rng, level)
+        if not again.sets:
+            break
+        before, found, base, remarks = _names(found), again, at, told
+        if _names(found) == before:
+            break
     return found, base, suspects, remarks
+
+
+def _learned_beside(at: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Formulation, Noise, tuple[str, ...]]:
+    """Return the formulation with its unknown noise learned from what the effects of a fit leave, the law, and remarks.
+
+    The first estimate of a column contains the effects that move it. The tests take all residuals to have equal
+    variance, so the columns that no effect moves would look too noisy, and a right name would leave something.
+    """
+    formulation = relearned(at.model.formulation, at.at.misclosure, len(at.x))
+    calm = fit(Model(formulation, at.model.effects), Noise(extra=at.noise.extra), at.x)
+    return (formulation, *_noise_of(calm, suspects, formulation))
+
+
+def _names(found: Selection) -> set[str]:
+    return {own[0].name for own in found.sets}
 
 
 def _noise_of(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -> tuple[Noise, tuple[str, ...]]:

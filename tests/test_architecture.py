@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.architecture import PICTURE, circles, draw, inside, lines, read_back, room_imports
+from benchmarks.architecture import PICTURE, circles, draw, inside, lines, read_back, room_imports, with_files
 from calibench.bench.cli import main
 from calibench.bench.measured import read_measured, shipped_path, write_measured
 from calibench.bench.store.runs import ResultStore
@@ -98,6 +98,12 @@ def test_the_picture_is_that_of_the_imports_now() -> None:
     picture = PICTURE.read_text(encoding="utf-8")
     assert read_back(picture) == imports(), "run: python -m benchmarks.architecture"
     assert picture == draw(imports())
+
+
+def test_the_list_of_files_is_that_of_the_code_now() -> None:
+    assert with_files(PAGE) == PAGE, "run: python -m benchmarks.architecture"
+    assert "- `thresholds.py`: " in PAGE
+    assert "nothing of it stays" not in with_files(PAGE.replace("- `thresholds.py`: ", "- nothing of it stays: "))
 
 
 def test_imports_of_rooms_are_read_whatever_their_form() -> None:

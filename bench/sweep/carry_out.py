@@ -223,5 +223,5 @@ def _here(packs: Packs, store: ResultStore) -> Iterator[Notice]:
 
 
 def _lost(job: Job, status: str, why: str) -> Run:
-    """Return the row of a run whose worker was lost twice."""
+    """Return the row of a run whose worker was lost twice, on a cluster three times."""
     return lost_run(job.spec, job.run_id, "ProcessDied", why, timed_out=status == "timeout")

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from calibench.discrepancy.fitting.fit import Fit, fit, fit_at, readings_of
+from calibench.discrepancy.model.formulations.learned_noise import relearned
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
@@ -70,6 +71,10 @@ class Held:
     def on(self, data: MeasuredData) -> Held:
         """Return the same over other rows."""
         return replace(self, inner=self.inner.on(data))
+
+    def relearned(self, left: Array, spent: float) -> Held:
+        """Return the same with the unknown noise estimated from the constraints `left`, (n, c), by a fit."""
+        return replace(self, inner=relearned(self.inner, left, spent))
 
 
 def undetermined(at: Fit, within: Array | None = None) -> tuple[Undetermined, ...]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,14 +18,15 @@ from tests.independent.serial_cases import case
 from tests.independent.serial_score import Answer, answer, batches, from_plain, score
 
 
-def told(seed: int, **asked: object) -> Answer:
-    """Return the answer to one case."""
+def told(seed: int, unstated: Sequence[str] = (), **asked: object) -> Answer:
+    """Return the answer to one case, of which the search is not told what is `unstated`, such as `sigma_mm`."""
     drawn = case(seed, **asked)  # type: ignore[arg-type]
+    stated = {name: value for name, value in drawn.stated.items() if name not in unstated}
     with TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(drawn.urdf)
         return answer(
-            seed, drawn, explain(Arm(str(path)), MeasuredData(drawn.columns, "arm", drawn.stated, f"arm{seed}"))
+            seed, drawn, explain(Arm(str(path)), MeasuredData(drawn.columns, "arm", stated, f"arm{seed}"))
         )
 
 

@@ -28,7 +28,7 @@ from calibench.bench.workers.dask.inbox import Inbox, Keeper
 from calibench.bench.workers.packs import Job, Pack, Packs
 from calibench.bench.workers.worker import Notice
 
-Lost = Callable[[Job, str, str], Run]  # (job, status, why) -> the row of a run whose worker was lost twice
+Lost = Callable[[Job, str, str], Run]  # (job, status, why) -> the row of a run whose worker was lost too often
 _LOOK = 0.5  # seconds between two looks at who is there
 _TO_AGREE = 30.0  # seconds for workers that are there to compare their code with ours before others begin
 _STRIKES = 3  # the site may end two workers in a row; what a run itself does is mostly a row at the second

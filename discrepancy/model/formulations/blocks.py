@@ -17,6 +17,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.discrepancy.model.formulations.learned_noise import relearned
 from calibench.discrepancy.model.formulations.predicted import Predicted
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
@@ -147,6 +148,20 @@ class Blocks:
         same = object.__new__(Blocks)
         same._set(data, self.blocks)
         same._set(data, tuple(block.on(data.rows(rows)) for block, rows in same._rows(self.blocks)))
+        return same
+
+    def relearned(self, left: Array, spent: float) -> Blocks:
+        """Return the same with its unknown noise estimated from the constraints `left`, (n, c), by a fit."""
+        same = object.__new__(Blocks)
+        same._set(
+            self.data,
+            tuple(
+                relearned(block, left[rows], spent * float(rows.mean()))
+                if unknown_noise_of(block) and rows.any()
+                else block
+                for block, rows in self._rows(self.blocks)
+            ),
+        )
         return same
 
     def _set(self, data: MeasuredData, blocks: tuple[Formulation, ...]) -> None:

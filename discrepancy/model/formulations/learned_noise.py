@@ -1,7 +1,8 @@
-"""A first estimate of noise that nobody stated: from the residuals of the machine without effects, robustly.
+"""Estimates of noise that nobody stated: from residuals, robustly.
 
-The residuals also contain missing effects, so the estimate is above the noise where an effect is missing. A search
-starts with it, and no verdict depends on it.
+The first estimate is from the residuals of the machine without effects. These also contain missing effects, so the
+estimate of a column is above its noise where an effect is missing there. A search starts with it; when effects are
+found, the noise is learned again from what they leave.
 """
 
 from __future__ import annotations
@@ -52,15 +53,36 @@ def learned_noise(formulation: Formulation) -> dict[str, float]:
         weight = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(np.abs(left / scale), 1e-300))) / scale
         x = weighted_fit(model, x, weight)
         left = np.asarray(model.residuals(x))
-    found = {}
-    for k, name in enumerate(names):
-        if name in unknown:
-            found[name] = _spread(left[:, k], np.ptp(data[name]), len(x) / len(names))
-            _refuse_no_scatter(data, name, found[name])
-    for columns in _of_one_instrument(there):
-        told = {name: found[name] for name in columns if name in found}
-        found |= _pooled(told, n, len(x) / len(names))
+    found = noise_left(there, left, len(x))
+    for name, deviation in found.items():
+        _refuse_no_scatter(data, name, deviation)
     return found
+
+
+def noise_left(formulation: Formulation, left: Array, spent: float) -> dict[str, float]:
+    """Return a standard deviation for each reading of unknown noise, from the constraints `left` by a fit, (n, m).
+
+    `spent` parameters were fitted. The k-th constraint must be that of the k-th reading.
+    """
+    names, unknown, n = formulation.readings, unknown_noise_of(formulation), len(formulation.data)
+    each = spent / len(names)
+    found = {
+        name: _spread(left[:, k], np.ptp(formulation.data[name]), each)
+        for k, name in enumerate(names)
+        if name in unknown
+    }
+    for columns in _of_one_instrument(formulation):
+        found |= _pooled({name: found[name] for name in columns if name in found}, n, each)
+    return found
+
+
+def relearned(formulation: Formulation, left: Array, spent: float) -> Formulation:
+    """Return a formulation with its unknown noise estimated from the constraints `left`, (n, c), by a fit.
+
+    `spent` parameters were fitted. One that cannot learn its noise again is returned as it is.
+    """
+    again = getattr(formulation, "relearned", None)  # of `Predicted`, and of what stands around it
+    return formulation if again is None else again(left, spent)
 
 
 def _of_one_instrument(formulation: Formulation) -> list[tuple[str, ...]]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from calibench.core.options import suggest
 from calibench.discrepancy.model.formulations.constraints import check_kinds, joints_among, refuse_twice, varying
-from calibench.discrepancy.model.formulations.learned_noise import learned_noise
+from calibench.discrepancy.model.formulations.learned_noise import learned_noise, noise_left
 from calibench.discrepancy.model.formulations.slopes import check_slopes
 from calibench.discrepancy.model.machine import Numbers, Quantities
 from calibench.discrepancy.model.measured.complete import complete, without_gaps
@@ -128,6 +128,10 @@ class Predicted:
     def on(self, data: MeasuredData) -> Predicted:
         """Return the same prediction over other rows."""
         return replace(self, data=data, _checked=True)
+
+    def relearned(self, left: Array, spent: float) -> Predicted:
+        """Return the same with its unknown noise estimated from the constraints `left`, (n, c), by a fit."""
+        return replace(self, learned=noise_left(self, left, spent), _checked=True)
 
     def parted(self) -> tuple[Predicted, ...]:
         """Return one formulation for each measured column, because their noise is independent."""

@@ -1,0 +1,104 @@
+"""Noise that nobody states is learned again beside the effects that are found: a right name leaves nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.special import ndtri
+
+from calibench.discrepancy import Blocks, Joint, MeasuredData, Predicted, Roles, explain
+from calibench.discrepancy.fitting.rank import Held
+from calibench.discrepancy.model.formulations.learned_noise import relearned
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.report import Report
+from calibench.problems.base import Array, Parameter
+
+PARAMETERS = tuple(Parameter(name, "mm", 0.0, -5.0, 5.0) for name in ("x0", "y0"))
+ROLES = Roles(
+    joints=(
+        Joint("X axis", "X", "sliding", direction="X_dir", period=10.0),
+        Joint("Y axis", "Y", "sliding", direction="Y_dir", period=10.0),
+    ),
+    time="t_s",
+)
+NOISE, ROWS = 0.003, 150
+
+
+def _seen(q):
+    return np.stack([q["x0"] + q["X"], q["y0"] + q["Y"]], axis=-1)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of two axes and a camera whose noise nobody states."""
+
+    name: str = "own table"
+
+    def formulate(self, data: MeasuredData) -> Predicted:
+        return Predicted(data, _seen, PARAMETERS, {"cx": None, "cy": None}, inputs=("X", "Y"), roles=ROLES)
+
+
+def _readings(seed: int, error: str, size: float, rows: int = ROWS, noise: float = NOISE) -> MeasuredData:
+    """Return readings with an error of the X axis alone."""
+    rng = np.random.default_rng(seed)
+    x, y = rng.uniform(0, 400, rows), rng.uniform(0, 300, rows)
+    sides = rng.choice([-1.0, 1.0], (2, rows))
+    cx, cy = 1.0 + x, -2.0 + y
+    if error == "play":
+        cx = cx - size / 2 * sides[0] * (1 + 0.1 * np.sin(x / 60))
+    elif error == "screw":
+        cx = cx + size * np.cos(2 * np.pi * x / 10 + 1)
+    elif error == "bump":
+        cx = cx + size * np.exp(-(((x - 150) / 18) ** 2))
+    cx, cy = cx + noise * rng.normal(size=rows), cy + noise * rng.normal(size=rows)
+    columns = {"cx": cx, "cy": cy, "X": x, "Y": y, "X_dir": sides[0], "Y_dir": sides[1], "t_s": 20.0 * np.arange(rows)}
+    return MeasuredData(columns, "own table", name=f"{error} {seed}")
+
+
+def _noise_of(report: Report) -> dict[str, float]:
+    sigma = report.fitted.model.model.formulation.sigma
+    return {name: float(np.median(value)) for name, value in sigma.items()}
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(("error", "name"), [("play", "backlash"), ("screw", "screw_error")])
+def test_a_right_name_is_the_whole_where_nobody_states_the_noise(error: str, name: str, seed: int) -> None:
+    report = explain(Table(), _readings(seed, error, 0.04))
+    assert report.verdict in ("named", "ambiguous")
+    assert any(r.family == name and r.target == "X axis" for r in report.findings[0].set)
+    assert report.left is not None
+    assert 0.7 < report.left.times < 1.3
+    told = _noise_of(report)
+    assert told["cx"] == pytest.approx(NOISE, rel=0.35)
+    assert told["cy"] == pytest.approx(NOISE, rel=0.35)
+
+
+def test_what_no_name_explains_teaches_no_noise() -> None:
+    readings = _readings(3, "bump", 0.05)
+    report = explain(Table(), readings)
+    assert report.verdict in ("unknown", "partly")
+    assert _noise_of(report)["cx"] >= 0.9 * NOISE
+
+
+def test_noise_is_learned_in_each_block_and_around_held_parameters() -> None:
+    first = Table().formulate(_readings(1, "none", 0.0))
+    second = Table().formulate(_readings(2, "none", 0.0, rows=400, noise=10 * NOISE))
+    stated = Predicted(second.data, _seen, PARAMETERS, {"cx": 7.0, "cy": None}, inputs=("X", "Y"), roles=ROLES)
+    blocks = Held(Blocks(first, stated), frozenset({"x0"}))
+    left = np.concatenate([2.0 * _unit(ROWS), 5.0 * _unit(400)])
+    again = relearned(blocks, left, 0.0)
+    assert again.parameters == blocks.parameters
+    assert np.asarray(again.sigma["cx"])[:ROWS] == pytest.approx(2.0, rel=0.01)
+    assert np.asarray(again.sigma["cy"])[:ROWS] == pytest.approx(2.0, rel=0.01)
+    assert np.all(np.asarray(again.sigma["cx"])[ROWS:] == 7.0)
+    assert np.asarray(again.sigma["cy"])[ROWS:] == pytest.approx(5.0, rel=0.01)
+    assert np.array_equal(Model(again).residuals(Model(again).start), Model(blocks).residuals(Model(blocks).start))
+
+
+def _unit(rows: int) -> Array:
+    """Return two columns of a Gaussian's quantiles: their median modulus is that of deviation 1."""
+
+    one = ndtri((np.arange(rows) + 0.5) / rows)
+    return np.stack([one, one], axis=-1)
