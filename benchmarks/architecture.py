@@ -192,9 +192,8 @@ def files_listed() -> str:
             own = folder / "__init__.py"
             what = f": {_first_sentence(own)}" if own.exists() else ""
             lines = "\n".join(f"- `{path.name}`: {_first_sentence(path)}" for path in files)
-            folds.append(
-                f'<details markdown="1"><summary><code>{shown}/</code>{_as_html(what)}</summary>\n\n{lines}\n\n</details>'
-            )
+            head = f'<details markdown="1"><summary><code>{shown}/</code>{_as_html(what)}</summary>'
+            folds.append(f"{head}\n\n{lines}\n\n</details>")
     return "\n".join(folds)
 
 
