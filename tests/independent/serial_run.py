@@ -25,9 +25,7 @@ def told(seed: int, unstated: Sequence[str] = (), **asked: object) -> Answer:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(drawn.urdf)
-        return answer(
-            seed, drawn, explain(Arm(str(path)), MeasuredData(drawn.columns, "arm", stated, f"arm{seed}"))
-        )
+        return answer(seed, drawn, explain(Arm(str(path)), MeasuredData(drawn.columns, "arm", stated, f"arm{seed}")))
 
 
 def main(name: str, *files: str) -> None:
