@@ -21,8 +21,8 @@ from calibench.core.words import check_word, one_line
 _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --version)
        bench VERB --help         what one verb reads: all of its words, with what they mean
 
-  list problems|optimizers|effects|machines|studies|figures [--json]
-                                                       what there is, with traits and options
+  list problems|optimizers|effects|machines|studies|figures [NAME ...] [--json]
+                                                       what there is, with traits and options; FILE.py:CLASS is yours
   list optimizers --all                                and what is left out, with the reason
   run [-m] problem=NAME [problem.OPTION=V] optimizer=NAME [optimizer.OPTION=V] [budget=N|ci|paper]
       [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [time_limit=S] [study=NAME] [results=DIR]

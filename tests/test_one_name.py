@@ -53,8 +53,8 @@ def test_a_sweep_from_python_is_that_of_the_command_line(tmp_path):
 
 
 def test_a_set_that_ships_is_searched_by_its_name_from_python():
-    found = calibench.discover("orthoglide", "exp1")
-    assert (found.case, found.machine) == ("exp1", "orthoglide")
+    found = calibench.discover("gpm2002", "demo_backlash")
+    assert (found.case, found.machine) == ("demo_backlash", "gpm2002")
     with pytest.raises(discrepancy.DataError, match="did you mean 'demo_backlash'"):
         calibench.discover("gpm2002", "demo_backlsh")
     with pytest.raises(discrepancy.DataError, match="names 2 sets of data; one is needed"):

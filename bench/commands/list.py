@@ -12,18 +12,21 @@ from calibench.core.registry import about
 
 
 def run(argv: list[str]) -> int:
-    """Print the kind that `argv` names. Only modules of that kind are imported, so that the answer comes at once."""
+    """Print the kind that `argv` names, or the entries named after it, ``FILE.py:CLASS`` of one's own among them.
+
+    Only modules of that kind are imported, so that the answer comes at once.
+    """
     flags, words = split_flags(argv, ("--json", "--all"))
     kinds: dict[str, Callable[[], list[dict[str, Any]]]] = {
         "problems": _problem_rows, "optimizers": _optimizer_rows, "effects": _effect_rows, "machines": _machine_rows,
         "studies": _study_rows, "figures": _figure_rows,
     }  # fmt: skip
-    kind = words[0] if len(words) == 1 else ""
+    kind, names = (words[0], words[1:]) if words else ("", [])
     if kind not in kinds:
-        what = f"list {' '.join(words)}: one kind is needed" if words else "list: what is to be listed is missing"
-        raise ValueError(f"{what}; {suggest(' '.join(words), kinds)}")
-    rows = kinds[kind]()
-    if "--all" in flags and kind in ("problems", "optimizers"):
+        what = f"list {kind}: no such kind" if words else "list: what is to be listed is missing"
+        raise ValueError(f"{what}; {suggest(kind, kinds)}")
+    rows = _named_rows(kind, names, kinds[kind]) if names else kinds[kind]()
+    if "--all" in flags and not names and kind in ("problems", "optimizers"):
         rows += _left_out_rows(kind)
     if "--json" in flags:
         print(json.dumps(rows, indent=1))
@@ -33,10 +36,33 @@ def run(argv: list[str]) -> int:
         traits += row.get("tags", [])
         traits += ["left out"] if row.get("left_out") else []
         print(f"{row['name']}" + (f"  [{', '.join(traits)}]" if traits else ""))
-        print(f"    {row['about']}")
+        if row["about"]:
+            print(f"    {row['about']}")
         if row.get("options"):
             print(f"    {'  '.join(option['text'] for option in row['options'])}")
     return 0
+
+
+def _named_rows(kind: str, names: list[str], every: Callable[[], list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Return the rows of these names; ``FILE.py:CLASS`` is a user's own problem or optimiser."""
+    rows = {row["name"]: row for row in every()} if any(":" not in name for name in names) else {}
+    found = []
+    for name in names:
+        if name in rows:
+            found.append(rows[name])
+        elif ":" in name and kind in ("problems", "optimizers"):
+            found.append(_row_of_own(kind, name))
+        else:
+            raise ValueError(f"list {kind} {name}: no such name; {suggest(name, rows)}")
+    return found
+
+
+def _row_of_own(kind: str, name: str) -> dict[str, Any]:
+    from calibench import optimizers, problems
+
+    registry: Any = problems.registry if kind == "problems" else optimizers.registry
+    row = {"name": registry.told_name(name), "about": about(registry.factory(name))}
+    return row | {"options": _option_rows(registry, name)}
 
 
 def _left_out_rows(kind: str) -> list[dict[str, Any]]:

@@ -41,6 +41,7 @@ from calibench.bench.sweep.words.values import RequestError
 from calibench.core.options import shown, suggest
 from calibench.core.registry import UnknownName, beside, suggest_or_own
 
+_SHOWN = 8  # names of a long list where none was given
 _YES_OR_NO = {"yes", "no", "on", "off", "y", "n"}
 _FUNCTION = {
     "problem": "; a function is called with the options and returns a problem: an object with lower, upper, start "
@@ -62,6 +63,11 @@ class Member:
     key: list[Any] = field(repr=False)
     globbed: bool = False  # matched, not named
     broken: Lost | None = None  # `built` is then what would build it
+
+    @property
+    def asked(self) -> str:
+        """Return the name with the options that it is built with, but for those that have their defaults."""
+        return " ".join([self.name, *(f"{option}={shown(value)}" for option, value in self.options.items())])
 
     @property
     def label(self) -> str:
@@ -114,7 +120,11 @@ def _nothing_named(kind: str, overrides: list[Any]) -> str:
     study = last_value(overrides, "study", "")
     near = f"did you mean study={study}.yaml?" if Path(f"{study}.yaml").is_file() else suggest(study, study_names())
     prepared = f" (study={study} is not a prepared one; {near})" if study else ""
-    return f"{kind}=NAME is missing{prepared}; {suggest('', _group(kind))}"
+    names = _group(kind)
+    some = (
+        f"such as {', '.join(names[:_SHOWN])}; `bench list {kind}s` lists all {len(names)}, and FILE.py:CLASS is yours"
+    )
+    return f"{kind}=NAME is missing{prepared}, {some}"
 
 
 def _chosen_options(kind: str, choice: str, name: str, composed: Mapping[str, Any], asked: set[str]) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from calibench.bench.provenance.run_id import (
 from calibench.bench.sweep.called import Cell, called, copies
 from calibench.bench.sweep.execution import read_execution
 from calibench.bench.sweep.members import Member, members_of
+from calibench.bench.sweep.remarks import Asked, remarks_of
 from calibench.bench.sweep.studies import is_study_file, study_preset
 from calibench.bench.sweep.words.composition import (
     compose,
@@ -67,6 +68,7 @@ class Request:
     replay: bool | None = None
     broken: Mapping[str, tuple[str, str]] = field(default_factory=dict)  # run id -> error_type, error: cannot be built
     called: Mapping[str, str] = field(default_factory=dict)  # label -> what its cell is called beside the others
+    remarks: tuple[str, ...] = ()  # goals out of reach and budgets that a first sample uses up, a line each
     copies: tuple[str, ...] = ()  # problems that are one problem under several seeds of their data, a line each
     seeds: int = 1  # the most repetitions that are asked for of a cell
     other_shards: frozenset[str] = frozenset()  # ids of the runs that other shards do
@@ -93,6 +95,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     broken: dict[str, tuple[str, str]] = {}
     skipped: _Skipped = {}
     digests: dict[tuple[int, int], str] = {}
+    asked: list[Asked] = []
     every: list[Member] = []  # kept alive, so that no new object gets the id of an old one
     for sweep in sweeps:
         for spec_id, spec, label, members in _expand(sweep, skipped, inner, time_limit is not None):
@@ -100,6 +103,9 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
                 raise RequestError(f"two cells have one run id, {spec_id}: {labels[spec_id]}; and {label}")
             if label not in cells:
                 cells[label] = Cell(members[0].key, members[1].key, spec.budget, spec.start, spec.target)
+                if all(member.broken is None for member in members):
+                    problem, method = members
+                    asked.append((problem.asked, problem.built, method.asked, method.built, spec.budget, spec.target))
             if int(spec_id, 16) % shards != shard - 1:
                 continue
             specs.setdefault(spec_id, replace(spec, time_limit=time_limit))
@@ -126,7 +132,7 @@ def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     execution = settings["execution"]
     return Request(
         specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken, called(cells),
-        tuple(copies(cells.values())), max(_seeds_asked(sweep) for sweep in sweeps), other_shards,
+        remarks_of(asked), tuple(copies(cells.values())), max(_seeds_asked(sweep) for sweep in sweeps), other_shards,
     )  # fmt: skip
 
 
@@ -231,7 +237,7 @@ def _expand(
                 names += [optimizer.name] if optimizer.name not in names else []
                 continue
             skipped.setdefault(problem.label, {})
-            check_request(problem.built, optimizer.built, budget, 0, target)
+            _check_cell(problem, optimizer, budget, target)
             chosen = preferred_start(problem.built, start)
             label = _label(problem, optimizer, budget, chosen, target)
             repetitions = repetitions_of(optimizer.built, chosen, wanted, is_stochastic(problem.built))
@@ -244,6 +250,15 @@ def _expand(
                 )  # fmt: skip
                 known = run_id(problem.key, optimizer.key, budget, repetition, chosen, target)
                 yield known, spec, label, (problem, optimizer)
+
+
+def _check_cell(problem: Member, optimizer: Member, budget: int, target: float | None) -> None:
+    """Raise `ValueError` where a method cannot be run on a problem, with the options that were given."""
+    try:
+        check_request(problem.built, optimizer.built, budget, 0, target)
+    except ValueError as error:
+        given = [member.asked for member in (problem, optimizer) if member.options]
+        raise RequestError(f"{error} ({'; '.join(given)})" if given else str(error)) from error
 
 
 def _label(problem: Member, optimizer: Member, budget: int, start: Start, target: float | None) -> str:

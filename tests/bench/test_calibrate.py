@@ -255,7 +255,8 @@ def test_a_joint_that_the_urdf_lacks_is_told_by_its_column(here, calibrate):
     assert told.count("\n") == 1
 
 
-@pytest.mark.parametrize("apart", [49.92, pytest.param(50.08, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("apart", [49.92, 50.08])
 def test_lengths_are_told_to_what_the_distance_of_sockets_is_known_to(here, calibrate, apart):
     in_sockets(here / "plate", places=6, apart=apart)
     found = calibrate("data=plate", "machine.tip=ball", "distance=50", "level=geometry")

@@ -42,6 +42,10 @@ class Cup(Bowl):
     pass
 
 
+class Least(Bowl):
+    minimum = 0.0
+
+
 class Walk:
     def __init__(self, steps: int = 9):
         self._steps = steps
@@ -160,7 +164,7 @@ def test_a_file_without_its_class_lists_its_classes(call):
     code, _, err = call("run", "problem=./mine.py", "optimizer=de", "budget=50", "seeds=1")
     assert (code, err.count("\n")) == (2, 1)
     assert "FILE.py:CLASS" in err
-    assert "./mine.py:Bowl, ./mine.py:Cup, ./mine.py:Walk" in err
+    assert "./mine.py:Bowl, ./mine.py:Cup, ./mine.py:Least, ./mine.py:Walk" in err
 
 
 @pytest.mark.slow
@@ -251,3 +255,53 @@ def test_values_that_are_not_finite_and_many_cells_are_told_under_the_table(tmp_
     told = run("-m", *words, "optimizer=de,pso", "problem.k=range(3)", "budget=10,20,30,40,50,60,70")
     assert "42 cells, of which the best 12 are printed; the report has all" in told
     assert told.count("holes.py:Holes k=") >= 12
+
+
+def test_a_target_that_no_run_can_reach_is_told_before_the_runs(call):
+    _, out, _ = call(
+        "run", "problem=./mine.py:Least", "optimizer=de", "budget=300", "seeds=1", "target=-1", "--dry-run"
+    )
+    assert "target=-1: no run can reach it, mine.py:Least says that its least value is 0\n" in out
+    _, out, _ = call("run", "problem=./mine.py:Least", "optimizer=de", "budget=300", "seeds=1", "target=0", "--dry-run")
+    assert "no run can reach it" not in out
+
+
+def test_a_budget_that_a_first_sample_uses_up_is_told_before_the_runs(call):
+    words = ["run", "-m", "problem=sensor_zero", "optimizer=de,pso,lm", "seeds=1", "--dry-run"]
+    _, out, _ = call(*words, "budget=100,150,151")
+    assert "budget=100: it ends within the first sample of de (150), pso (100), before they propose a point" in out
+    assert "budget=150: it ends within the first sample of de (150), before it proposes a point" in out
+    assert "budget=151: it ends" not in out
+    assert "lm (" not in out
+
+
+def test_what_is_left_of_a_sweep_that_is_done_is_nothing(call):
+    sweep(call)
+    _, out, _ = sweep(call, "--dry-run")
+    assert "nothing is left to run; nothing was written" in out
+    assert "would go to" not in out
+
+
+def test_a_class_of_ones_own_is_listed_with_its_options(call):
+    code, out, _ = call("list", "problems", "./mine.py:Bowl", "sensor_zero")
+    assert code == 0
+    assert out.startswith("mine.py:Bowl\n")
+    assert "dimension=" in out
+    assert "\nsensor_zero" in out
+    code, _, err = call("list", "optimizers", "lmm")
+    assert (code, "did you mean 'lm'?" in err, err.count("\n")) == (2, True, 1)
+
+
+def test_a_request_without_a_method_names_some_and_where_all_are_listed(call):
+    code, _, err = call("run", "problem=sensor_zero")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "such as de, ga" in err
+    assert "`bench list optimizers` lists all" in err
+    assert len(err) < 250
+
+
+def test_a_setting_that_cannot_run_is_named_with_its_options(call):
+    code, _, err = call("run", "-m", "problem=./mine.py:Bowl", "problem.dimension=2,0", "optimizer=de", "budget=300")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "lower is empty" in err
+    assert "(mine.py:Bowl dimension=0)" in err

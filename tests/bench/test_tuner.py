@@ -213,6 +213,7 @@ def walk(tmp_path_factory) -> str:
     return f"{file}:Walk"
 
 
+@pytest.mark.slow
 def test_options_of_one_name_in_two_others_are_two_options(run_bench, tmp_path, walk) -> None:
     words = [*CELLS[:2], "budget=20", "seeds=1", f"optimizer={walk}", "tuner=optuna", "tuner.trials=3"]
     space = ["optimizer.near.size=interval(0.1,0.3)", "opt.Walk.far.size=interval(0.3,0.9)", "opt.Walk.shrink=0.5,1.0"]
@@ -228,6 +229,7 @@ def test_options_of_one_name_in_two_others_are_two_options(run_bench, tmp_path, 
     assert "(default)" in out
 
 
+@pytest.mark.slow
 def test_a_default_that_always_fails_does_not_end_the_search(run_bench, tmp_path, walk) -> None:
     words = [*FEW, f"optimizer={walk}", "optimizer.near.size=0.5", "tuner=optuna"]
     code, out, err = run_bench(["run", *words, "optimizer.shrink=interval(0.5,1)", "tuner.trials=2", "study=none"])

@@ -135,6 +135,7 @@ def test_a_fitted_period_is_told_in_the_unit_of_its_joint_and_as_waves_a_turn():
     )
 
 
+@pytest.mark.slow
 def test_a_fitted_period_is_told_in_the_unit_that_the_file_states_of_its_column():
     hidden = OUTSIDE["cycle weather in y"]
     data = readings(3, measured=hidden).with_units({"weather": "kPa"})

@@ -60,7 +60,7 @@ def _run(argv: list[str]) -> int:
     if any(word.partition("=")[0].partition(".")[0] == "tuner" for word in words):
         return _tune(argv, words, flags)
     request = read_request(words, multirun=bool({"-m", "--multirun"} & flags))
-    for line in (*request.left_out, *request.copies):
+    for line in (*request.left_out, *request.copies, *request.remarks):
         print(line)
     command, way = _command(argv), _way(flags)
     if "--dry-run" in flags:
@@ -226,7 +226,8 @@ def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
             if seconds is None
             else f"they take some {span(max(seconds, 1.0))} or more"
         )
-    print(f"{counted(len(request.specs), 'run')} would go to {request.folder}; nothing was written")
+    would = f"{counted(left, 'run')} would go to {request.folder}" if left else "nothing is left to run"
+    print(f"{would}; nothing was written")
     return 2 if stale is not None and stale.other and way == "ask" else 0
 
 
