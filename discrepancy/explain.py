@@ -43,7 +43,7 @@ from calibench.discrepancy.model.measured.data import NO_REPEATS, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
-from calibench.discrepancy.noise.repeats import law_of
+from calibench.discrepancy.noise.repeats import Repeats, law_of
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import (
@@ -135,7 +135,8 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     verdict = _short_of(verdict, left)
     if findings and final.noise.profiled and not final.exact and found.last.still < level:
         verdict = "partly"  # without repeats the noise is unknown, so only the tests can say whether something is left
-    others = _at_other_noise(base, known.candidates, terms, suspects, left, seed, level) if base.noise.profiled else ()
+    doubted = base.noise.profiled and not unknown_noise_of(base.model.formulation)
+    others = _at_other_noise(base, known.candidates, terms, suspects, left, seed, level) if doubted else ()
     invisible, table = _table(found.first, base)
     nearest = nearest_of(found.first) if verdict == "unknown" else None
     return Report(
@@ -242,7 +243,10 @@ def _learned_beside(at: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Formulat
     variance, so the columns that no effect moves would look too noisy, and a right name would leave something.
     """
     formulation = relearned(at.model.formulation, at.at.misclosure, len(at.x))
-    calm = fit(Model(formulation, at.model.effects), Noise(extra=at.noise.extra), at.x)
+    model, blamed = Model(formulation, at.model.effects), _sum(*(s.extra for s in suspects))
+    calm = fit(model, Noise(extra=blamed), at.x)
+    added, _ = sensor_scales(calm)
+    calm = fit(model, Noise(extra=_sum(added, blamed)), at.x) if added else calm
     return (formulation, *_noise_of(calm, suspects, formulation))
 
 
@@ -252,17 +256,28 @@ def _names(found: Selection) -> set[str]:
 
 def _noise_of(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -> tuple[Noise, tuple[str, ...]]:
     """Return the noise that repeated readings show, and remarks on it. `whole` has the held-out rows too."""
-    data = sound.model.formulation.data
-    noise, told, remarks = law_of(sound.r.reshape(len(data), -1), data)
+    data, unknown = sound.model.formulation.data, unknown_noise_of(whole)
+    noise, told, remarks = _law(sound)
     if told.few and NO_REPEATS in whole.data.noted:
         remarks = ()  # the machine has its own remark on it
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # coarse readings repeat the same value, so repeats tell nothing about their noise
     noise = replace(noise, extra=sound.noise.extra)
-    if unknown := unknown_noise_of(whole):
+    if unknown and (told.few or _stated(whole)):
         behind = max(len(unknown) * told_by_middle(len(data), sound.J.shape[1] / len(whole.readings)), told.n_pairs)
         noise = replace(noise, profiled=True, known=min(noise.known, behind))
     return noise, remarks
+
+
+def _law(at: Fit) -> tuple[Noise, Repeats, tuple[str, ...]]:
+    """Return the law of the noise that repeats show in what a fit leaves, the repeats, and remarks on it."""
+    formulation = at.model.formulation
+    return law_of(at.r.reshape(len(formulation.data), -1), formulation.data, _stated(formulation))
+
+
+def _stated(formulation: Formulation) -> bool:
+    """Return whether the noise of any reading is stated."""
+    return len(unknown_noise_of(formulation)) < len(formulation.readings)
 
 
 def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
@@ -278,7 +293,7 @@ def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
     wild = [s.extra for s in outside if s.family == "outlier"]
     if wild:
         at = fit(plain.model, Noise(extra=_sum(at.noise.extra, *wild)), at.x)
-    return at, (*suspects, *outside), notes
+    return at, (*suspects, *outside), notes if _stated(plain.model.formulation) else ()
 
 
 def _cleared(found: Selection, suspects: Sequence[NoiseFinding]) -> tuple[NoiseFinding, ...]:
@@ -302,8 +317,7 @@ def _without(cleared: Sequence[NoiseFinding], found: Selection, noise: Noise) ->
             extra[name] = extra[name] - variance
     extra = {name: variance for name, variance in extra.items() if np.any(variance)}
     at = fit(found.fit.model, Noise(extra=extra), found.fit.x)
-    data = at.model.formulation.data
-    law, _, remarks = law_of(at.r.reshape(len(data), -1), data)
+    law, _, remarks = _law(at)
     return replace(law, extra=extra, profiled=law.profiled or noise.profiled), remarks
 
 
@@ -317,8 +331,7 @@ def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]] 
     if not found.sets or noise.autocorrelation > 0 or as_stated:
         return None
     at = fit(found.fit.model, Noise(extra=noise.extra), found.fit.x)
-    data = at.model.formulation.data
-    law, _, remarks = law_of(at.r.reshape(len(data), -1), data)
+    law, _, remarks = _law(at)
     calmer = noise.scale > 1 and law.scale < current_thresholds().calmer * noise.scale
     thinner = np.isfinite(noise.t_degrees) and not np.isfinite(law.t_degrees)
     if calmer or (thinner and law.scale <= max(noise.scale, 1.0)):  # a wider law would absorb what was found

@@ -9,6 +9,7 @@ from calibench.discrepancy.checks.copies import copied_rows
 from calibench.discrepancy.checks.enter import entered, file_rows, visits_at
 from calibench.discrepancy.checks.machine import refuse_no_machine
 from calibench.discrepancy.checks.wild import formulated, refuse_wild, wild_rows, wild_words
+from calibench.discrepancy.checks.wild_readings import without_wild
 from calibench.discrepancy.model.formulations.constraints import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured.data import UNSTATED, MeasuredData
@@ -56,7 +57,11 @@ def validated(
     predicts = not isinstance(formulation, Constraints)
     told = visits_at(formulation.data, inputs_of(formulation) if predicts else ())
     formulation = formulation if told is formulation.data else formulation.on(told)
-    return _remarked(machine, _tame(formulation))
+    formulation = _tame(formulation)
+    if machine.name not in descriptions():  # machines that ship have rules of their own for wild readings
+        kept = without_wild(formulation, isolated=True)
+        formulation = formulation if kept is formulation.data else formulation.on(kept)
+    return _remarked(machine, formulation)
 
 
 def _tame(formulation: Formulation) -> Formulation:
@@ -81,7 +86,7 @@ def _remarked(machine: Machine, formulation: Formulation) -> Formulation:
     """
     data = formulation.data
     if unknown := unknown_noise_of(formulation):
-        data = data.with_note(f"{UNSTATED}: that of {', '.join(unknown)} is told by their residuals")
+        data = data.with_note(f"{UNSTATED}: that of {', '.join(unknown)} is learned from the readings")
         formulation = formulation.on(data)
     if machine.name in descriptions() or ("split" in data and (data["split"] == "hold").any()):
         return formulation

@@ -136,6 +136,11 @@ class Roles:
         for length in self.lengths:
             _known(length.name, (length.quantity,), numbers, "parameter or held number")
         for instrument in self.instruments:
+            for name in (name for name in instrument.columns if name in inputs_of(formulation)):
+                raise DataError(
+                    f"{instrument.name}: {name!r} is no measured column but an input, which is taken to be exact; a "
+                    "machine whose instrument reads its inputs is stated by Constraints"
+                )
             _known(instrument.name, instrument.columns, set(formulation.readings), "measured column")
 
 

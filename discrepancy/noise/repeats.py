@@ -72,10 +72,11 @@ def compare(r: Array, data: MeasuredData) -> Repeats:
     return Repeats(pairs, n_pairs, visits, n_visits)
 
 
-def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...]]:
+def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, Repeats, tuple[str, ...]]:
     """Return the law of the noise behind residuals whitened by the stated one, (n, c), with the repeats and remarks.
 
-    The stated noise is kept unless the repeats contradict it. The remarks are for the report.
+    The stated noise is kept unless the repeats contradict it. Where it is not `stated` but a first estimate, repeats
+    alone tell it: pairs that scatter less are then no sign that noise is carried on. The remarks are for the report.
     """
     told = compare(r, data)
     first, second = pairs_of(data)
@@ -88,12 +89,13 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
     spread = variance(difference, t_degrees)
     n = told.n_pairs
     width = np.sqrt((2 if not np.isfinite(t_degrees) else 5) / n)
-    if spread < 1 - 2 * width:
+    if stated and spread < 1 - 2 * width:
         part = 1 - spread
         if told.n_visits < thresholds().repeat_pairs or _as_stated(told, spread):
             return Noise(1.0, float(min(part, _CARRIED))), told, (_quieter(spread, told),)
         return _estimated(spread, t_degrees, n), told, _misstated(spread)
-    if spread > thresholds().statement_useless and told.n_visits >= thresholds().repeat_pairs:
+    useless = not stated or spread > thresholds().statement_useless
+    if useless and told.n_visits >= thresholds().repeat_pairs:
         first, second = visits_of(data)
         visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), t_degrees)
         if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(t_degrees) else 5) / np.sqrt(told.n_visits)):
@@ -101,7 +103,9 @@ def law_of(r: Array, data: MeasuredData) -> tuple[Noise, Repeats, tuple[str, ...
             part = float(min(1 - spread / visits, _CARRIED))
             more = f"visits scatter more: {100 * part:.0f} % of the noise is taken to be carried on"
             law = replace(_estimated(visits, np.inf, told.n_visits), autocorrelation=part)
-            return law, told, (*_misstated(visits), more)
+            return law, told, (*(_misstated(visits) if stated else ()), more)
+    if not stated:
+        return _estimated(spread, t_degrees, n), told, ()
     if spread > 1 + 3 * width:
         return _estimated(spread, t_degrees, n), told, _misstated(spread)
     if np.isfinite(t_degrees):  # the tests rest on the core, and only the repeats tell it

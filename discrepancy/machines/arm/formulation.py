@@ -17,6 +17,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from calibench.core.counted import plain
+from calibench.discrepancy.checks.wild_readings import without_wild
 from calibench.discrepancy.machines.arm.geometry import (
     BASE,
     PLACE,
@@ -57,7 +58,6 @@ from calibench.discrepancy.machines.arm.validate import (
     stated_teeth,
 )
 from calibench.discrepancy.machines.arm.weights import loads, torques, with_loads
-from calibench.discrepancy.machines.arm.wild import without_wild
 from calibench.discrepancy.model.formulations.predicted import Predicted
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
@@ -168,7 +168,7 @@ def tracked(chain: Chain, data: MeasuredData) -> Predicted:
         slopes=predict.slopes,
         of_new=partial(_of_new, predict, start),
     )
-    return without_wild(formulation)
+    return formulation.on(without_wild(formulation, "arm"))
 
 
 @final

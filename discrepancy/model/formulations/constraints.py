@@ -62,7 +62,8 @@ class Constraints:
         for name, sigma in self.noise.items():
             if not (isinstance(sigma, int | float) and np.isfinite(sigma) and sigma > 0):
                 told = f"{sigma:g}" if isinstance(sigma, int | float) else repr(sigma)
-                raise DataError(f"noise of {name}: {told}; a standard deviation above 0 is needed")
+                only = " (None, unknown, is for what Predicted measures)" if sigma is None else ""
+                raise DataError(f"noise of {name}: {told}; a standard deviation above 0 is needed{only}")
         refuse_twice((*self.noise, *self.inputs), self.held, self.parameters)
         sensors = (*self.instruments, *joints_among(self.inputs, self.roles))
         data = complete(self.data, (*self.noise, *self.inputs), sensors)
