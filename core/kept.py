@@ -1,7 +1,7 @@
-"""Results computed from a file's bytes, kept between processes: named by a digest of these bytes, so never stale.
+"""The cache folder of all that is kept between processes, and results that are kept there by a file's bytes.
 
-They are in the user's cache folder beside the machine code of the kernels, and are computed again where that folder
-cannot be read or written.
+Such results are named by a digest of these bytes, so they are never stale. They lie beside the machine code of the
+kernels, and are computed again where that folder cannot be read or written.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Names with checked options: a decorator and a dictionary.
+"""Names with checked options: a decorator and a dictionary; a class in a user's own file by its path, or its refusal.
 
 An entry's options are the parameters of its factory's signature, declared there once with type and default. They are
 checked here and nowhere else, so that Python and the command line get the same sentence for the same mistake. People

@@ -106,6 +106,13 @@ def test_the_list_of_files_is_that_of_the_code_now() -> None:
     assert "nothing of it stays" not in with_files(PAGE.replace("- `thresholds.py`: ", "- nothing of it stays: "))
 
 
+def test_the_table_of_changes_is_one_table() -> None:
+    _, _, told = PAGE.partition("## Where to change what\n\n")
+    rows = told.partition("\n\n")[0].splitlines()
+    assert all(row.startswith("| ") for row in rows)
+    assert "\n| " not in told[len("\n".join(rows)) :].partition("## Every file")[0]
+
+
 def test_imports_of_rooms_are_read_whatever_their_form() -> None:
     assert "problems" in imports()["discrepancy.model"]
     assert "bench.execution" in imports()["testing"]

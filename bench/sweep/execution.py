@@ -1,4 +1,4 @@
-"""How the runs of a sweep are carried out: reads ``execution=NAME`` with its options, or refuses it."""
+"""How the runs of a sweep are carried out, and by how many workers: reads ``execution=NAME`` with its options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Smooth terms: tests for a smooth disagreement of any shape, of each leg over each covariate and over the workspace.
+"""Smooth terms: tests, by Chebyshev polynomials, for a smooth disagreement of any shape over a covariate or the space.
 
 A smooth term is an effect without a name: an unknown smooth function of one covariate that is added to one reading (or
 a function of the place, added to each constraint). It detects what the catalogue lacks, tells where it is, and is the

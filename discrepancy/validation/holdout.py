@@ -54,7 +54,7 @@ def root(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
-def folds(data: MeasuredData, count: int = 5) -> Array:
+def folds(data: MeasuredData, count: int) -> Array:
     """Return the fold of each row, (n,): whole poses, distributed in the order of their names.
 
     Where data have a `shared_id`, of poses whose readings share noise, all rows of one are in one fold: noise in both

@@ -58,7 +58,7 @@ def test_moves_across_the_legs_part_them() -> None:
 def test_readings_that_share_a_zero_are_not_parted_by_cross_validation() -> None:
     hidden = case(0, plan="paper")
     data = machines.make("orthoglide").formulate(MeasuredData(hidden.columns, "orthoglide", hidden.metadata, "p")).data
-    fold = folds(data)
+    fold = folds(data, 5)
     for gauge in np.unique(data["shared_id"]):
         assert len(np.unique(fold[data["shared_id"] == gauge])) == 1
     assert len(np.unique(data["shared_id"])) == 6

@@ -1,4 +1,6 @@
-"""What the poses do not tell of both frames, and what to measure instead; frames that are not told are not written.
+"""Refuse poses that are too few or turn too little to tell both frames, and say what to measure instead.
+
+Frames that are not told are not written.
 
 Of rotations about one axis alone, camera and board may be shifted along it together, unseen; without any rotation
 nothing tells where the camera is at all (Tsai and Lenz 1989).
