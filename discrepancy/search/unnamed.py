@@ -1,8 +1,8 @@
 """An error without a name, described so that the user can act: which number errs, over what, how much, in what shape.
 
 Where no formula fits, smooth functions were fitted. Each is a function of one covariate, so words can describe its
-shape: over an angle that was read over its whole turn as waves a turn, over anything else as a line, a bend, an S, or
-by its number of waves.
+shape: an error at one place by that place; over an angle that was read over its whole turn as waves a turn; over
+anything else as a line, a bend, an S, or by its number of waves.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from calibench.core.counted import plain
 from calibench.core.tables.units import between
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.model.effect import Effect, has_free_period
@@ -28,6 +29,7 @@ _ORDERS = 8  # waves a turn
 _POWERS = ("a line", "a bend", "an S")
 _TOLD = 0.8  # share of a course's variance that waves a turn, or line, bend and S, must explain to be told
 _SMALL = 0.2  # part of the largest error of its kind: a smaller one is not told
+_PLACE = 0.35  # part of the range: an error of which `_TOLD` of the squares lie in less is at one place
 _TELLS = 0.1  # share of a course's variance: a smaller one is not told
 
 
@@ -73,23 +75,41 @@ def _told(parts: Sequence[Component], formulation: Formulation) -> Unnamed:
         return Unnamed(first.quantity, first.covariate, float(np.ptp(values)) / one, unit)
     grid = np.linspace(first.low[0], first.high[0], _GRID)
     values = np.asarray(sum(part.waves({first.columns[0]: grid})[0] @ part.weights for part in parts))
-    return Unnamed(first.quantity, first.covariate, float(np.ptp(values)) / one, unit,
-                   _course(grid, values, _turn_of(first.covariate, formulation)))  # fmt: skip
+    place = _place(grid, values, *_unit_of(first.covariate, formulation))
+    course = _course(grid, values, _turn_of(first.covariate, formulation), place)
+    return Unnamed(first.quantity, first.covariate, float(np.ptp(values)) / one, unit, course)
 
 
 def _rows(part: Component, formulation: Formulation) -> Mapping[str, Array]:
     return {name: np.asarray(formulation.data[name], dtype=float) for name in part.columns}
 
 
-def _course(grid: Array, values: Array, turn: float) -> str:
+def _place(grid: Array, values: Array, unit: str, one: float) -> str:
+    """Return in words where on an even grid a function lies that is flat elsewhere; "" where it is not at one place.
+
+    `unit` is that of the grid in words, `one` of it in the grid's own.
+    """
+    squares = np.concatenate([[0.0], np.cumsum((values - np.median(values)) ** 2)])
+    ends = np.searchsorted(squares, squares[:-1] + _TOLD * squares[-1])
+    widths = np.where(ends < len(squares), ends - np.arange(len(grid)), len(grid) + 1)
+    first = int(np.argmin(widths))
+    if widths[first] > _PLACE * len(grid):
+        return ""
+    last = min(first + int(widths[first]), len(grid)) - 1
+    low, high = (float(grid[k]) / one for k in (first, last))
+    what = "end" if first == 0 or last == len(grid) - 1 else "place"
+    return f"most of it at one {what}, from {plain(low, 3)} to {plain(high, 3)}{f' {unit}' if unit else ''}"
+
+
+def _course(grid: Array, values: Array, turn: float, place: str) -> str:
     """Return the shape of a function on an even grid in words; `turn` is that of its argument, 0 where it has none.
 
-    Shares are shares of its variance.
+    Shares are shares of its variance. `place` tells where it is not flat, "" if that is everywhere.
     """
     y = values - values.mean()
     if not float(y @ y) > 0:
         return ""
-    if turn and np.ptp(grid) > _TURN * turn:
+    if turn and np.ptp(grid) > _TURN * turn and not place:
         angle = 2 * np.pi * grid / turn
         waves = [np.stack([np.cos(k * angle), np.sin(k * angle)], axis=-1) for k in range(1, _ORDERS + 1)]
         c = np.linalg.lstsq(np.concatenate([np.ones((len(y), 1)), *waves], axis=1), y, rcond=None)[0][1:]
@@ -101,6 +121,8 @@ def _course(grid: Array, values: Array, turn: float) -> str:
     powers = [float(p) for p in (Q.T @ y)[1:] ** 2]
     if sum(powers) > _TOLD * float(y @ y):
         return _shares(powers, _POWERS)
+    if place:
+        return place
     turns = int((np.diff(np.sign(np.diff(values))) != 0).sum())
     return f"about {(turns + 1) / 2:g} waves over the range"
 

@@ -15,6 +15,7 @@ from calibench.bench.discovery.page.limits import limits
 from calibench.bench.discovery.page.words import headline, left_sentence, shortest_words, unnamed_sentences
 from calibench.discrepancy import Constraints, Joint, MeasuredData, Roles, explain
 from calibench.discrepancy.report import Left, Nearest, Place, Report, Shortest, Unnamed
+from calibench.discrepancy.search.unnamed import _course, _place
 from calibench.problems.base import Array, Parameter
 from tests.discrepancy.test_probes_of_predicted import Polar, polar_readings
 
@@ -68,6 +69,27 @@ def test_an_error_without_a_name_is_told_with_its_size_and_course() -> None:
     assert headline(report).endswith("the clearest sign is at hz (angle of circle), over time.")
     assert unnamed_sentences(report)[0].startswith("hz (angle of circle) errs over time by ")
     assert "shorter" not in " ".join(unnamed_sentences(report))
+
+
+@pytest.mark.parametrize("middle", [0.45, 0.6])
+def test_an_error_at_one_place_is_told_by_that_place(middle: float) -> None:
+    rng = np.random.default_rng(4)
+    azimuth, clock = rng.uniform(0, 2 * np.pi, 300), np.sort(rng.uniform(0, 3600, 300))
+    bump = 12 * SIGMA * np.exp(-(((clock / 3600 - middle) / 0.06) ** 2))
+    hz = azimuth + 0.01 + SIGMA * rng.standard_normal(300) + bump
+    report = explain(Circle(), MeasuredData({"azimuth": azimuth, "hz": hz, "clock": clock}, "circle", {}, "run"))
+    assert report.verdict == "unknown"
+    [one] = [one for one in report.unnamed if one.covariate == "clock"]
+    low, high = map(float, re.findall(r"most of it at one place, from (\d+) to (\d+)", one.course)[0])
+    assert 3600 * (middle - 0.12) < low < 3600 * middle < high < 3600 * (middle + 0.12)
+
+
+def test_what_grows_towards_an_end_is_told_as_an_end_and_what_is_everywhere_by_its_shape() -> None:
+    grid = np.linspace(0.0, 10.0, 400)
+    assert _place(grid, np.exp(-grid / 0.7), "N", 1.0).startswith("most of it at one end, from 0 to ")
+    assert _place(grid, np.exp((grid - 10) / 0.7), "", 1.0).endswith(" to 10")
+    for everywhere, shape in (((grid - 5) ** 2, "a bend"), (grid**3, "a line"), (np.sin(9 * grid), "waves over the range")):
+        assert shape in _course(grid, everywhere, 0.0, _place(grid, everywhere, "N", 1.0))
 
 
 def test_waves_that_are_too_short_to_be_looked_for_are_told() -> None:
