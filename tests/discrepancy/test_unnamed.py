@@ -88,7 +88,11 @@ def test_what_grows_towards_an_end_is_told_as_an_end_and_what_is_everywhere_by_i
     grid = np.linspace(0.0, 10.0, 400)
     assert _place(grid, np.exp(-grid / 0.7), "N", 1.0).startswith("most of it at one end, from 0 to ")
     assert _place(grid, np.exp((grid - 10) / 0.7), "", 1.0).endswith(" to 10")
-    for everywhere, shape in (((grid - 5) ** 2, "a bend"), (grid**3, "a line"), (np.sin(9 * grid), "waves over the range")):
+    for everywhere, shape in (
+        ((grid - 5) ** 2, "a bend"),
+        (grid**3, "a line"),
+        (np.sin(9 * grid), "waves over the range"),
+    ):
         assert shape in _course(grid, everywhere, 0.0, _place(grid, everywhere, "N", 1.0))
 
 
