@@ -39,7 +39,7 @@ from calibench.discrepancy.labels import effect_label, part_label, quantity_of
 from calibench.discrepancy.model.effect import Effect, is_possible
 from calibench.discrepancy.model.formulations.learned_noise import relearned, told_by_middle
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured.data import NO_REPEATS, MeasuredData
+from calibench.discrepancy.model.measured.data import LEARNED, NO_REPEATS, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
@@ -156,7 +156,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
             *(far_words(formulation, base.x) if _lost(verdict, gap) else ()),
             *held,
             *started,
-            *(NOT_CROSSED if note == CROSSED and not gap.cross_validated else note for note in whole.data.notes),
+            *_told_notes(whole.data.notes, gap, base.noise),
             *misstated,
             *remarks,
             *one_reading(base),
@@ -377,6 +377,12 @@ def _short_of(verdict: Verdict, left: Left | None, noise: float = 1.0) -> Verdic
     """
     many = left is not None and left.times > noise * current_thresholds().floors_left
     return "partly" if many and verdict in ("named", "ambiguous", "negligible") else verdict
+
+
+def _told_notes(notes: Sequence[str], gap: Gap, noise: Noise) -> tuple[str, ...]:
+    """Return the notes of the data, as they hold now that the search is done."""
+    told = [NOT_CROSSED if note == CROSSED and not gap.cross_validated else note for note in notes]
+    return tuple(note.replace(LEARNED, "is told by repeats") if noise.from_repeats else note for note in told)
 
 
 def _carried_by_nothing(findings: Sequence[Finding], gap: Gap) -> bool:

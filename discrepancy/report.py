@@ -34,12 +34,17 @@ class Amplitude:
 @final
 @dataclass(frozen=True)
 class Rival:
-    """A member of a set that the data cannot tell apart, with its weight in the set; weights sum to 1."""
+    """A member of a set that the data cannot tell apart, with its weight in the set; weights sum to 1.
+
+    `amplitude` is its size if it is the cause and not the first of the set; None of that first one, and of twins that
+    the catalogue declares and nothing was fitted of.
+    """
 
     effect: str
     family: str
     target: str
     weight: float
+    amplitude: Amplitude | None = None
 
 
 @final
@@ -332,15 +337,25 @@ class Report:
         return self.fitted
 
 
+def _amplitude(told: Mapping[str, Any]) -> Amplitude:
+    return Amplitude(_real(told.get("value")), str(told.get("unit", "")), _ends(told.get("ci95")))
+
+
+def _rival(told: Mapping[str, Any]) -> Rival:
+    size = told.get("amplitude")
+    return Rival(
+        told["effect"], told["family"], told["target"], _real(told.get("weight")), _amplitude(size) if size else None
+    )
+
+
 def _finding(told: Mapping[str, Any]) -> Finding:
-    size = told.get("amplitude") or {}
     return Finding(
         effect=told["effect"],
         family=told["family"],
         target=told["target"],
-        amplitude=Amplitude(_real(size.get("value")), str(size.get("unit", "")), _ends(size.get("ci95"))),
+        amplitude=_amplitude(told.get("amplitude") or {}),
         gain=_real(told.get("gain")),
-        set=tuple(Rival(r["effect"], r["family"], r["target"], _real(r.get("weight"))) for r in told.get("set") or ()),
+        set=tuple(map(_rival, told.get("set") or ())),
         separated_by=told.get("separated_by"),
         visible=_real(told.get("visible", 0.0)),
         form=str(told.get("form") or ""),

@@ -12,7 +12,7 @@ from calibench.discrepancy.checks.wild import formulated, refuse_wild, wild_rows
 from calibench.discrepancy.checks.wild_readings import without_wild
 from calibench.discrepancy.model.formulations.constraints import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured.data import UNSTATED, MeasuredData
+from calibench.discrepancy.model.measured.data import LEARNED, UNSTATED, MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
 from calibench.discrepancy.registries import descriptions
 
@@ -86,7 +86,7 @@ def _remarked(machine: Machine, formulation: Formulation) -> Formulation:
     """
     data = formulation.data
     if unknown := unknown_noise_of(formulation):
-        data = data.with_note(f"{UNSTATED}: that of {', '.join(unknown)} is learned from the readings")
+        data = data.with_note(f"{UNSTATED}: that of {', '.join(unknown)} {LEARNED}")
         formulation = formulation.on(data)
     if machine.name in descriptions() or ("split" in data and (data["split"] == "hold").any()):
         return formulation

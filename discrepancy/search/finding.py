@@ -48,7 +48,8 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     weights = _held(weights, (best.name, *_of_the_same_course(options, found)), _left_out(found))
     total = sum(weights.values())
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
-    rivals = tuple(Rival(name, *members[name], weight / total) for name, weight in ranked)
+    sizes = {o.name: _size(o) for o in options if o is not best}
+    rivals = tuple(Rival(name, *members[name], weight / total, sizes.get(name)) for name, weight in ranked)
     effect = best.effect
     whole = _with_its_form(effect, found)
     nearest, spread = whole @ found.x, whole @ found.covariance() @ whole.T
@@ -67,6 +68,15 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
         coefficients=_coefficients(effect, nearest, np.sqrt(np.diag(spread))),
         period=effect.period(nearest) if isinstance(effect, OfFreePeriod) else _period_of(effect, found),
     )
+
+
+def _size(o: Option) -> Amplitude | None:
+    """Return the size of an option beside the other picks, with its interval; None where its fit was not kept."""
+    if not len(o.fit.J):
+        return None
+    own = slice(len(o.fit.x) - len(o.effect.coefficients), None)
+    c, spread = o.fit.x[own], o.fit.covariance()[own, own]
+    return Amplitude(o.effect.amplitude(c), o.effect.unit, amplitude_interval(o.effect, c, spread, o.fit.reach))
 
 
 def _with_its_form(effect: Effect, found: Fit) -> Array:

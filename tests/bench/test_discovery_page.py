@@ -200,7 +200,7 @@ def test_a_chart_is_drawn_where_every_reading_is_taken_for_outlying(monkeypatch)
 
 
 @pytest.mark.parametrize(
-    ("note", "drawn"), [(f"{UNSTATED}: that of y is learned from the readings", False), ("", True)]
+    ("note", "drawn"), [(f"{UNSTATED}: that of y is learned from what the model leaves", False), ("", True)]
 )
 def test_no_best_possible_error_is_drawn_from_noise_that_held_the_gap(note, drawn):
     report = told(gap={**GAP, "held_out_before": 0.7, "held_out_after": 0.14}, notes=[note], findings=[FINDING])

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any
 
-from calibench.bench.discovery.page.words import FEW_NAMES, by_weight, coefficients_of, size_of
+from calibench.bench.discovery.page.words import FEW_NAMES, amplitude_words, by_weight, coefficients_of, size_of
 from calibench.bench.report.shared.page import Head, Table
 from calibench.bench.report.shared.templating import macros
 from calibench.core.counted import plain
@@ -60,8 +60,13 @@ def _rival(machine: str, finding: Finding, rival: Rival, causes: Mapping[str, tu
     return [
         _cell().strong(name) if first else name,
         _cell().cause(cause, formula),
-        _cell().cause(size_of(finding), coefficients_of(finding)) if first else "",
+        _cell().cause(size_of(finding), coefficients_of(finding)) if first else _size_if_it(rival),
     ]
+
+
+def _size_if_it(rival: Rival) -> str:
+    told = "" if rival.amplitude is None else amplitude_words(rival.amplitude)
+    return f"{told} if it is this" if told else ""
 
 
 def _cell() -> Any:

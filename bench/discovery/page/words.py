@@ -6,6 +6,7 @@ They are made from the `Report` alone, so one that was read from a file reads as
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import isfinite, isnan, pi
 
 from calibench.bench.discovery.next_step import clearest_place, missing_columns, next_step
@@ -19,8 +20,8 @@ from calibench.discrepancy.diagnostics.one_reading import ALONE
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, part_label, quantity_label, quantity_of
 from calibench.discrepancy.model.measured.complete import STILL
-from calibench.discrepancy.model.measured.data import UNSTATED
-from calibench.discrepancy.report import Finding, OtherNoise, Place, Report, Rival, Unnamed
+from calibench.discrepancy.model.measured.data import LEARNED, UNSTATED
+from calibench.discrepancy.report import Amplitude, Finding, OtherNoise, Place, Report, Rival, Unnamed
 from calibench.discrepancy.search.finding import BEGINS, FREE_PERIOD
 from calibench.discrepancy.search.unnamed import NEAR
 
@@ -30,6 +31,7 @@ _NO_MORE = 1.15  # times the noise: what a reader would see as 1.1 times is no m
 _TAKES = 0.3  # of what is more than noise: smooth functions that take less tell nothing
 _TURN = {"rad": 2 * pi, "deg": 360.0}
 FEW_NAMES = 3  # at most: more are told without intervals, or by what they share, and not one by one again
+_NTH = ("second", "third")
 _HALF = 0.5  # of the weight of a set: what its likeliest names are to hold together
 _LESS = 0.8  # of the weight of the last name told: a next one above it is as likely
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
@@ -189,7 +191,8 @@ def floor_holds_the_gap(report: Report) -> bool:
     """Tell whether the noise estimate contains the gap as well, so that it does not bound what a model could reach."""
     gap = report.gap
     after = gap.held_out_after if isfinite(gap.held_out_before) else gap.train_after
-    return _unstated(report) and after < _BELOW * gap.noise_floor
+    learned = any(LEARNED in note for note in report.notes)  # from the very rest that is compared with it
+    return _unstated(report) and (learned or after < _BELOW * gap.noise_floor)
 
 
 def is_noise(finding: Finding) -> bool:
@@ -272,12 +275,16 @@ def chance_sentence(report: Report) -> str:
 
 def size_of(finding: Finding, brief: bool = False) -> str:
     """Return a finding's amplitude with its interval (without it where `brief`); "" where it has none."""
-    size = finding.amplitude
+    unit = "" if finding.family == "heavy_tails" else finding.amplitude.unit  # a kurtosis is no share
+    return amplitude_words(replace(finding.amplitude, unit=unit), brief)
+
+
+def amplitude_words(size: Amplitude, brief: bool = False) -> str:
+    """Return a size with its interval (without it where `brief`); "" where it has none."""
     if not isfinite(size.value):
         return ""
     ends = None if brief or not all(isfinite(end) for end in size.ci95) else size.ci95
-    unit = "" if finding.family == "heavy_tails" else size.unit  # a kurtosis is no share
-    return amount(size.value, unit, ends)
+    return amount(size.value, size.unit, ends)
 
 
 def coefficients_of(finding: Finding) -> str:
@@ -368,7 +375,14 @@ def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
         ahead = "most likely" if next_weight < _LESS * likeliest[-1].weight else "such as"
         which = f"one of {_shared(machine, rivals)} (these data cannot tell which), {ahead} {_join(names, 'or')}"
     its = "the first" if _is_first(finding, first) else _label(machine, finding)
-    return which + (f": {told.removeprefix(', ')} if it is {its}" if told else "")
+    others = _sizes_of_others(rivals) if len(rivals) <= FEW_NAMES and its == "the first" else ""
+    return which + (f": {told.removeprefix(', ')} if it is {its}{others}" if told else "")
+
+
+def _sizes_of_others(rivals: Sequence[Rival]) -> str:
+    """Return the sizes of the second and the third of a short set, without intervals; the page has these."""
+    sizes = [(r.amplitude and amplitude_words(r.amplitude, brief=True), nth) for r, nth in zip(rivals[1:], _NTH)]
+    return "".join(f", {size} if the {nth}" for size, nth in sizes if size)
 
 
 def _member(machine: str, finding: Finding, rival: Rival) -> str:

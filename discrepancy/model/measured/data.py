@@ -20,6 +20,7 @@ Column = NDArray[Any]
 TO_PREDICT = "row_to_predict"  # the place of a row that a report predicts
 _OWN = ("reading_place", TO_PREDICT)  # columns that no file has
 UNSTATED = "the noise is not stated"  # how a note begins on noise that was told from the data themselves
+LEARNED = "is learned from what the model leaves"  # in such a note: then nothing tells how much of the rest is noise
 UNREAD = "have another shape and are not read"  # in a note, of variables that are no column beside the others
 NO_REPEATS = "no repeats"  # subject of a note: nothing was read twice, so the stated noise is taken on trust
 
