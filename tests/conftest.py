@@ -1,8 +1,11 @@
 """Before the whole suite each worker compiles its share of the kernels, so that no two compile the same ones."""
 
 import gc
+import os
 
 import pytest
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `make test` has it: runs and direct calls add up in one order
 
 WHOLE = 2000  # tests: of fewer, each compiles what it needs
 SECONDS = {

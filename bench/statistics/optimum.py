@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _ROUNDING = float(np.finfo(float).eps)  # of the value at the start: a sum of squares falls to its square by rounding
+_SAME = 1e-9  # part of f*: a value that is closer below it is f*
 _WIDE = 100.0  # ratio, beyond which values of both signs need a symlog axis
 
 
@@ -106,7 +107,10 @@ class Optimum:
 
     def text(self, value: float) -> str:
         """Return a value for a table under `heading`; a dash where there is none."""
-        return f"{self.above(value):.{self.digits}g}" if isfinite(value) else "–"
+        if not isfinite(value):
+            return "–"
+        under = self.is_gap and value < self.least - _SAME * abs(self.least)  # of an answer outside the box
+        return f"{value - self.least if under else self.above(value):.{self.digits}g}"
 
     def told(self, value: float) -> str:
         """Return a value in a sentence, with what it is and its unit: ``f - f* 1.2e-09 V``."""

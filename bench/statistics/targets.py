@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibench.bench.execution.merit import PREFIX
+from calibench.bench.execution.merit import PREFIX, offered
 from calibench.bench.statistics.answers import answers
 from calibench.bench.statistics.by_cell import by_cell
 from calibench.bench.statistics.cells import PROBLEM
@@ -72,8 +72,11 @@ def levels_of(runs: pd.DataFrame, wanted: Mapping[str, Sequence[float]] | None =
     answer lies in the box can reach it. `wanted` is {quantity: targets} in place of the defaults. The largest target
     stands first. Raises `ValueError` for a quantity that the runs do not have.
     """
+    asked_of = runs
+    if "merit" in runs and any(name.startswith(PREFIX) and name not in runs for name in wanted or ()):
+        asked_of = offered(runs[["merit"]])
     for quantity in wanted or ():
-        _check_quantity(quantity, runs)
+        _check_quantity(quantity, runs if quantity in runs else asked_of)
     found = []
     asked: Mapping[str, Sequence[float] | None] = dict.fromkeys(["value", "gap", "noise", *OF_THE_ANSWER])
     asked = asked if wanted is None else wanted
@@ -100,8 +103,13 @@ def levels_of(runs: pd.DataFrame, wanted: Mapping[str, Sequence[float]] | None =
 
 def _check_quantity(quantity: str, runs: pd.DataFrame) -> None:
     known = ["value", "gap", "noise", *OF_THE_ANSWER]
-    if quantity not in known and not quantity.startswith(PREFIX) and quantity not in runs:
-        raise ValueError(f"there is no quantity {quantity!r} to set targets in; {suggest(quantity, known)}")
+    figures = [str(name) for name in runs.columns if str(name).startswith(PREFIX)]
+    unread = quantity.startswith(PREFIX) and not figures and "merit" not in runs
+    if quantity not in known and quantity not in runs and not unread:
+        near = suggest(quantity, [*figures, *known])
+        raise ValueError(f"there is no quantity {quantity!r} to set targets in; {near}")
+    if quantity in figures and runs[quantity].dtype.kind not in "fiub":
+        raise ValueError(f"{quantity} is text: a target is a number")
 
 
 def references(runs: pd.DataFrame) -> pd.DataFrame:

@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from json import dumps
-from pathlib import Path
 from typing import Any, final
 
 from calibench.bench.execution.request.probe import probe
@@ -24,7 +23,7 @@ from calibench.bench.provenance.run_id import (
     key_of_problem,
     options_as_asked,
 )
-from calibench.bench.sweep.studies import study_names
+from calibench.bench.sweep.studies import near_study, study_names
 from calibench.bench.sweep.words.composition import (
     CONF,
     NOT_GIVEN,
@@ -118,7 +117,8 @@ def members_of(kind: str, overrides: list[Any]) -> list[Member]:
 def _nothing_named(kind: str, overrides: list[Any]) -> str:
     """Return the message for a request without a problem or an optimiser; a study that is not one may be why."""
     study = last_value(overrides, "study", "")
-    near = f"did you mean study={study}.yaml?" if Path(f"{study}.yaml").is_file() else suggest(study, study_names())
+    file = near_study(study) if study else ""
+    near = f"did you mean study={file}?" if file else suggest(study, study_names())
     prepared = f" (study={study} is not a prepared one; {near})" if study else ""
     names = _group(kind)
     some = (

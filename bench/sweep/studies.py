@@ -29,7 +29,7 @@ def study_preset(name: str) -> dict[str, Any] | None:
     try:
         preset: Any = OmegaConf.to_container(OmegaConf.load(path))
     except FileNotFoundError:
-        raise RequestError(f"study={name}: there is no file {path}") from None
+        raise RequestError(f"study={name}: there is no file {path}{_near_file(path)}") from None
     except (OSError, ValueError, YAMLError) as error:
         raise RequestError(f"study={name}: cannot be read: {' '.join(str(error).split())}") from None
     sweeps = preset.get("sweeps") if isinstance(preset, dict) else None
@@ -48,6 +48,18 @@ def study_preset(name: str) -> dict[str, Any] | None:
         found |= {key: _beside(path.parent, found[key]) for key in _CLASSES & {*found}}
         found["sweeps"] = [[_word_beside(path.parent, word) for word in sweep] for sweep in sweeps]
     return found
+
+
+def near_study(name: str) -> str:
+    """Return the study file of the working folder whose name is near to `name`; "" where there is none."""
+    files = {path.name: path for path in sorted(Path().glob("*.y*ml"))}
+    near = difflib.get_close_matches(name, [*files, *(path.stem for path in files.values())], n=1)
+    return next((file for file, path in files.items() if near and near[0] in (file, path.stem)), "")
+
+
+def _near_file(path: Path) -> str:
+    near = difflib.get_close_matches(path.name, [p.name for p in sorted(path.parent.glob("*.y*ml"))], n=1)
+    return f"; did you mean {path.with_name(near[0])}?" if near else ""
 
 
 def _word(name: str, key: str, value: Any) -> Any:

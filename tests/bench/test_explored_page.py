@@ -163,6 +163,25 @@ def test_the_answer_names_the_best_and_what_was_compared(store):
     assert "no run failed" in told.compared
 
 
+def test_who_reaches_the_goal_more_often_on_fewer_problems_is_told_beside_the_best(store):
+    def fewer(runs):
+        lm = runs[runs["optimizer"] == "lm"]
+        others = runs[(runs["optimizer"] != "lm") & (runs["problem"] == "link_length")]
+        missed = (lm["problem"] == "link_length") & (lm["repetition"] < 2)
+        none = lm["hits"].map(lambda told: [None] * len(told))
+        lm = lm.assign(
+            best_value=lm["best_value"].mask(missed, 1e9), hits=lm["hits"].where(~missed, none),
+            hits_charged=lm["hits_charged"].where(~missed, none),
+        )  # fmt: skip
+        best = runs[(runs["optimizer"] == "lm") & (runs["problem"] == "link_length")]
+        return pd.concat([lm, others, best.assign(optimizer="twin", run_id=best["run_id"] + "t")], ignore_index=True)
+
+    told = answered(store, fewer)
+    assert "lm reaches the goal most: in 6 of 8 runs" in told.best
+    assert "On fewer problems a larger share reaches it: twin in 4 of 4 runs on the 1 that it was run on" in told.best
+    assert "runs on 1 problem" in told.sure
+
+
 def test_few_runs_leave_the_answer_undecided(store):
     told = answered(store)  # four pairs: no test can refuse at 5 %
     assert told.verdict == "undecided"

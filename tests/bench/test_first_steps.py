@@ -15,6 +15,7 @@ from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.study.figures import convergence, target_chart
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.optimum import Optimum
 from calibench.bench.store.runs import ResultStore
 from calibench.core import user_file
 
@@ -305,3 +306,35 @@ def test_a_setting_that_cannot_run_is_named_with_its_options(call):
     assert (code, err.count("\n")) == (2, 1)
     assert "lower is empty" in err
     assert "(mine.py:Bowl dimension=0)" in err
+
+
+def test_a_misspelt_study_file_is_answered_with_the_near_one(call, fresh):
+    (fresh / "terrain.yaml").write_text("sweeps:\n- [problem=sensor_zero, optimizer=lm]\n")
+    for asked in ("terain.yaml", "terrian", "terrain.yam"):
+        code, _, err = call("run", f"study={asked}")
+        assert (code, err.count("\n")) == (2, 1)
+        assert "did you mean" in err
+        assert "terrain.yaml" in err
+
+
+def test_what_a_method_did_outside_the_box_and_at_the_gate_is_told_below_the_table(call, fresh):
+    (fresh / "out.py").write_text(
+        "import numpy as np\n\n\nclass Peek:\n"
+        "    def minimize(self, objective, rng):\n"
+        "        try:\n            objective.budget = 10**6\n"
+        "        except AttributeError:\n            pass\n"
+        "        objective(objective.start)\n"
+        "        while True:\n            objective(objective.upper + 1.0)\n"
+    )
+    _, out, _ = call("run", "problem=./mine.py:Bowl", "optimizer=./out.py:Peek", "budget=30", "seeds=2")
+    assert "58 points lay outside the box or were not finite: 58 of out.py:Peek\n" in out
+    assert re.search(r"out.py:Peek tried in 2 runs what no method may: .*budget.*; the counts are true", out)
+    _, out, _ = call("run", "problem=./mine.py:Bowl", "optimizer=de", "budget=200", "seeds=1", "study=inside")
+    assert "outside the box" not in out
+
+
+def test_a_value_below_the_least_one_is_told_as_it_is():
+    known = Optimum("f", "", 2.0, None, None, False, None)
+    assert known.text(1.773) == "-0.23"
+    assert known.text(2.0) == known.text(2.0 - 1e-12) == "2.2e-16"
+    assert known.text(2.5) == "0.5"

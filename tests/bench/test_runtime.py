@@ -272,3 +272,10 @@ def test_words_that_are_none_are_refused_with_what_is_near():
         ecdf(hits, runs, by=["problm"])
     with pytest.raises(ValueError, match="option 'instanc'"):
         ert(hits, runs, instances=("instanc",))
+
+
+@pytest.mark.parametrize("paid", [[22.0] * 6 + [20.0] * 2, [22, 22, 19, 16, 22, 22, 22, 16]])
+def test_runs_that_pay_nearly_the_same_have_an_interval_near_it(paid):
+    """A resample of equal runs has no spread of its own: it once drew the lower end to 1."""
+    [low], [high] = ert_interval(np.array(paid, float)[:, None], np.ones((len(paid), 1), dtype=bool))
+    assert min(paid) - 6 < low < np.mean(paid) < high < max(paid) + 6

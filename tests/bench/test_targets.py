@@ -211,3 +211,27 @@ def test_an_answer_outside_the_box_reaches_no_gap_above_the_best_inside(tmp_path
 def test_a_quantity_that_is_none_is_refused_with_what_is_near(store, quantity):
     with pytest.raises(ValueError, match=f"no quantity '{quantity}'.*(parameter_error_mm|gap)"):
         levels_of(store.runs(), {quantity: [1.0]})
+
+
+class Told:
+    """A problem with figures of merit of its own, one of them text."""
+
+    lower, upper, start = np.full(2, -1.0), np.full(2, 1.0), np.full(2, 0.5)
+
+    def __call__(self, x):
+        return float(x @ x)
+
+    def merit(self, x):
+        return {"distance": float(np.hypot(*x)), "corner": "low"}
+
+
+def test_a_figure_of_merit_that_no_run_has_or_that_is_text_is_refused(tmp_path):
+    made = ResultStore(tmp_path / "study")
+    made.open()
+    made.write(bench.execute(Told(), optimizers.make("nlopt_LN_BOBYQA"), budget=40, seed=0))
+    runs = made.runs()
+    assert len(levels_of(runs, {"merit.distance": [0.1]})) == 1
+    with pytest.raises(ValueError, match=r"no quantity 'merit.distnce'.*did you mean 'merit.distance'"):
+        levels_of(runs, {"merit.distnce": [0.1]})
+    with pytest.raises(ValueError, match=r"merit\.corner is text"):
+        levels_of(runs, {"merit.corner": [0.1]})

@@ -106,6 +106,7 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
             some = f", of which the best {len(best['runs'])} are printed" if best["runs"] else ", more than are printed"
             print(f"{counted(cells, 'cell')}{some}; the report has all")
         _print_not_finite(mine)
+        _print_outside(mine)
     if way == "keep" and outcome.stale.other:
         print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
     missing = len(outcome.asked) - len(mine)
@@ -146,6 +147,24 @@ def _print_not_finite(rows: pa.Table) -> None:
     told = [f"{count} of {name}" for name, count in where.most_common(_REASONS) if count]
     more = f" and {len(+where) - len(told)} more" if len(+where) > len(told) else ""
     print(f"{bad.sum()} of {all_of.sum()} values were not finite (NaN or infinite): {', '.join(told)}{more}")
+
+
+def _print_outside(rows: pa.Table) -> None:
+    """Print how many points lay outside the box, of which methods, and what methods tried at the gate."""
+    names, asked = rows["optimizer"].to_pylist(), rows["outside_evaluations"].to_pylist()
+    outside, tried = Counter[str](), Counter[tuple[str, str]]()
+    for name, count, tampering in zip(names, asked, rows["tampering"].to_pylist(), strict=True):
+        outside[name] += count or 0
+        if tampering:
+            tried[name, tampering] += 1
+    told = [f"{count} of {name}" for name, count in outside.most_common(_REASONS) if count]
+    if told:
+        more = f" and those of {len(+outside) - len(told)} more" if len(+outside) > len(told) else ""
+        print(f"{outside.total()} points lay outside the box or were not finite: {', '.join(told)}{more}")
+    for (name, tampering), count in tried.most_common(_REASONS):
+        print(
+            f"{name} tried in {counted(count, 'run')} what no method may: {tampering}; the counts are true all the same"
+        )
 
 
 def _asked_for(runs: pa.Table, outcome: Outcome) -> pa.Table:

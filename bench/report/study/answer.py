@@ -26,6 +26,7 @@ from calibench.core.counted import counted
 LEVEL = 0.05
 _MANY = 10  # problems from which on they, not the repetitions, are what is drawn at random
 _NAMED = 4  # methods named one by one
+_FEW = 2  # methods that were run on fewer problems that are named
 Array = NDArray[np.float64]
 Method = tuple[str, str]  # an optimiser and its options
 Verdict = Literal["decided", "undecided", "alone"]
@@ -64,12 +65,13 @@ def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
             "undecided", best, "No method found a value in most of its runs: they are not compared.", compared
         )
     wins, losses, tasks = _against(runs, cells, first, rivals)
+    shared = _shared(cells, first)
     better = [pair for pair in rivals if wins[pair] and not losses[pair]]
     open_ = [called[pair] for pair in rivals if pair not in better]
     test = (
-        f"signed-rank tests over the {tasks} problems"
+        f"signed-rank tests over the {shared} problems"
         if tasks >= _MANY
-        else f"rank tests of the runs on each of {counted(tasks, 'problem')}"
+        else f"rank tests of the runs on {'each of ' if shared > 1 else ''}{counted(shared, 'problem')}"
     )
     more = ", corrected for all pairs of methods, 5 % level"
     if not open_:
@@ -86,6 +88,24 @@ def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
         f"it is better than {len(better)} of {counted(len(rivals), 'other method')} ({test}{more})."
     )
     return Answer("undecided", best, sure, compared)
+
+
+def _shared(cells: pd.DataFrame, first: Method) -> int:
+    """Return on how many problems the best method and any other were run."""
+    own = (cells["optimizer"] == first[0]) & (cells["optimizer_options"] == first[1])
+    return len(cells.loc[own, TASK].drop_duplicates().merge(cells.loc[~own, TASK].drop_duplicates(), on=TASK))
+
+
+def _better_on_fewer(every: pd.DataFrame, called: dict[Method, str], problems: int, share: float) -> str:
+    """Return a sentence on methods that reach the goal in a larger share of their runs, on fewer problems."""
+    told = []
+    for pair, mine in every.groupby(METHOD, sort=False):
+        won, total, own = int(mine["reached"].sum()), int(mine["runs"].sum()), len(mine[PROBLEM].drop_duplicates())
+        if own < problems and won > share * total:
+            name = called[(str(pair[0]), str(pair[1]))]
+            told.append(f"{name} in {_spaced(won)} of {counted(total, 'run')} on the {own} that it was run on")
+    more = f", and {len(told) - _FEW} more" if len(told) > _FEW else ""
+    return f" On fewer problems a larger share reaches it: {'; '.join(told[:_FEW])}{more}." if told else ""
 
 
 def _outside(runs: pd.DataFrame, first: Method) -> str:
@@ -128,7 +148,7 @@ def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within:
     return (
         f"{within}, {called[first]} reaches the goal most: in {_spaced(won)} of {counted(total, 'run')} "
         f"({_percent(won / total)}{interval}) on "
-        f"{counted(problems, 'problem')}{soonest}."
+        f"{counted(problems, 'problem')}{soonest}.{_better_on_fewer(every, called, problems, won / total)}"
     )
 
 
