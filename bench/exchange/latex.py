@@ -87,7 +87,10 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def shown(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns of the table, already as LaTeX; start, budget and target where they differ, units last."""
+    """Return the columns of the table, already as LaTeX; start, budget and target where they differ, units last.
+
+    Where problems declare a least value f* that is not 0, values are those above it; a dash in its column: as they are.
+    """
     cells = best_first(cells.assign(method=method_names(cells)))
     errors = [json.loads(text).get("error") for text in cells["problem_options"]]
     titles = problem_titles(cells, but=("error",))
@@ -103,8 +106,13 @@ def shown(cells: pd.DataFrame) -> pd.DataFrame:
         columns["charged to target"] = [number(value) for value in cells["charged_to_target"]]
     else:
         columns["runs"] = [str(count) for count in cells["runs"]]
+    least = cells["minimum"].where(~cells["noisy"].astype(bool) & (cells["minimum"] != 0)).astype(float)
+    above = " $- f^*$" if least.notna().any() else ""
+    if above:
+        columns["$f^*$"] = [number(value) for value in least]
     for name in ("best_q1", "best_median", "best_q3"):
-        columns[escaped(name.replace("_", " "))] = [number(value) for value in cells[name]]
+        told = cells[name] - least.fillna(0.0)
+        columns[f"{escaped(name.replace('_', ' '))}{above}"] = [number(value) for value in told]
     if (cells["unit"] != "").any():
         columns["unit"] = [escaped(unit) or "--" for unit in cells["unit"]]
     return pd.DataFrame(columns)

@@ -338,3 +338,24 @@ def test_a_value_below_the_least_one_is_told_as_it_is():
     assert known.text(1.773) == "-0.23"
     assert known.text(2.0) == known.text(2.0 - 1e-12) == "2.2e-16"
     assert known.text(2.5) == "0.5"
+
+
+def test_a_study_compared_and_in_latex_tells_what_is_above_the_least_value(call, fresh):
+    high = "\n\nclass High(Bowl):\n    minimum, targets = 2.5, (2.6,)\n\n"
+    high += "    def __call__(self, x):\n        return 2.5 + super().__call__(x)\n"
+    (fresh / "high.py").write_text(MINE + high)
+    words = ["run", "-m", "problem=./high.py:High", "optimizer=nlopt_LN_BOBYQA,./high.py:Walk", "opt.Walk.steps=1"]
+    words += ["budget=30", "seeds=2"]
+    code, _, err = call(*words, "study=a")
+    assert code == 0, err
+    code, out, err = call("compare", "results/a", "--methods", "nlopt_LN_BOBYQA", "high.py:Walk")
+    assert (code, err) == (0, "")
+    assert re.search(r"f\*\+\d\.\de[-+]\d\d -> f\*\+1\.2e-01", out)
+    call("export", "latex", "results/a", "--to", "tex")
+    table = (fresh / "tex" / "summary.tex").read_text()
+    assert "best median $- f^*$" in table
+    assert "$2.5$" in table
+    assert "$0.125$" in table
+    call("run", "problem=./mine.py:Bowl", "optimizer=./mine.py:Walk", "budget=30", "seeds=2", "study=b")
+    call("export", "latex", "results/b", "--to", "plain")
+    assert "f^*" not in (fresh / "plain" / "summary.tex").read_text()

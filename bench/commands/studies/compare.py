@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 
 import pandas as pd
@@ -126,7 +127,7 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
         runs += f" ({', '.join(alone)} without partner)" if alone else ""
         method = f"{methods[0]} -> {methods[1]}" if methods else names[i]
         other = "" if methods or not row["other_options"] else f" ({row['other_options']})"
-        median = f"{_apart(row['best_median_a'], row['best_median_b'])}"
+        median = _medians(row["best_median_a"], row["best_median_b"], row["minimum"])
         median += f" {row['unit']}" if row["unit"] else ""
         reached = f"{row['reached_a']}/{row['runs_a']} -> {row['reached_b']}/{row['runs_b']}"
         reached = reached if row["goal"] == row["goal"] else "-"
@@ -146,6 +147,13 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
 def _left(count: int) -> str:
     """Return the number of answers outside the box, marked as in the table of a study."""
     return f"◇ {count}" if count else "-"
+
+
+def _medians(first: float, second: float, least: float) -> str:
+    """Return two medians; above f*, where the problem declares one that is not 0."""
+    if isfinite(least) and least and isfinite(first) and isfinite(second):
+        return f"f*{first - least:+.1e} -> f*{second - least:+.1e}"
+    return _apart(first, second)
 
 
 def _apart(first: float, second: float) -> str:

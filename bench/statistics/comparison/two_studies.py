@@ -72,10 +72,10 @@ def compare(
 
     With `methods` the two are optimisers, by name, and cells are matched whatever their optimiser. Columns: problem,
     problem_options, data_id, optimizer, optimizer_options (of the first), other_options (of the second, where they
-    differ), start, budget, target, goal (NaN: none), unit (of the value), runs_a, runs_b, pairs (0: unpaired), alone_a
-    and alone_b (runs without a partner, which are left out of pairs and of every number here), test, p, p_holm, p_sign,
-    a12 with a12_low and a12_high (how often a run of the second beats one of the first), outside_a and outside_b
-    (answers outside the box), reached_a, reached_b, charged_to_target_a and _b, best_median_a and _b, verdict (of the
+    differ), start, budget, target, goal (NaN: none), unit (of the value), minimum (as declared; NaN: none), runs_a,
+    runs_b, pairs (0: unpaired), alone_a and alone_b (runs without a partner, which are left out of pairs and of every
+    number here), test, p, p_holm, p_sign, a12 with a12_low and a12_high (how often a run of the second beats one of the
+    first), outside_a and outside_b (answers outside the box), reached_a, reached_b, charged_to_target_a and _b, best_median_a and _b, verdict (of the
     second), why.
     """
     matched, only = _matched(first, second, methods)
@@ -183,11 +183,18 @@ def _of_runs(side: Sides, result: Tested, verdict: Verdict, why: str, by: By) ->
     return verdict, why
 
 
+def _minimum(runs: pd.DataFrame) -> float:
+    """Return the least value that the problem of these runs declares; NaN where there is none, or values are noisy."""
+    known = runs["minimum"].iloc[0] if "minimum" in runs and runs["judged_value"].isna().all() else None
+    return float("nan") if known is None else float(known)
+
+
 def _row(pair: Shared, side: Sides, result: Tested, p: float, verdict: Verdict, why: str) -> dict[str, Any]:
     row: dict[str, Any] = {name: pair.first[name].iloc[0] for name in (*PROBLEM, *METHOD)}
     row |= {"other_options": pair.other_options} | {name: pair.first[name].iloc[0] for name in SETTING}
     unit = pair.first["unit"].iloc[0]
     row |= {"goal": float(goals_of(pair.first)[0]), "unit": unit if isinstance(unit, str) else ""}
+    row |= {"minimum": _minimum(pair.first)}
     row |= {"runs_a": result.runs[0], "runs_b": result.runs[1], "pairs": result.pairs}
     row |= {"alone_a": len(pair.first) - len(side[0]), "alone_b": len(pair.second) - len(side[1]), "test": result.test}
     row |= {"p": result.p, "p_holm": p, "p_sign": result.sign_p}
