@@ -75,8 +75,8 @@ def compare(
     differ), start, budget, target, goal (NaN: none), unit (of the value), minimum (as declared; NaN: none), runs_a,
     runs_b, pairs (0: unpaired), alone_a and alone_b (runs without a partner, which are left out of pairs and of every
     number here), test, p, p_holm, p_sign, a12 with a12_low and a12_high (how often a run of the second beats one of the
-    first), outside_a and outside_b (answers outside the box), reached_a, reached_b, charged_to_target_a and _b, best_median_a and
-    _b, verdict (of the second), why.
+    first), outside_a and outside_b (answers outside the box), reached_a, reached_b, charged_to_target_a and
+    _b, best_median_a and _b, verdict (of the second), why.
     """
     matched, only = _matched(first, second, methods)
     sides = [partners(pair.first, pair.second) for pair in matched]
