@@ -263,7 +263,7 @@ def _noise_of(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) 
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # coarse readings repeat the same value, so repeats tell nothing about their noise
     noise = replace(noise, extra=sound.noise.extra)
-    if unknown and (told.few or _stated(whole)):
+    if unknown and (_stated(whole) or not noise.from_repeats):
         behind = max(len(unknown) * told_by_middle(len(data), sound.J.shape[1] / len(whole.readings)), told.n_pairs)
         noise = replace(noise, profiled=True, known=min(noise.known, behind))
     return noise, remarks

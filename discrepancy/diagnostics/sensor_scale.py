@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 from calibench.core.counted import plain
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.model.measured.sensor import kinds_of
+from calibench.discrepancy.model.roles import unknown_noise_of
 from calibench.discrepancy.noise.repeats import pairs_of
 from calibench.discrepancy.noise.whiten import ROUNDING
 from calibench.discrepancy.thresholds import thresholds
@@ -39,7 +40,10 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     if 1 / thresholds().scatter_asked < scatter < thresholds().scatter_asked:
         return {}, ()
     parts = [_part(at, kind, first, second) for kind in kinds]
-    read = [k for k, part in enumerate(parts) if part.any()]  # no repeat reads the others: their statement is kept
+    same = [_mostly_the_same(at, kind, first, second) for kind in kinds]
+    read = [k for k, part in enumerate(parts) if part.any() and not same[k]]  # the others keep their statement
+    if not read:
+        return {}, ()
     scales = [1.0] * len(kinds)
     for k, scale in zip(read, _scales(at, [parts[k] for k in read], first, second)):
         scales[k] = scale
@@ -54,6 +58,13 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
         extra |= {name: (scale**2 - 1) * float(np.mean(at.at.sigma[:, names.index(name)] ** 2)) for name in kind}
     told = "; ".join(f"{', '.join(kinds[k])}: {plain(scales[k], 2)} times" for k in read)
     return extra, (f"repeats scatter otherwise than the stated noise ({told}); their scatter is used",)
+
+
+def _mostly_the_same(at: Fit, kind: tuple[str, ...], first: Array, second: Array) -> bool:
+    """Return whether repeats of a kind of unknown noise are mostly the same number, and show none of it."""
+    data, unknown = at.model.formulation.data, unknown_noise_of(at.model.formulation)
+    change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in kind])
+    return set(kind) <= set(unknown) and not np.median(np.abs(change))
 
 
 def _part(at: Fit, kind: tuple[str, ...], first: Array, second: Array) -> Array:

@@ -85,6 +85,8 @@ def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, Re
     difference = (r[first] - r[second]).ravel() / np.sqrt(2)
     if np.all(np.abs(difference) <= ROUNDING):
         return _alike(told)
+    if not stated and np.median(np.abs(difference)) <= ROUNDING:
+        return Noise(profiled=True), told, ("repeats are mostly the same number: they tell nothing of the noise",)
     t_degrees = _tails(difference)
     spread = variance(difference, t_degrees)
     n = told.n_pairs

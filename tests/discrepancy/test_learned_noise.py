@@ -104,18 +104,30 @@ def _unit(rows: int) -> Array:
     return np.stack([one, one], axis=-1)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_repeats_tell_noise_that_nobody_states(seed: int) -> None:
-    once = _readings(seed, "play", 0.02, rows=60, noise=0.0)
+def _twice(seed: int, error: str, step: float = 0.0) -> MeasuredData:
+    """Return 60 poses that are read twice, in steps of the camera where `step` is above 0."""
+    once = _readings(seed, error, 0.02, rows=60, noise=0.0)
     rng = np.random.default_rng(100 + seed)
     columns = {name: np.repeat(value, 2) for name, value in once.columns.items()}
     columns |= {name: columns[name] + NOISE * rng.normal(size=120) for name in ("cx", "cy")}
+    if step:
+        columns |= {name: step * np.round(columns[name] / step) for name in ("cx", "cy")}
     columns |= {"t_s": 20.0 * np.arange(120), "pose_id": np.repeat(np.arange(60), 2)}
-    columns["visit_id"] = columns["pose_id"]
-    report = explain(Table(), MeasuredData(columns, "own table"))
+    return MeasuredData(columns | {"visit_id": columns["pose_id"]}, "own table")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_repeats_tell_noise_that_nobody_states(seed: int) -> None:
+    report = explain(Table(), _twice(seed, "play"))
     assert [f.effect for f in report.findings] == ["backlash X axis"]
     law = report.fitted.model.fit.noise
     assert law.from_repeats
     assert not law.profiled
     assert not report.other_noise
     assert not any("stated noise" in note for note in report.notes)
+
+
+def test_repeats_on_a_coarse_scale_tell_no_noise() -> None:
+    law = explain(Table(), _twice(1, "none", step=0.05)).fitted.model.fit.noise
+    assert law.profiled
+    assert not law.from_repeats
