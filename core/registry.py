@@ -24,6 +24,7 @@ from calibench.core.options import Option, declared_options, shown, suggest
 
 T = TypeVar("T")
 _DEPTH = 12  # of lists in lists, as rows tell them
+_DOES = {"problem": "__call__", "optimizer": "minimize", "machine": "formulate"}  # what a class of a kind has
 _LISTED = 8  # names of a user's file that a message lists; of a long file those that are near
 
 
@@ -296,13 +297,13 @@ class Registry(Generic[T]):
         """Return what stands in the file `path`, each as one names it."""
         file = user_file.place_of(f"{path}:")
         self._check_file(path, file)
-        found = [f"{path}:{name}" for name in _own_names(self._module(path, file))]
+        found = [f"{path}:{name}" for name in _own_names(self._module(path, file), self.kind)]
         return suggest("", found) if found else "it has no class or function"
 
     def _attribute(self, path: str, module: types.ModuleType, attribute: str) -> Callable[..., T]:
         factory = getattr(module, attribute, None) if attribute else None
         if factory is None:
-            theirs = _own_names(module)
+            theirs = _own_names(module, self.kind)
             where = path.rpartition(":")[0]
             many = len(theirs) > _LISTED
             near = difflib.get_close_matches(attribute, theirs, n=_LISTED, cutoff=0.3) if many else theirs
@@ -350,13 +351,16 @@ def _is_as_before(value: Any, before: Any) -> bool:
     return type(value) is set and bool(value == before)
 
 
-def _own_names(module: types.ModuleType) -> list[str]:
-    """Return the names of the classes and functions that a module defines."""
-    return [
-        name
+def _own_names(module: types.ModuleType, kind: str) -> list[str]:
+    """Return the names of the classes of a module that can be of a kind; if none can, of all that it defines."""
+    own = {
+        name: value
         for name, value in vars(module).items()
         if callable(value) and not name.startswith("_") and getattr(value, "__module__", "") == module.__name__
-    ]
+    }
+    needed = _DOES.get(kind, "")
+    serving = [name for name, value in own.items() if any(needed in vars(c) for c in getattr(value, "__mro__", ()))]
+    return serving if needed and serving else list(own)
 
 
 def beside(kind: str, name: str) -> str:

@@ -165,7 +165,10 @@ def test_a_file_without_its_class_lists_its_classes(call):
     code, _, err = call("run", "problem=./mine.py", "optimizer=de", "budget=50", "seeds=1")
     assert (code, err.count("\n")) == (2, 1)
     assert "FILE.py:CLASS" in err
-    assert "./mine.py:Bowl, ./mine.py:Cup, ./mine.py:Least, ./mine.py:Walk" in err
+    assert "./mine.py:Bowl, ./mine.py:Cup, ./mine.py:Least" in err
+    assert "./mine.py:Walk" not in err  # a method is no problem
+    _, _, err = call("run", "problem=./mine.py:Bowl", "optimizer=./mine.py:Wakl", "budget=50")
+    assert "did you mean 'Walk'? choices: Walk\n" in err
 
 
 @pytest.mark.slow
