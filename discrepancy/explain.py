@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,15 +17,13 @@ from calibench.discrepancy.checks.validate import CROSSED, NOT_CROSSED, validate
 from calibench.discrepancy.checks.wild import far_words
 from calibench.discrepancy.diagnostics.exact_readings import exact_readings
 from calibench.discrepancy.diagnostics.few_equations import few_equations
+from calibench.discrepancy.diagnostics.noise_at_fit import law_at, learned_beside, noise_at, sound_fit
 from calibench.discrepancy.diagnostics.noise_diagnostic import (
-    coarse_sensors,
     less_than_stated,
     outliers_under,
-    outlying,
 )
 from calibench.discrepancy.diagnostics.one_reading import one_reading
 from calibench.discrepancy.diagnostics.score import uncancelled
-from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.effects.general.columns import measured_columns
@@ -37,13 +35,11 @@ from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.fitting.starts import fit_from_several
 from calibench.discrepancy.labels import effect_label, part_label, quantity_of
 from calibench.discrepancy.model.effect import Effect, is_possible
-from calibench.discrepancy.model.formulations.learned_noise import relearned, told_by_middle
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured.data import LEARNED, NO_REPEATS, MeasuredData
+from calibench.discrepancy.model.measured.data import LEARNED, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
-from calibench.discrepancy.noise.repeats import Repeats, law_of
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import (
@@ -107,8 +103,8 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     parameters = {p.name: p for p in whole.parameters}
     held = tuple(u.told(parameters[u.name]) for u in lacking)
     whole = Held(whole, frozenset(u.name for u in lacking)) if lacking else whole
-    sound, suspects, misstated = _sound(plain)
-    noise, remarks = _noise_of(sound, suspects, whole)
+    sound, suspects, misstated = sound_fit(plain)
+    noise, remarks = noise_at(sound, suspects, whole)
     formulation = plain.model.formulation
     base = sound if noise == sound.noise else fit(Model(formulation), noise, sound.x, about=sound)
     base = with_columns(base, smooth_columns(base.at.model.formulation, base.x))
@@ -225,10 +221,10 @@ def _searched(
         verdict, _, standing = judged(found, base, terms, suspects, level)
         if verdict == "unknown" or not found.sets or found.fit.exact:
             break
-        formulation, noise, told = _learned_beside(standing.fit, suspects)
+        formulation, noise, told = learned_beside(standing.fit, suspects)
         at = fit(Model(formulation), noise, base.x)
-        again = select_stepwise(at, candidates, terms, rng, level)
-        if not again.sets:
+        again = select_stepwise(at, candidates, terms, rng, level) if at.converged else None
+        if again is None or not again.sets:
             break
         before, found, base, remarks = _names(found), again, at, told
         if _names(found) == before:
@@ -236,64 +232,8 @@ def _searched(
     return found, base, suspects, remarks
 
 
-def _learned_beside(at: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Formulation, Noise, tuple[str, ...]]:
-    """Return the formulation with its unknown noise learned from what the effects of a fit leave, the law, and remarks.
-
-    The first estimate of a column contains the effects that move it. The tests take all residuals to have equal
-    variance, so the columns that no effect moves would look too noisy, and a right name would leave something.
-    """
-    formulation = relearned(at.model.formulation, at.at.misclosure, len(at.x))
-    model, blamed = Model(formulation, at.model.effects), _sum(*(s.extra for s in suspects))
-    calm = fit(model, Noise(extra=blamed), at.x)
-    added, _ = sensor_scales(calm)
-    calm = fit(model, Noise(extra=_sum(added, blamed)), at.x) if added else calm
-    return (formulation, *_noise_of(calm, suspects, formulation))
-
-
 def _names(found: Selection) -> set[str]:
     return {own[0].name for own in found.sets}
-
-
-def _noise_of(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -> tuple[Noise, tuple[str, ...]]:
-    """Return the noise that repeated readings show, and remarks on it. `whole` has the held-out rows too."""
-    data, unknown = sound.model.formulation.data, unknown_noise_of(whole)
-    noise, told, remarks = _law(sound)
-    if told.few and NO_REPEATS in whole.data.noted:
-        remarks = ()  # the machine has its own remark on it
-    if any(s.family == "quantisation" for s in suspects):
-        noise, remarks = Noise(), ()  # coarse readings repeat the same value, so repeats tell nothing about their noise
-    noise = replace(noise, extra=sound.noise.extra)
-    if unknown and (_stated(whole) or not noise.from_repeats):
-        behind = max(len(unknown) * told_by_middle(len(data), sound.J.shape[1] / len(whole.readings)), told.n_pairs)
-        noise = replace(noise, profiled=True, known=min(noise.known, behind))
-    return noise, remarks
-
-
-def _law(at: Fit) -> tuple[Noise, Repeats, tuple[str, ...]]:
-    """Return the law of the noise that repeats show in what a fit leaves, the repeats, and remarks on it."""
-    formulation = at.model.formulation
-    return law_of(at.r.reshape(len(formulation.data), -1), formulation.data, _stated(formulation))
-
-
-def _stated(formulation: Formulation) -> bool:
-    """Return whether the noise of any reading is stated."""
-    return len(unknown_noise_of(formulation)) < len(formulation.readings)
-
-
-def _sound(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
-    """Return the fit with its noise corrected where repeats contradict the stated one; the suspected sensors; notes."""
-    at = plain
-    added, notes = sensor_scales(plain)
-    if added:
-        at = fit(plain.model, Noise(extra=added), plain.x)
-    suspects = coarse_sensors(at)
-    if suspects:
-        at = fit(plain.model, Noise(extra=_sum(added, *(s.extra for s in suspects))), plain.x)
-    outside = outlying(at)
-    wild = [s.extra for s in outside if s.family == "outlier"]
-    if wild:
-        at = fit(plain.model, Noise(extra=_sum(at.noise.extra, *wild)), at.x)
-    return at, (*suspects, *outside), notes if _stated(plain.model.formulation) else ()
 
 
 def _cleared(found: Selection, suspects: Sequence[NoiseFinding]) -> tuple[NoiseFinding, ...]:
@@ -317,7 +257,7 @@ def _without(cleared: Sequence[NoiseFinding], found: Selection, noise: Noise) ->
             extra[name] = extra[name] - variance
     extra = {name: variance for name, variance in extra.items() if np.any(variance)}
     at = fit(found.fit.model, Noise(extra=extra), found.fit.x)
-    law, _, remarks = _law(at)
+    law, _, remarks = law_at(at)
     return replace(law, extra=extra, profiled=law.profiled or noise.profiled), remarks
 
 
@@ -331,20 +271,12 @@ def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]] 
     if not found.sets or noise.autocorrelation > 0 or as_stated:
         return None
     at = fit(found.fit.model, Noise(extra=noise.extra), found.fit.x)
-    law, _, remarks = _law(at)
+    law, _, remarks = law_at(at)
     calmer = noise.scale > 1 and law.scale < current_thresholds().calmer * noise.scale
     thinner = np.isfinite(noise.t_degrees) and not np.isfinite(law.t_degrees)
     if calmer or (thinner and law.scale <= max(noise.scale, 1.0)):  # a wider law would absorb what was found
         return replace(law, extra=noise.extra), remarks
     return None
-
-
-def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
-    total: dict[str, Array | float] = {}
-    for one in variances:
-        for name, variance in one.items():
-            total[name] = total.get(name, 0.0) + variance
-    return total
 
 
 def _impossible(found: Selection, machine: str) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import pandas as pd
 
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_json, print_table
+from calibench.bench.statistics.best_texts import best_texts
 from calibench.bench.statistics.comparison.two_studies import Compared, compare
 from calibench.bench.statistics.names.labels import method_titles, problem_titles, several
 from calibench.bench.statistics.summary import method_names
@@ -127,8 +128,10 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
         runs += f" ({', '.join(alone)} without partner)" if alone else ""
         method = f"{methods[0]} -> {methods[1]}" if methods else names[i]
         other = "" if methods or not row["other_options"] else f" ({row['other_options']})"
-        median = _medians(row["best_median_a"], row["best_median_b"], row["minimum"])
+        median = _apart(row["best_median_a"], row["best_median_b"])
         median += f" {row['unit']}" if row["unit"] else ""
+        if isfinite(row["minimum"]) and row["minimum"]:
+            median = " -> ".join(*best_texts([row | {"noisy": False}], "best_median_a", "best_median_b"))
         reached = f"{row['reached_a']}/{row['runs_a']} -> {row['reached_b']}/{row['runs_b']}"
         reached = reached if row["goal"] == row["goal"] else "-"
         settings = [str(row[name]) for name in told]
@@ -147,13 +150,6 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
 def _left(count: int) -> str:
     """Return the number of answers outside the box, marked as in the table of a study."""
     return f"◇ {count}" if count else "-"
-
-
-def _medians(first: float, second: float, least: float) -> str:
-    """Return two medians; above f*, where the problem declares one that is not 0."""
-    if isfinite(least) and least and isfinite(first) and isfinite(second):
-        return f"f*{first - least:+.1e} -> f*{second - least:+.1e}"
-    return _apart(first, second)
 
 
 def _apart(first: float, second: float) -> str:
