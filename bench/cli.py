@@ -7,15 +7,13 @@ is imported when it is called: `list` must answer at once.
 
 from __future__ import annotations
 
-import atexit
 import errno
-import gc
 import os
 import sys
 from collections.abc import Callable, Sequence
-from functools import cache
 from importlib import import_module
 
+from calibench.core import collector
 from calibench.core.words import check_word, one_line
 
 _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --version)
@@ -87,9 +85,6 @@ _VERBS = {
 }
 
 
-_OBJECTS = 50_000  # made anew before garbage is looked for
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the verb that `arguments` (by default the process's) begin with, and exit.
 
@@ -98,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if "numpy" not in sys.modules:  # else `one_thread` holds them, where a run begins
         for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(threads, "1")  # matrices here are small; and the same bits with any number of workers
-    _look_less_for_garbage()
+    collector.rest()
     sys.path.insert(0, os.getcwd())  # so that problem=my_module:MyProblem is found where the user stands
     argv = list(sys.argv[1:] if arguments is None else arguments)
     try:
@@ -121,6 +116,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         code = 130
     except Exception as error:
         code = _of_the_user(error)
+    finally:
+        collector.resume()
     sys.exit(code)
 
 
@@ -145,13 +142,6 @@ def _told(error: BaseException) -> str:
         last = last.tb_next
     where = f" ({os.path.basename(last.tb_frame.f_code.co_filename)}, line {last.tb_lineno})" if last else ""
     return f"{type(error).__name__}{f': {error}' if str(error) else ''}{where}"
-
-
-@cache
-def _look_less_for_garbage() -> None:
-    """Run the garbage collector less often: library objects stay, and examining all of them slows a small run."""
-    gc.set_threshold(_OBJECTS)
-    atexit.register(gc.freeze)  # at the end all of it goes, and needs no looking through
 
 
 def _dispatch(argv: list[str]) -> int:
@@ -179,4 +169,6 @@ def _dispatch(argv: list[str]) -> int:
         return 0
     module, _, function = _VERBS[verb].partition(":")
     call: Callable[[list[str]], int] = getattr(import_module(module), function)
+    if verb != "run":  # which loads further, with the problems and optimisers that are asked for
+        collector.resume()
     return call(rest)

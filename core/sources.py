@@ -242,6 +242,8 @@ def _without_docstrings(tree: ast.Module) -> ast.Module:
 
 def _files_of(one: _Import, root: Path) -> list[Path]:
     """Return the local files that an import statement, in a file that is imported from `root`, runs."""
+    if _is_installed(one.module.partition(".")[0], root):
+        return []
     target = _find(one.module, root)
     if target is not None and is_ours(target):
         return _of_ours(one, target, root)
@@ -301,6 +303,14 @@ def _find(name: str, root: Path) -> Path | None:
     if not name:
         return None
     return (None if _is_hidden(name, root) else _search(name, root)) or file_of(name)
+
+
+def _is_installed(top: str, root: Path) -> bool:
+    """Tell whether the package or module `top` is installed, or Python's own, and none of the name lies in `root`."""
+    if _begins_in(root, top):
+        return False
+    file = file_of(top)
+    return top in sys.stdlib_module_names if file is None else not is_local(file)
 
 
 def _is_hidden(name: str, root: Path) -> bool:

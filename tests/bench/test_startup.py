@@ -10,6 +10,7 @@ import numpy  # noqa: F401  loaded before the command line, as in a notebook
 import pytest
 
 from calibench.bench.cli import main
+from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import read_request
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -150,3 +151,35 @@ def test_the_command_line_called_after_numpy_leaves_the_threads_to_each_run(monk
         main(["list", "machines"])
     assert "gpm2002" in capsys.readouterr().out
     assert "OPENBLAS_NUM_THREADS" not in os.environ
+
+
+WATCH = """
+import gc
+
+class Watched:
+    lower, upper, start = [0.0], [1.0], [0.5]
+
+    def __call__(self, x):
+        return 1.0 if gc.isenabled() else 0.0
+"""
+
+
+REFUSED = """
+import gc
+from calibench.bench.cli import main
+try:
+    main(["run", "problem=nothing_like_it"])
+except SystemExit:
+    print(gc.isenabled())
+"""
+
+
+def test_garbage_is_collected_while_runs_run_and_after_a_request_that_is_refused(tmp_path):
+    (tmp_path / "watched.py").write_text(WATCH)
+    words = ["run", "problem=./watched.py:Watched", "optimizer=de", "budget=20", "seeds=1", f"results={tmp_path}"]
+    there = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-m", "calibench", *words], cwd=tmp_path, env=there, timeout=120)
+    assert done.returncode == 0
+    assert set(ResultStore(tmp_path / "adhoc").runs()["best_value"]) == {1.0}
+    told = subprocess.run([sys.executable, "-c", REFUSED], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert told.stdout.split()[-1] == "True"

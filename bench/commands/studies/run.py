@@ -31,6 +31,7 @@ from calibench.bench.sweep.estimate import seconds_left
 from calibench.bench.sweep.progress import progress
 from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.stale import Way, find_stale
+from calibench.core import collector
 from calibench.core.counted import counted, plural, span
 
 if TYPE_CHECKING:
@@ -60,6 +61,7 @@ def _run(argv: list[str]) -> int:
     if any(word.partition("=")[0].partition(".")[0] == "tuner" for word in words):
         return _tune(argv, words, flags)
     request = read_request(words, multirun=bool({"-m", "--multirun"} & flags))
+    collector.resume()  # what it loaded stays
     for line in (*request.left_out, *request.copies, *request.remarks):
         print(line)
     command, way = _command(argv), _way(flags)
@@ -73,6 +75,8 @@ def _run(argv: list[str]) -> int:
 def _tune(argv: list[str], words: list[str], flags: set[str]) -> int:
     """Carry out a sweep whose settings are proposed one after the other."""
     from calibench.bench.commands.studies.tune import tune
+
+    collector.resume()
 
     def carry(request: Request, command: str) -> Outcome:
         with progress(request.folder) as report:
