@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from calibench.bench.calibration.model import ArmModel
 from calibench.bench.calibration.readings import Index, Mask
 from calibench.core.counted import plain
+from calibench.problems.arm.gauge import told_apart, unexplained
 from calibench.problems.base import Array
 
 WORST = 2.0  # mm, or 2 mrad: a number that is known less well keeps its nominal value
@@ -28,6 +28,7 @@ _STEPS, _SETTLED = 60, 1e-9
 _ROUNDS, _SAME = 8, 0.02  # until the noise that is left changes by less
 _WILD = 6.0  # times the median error: a reading beyond is wild; noise alone has one in 10^9 poses
 _FLOOR = 1e-9
+_MIDDLE = 0.6745  # of a standard deviation: the median of |noise|
 _KNOWN, _AGAIN = 30.0, 3
 _MOST, _MOST_IN_SOCKETS = 0.35, 0.2  # part of the readings that may be wild; more than that is no accident
 
@@ -77,38 +78,21 @@ def order_of(names: Sequence[str], level: str, sliding: Collection[str] = ()) ->
     return [k for rank, _, k in sorted(ranks) if rank <= _UP_TO[level]]
 
 
-def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, hopeful: bool = False) -> Index:
+def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, first: bool = False) -> Index:
     """Return which of the parameters in `order` the readings determine, as places in p, sorted.
 
-    The residuals at p give the noise; `hopeful` assumes that they will be small. Of a model with `every`, all of them.
+    What all of `order` leave of the residuals gives the noise: far from the solution, residuals are what the parameters
+    explain. `first` does not take the noise of the model for the least. Of a model with `every`, all of them.
     """
     order = list(order)
     if model.every:
         return np.array(sorted(order), dtype=np.int64)
     rows = _stacked(*model.jacobian(p, np.array(order, dtype=np.int64), weights), weights)
     residuals = _stacked_residuals(*model.residuals(p, weights), weights)
-    spare = max(1.0, float(np.median(np.abs(residuals))) / 0.6745)  # a model with misfit determines less
-    spare = 0.0 if hopeful else spare
     worst = np.array([WORST if is_length(model.names[place], model.sliding) else 1e-3 * WORST for place in order])
-    sizes = np.linalg.norm(rows, axis=0) + _FLOOR
-    taken: list[int] = []
-    basis, upper = np.zeros((rows.shape[0], len(order))), np.zeros((len(order), len(order)))
-    for k in range(len(order)):
-        m = len(taken)
-        left, parts = rows[:, k].copy(), np.zeros(m)
-        for _ in range(2):  # a second projection removes what rounding left
-            along = basis[:, :m].T @ left
-            left -= basis[:, :m] @ along
-            parts += along
-        beyond = float(np.linalg.norm(left))
-        if beyond <= _ALIKE * sizes[k]:
-            continue
-        upper[:m, m], upper[m, m], upper[m, :m] = parts, beyond, 0.0
-        spread = spare * np.linalg.norm(solve_triangular(upper[: m + 1, : m + 1], np.eye(m + 1)), axis=1)
-        if (spread > worst[[*taken, k]]).any():
-            continue
-        basis[:, m] = left / beyond
-        taken.append(k)
+    used = rows.any(axis=1)  # not the wild ones
+    noise = float(np.median(np.abs(unexplained(rows[used], residuals[used])))) / _MIDDLE
+    taken = told_apart(rows, _ALIKE, worst, noise if first else max(1.0, noise))
     return np.array(sorted(order[k] for k in taken), dtype=np.int64)
 
 
@@ -122,8 +106,7 @@ def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) ->
     wild = np.zeros(n, dtype=bool)
     for turn in range(_ROUNDS):
         weights = np.where(wild, 0.0, 1.0)
-        # far from the solution residuals are no noise, and would hold the parameters that explain them
-        kept = determined(model, p, order, weights, hopeful=turn == 0)
+        kept = determined(model, p, order, weights, first=turn == 0)
         p = _adjusted(model, _held(begun, p, kept), kept, weights, soft=not wild.any())
         before, sigma = wild, model.sigma
         model, wild = _scattered(model, p, wild)

@@ -52,22 +52,41 @@ def gauge(chain: Chain, readings: Readings, among: Sequence[str] = (), distinct:
     return Gauge(tuple(n for n in names if n in kept), tuple(n for n in names if n not in kept))
 
 
-def told_apart(columns: Array, distinct: float) -> list[int]:
+def told_apart(columns: Array, distinct: float, worst: Array | None = None, noise: float = 1.0) -> list[int]:
     """Return which of `columns`, (m, k), first come first kept, leave more than `distinct` of themselves beside
     those kept. A column that is nothing but rounding beside the largest is not kept.
+
+    With `worst` (k,), nor is one beside which its own number, or one that is kept, has a standard error above its
+    `worst`, where the rows have this `noise`.
     """
-    basis = np.zeros((len(columns), 0))
+    basis, upper = np.zeros((len(columns), 0)), np.zeros((0, 0))
     kept: list[int] = []
     sizes = np.linalg.norm(columns, axis=0)
     for k, (column, size) in enumerate(zip(columns.T, sizes, strict=True)):
-        left = column - basis @ (basis.T @ column)
-        left = left - basis @ (basis.T @ left)
+        parts = basis.T @ column
+        left = column - basis @ parts
+        again = basis.T @ left  # a second projection removes what rounding left
+        left = left - basis @ again
         length = np.linalg.norm(left)
         if size <= _ROUNDING * sizes.max() or length <= distinct * size:
             continue
-        basis = np.column_stack([basis, left / length])
+        beside = np.block([[upper, (parts + again)[:, None]], [np.zeros((1, len(kept))), length]])
+        if worst is not None:
+            errors = noise * np.linalg.norm(np.linalg.inv(beside), axis=1)
+            if (errors > worst[[*kept, k]]).any():
+                continue
+        basis, upper = np.column_stack([basis, left / length]), beside
         kept.append(k)
     return kept
+
+
+def unexplained(columns: Array, residuals: Array) -> Array:
+    """Return what `columns`, (m, k), leave of residuals (m,), as large as where they explained none of the noise."""
+    sizes = np.linalg.norm(columns, axis=0)
+    basis, told, _ = np.linalg.svd(columns[:, sizes > 0] / sizes[sizes > 0], full_matrices=False)
+    basis = basis[:, told > _ROUNDING * told.max(initial=0.0)]
+    left = residuals - basis @ (basis.T @ residuals)
+    return np.asarray(left * np.sqrt(len(left) / max(len(left) - basis.shape[1], 1)))
 
 
 def preferred(chain: Chain) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ from calibench.discrepancy.machines.arm.geometry import (
     turn_slopes,
     walk,
 )
-from calibench.discrepancy.machines.arm.rank import determined_names
+from calibench.discrepancy.machines.arm.rank import determined_names, with_held
 from calibench.discrepancy.machines.arm.sockets import in_sockets
 from calibench.discrepancy.machines.arm.start import LEAST_POSES, Placed, misfit, placed
 from calibench.discrepancy.machines.arm.turns import (
@@ -146,11 +146,14 @@ def tracked(chain: Chain, data: MeasuredData) -> Predicted:
         start |= dict.fromkeys(TOOL_TURNS, 0.0)
         data, tool = _with_turns(data, way.flange[0], fitted)
     predict = _Target(chain, stand, tool if posed else None)
-    seen = predict.slopes(q | start | ({name: data[name] for name in AIM} if posed else {}))
+    q |= start | ({name: data[name] for name in AIM} if posed else {})
+    seen, left = predict.slopes(q), _measured(data) - predict.seen(q)
     order = (*BASE, *TOOL, *(TOOL_TURNS if posed else ()), *(f"zero_{j.name}" for j in chain.joints))
     order += tuple(name for k in (slice(3), slice(3, 6)) for j in chain.joints for name in of_joint(j.name)[k])
-    free = determined_names({name: np.asarray(seen[name])[fitted] for name in order}, order)
-    data = with_loads(chain, stand, start, data)
+    told = fitted & np.isfinite(left).all(axis=1)
+    units = {name: parameter(chain, name, 0.0).unit for name in own}
+    free, vague = determined_names({name: np.asarray(seen[name])[told] for name in order}, order, left[told], units)
+    data = with_held(with_loads(chain, stand, start, data), vague)
     sigma = {name: _stated(data, "sigma_mm") for name in PLACE}
     sigma |= {name: _stated(data, "sigma_mrad") for name in TURNED} if posed else {}
     kinds = dict.fromkeys(PLACE, ("tracker", "mm")) | dict.fromkeys(TURNED, ("orientation", "mrad"))
@@ -169,6 +172,12 @@ def tracked(chain: Chain, data: MeasuredData) -> Predicted:
         of_new=partial(_of_new, predict, start),
     )
     return formulation.on(without_wild(formulation, "arm"))
+
+
+def _measured(data: MeasuredData) -> Array:
+    """Return the place [mm] and, where it was measured, the turn from the start [mrad], (n, 3) or (n, 6)."""
+    names = (*PLACE, *TURNED) if data.has(*TURNED) else PLACE
+    return np.stack([np.asarray(data[name], dtype=float) for name in names], axis=-1)
 
 
 @final

@@ -3,7 +3,9 @@
 Base and tool come first, then zeros, shifts and turns of the joints from the floor on. A number is held if the kept
 ones leave less than `_LEAST` of its signature: for parallel axes one shift along them (Hayati), of a placement the turn
 about its own axis. A parameter that is dependent on the nominal arm, and is seen only because the real arm differs from
-it, is held as well.
+it, is held as well. So is one that the readings tell to `WORST` at best, or with which they tell another one no better:
+no arm errs by so much, and where a fit is free to say so it does, and poses that were not fitted are off by
+centimetres.
 """
 
 from __future__ import annotations
@@ -12,13 +14,50 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calibench.problems.arm.gauge import told_apart
+from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.problems.arm.gauge import told_apart, unexplained
 from calibench.problems.base import Array
 
+WORST = {"mm": 10.0, "rad": 0.01}  # a standard error
+_MIDDLE = 0.6745  # of a standard deviation: the median of |noise|
 _LEAST = 5e-3  # part of a signature: an error of .5 mm, or .5 mrad at a metre, then moves nothing by more than 3 um
 
 
-def determined_names(slopes: Mapping[str, Array], order: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of `order` that are kept; `slopes` has name -> (n, m)."""
-    columns = np.column_stack([np.asarray(slopes[name], dtype=float).ravel() for name in order])
-    return tuple(order[k] for k in told_apart(columns, _LEAST))
+def determined_names(
+    slopes: Mapping[str, Array], order: Sequence[str], left: Array, units: Mapping[str, str]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the names of `order` that are kept, and those that are held since the readings tell them too badly.
+
+    `slopes` has name -> (n, m); `left` (n, m) is what the nominal arm leaves, which tells the noise; `units` has the
+    unit of each number of a joint. Numbers of base, tool and sockets may be known badly: nobody states them.
+    """
+    columns = np.stack([np.asarray(slopes[name], dtype=float) for name in order], axis=-1)
+    scale = np.ones(left.shape[1])
+    for _ in range(2):  # two kinds of readings have each a noise of its own
+        rows = (columns / scale[:, None]).reshape(-1, len(order))
+        noise = np.median(np.abs(unexplained(rows, (left / scale).ravel()).reshape(left.shape)), axis=0) / _MIDDLE
+        scale = scale * np.where(noise > 0, noise, 1.0)
+    rows = (columns / scale[:, None]).reshape(-1, len(order))
+    kept = told_apart(rows, _LEAST)
+    worst = np.array([WORST[units[name]] if name in units else np.inf for name in order])
+    vague: list[str] = []
+    while (errors := _standard_errors(rows[:, kept]) / worst[kept]).max(initial=0.0) > 1.0:
+        vague.append(order[kept.pop(int(np.argmax(errors)))])
+    return tuple(order[k] for k in kept), tuple(vague)
+
+
+def with_held(data: MeasuredData, vague: Sequence[str]) -> MeasuredData:
+    """Return the data with a remark on the numbers that are held since these readings tell them too badly."""
+    if not vague:
+        return data
+    return data.with_note(
+        f"kept as the table has {'it' if len(vague) == 1 else 'them'}, as these poses would tell "
+        f"{'it' if len(vague) == 1 else 'each'} to {WORST['mm']:g} mm or {1e3 * WORST['rad']:g} mrad at best: "
+        f"{', '.join(sorted(vague))}; more poses, or others (bench design), tell more"
+    )
+
+
+def _standard_errors(rows: Array) -> Array:
+    """Return the standard error of each column's number, (k,), of independent `rows` (n, k) with noise of 1."""
+    sizes = np.linalg.norm(rows, axis=0)
+    return np.asarray(np.linalg.norm(np.linalg.inv(np.linalg.qr(rows / sizes, mode="r")), axis=1) / sizes)

@@ -27,7 +27,7 @@ from calibench.discrepancy.machines.arm.geometry import (
     slopes,
     walk,
 )
-from calibench.discrepancy.machines.arm.rank import determined_names
+from calibench.discrepancy.machines.arm.rank import determined_names, with_held
 from calibench.discrepancy.machines.arm.validate import SITE, SOCKET, completed
 from calibench.discrepancy.machines.arm.weights import torques
 from calibench.discrepancy.model.formulations.predicted import Predicted
@@ -130,14 +130,17 @@ def in_sockets(chain: Chain, data: MeasuredData, roles: Roles) -> Predicted:
     start |= dict.fromkeys(sockets.names, 0.0)
     data = data.with_columns({name: guess[index, k] for k, name in enumerate(PLACE)} | {INDEX: index.astype(float)})
     predict = _Ball(chain, sockets)
-    seen = predict.slopes(start | readings | {INDEX: data[INDEX]})
+    q = start | readings | {INDEX: data[INDEX]}
+    seen, left = predict.slopes(q), np.stack([data[name] for name in PLACE], axis=-1) - predict.seen(q)
     order = (*sockets.names, *TOOL, *(f"zero_{j.name}" for j in chain.joints))
     order += tuple(name for k in (slice(3), slice(3, 6)) for j in chain.joints for name in of_joint(j.name)[k])
-    free = determined_names({name: np.asarray(seen[name])[fitted] for name in order}, order)
+    units = {name: _parameter(name, start).unit for name in quantities(chain)}
+    told = {name: np.asarray(seen[name])[fitted] for name in order}
+    free, vague = determined_names(told, order, left[fitted], units)
     stated = data.metadata.get("sigma_mm")
     sigma = None if stated is None else positive(data, "sigma_mm", stated)
     return Predicted(
-        data, predict.seen, tuple(_parameter(name, start) for name in free), dict.fromkeys(PLACE, sigma),
+        with_held(data, vague), predict.seen, tuple(_parameter(name, start) for name in free), dict.fromkeys(PLACE, sigma),
         inputs=(*readings, INDEX), held={name: value for name, value in start.items() if name not in free},
         instruments=tuple(Sensor(name, "socket", "mm", part=name, label=f"the socket's {name}") for name in PLACE),
         roles=roles | Roles(instruments=(Instrument("sockets", PLACE, frame=False),)), slopes=predict.slopes,
