@@ -62,12 +62,12 @@ def _apart(column: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _looked_at(formulation: Formulation) -> tuple[str, ...]:
-    """Return the columns that an error may depend on, without the time and without readings and inputs that turn."""
+    """Return the columns that an error may depend on: no time, no reading or input that turns, and nothing computed."""
     data, roles = formulation.data, roles_of(formulation)
     read = (*formulation.readings, *inputs_of(formulation))
     followed = (*columns_of(roles), *(column.name for column in description_of(data.machine).columns))
     units = {sensor.column: sensor.unit for sensor in formulation.sensors} | dict(data.units)
     units |= {joint.reading: joint.unit for joint in roles.joints}
-    names = [name for name in followed if name not in (*read, roles.time, "t_s")]
+    names = [name for name in followed if name not in (*read, roles.time, "t_s", *data.computed)]
     names += [name for name in read if units.get(name) in _ANGLES]
     return tuple(name for name in dict.fromkeys(names) if name in data and data[name].dtype.kind in "iuf")

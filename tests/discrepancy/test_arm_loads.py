@@ -7,6 +7,7 @@ import pytest
 
 from calibench.bench.measured import read_measured, shipped_path
 from calibench.discrepancy import DataError
+from calibench.discrepancy.checks.apart import rows_apart
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.machines.arm.weights import gravity_of, payload_of
 from calibench.discrepancy.registries import machines
@@ -53,3 +54,14 @@ def test_no_bearing_leans_further_than_a_sensor_may_err(data):
     for effect in bends:
         lean = effect.shift({}, formulation.data, np.array([effect.largest]))
         assert max(np.max(np.abs(one)) for one in lean.values()) == pytest.approx(thresholds().largest_angle)
+
+
+def test_a_load_that_is_computed_is_no_misread_cell(data):
+    """Of a UR10 the stretched pose alone loads the last joints: it was left out, and with it what told the tool."""
+    formulation = machines.make("arm").formulate(data)
+    name = sorted(formulation.data.computed)[0]
+    load = np.where(np.arange(len(formulation.data)) == 5, 1e9, formulation.data[name])
+    far = formulation.data.with_columns({name: load})
+    assert not rows_apart(formulation.on(far))[0].any()
+    measured = replace(far, computed=frozenset())
+    assert np.flatnonzero(rows_apart(formulation.on(measured))[0]).tolist() == [5]

@@ -6,8 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from calibench import discrepancy
 from calibench.bench.measured import sources
-from calibench.discrepancy import DataError, MeasuredData
+from calibench.discrepancy import DataError, MeasuredData, Model
+from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.machines.arm import Arm
+from calibench.discrepancy.noise.whiten import Noise
 from tests.bench.arm_by_hand import NAMES, in_sockets, measured, placed, urdf
 
 PLAY = 1.2e-3  # rad
@@ -110,3 +112,18 @@ def test_thirty_poses_of_three_numbers_each_are_enough_to_leave_some_out(arm):
     )  # more than the rows that four of five folds have, and fewer than their equations
     assert report.gap.cross_validated
     assert report.gap.held_out_before < 3
+
+
+def test_a_number_that_the_poses_hardly_tell_keeps_its_nominal_value(arm):
+    """Forty poses in which the last two joints hardly move: where all is free, other poses are off by 4 mm."""
+    rng = np.random.default_rng(4)
+    q = rng.uniform(-2.4, 2.4, (240, 6))
+    q[:40, 4:] = np.array([1.2, 0.3]) + rng.uniform(-0.02, 0.02, (2, 40)).T
+    seen = np.array([placed(row)[0] for row in q]) + rng.normal(0, 0.3, (240, 3))
+    told = columns(q, seen) | {"split": np.repeat(["train", "hold"], [40, 200])}
+    formulation = arm.formulate(MeasuredData(told, "arm"))
+    assert any("turn about x of joint_5" in note for note in formulation.data.notes)
+    held = np.asarray(formulation.data["split"]) == "hold"
+    found = fit(Model(formulation.on(formulation.data.rows(~held))), Noise())
+    left = Model(formulation.on(formulation.data.rows(held))).residuals(found.x)
+    assert np.sqrt((left**2).sum(axis=1).mean()) < 1.5  # mm; the noise is .5

@@ -50,11 +50,21 @@ def with_held(data: MeasuredData, vague: Sequence[str]) -> MeasuredData:
     """Return the data with a remark on the numbers that are held since these readings tell them too badly."""
     if not vague:
         return data
+    many = len(vague) > 1
+    kept, them = ("numbers keep their nominal values", "them") if many else ("a number keeps its nominal value", "it")
+    best = f"{WORST['mm']:g} mm or {1e3 * WORST['rad']:g} mrad"
     return data.with_note(
-        f"kept as the table has {'it' if len(vague) == 1 else 'them'}, as these poses would tell "
-        f"{'it' if len(vague) == 1 else 'each'} to {WORST['mm']:g} mm or {1e3 * WORST['rad']:g} mrad at best: "
-        f"{', '.join(sorted(vague))}; more poses, or others (bench design), tell more"
+        f"{kept}, as the poses tell {them} no better than to {best}: {', '.join(map(_told, vague))}; other poses would "
+        "(bench design)"
     )
+
+
+def _told(name: str) -> str:
+    """Return a number of a joint in words."""
+    kind, _, joint = name.partition("_")
+    if kind == "zero":
+        return f"zero of {joint}"
+    return f"{'turn about' if kind[0] == 'r' else 'shift along'} {kind[-1]} of {joint}"
 
 
 def _standard_errors(rows: Array) -> Array:

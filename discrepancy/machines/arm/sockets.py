@@ -139,8 +139,9 @@ def in_sockets(chain: Chain, data: MeasuredData, roles: Roles) -> Predicted:
     free, vague = determined_names(told, order, left[fitted], units)
     stated = data.metadata.get("sigma_mm")
     sigma = None if stated is None else positive(data, "sigma_mm", stated)
+    free_ones = tuple(_parameter(name, start) for name in free)
     return Predicted(
-        with_held(data, vague), predict.seen, tuple(_parameter(name, start) for name in free), dict.fromkeys(PLACE, sigma),
+        with_held(data, vague), predict.seen, free_ones, dict.fromkeys(PLACE, sigma),
         inputs=(*readings, INDEX), held={name: value for name, value in start.items() if name not in free},
         instruments=tuple(Sensor(name, "socket", "mm", part=name, label=f"the socket's {name}") for name in PLACE),
         roles=roles | Roles(instruments=(Instrument("sockets", PLACE, frame=False),)), slopes=predict.slopes,

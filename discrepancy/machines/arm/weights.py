@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,8 @@ def with_loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: Mea
     if held and weightless(chain, data):
         data = data.with_note(_WEIGHTLESS.format(told=chain.told, way_out=_WAY_OUT[chain.told]))
     rounding = 1e-9 * max((float(np.max(np.abs(c))) for c in held.values()), default=0.0)
-    return data.with_columns({name: c for name, c in held.items() if np.ptp(c) > rounding})
+    vary = {name: c for name, c in held.items() if np.ptp(c) > rounding}
+    return replace(data.with_columns(vary), computed=data.computed | set(vary))
 
 
 def torques(chain: Chain, stand: Stand, start: Mapping[str, float], data: MeasuredData) -> dict[str, Array]:

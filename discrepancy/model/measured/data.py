@@ -42,7 +42,8 @@ class MeasuredData:
 
     `name` is the stem of the file or the name of a printed set. `notes` are remarks a report must repeat; `noted` are
     the subjects of those that another room may have a remark on as well (`NO_REPEATS`). `units` are those of columns
-    whose unit was stated with them, `stated` the keys of `metadata` that were stated beside the file.
+    whose unit was stated with them, `stated` the keys of `metadata` that were stated beside the file, `computed` the
+    columns that the machine computed from others.
     """
 
     columns: Mapping[str, Column]
@@ -53,6 +54,7 @@ class MeasuredData:
     noted: frozenset[str] = frozenset()
     units: Mapping[str, str] = field(default_factory=dict)
     stated: frozenset[str] = frozenset()
+    computed: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         if not all(isinstance(column, np.ndarray) for _, column in self.columns.items()):  # lists, a table of pandas
