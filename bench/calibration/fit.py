@@ -19,10 +19,9 @@ import numpy as np
 from calibench.bench.calibration.model import ArmModel
 from calibench.bench.calibration.readings import Index, Mask
 from calibench.core.counted import plain
-from calibench.problems.arm.gauge import told_apart, unexplained
+from calibench.problems.arm.gauge import WORST, told_apart, unexplained
 from calibench.problems.base import Array
 
-WORST = 2.0  # mm, or 2 mrad: a number that is known less well keeps its nominal value
 _ALIKE = 5e-3  # part of a column: less than this beside the others may only come from the arm's other errors
 _STEPS, _SETTLED = 60, 1e-9
 _ROUNDS, _SAME = 8, 0.02  # until the noise that is left changes by less

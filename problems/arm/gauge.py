@@ -24,6 +24,7 @@ from calibench.problems.arm.readings import Readings
 from calibench.problems.base import Array
 
 _ROUNDING = 1e-9  # of the largest column
+WORST = 2.0  # mm, or mrad: a number that readings tell with a larger standard error keeps its nominal value
 DISTINCT = 0.02  # sine of the angle to what is kept already: below it a parameter is called seen by those
 
 

@@ -115,14 +115,14 @@ def test_thirty_poses_of_three_numbers_each_are_enough_to_leave_some_out(arm):
 
 
 def test_a_number_that_the_poses_hardly_tell_keeps_its_nominal_value(arm):
-    """Forty poses in which the last two joints hardly move: where all is free, other poses are off by 4 mm."""
-    rng = np.random.default_rng(4)
+    """Forty poses in which a joint hardly moves: where all is free, other poses are off by a centimetre and more."""
+    rng = np.random.default_rng(0)
     q = rng.uniform(-2.4, 2.4, (240, 6))
-    q[:40, 4:] = np.array([1.2, 0.3]) + rng.uniform(-0.02, 0.02, (2, 40)).T
+    q[:40, 4] = 0.3 + rng.uniform(-0.02, 0.02, 40)
     seen = np.array([placed(row)[0] for row in q]) + rng.normal(0, 0.3, (240, 3))
     told = columns(q, seen) | {"split": np.repeat(["train", "hold"], [40, 200])}
     formulation = arm.formulate(MeasuredData(told, "arm"))
-    assert any("turn about x of joint_5" in note for note in formulation.data.notes)
+    assert any("nominal" in note and "joint_5" in note for note in formulation.data.notes)
     held = np.asarray(formulation.data["split"]) == "hold"
     found = fit(Model(formulation.on(formulation.data.rows(~held))), Noise())
     left = Model(formulation.on(formulation.data.rows(held))).residuals(found.x)

@@ -3,9 +3,8 @@
 Base and tool come first, then zeros, shifts and turns of the joints from the floor on. A number is held if the kept
 ones leave less than `_LEAST` of its signature: for parallel axes one shift along them (Hayati), of a placement the turn
 about its own axis. A parameter that is dependent on the nominal arm, and is seen only because the real arm differs from
-it, is held as well. So is one that the readings tell to `WORST` at best, or with which they tell another one no better:
-no arm errs by so much, and where a fit is free to say so it does, and poses that were not fitted are off by
-centimetres.
+it, is held as well. So is one that the readings tell to `WORST` at best: a fit that is free to say that a wrist leans
+by degrees does so, and poses that were not fitted are off by centimetres.
 """
 
 from __future__ import annotations
@@ -15,10 +14,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibench.discrepancy.model.measured.data import MeasuredData
-from calibench.problems.arm.gauge import told_apart, unexplained
+from calibench.problems.arm.gauge import WORST, told_apart, unexplained
 from calibench.problems.base import Array
 
-WORST = {"mm": 10.0, "rad": 0.01}  # a standard error
 _MIDDLE = 0.6745  # of a standard deviation: the median of |noise|
 _LEAST = 5e-3  # part of a signature: an error of .5 mm, or .5 mrad at a metre, then moves nothing by more than 3 um
 
@@ -39,7 +37,7 @@ def determined_names(
         scale = scale * np.where(noise > 0, noise, 1.0)
     rows = (columns / scale[:, None]).reshape(-1, len(order))
     kept = told_apart(rows, _LEAST)
-    worst = np.array([WORST[units[name]] if name in units else np.inf for name in order])
+    worst = np.array([_worst(units[name]) if name in units else np.inf for name in order])
     vague: list[str] = []
     while (errors := _standard_errors(rows[:, kept]) / worst[kept]).max(initial=0.0) > 1.0:
         vague.append(order[kept.pop(int(np.argmax(errors)))])
@@ -52,11 +50,15 @@ def with_held(data: MeasuredData, vague: Sequence[str]) -> MeasuredData:
         return data
     many = len(vague) > 1
     kept, them = ("numbers keep their nominal values", "them") if many else ("a number keeps its nominal value", "it")
-    best = f"{WORST['mm']:g} mm or {1e3 * WORST['rad']:g} mrad"
+    best = f"{WORST:g} mm or {WORST:g} mrad"
     return data.with_note(
         f"{kept}, as the poses tell {them} no better than to {best}: {', '.join(map(_told, vague))}; other poses would "
         "(bench design)"
     )
+
+
+def _worst(unit: str) -> float:
+    return WORST if unit == "mm" else 1e-3 * WORST
 
 
 def _told(name: str) -> str:

@@ -135,8 +135,8 @@ def in_sockets(chain: Chain, data: MeasuredData, roles: Roles) -> Predicted:
     order = (*sockets.names, *TOOL, *(f"zero_{j.name}" for j in chain.joints))
     order += tuple(name for k in (slice(3), slice(3, 6)) for j in chain.joints for name in of_joint(j.name)[k])
     units = {name: _parameter(name, start).unit for name in quantities(chain)}
-    told = {name: np.asarray(seen[name])[fitted] for name in order}
-    free, vague = determined_names(told, order, left[fitted], units)
+    slopes_seen = {name: np.asarray(seen[name])[fitted] for name in order}
+    free, vague = determined_names(slopes_seen, order, left[fitted], units)
     stated = data.metadata.get("sigma_mm")
     sigma = None if stated is None else positive(data, "sigma_mm", stated)
     free_ones = tuple(_parameter(name, start) for name in free)
