@@ -306,7 +306,7 @@ def test_tables_of_other_firmwares_are_read_as_travels():
 
 
 @measured_printer
-@pytest.mark.parametrize("nominal", [{}, {"radius": 161.75}])
+@pytest.mark.parametrize("nominal", [pytest.param({}, marks=pytest.mark.slow), {"radius": 161.75}])
 def test_a_measured_printer_has_its_radius_first(nominal):
     report = discrepancy.explain("delta", read_measured(V400 / "printer.cfg", "delta", {"nominal": nominal}))
     assert report.findings[0].effect == "delta_radius all"

@@ -120,7 +120,7 @@ OUTSIDE = {
 
 
 @pytest.mark.parametrize(
-    "name", [n if k % 6 == 0 else pytest.param(n, marks=pytest.mark.slow) for k, n in enumerate(HIDDEN)]
+    "name", [n if k % 12 == 0 else pytest.param(n, marks=pytest.mark.slow) for k, n in enumerate(HIDDEN)]
 )
 def test_what_is_wrong_with_a_part_is_named_after_it(name):
     change, size = HIDDEN[name]

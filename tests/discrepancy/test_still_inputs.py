@@ -49,7 +49,7 @@ def _followed(n=120):
     return MeasuredData(d | {"u": uv[:, 0], "v": uv[:, 1]}, Table.name, {}, "still")
 
 
-@pytest.mark.parametrize(("column", "axis"), [("C", "C axis"), ("X", "X axis")])
+@pytest.mark.parametrize(("column", "axis"), [("C", "C axis"), pytest.param("X", "X axis", marks=pytest.mark.slow)])
 def test_an_axis_that_moved_unread_gives_no_other_axis_a_scale_that_no_machine_has(column, axis):
     sound = _followed()
     assert explain(Table(), sound).verdict == "none"
