@@ -12,6 +12,8 @@ from calibench.discrepancy.machines.orthoglide.plan import planned
 from calibench.discrepancy.validation.holdout import folds
 from tests.discrepancy.orthoglide_score import explained
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 def test_two_columns_alike_are_known_by_their_difference_only() -> None:
     rng = np.random.default_rng(0)

@@ -27,6 +27,8 @@ from calibench.discrepancy.registries import own_families
 from tests.independent import delta as independent
 from tests.independent.write_printer import text
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data"))
 V400 = GIVEN / "delta_v400"
 measured_printer = pytest.mark.skipif(

@@ -15,6 +15,8 @@ from calibench.discrepancy.machines.arm import Arm
 from calibench.discrepancy.machines.arm.validate import accepted
 from calibench.discrepancy.model.measured.data import TO_PREDICT
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 _DEMO = Path(discrepancy.__file__).parent / "demo" / "arm"
 _PLAY = 0.4e-3  # rad
 PAN = SimpleNamespace(name="pan", kind="rotary", mimic=None, lower=-np.pi, upper=np.pi)

@@ -31,6 +31,8 @@ from calibench.discrepancy.report import Left, Place, Report
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Parameter
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 N = 240
 PARAMETERS = (
     Parameter("z1", "rad", 0.0, -0.1, 0.1),

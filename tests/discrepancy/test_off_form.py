@@ -27,6 +27,8 @@ from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds
 from calibench.problems.base import Parameter
 from tests.independent import mount
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 def _told(seed: int) -> tuple[bool, str]:
     blind = case(seed, kind="one", bent=True)

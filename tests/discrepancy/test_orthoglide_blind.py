@@ -9,6 +9,8 @@ import pytest
 from benchmarks.blind.orthoglide import PATTERNS, TARGETS, case, unequal
 from tests.discrepancy.orthoglide_score import CONFOUNDED, Tally, explained, plan_of, rate, tally
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize(

@@ -9,6 +9,8 @@ from calibench.bench.discovery.page.words import first_notes, headline
 from calibench.discrepancy import Instrument, Joint, MeasuredData, Predicted, Roles, explain
 from calibench.problems.base import Parameter
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 PARAMETERS = (
     Parameter("cx", "mm", 0.0, -1.0, 1.0),
     Parameter("cy", "mm", 0.0, -1.0, 1.0),

@@ -9,6 +9,8 @@ from calibench.discrepancy import explain
 from calibench.problems.base import Array
 from tests.discrepancy.warm_arm import ZEROS, WarmArm, run
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 N = 120
 EVEN = np.arange(N) / N
 

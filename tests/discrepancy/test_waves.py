@@ -22,6 +22,8 @@ from calibench.discrepancy.noise.whiten import Noise
 from calibench.problems import Parameter
 from tests.discrepancy.test_general_families import OUTSIDE, WEATHER, Arm, readings
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 BARE = Roles((Joint("shoulder", "a"), Joint("elbow", "b")))
 
 

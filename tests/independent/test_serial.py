@@ -24,6 +24,8 @@ from tests.independent.serial_run import told
 from tests.independent.serial_score import BATCHES, alone, in_a_set, names_of, score
 from tests.independent.serial_waves import told as wave_told
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 ROOM = Path(__file__).parent
 
 

@@ -12,6 +12,8 @@ from calibench.discrepancy.machines.arm import Arm
 from tests.independent.serial import MAKES
 from tests.independent.test_serial import seen
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 TURN, WAY = np.array([5e-4, 3e-4, 4e-4]), np.array([0.4, -0.3, 0.2])  # rad, mm
 
 
