@@ -14,6 +14,7 @@ import ast
 import json
 import re
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from xml.sax.saxutils import escape
 
@@ -34,9 +35,16 @@ def room_imports() -> Imports:
         top = ROOT / "calibench" / package
         for path in sorted(top.rglob("*.py")):
             room = _room(f"calibench.{package}." + ".".join(path.relative_to(top).with_suffix("").parts))
-            targets = {_room(name) for name in _imported(ast.parse(path.read_text(encoding="utf-8")))}
+            targets = {_room(name) for name in _read(path)[1]}
             found.setdefault(room, set()).update(targets - {room, ""})
     return {room: tuple(sorted(targets & set(found))) for room, targets in sorted(found.items())}
+
+
+@cache
+def _read(path: Path) -> tuple[str | None, tuple[str, ...]]:
+    """Return the docstring of a module and the full names that it imports."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return ast.get_docstring(tree), tuple(_imported(tree))
 
 
 def _imported(tree: ast.AST) -> Iterator[str]:
@@ -205,7 +213,7 @@ def with_files(page: str) -> str:
 
 def _first_sentence(path: Path) -> str:
     """Return the first sentence of a module's docstring, in one line; raise `ValueError` for a module without one."""
-    said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    said, _ = _read(path)
     if not said:
         raise ValueError(f"{path}: a docstring is needed; its first sentence stands in docs/architecture.md")
     whole = " ".join(said.split("\n\n")[0].split())

@@ -56,7 +56,26 @@ class _Told:
     loaded_as: tuple[tuple[str, Any], ...]
 
 
+@final
+@dataclass(frozen=True)
+class _Reached:
+    """The files that a file leads to, and what was loaded when they were looked for."""
+
+    files: set[Path]
+    modules: int
+    loaded_as: tuple[tuple[str, Any], ...]
+
+    @classmethod
+    def now(cls, files: set[Path]) -> _Reached:
+        return cls(files, len(sys.modules), tuple((name, _spec(name)) for name in map(dotted, files)))
+
+    def holds(self) -> bool:
+        """Tell whether nothing was loaded since, nor loaded again."""
+        return len(sys.modules) == self.modules and all(_spec(name) is was for name, was in self.loaded_as)
+
+
 _SEEN: dict[Path, _Source] = {}
+_REACHED: dict[Path, _Reached] = {}  # a file of ours leads to hundreds, and a request asks a dozen times
 _SENT: dict[Path, str] = {}  # a file that came from another machine -> what it is called there
 _TOLD: dict[str, _Told] = {}  # a digest is asked for with every run, and its files cost a tenth of a second
 
@@ -84,6 +103,12 @@ def module_digest(module: str) -> str:
 
 def closure(file: Path) -> set[Path]:
     """Return `file` and all local files that it imports, directly or through others."""
+    if file not in _REACHED or not _REACHED[file].holds():
+        _REACHED[file] = _Reached.now(_reached(file))
+    return _REACHED[file].files
+
+
+def _reached(file: Path) -> set[Path]:
     found: set[Path] = set()
     leads: dict[tuple[_Import, Path], list[Path]] = {}
     left = [file]
@@ -145,6 +170,7 @@ def dotted(file: Path) -> str:
 def forget(files: set[Path]) -> None:
     """Read these files again when they are next asked for."""
     _TOLD.clear()
+    _REACHED.clear()
     for path in files:
         _SEEN.pop(path, None)
 

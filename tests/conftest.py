@@ -1,6 +1,7 @@
 """Before the whole suite each worker compiles its share of the kernels, so that no two compile the same ones."""
 
 import gc
+import importlib
 import os
 
 import pytest
@@ -41,3 +42,14 @@ def pytest_runtestloop(session):
     for name in shares(worker["workercount"])[int(worker["workerid"].removeprefix("gw"))]:
         registry = problems if name in problems.names() else optimizers
         registry.make(name).compile()
+
+
+@pytest.fixture(scope="module")
+def at_one_noise():
+    """Let reports be without the searches at half and at twice the noise, which take two fifths of their time.
+
+    For modules that ask for names and sizes: `discrepancy/test_partly.py` and those of pages ask for the others.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(importlib.import_module("calibench.discrepancy.explain"), "_OTHERS", ())
+        yield

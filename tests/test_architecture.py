@@ -36,13 +36,15 @@ def walk(title: str) -> tuple[list[str], list[str]]:
 def passed(stations: list[str], run: Callable[[], Any]) -> list[str]:
     """Return the stations that `run` passes in their order: each is looked for after the one before it."""
     left = list(reversed(stations))
+    names = [re.split("[:.]", station)[-1] for station in left]
 
     def watch(frame: FrameType, event: str, _: Any) -> None:
         code: CodeType = frame.f_code
-        if event == "call" and code.co_name == left[-1].rpartition(":")[2].rpartition(".")[2]:
+        if event == "call" and code.co_name == names[-1]:
             module = frame.f_globals.get("__name__", "").removeprefix("calibench.")
             if f"{module}:{code.co_qualname}" == left[-1]:
                 left.pop()
+                names.pop()
                 if not left:
                     sys.setprofile(None)
 

@@ -10,7 +10,7 @@ import pytest
 from calibench.discrepancy.registries import effects
 from tests.tutorial_session import DOCS, PAGES, alike, play
 
-QUICK = ("my-robot.md", "hand-eye.md")
+QUICK = ("hand-eye.md",)
 
 
 @pytest.fixture

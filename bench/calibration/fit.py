@@ -156,11 +156,12 @@ def _adjusted(model: ArmModel, p: Array, kept: Index, weights: Array, soft: bool
     p = p.copy()
     if not len(kept):
         return p
-    damping, value = 1e-6, _value(model, p, weights, soft)
+    left = model.residuals(p, weights)
+    damping, value = 1e-6, _value(*left, weights, soft)
     for _ in range(_STEPS):
-        by_row = _soft_weights(model, p, weights) if soft else weights
+        by_row = _soft_weights(left[0], weights) if soft else weights
         rows = _stacked(*model.jacobian(p, kept, weights), by_row)
-        residuals = _stacked_residuals(*model.residuals(p, weights), by_row)
+        residuals = _stacked_residuals(*left, by_row)
         scale = np.linalg.norm(rows, axis=0) + _FLOOR
         q, r = np.linalg.qr(np.vstack([rows / scale, np.zeros((len(kept), len(kept)))]))
         wanted = -(q.T @ np.concatenate([residuals, np.zeros(len(kept))]))
@@ -170,7 +171,8 @@ def _adjusted(model: ArmModel, p: Array, kept: Index, weights: Array, soft: bool
             step = np.linalg.lstsq(damped, np.concatenate([wanted, np.zeros(len(kept))]), rcond=None)[0] / scale
             tried = p.copy()
             tried[kept] += step
-            found = _value(model, tried, weights, soft)
+            there = model.residuals(tried, weights)
+            found = _value(*there, weights, soft)
             if found <= value:
                 improved = True
                 break
@@ -178,7 +180,7 @@ def _adjusted(model: ArmModel, p: Array, kept: Index, weights: Array, soft: bool
         if not improved:
             break
         gained = value - found
-        p, value, damping = tried, found, max(damping / 10, 1e-12)
+        p, left, value, damping = tried, there, found, max(damping / 10, 1e-12)
         if gained <= _SETTLED * (1 + value):
             break
     return p
@@ -219,17 +221,16 @@ def _by_socket(model: ArmModel, p: Array, weights: Array) -> ArmModel:
     return replace(model, scatter=np.sqrt(own / usual)[model.socket])
 
 
-def _value(model: ArmModel, p: Array, weights: Array, soft: bool) -> float:
-    over, more = model.residuals(p, weights)
+def _value(over: Array, more: Array, weights: Array, soft: bool) -> float:
     square = (over**2).sum(axis=1)
     told = weights @ (2 * (np.sqrt(1 + square / 9) - 1) * 9 if soft else square)
     value = float(told + more @ more)
     return value if np.isfinite(value) else np.inf
 
 
-def _soft_weights(model: ArmModel, p: Array, weights: Array) -> Array:
+def _soft_weights(over: Array, weights: Array) -> Array:
     """Return the weight of each reading under the soft L1 loss of the length of its residual, (n,)."""
-    square = (model.residuals(p, weights)[0] ** 2).sum(axis=1)
+    square = (over**2).sum(axis=1)
     return np.asarray(weights / np.sqrt(1 + square / 9))
 
 

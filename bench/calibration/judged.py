@@ -177,7 +177,7 @@ def rms_interval(errors: Array, seed: int = 0, poses: Index | None = None) -> tu
     if len(known) < 2:
         return float("nan"), float("nan")
     rng = np.random.default_rng(np.random.SeedSequence([seed, len(known)]))
-    drawn = (rng.integers(len(known), size=len(known)) for _ in range(_DRAWS))
-    means = np.array([known[some].sum() / count[some].sum() for some in drawn])
+    drawn = rng.integers(len(known), size=(_DRAWS, len(known)))
+    means = known[drawn].sum(axis=1) / count[drawn].sum(axis=1)
     low, high = np.sqrt(np.quantile(means, [0.025, 0.975]))
     return float(low), float(high)

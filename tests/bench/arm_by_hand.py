@@ -92,7 +92,10 @@ def _reach(aim, q, ball):
     """Return joints (6,) [rad] near q that hold the ball at `aim` [mm], by Newton's steps; None where they are lost."""
     for _ in range(12):
         at, slopes = _held(q, ball)
-        q = q + np.linalg.pinv(slopes) @ (aim - at)
+        step = np.linalg.pinv(slopes) @ (aim - at)
+        q = q + step
+        if np.abs(step).max() < 1e-12:
+            break
     return q if np.linalg.norm(_held(q, ball)[0] - aim) < 1e-6 and np.abs(q).max() < 2.6 else None
 
 

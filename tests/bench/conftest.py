@@ -6,6 +6,9 @@ import pytest
 
 from calibench import optimizers, problems
 from calibench.bench.cli import main
+from calibench.bench.execution.request import probe
+from calibench.bench.report.shared import drawn
+from calibench.bench.sweep import carry_out, costs
 from calibench.core import user_file
 
 
@@ -34,3 +37,16 @@ def run_bench(tmp_path, monkeypatch, capsys):
         return ended.value.code, out.out, out.err
 
     return call
+
+
+@pytest.fixture(scope="module")
+def one_process():
+    """Let runs and drawings be made in this process, as where a system cannot fork.
+
+    A process that has all tests in it takes longer to fork than most runs of them: for modules that test something else
+    than processes.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (carry_out, costs, drawn, probe):
+            patch.setattr(module, "CAN_FORK", False)
+        yield

@@ -17,6 +17,8 @@ from calibench.bench.report.study.figures import study_figures, target_chart
 from calibench.bench.report.study.write import write_report
 from calibench.bench.store.runs import ResultStore
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("bench/report", "bench/statistics")
 PAPER_WORDS = {word for paper in PAPERS for word in (paper.KEY, paper.KEY.rstrip("0123456789"))}

@@ -21,6 +21,8 @@ from calibench.bench.statistics.tables import problem_of
 from calibench.bench.statistics.targets import levels_of
 from calibench.bench.sweep.request import study_preset
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 ROOT = Path(__file__).resolve().parents[2]
 HANGS = "nlopt_LN_NEWUOA_BOUND"
 

@@ -17,6 +17,8 @@ from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.summary import QUARTILES, quantiles
 from calibench.bench.store.schema import TRACES_SCHEMA
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 
 def _values(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return cell numbers and values of many magnitudes, some of them ties, infinite or missing."""

@@ -26,6 +26,8 @@ from calibench.bench.statistics.names.labels import method_labels, problem_title
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import RUNS_SCHEMA, to_pandas
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 
 @dataclass(frozen=True)
 class Bowl:

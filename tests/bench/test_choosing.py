@@ -13,6 +13,8 @@ from calibench.bench.statistics.choosing.settings import choose, score_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.from_python import sweep
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 STUDIES, RESAMPLES, UNITS, SETTINGS, SEED = 200, 499, 10, 6, 20261122  # of each simulation, stated before it was run
 
 

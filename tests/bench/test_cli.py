@@ -138,7 +138,7 @@ def test_a_sweep_killed_in_the_middle_goes_on_where_it_was(here):
         while len(finished()) < 2:
             assert sweep.poll() is None, (here / "log").read_text()
             assert time.monotonic() < deadline
-            time.sleep(0.01)
+            time.sleep(0.05)
         sweep.send_signal(signal.SIGKILL)
         sweep.wait()
     before = store.runs().set_index("run_id")

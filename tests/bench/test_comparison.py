@@ -21,6 +21,8 @@ from calibench.bench.statistics.comparison.two_methods import two_methods
 from calibench.bench.statistics.comparison.two_studies import compare
 from calibench.bench.store.runs import ResultStore
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 ORACLE = "an independent library, not installed here (see docs/statistics.md)"
 
 

@@ -42,7 +42,7 @@ def test_ticks_placed_once_give_the_same_files(tmp_path, monkeypatch, high):
     assert _written(tmp_path / "each", high) == once
 
 
-@pytest.mark.parametrize("high", [3e4, 3.0])
+@pytest.mark.parametrize("high", [3e4, pytest.param(3.0, marks=pytest.mark.slow)])
 def test_joined_minor_ticks_are_the_same_pixels(tmp_path, monkeypatch, high):
     svg, png, _ = _written(tmp_path / "joined", high)
     monkeypatch.setattr(drawing, "join_minor_ticks", lambda figure: None)

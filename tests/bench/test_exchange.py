@@ -27,6 +27,8 @@ from calibench.bench.store.runs import ResultStore
 from calibench.problems.suites.gaps import COCO_GAPS
 from tests.bench.exchange_studies import Falls, Raised, mixed_study, suite_study
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 
 @pytest.fixture(scope="module")
 def studies(tmp_path_factory):

@@ -28,6 +28,8 @@ from calibench.bench.statistics.runtime import ecdf, ert
 from calibench.bench.statistics.targets import hits_of
 from calibench.bench.store.runs import ResultStore
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 
 @pytest.fixture(scope="module")
 def store(tmp_path_factory):

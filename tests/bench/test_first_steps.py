@@ -19,6 +19,8 @@ from calibench.bench.statistics.optimum import Optimum
 from calibench.bench.store.runs import ResultStore
 from calibench.core import user_file
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 MINE = """
 import numpy as np
 

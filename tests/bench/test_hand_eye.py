@@ -235,7 +235,7 @@ def test_few_poses_are_refused_and_three_need_a_stated_noise(calibrate):
     assert found["unseen"]["position"] is None
 
 
-@pytest.mark.parametrize("noise", [(0.0, 0.0), NOISE])
+@pytest.mark.parametrize("noise", [pytest.param((0.0, 0.0), marks=pytest.mark.slow), NOISE])
 @pytest.mark.parametrize("mode", ["eye_in_hand", "eye_to_hand"])
 def test_inverse_poses_are_told(calibrate, mode, noise):
     flange, seen = measured(12, mode, noise)
@@ -293,7 +293,7 @@ def test_units_lengths_of_quaternions_and_missing_columns_are_refused(bench, tmp
     assert "hand_eye" in bench("hand_eye=in_the_sky", "data=p.csv", code=2)
 
 
-@pytest.mark.parametrize("mode", ["eye_in_hand", "eye_to_hand"])
+@pytest.mark.parametrize("mode", ["eye_in_hand", pytest.param("eye_to_hand", marks=pytest.mark.slow)])
 def test_a_board_of_slightly_another_size_is_told_with_a_cure_to_copy(calibrate, mode):
     flange, seen = measured(15, mode, noise=(1.0, 0.0035))
     before = calibrate(flange, seen, mode=mode)
@@ -313,15 +313,15 @@ def test_a_board_of_slightly_another_size_is_told_with_a_cure_to_copy(calibrate,
 
 def test_the_error_of_a_scale_is_that_of_many_cases():
     values, errors, told = [], [], []
-    for seed in range(60):
+    for seed in range(30):
         made = model(12, "eye_in_hand", (1.0, 0.002), seed)
         found = scale_of(adjusted(made, (0.0, 0.0)), True)
         values.append(found.value)
         errors.append(found.se)
         told.append(found.told)
     assert np.std(values) == pytest.approx(np.mean(errors), rel=0.3)
-    assert np.mean(values) == pytest.approx(1.0, abs=3 * np.mean(errors) / np.sqrt(60))
-    assert sum(told) <= 1
+    assert np.mean(values) == pytest.approx(1.0, abs=3 * np.mean(errors) / np.sqrt(30))
+    assert not any(told)
 
 
 def test_a_scale_of_no_board_is_refused(calibrate):

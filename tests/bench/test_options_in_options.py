@@ -12,6 +12,8 @@ from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.options import typed
 from calibench.bench.store.runs import ResultStore
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 RIG = """
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -11,6 +11,8 @@ from calibench.bench.statistics.names.labels import method_titles
 from calibench.bench.statistics.summary import outside_box, summary
 from calibench.bench.statistics.tables import overview
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 BEYOND = """
 import numpy as np
 class Beyond:

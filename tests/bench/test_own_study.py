@@ -11,6 +11,8 @@ import pytest
 from calibench.bench.cli import main
 from calibench.bench.store.runs import ResultStore
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 BOWL = """
 import numpy as np
 from offsets import OFFSET

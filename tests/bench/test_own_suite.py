@@ -23,6 +23,8 @@ from calibench.bench.store.options import with_options
 from calibench.bench.store.runs import ResultStore
 from calibench.core import user_file
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 SUITE = """
 from dataclasses import dataclass, field
 from enum import Enum

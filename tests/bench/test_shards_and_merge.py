@@ -9,6 +9,8 @@ import pytest
 from calibench.bench.store.runs import ResultStore
 from tests.same_rows import rows
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 SWEEP = "run -m problem=sensor_zero,full12 optimizer=de,lm budget=60 seeds=6"
 
 

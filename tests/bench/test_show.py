@@ -13,6 +13,8 @@ from calibench.bench.report.one_run.curve import Curve, sparkline
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.runs import ResultStore
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 USER = """
 import numpy as np
 

@@ -22,6 +22,8 @@ from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 
 @pytest.fixture
 def runs():

@@ -20,6 +20,8 @@ from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
 from calibench.bench.store.runs import ResultStore
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 OWN = """
 import numpy as np
 class Bowl:

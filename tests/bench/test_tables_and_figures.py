@@ -18,6 +18,8 @@ from calibench.bench.statistics import tables
 from calibench.bench.store.runs import ResultStore
 from calibench.problems import constants
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 SWEEPS = [
     "run -m problem=sensor_zero problem.n=3,9 problem.error=J1,J2 optimizer=fmincon,lm study=paper seeds=1",
     "run -m problem=link_length problem.error=J1,J2,J3 optimizer=fmincon,fmincon_matlab study=paper seeds=1",

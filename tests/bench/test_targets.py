@@ -14,6 +14,8 @@ from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import HITS_SCHEMA
 from calibench.problems.suites.gaps import COCO_GAPS
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 
 class Valley:
     """A problem of our own with many targets, which the gate watches one by one."""

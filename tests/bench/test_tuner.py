@@ -17,6 +17,8 @@ from calibench.bench.sweep.tuner.trials import first_request, trials
 from calibench.bench.sweep.words.values import RequestError
 from tests.bench.test_cli import REPEATABLE
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 pytest.importorskip("optuna")
 pytest.importorskip("cmaes")
 

@@ -12,6 +12,8 @@ from calibench.bench.sweep.words.composition import compose
 from calibench.bench.sweep.words.hydra_overrides import last_value, parse, values_of
 from calibench.bench.sweep.words.values import RequestError
 
+pytestmark = pytest.mark.usefixtures("one_process")
+
 NASTY = [
     "${x}",
     r"\${x}",

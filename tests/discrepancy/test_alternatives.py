@@ -14,6 +14,8 @@ from calibench.discrepancy.model.family import EffectFamily
 from calibench.discrepancy.search.finding import _held
 from tests.discrepancy.orthoglide_score import explained
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 def _beside(hidden):
     data = MeasuredData(hidden.columns, "orthoglide", hidden.metadata, "case")

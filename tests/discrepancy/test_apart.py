@@ -9,6 +9,8 @@ from calibench.discrepancy.checks.validate import validated
 from calibench.discrepancy.design.detectability import design
 from calibench.problems.base import Parameter
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 N = 100
 PARAMETERS = (Parameter("zero", "rad", 0.0, -0.1, 0.1), Parameter("radius", "mm", 200.0, 190.0, 210.0))
 

@@ -12,6 +12,8 @@ from calibench.discrepancy.machines.arm import Arm
 from calibench.discrepancy.noise.whiten import Noise
 from tests.bench.arm_by_hand import NAMES, in_sockets, measured, placed, urdf
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 PLAY = 1.2e-3  # rad
 WARM = 4e-5  # rad/K
 

@@ -12,6 +12,8 @@ from calibench.bench.measured import read_measured
 from calibench.discrepancy.explain import _carried_by_nothing
 from tests.independent.delta import Firmware, honest, measured, places, printer_cfg, spoilt
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 @pytest.mark.parametrize("seed", [37, 44, 58])
 def test_seven_heights_of_a_bed_like_a_saddle_have_no_name(tmp_path, seed) -> None:

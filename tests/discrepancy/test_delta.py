@@ -27,6 +27,8 @@ from calibench.discrepancy.registries import own_families
 from tests.independent import delta as independent
 from tests.independent.write_printer import text
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data"))
 V400 = GIVEN / "delta_v400"
 measured_printer = pytest.mark.skipif(
@@ -173,10 +175,10 @@ def test_so_few_heights_that_the_others_predict_none_are_not_left_out_of_a_fit(s
     assert report.gap.train_after < report.gap.train_before
 
 
-def test_large_errors_in_heights_are_not_taken_for_another_unit():
-    for size in (0.5, 2.0, 8.0):
-        data = owner(2, 19, 24, caliper_offset__all=size)[2]
-        assert discrepancy.explain("delta", data).findings
+@pytest.mark.parametrize("size", [*(pytest.param(size, marks=pytest.mark.slow) for size in (0.5, 2.0)), 8.0])
+def test_large_errors_in_heights_are_not_taken_for_another_unit(size):
+    data = owner(2, 19, 24, caliper_offset__all=size)[2]
+    assert discrepancy.explain("delta", data).findings
 
 
 def test_metres_among_distances_are_told():
@@ -306,7 +308,7 @@ def test_tables_of_other_firmwares_are_read_as_travels():
 
 
 @measured_printer
-@pytest.mark.parametrize("nominal", [{}, {"radius": 161.75}])
+@pytest.mark.parametrize("nominal", [pytest.param({}, marks=pytest.mark.slow), {"radius": 161.75}])
 def test_a_measured_printer_has_its_radius_first(nominal):
     report = discrepancy.explain("delta", read_measured(V400 / "printer.cfg", "delta", {"nominal": nominal}))
     assert report.findings[0].effect == "delta_radius all"

@@ -12,6 +12,8 @@ from calibench.discrepancy.machines.table import Table
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 PLACES = np.repeat([0.0, 50.0, 100.0, 150.0], 9)
 
 

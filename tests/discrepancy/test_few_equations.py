@@ -10,6 +10,8 @@ from calibench.discrepancy.diagnostics.few_equations import FEW_EQUATIONS
 from calibench.discrepancy.machines.arm import Arm
 from tests.bench.arm_by_hand import NAMES, measured, placed, urdf
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 def played(count, **metadata):
     """Return readings of an arm whose joint 2 has play, far above the noise."""

@@ -20,6 +20,8 @@ from calibench.discrepancy.search.form import SLOW, Modulated, Slow, runs_away, 
 from calibench.discrepancy.search.select import fit_with
 from calibench.problems import Parameter
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 _DEMO = Path(discrepancy.__file__).parent / "demo" / "arm"
 _BEND = 0.3  # mm, of what the first joint's angle does to a coordinate, and no formula knows
 

@@ -12,6 +12,8 @@ from calibench.discrepancy import MeasuredData, explain
 from calibench.discrepancy.fitting.fit import triangle
 from calibench.discrepancy.thresholds import THRESHOLDS
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 def test_blocks_fold_into_the_triangle_of_all_rows() -> None:
     A = np.random.default_rng(0).normal(size=(5000, 4)) * [1.0, 1e3, 1e-3, 1.0]

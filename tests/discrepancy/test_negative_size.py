@@ -6,6 +6,8 @@ import pytest
 from benchmarks.blind.gpm2002.simulate import case
 from calibench.discrepancy import MeasuredData, explain
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 SAID = "a {} never is"
 
 

@@ -27,6 +27,8 @@ from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds
 from calibench.problems.base import Parameter
 from tests.independent import mount
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 def _told(seed: int) -> tuple[bool, str]:
     blind = case(seed, kind="one", bent=True)
@@ -40,19 +42,21 @@ def test_a_curve_that_wins_by_the_error_of_a_form_is_no_unknown() -> None:
     assert verdict != "unknown"
 
 
-@pytest.mark.parametrize("seed", [602116, 602178])
+@pytest.mark.parametrize("seed", [602116, pytest.param(602178, marks=pytest.mark.slow)])
 def test_a_rival_that_takes_up_the_error_of_a_form_does_not_shut_the_truth_out(seed: int) -> None:
     """A gear that calibration hides but for 2 %, and an eccentricity: any order, or the second one, fits better."""
     assert _told(seed) == (True, "ambiguous")
 
 
-@pytest.mark.parametrize("seed", [685151, 694531, 694567])
+@pytest.mark.parametrize("seed", [685151, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (694531, 694567))])
 def test_a_formula_met_to_the_letter_does_not_shut_out_one_whose_form_is_off(seed: int) -> None:
     """Gears, beside harmonics and eccentricities that fit to the letter or nearly, but may be off as well."""
     assert _told(seed) == (True, "ambiguous")
 
 
-@pytest.mark.parametrize(("k", "truth", "rival"), [(179, "PHH", "HCES"), (172, "DCES", "PDD")])
+@pytest.mark.parametrize(
+    ("k", "truth", "rival"), [(179, "PHH", "HCES"), pytest.param(172, "DCES", "PDD", marks=pytest.mark.slow)]
+)
 def test_without_a_stated_noise_the_error_of_a_form_shuts_no_rival_out(k: int, truth: str, rival: str) -> None:
     """A scale of an axis and a circle off its centre, whose forms are a tenth off: the false one explains more."""
     night = mount.case(k, base=35000)
@@ -107,7 +111,7 @@ def _grown(seed: int, off: float, thresholds: Thresholds = THRESHOLDS) -> Report
     return explain(_Slide(), MeasuredData(columns, "slide"), thresholds=thresholds)
 
 
-@pytest.mark.parametrize("seed", [0, 2, 4])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 4))])
 def test_a_name_that_is_out_of_reach_of_the_likeliest_does_not_come_first(seed: int) -> None:
     """Where growth bends by a third, a drift of three numbers fits better, and is the less likely by far."""
     first = _grown(seed, 0.3).findings[0]
@@ -153,7 +157,7 @@ def test_a_form_that_readings_hardly_determine_shuts_no_name_out() -> None:
     assert [(f.effect, f.form) for f in report.findings] == [("thermal_legs leg x", "size depends on the time")]
 
 
-@pytest.mark.parametrize("most", [0.02, 0.05])
+@pytest.mark.parametrize("most", [0.02, pytest.param(0.05, marks=pytest.mark.slow)])
 def test_a_form_stays_within_its_bound_and_explains_what_it_can(most: float) -> None:
     hidden = orthoglide.case(660265, "axis_orthogonality", bent=True)
     formulation = machines.make("orthoglide").formulate(MeasuredData(hidden.columns, "orthoglide", hidden.metadata, ""))

@@ -12,6 +12,8 @@ from calibench.discrepancy.machines.table import Table
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 def line_of(u, y, model="line"):
     return MeasuredData({"u": u, "y": y}, "table", {}, "made"), Table(model=model, inputs=("u",))

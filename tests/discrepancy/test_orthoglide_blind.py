@@ -9,6 +9,8 @@ import pytest
 from benchmarks.blind.orthoglide import PATTERNS, TARGETS, case, unequal
 from tests.discrepancy.orthoglide_score import CONFOUNDED, Tally, explained, plan_of, rate, tally
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
@@ -24,7 +26,9 @@ def test_a_hidden_effect_is_named_on_the_cross_plan(family: str) -> None:
     assert low * 0.9 <= size <= high * 1.1 or low * 1.1 <= -size <= high * 0.9
 
 
-@pytest.mark.parametrize("plan", ["cross", pytest.param("loaded", marks=pytest.mark.slow), "paper"])
+@pytest.mark.parametrize(
+    "plan", [*(pytest.param(plan, marks=pytest.mark.slow) for plan in ("cross", "loaded")), "paper"]
+)
 def test_nothing_is_found_where_nothing_is_hidden(plan: str) -> None:
     assert [explained(case(seed, plan=plan)).verdict for seed in (0, 1)] == ["none", "none"]
 

@@ -10,6 +10,8 @@ from calibench import discrepancy
 from calibench.discrepancy import DataError, MeasuredData, Predicted, explain
 from calibench.problems.base import Parameter
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 NUMBERS = (
     Parameter("la", "mm", 400.0, 390.0, 410.0),
     Parameter("z1", "rad", 0.0, -0.1, 0.1),

@@ -19,6 +19,8 @@ from calibench.discrepancy.noise.whiten import Noise
 from calibench.problems.base import Parameter
 from tests.discrepancy.empty_runs import empty_run
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 def _run(poses: int = 80) -> MeasuredData:
     visits = np.concatenate([np.arange(poses), np.arange(poses)])

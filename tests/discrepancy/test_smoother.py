@@ -13,6 +13,8 @@ from calibench.discrepancy.registries import machines
 from calibench.discrepancy.search.smoother import Smooth
 from tests.independent import delta
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "xy", "family"), [(961, True, "heading_tilt"), (962, False, "load_squared")])

@@ -9,6 +9,8 @@ from calibench.bench.discovery.page.words import first_notes, headline
 from calibench.discrepancy import Instrument, Joint, MeasuredData, Predicted, Roles, explain
 from calibench.problems.base import Parameter
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 PARAMETERS = (
     Parameter("cx", "mm", 0.0, -1.0, 1.0),
     Parameter("cy", "mm", 0.0, -1.0, 1.0),
@@ -49,7 +51,7 @@ def _followed(n=120):
     return MeasuredData(d | {"u": uv[:, 0], "v": uv[:, 1]}, Table.name, {}, "still")
 
 
-@pytest.mark.parametrize(("column", "axis"), [("C", "C axis"), ("X", "X axis")])
+@pytest.mark.parametrize(("column", "axis"), [("C", "C axis"), pytest.param("X", "X axis", marks=pytest.mark.slow)])
 def test_an_axis_that_moved_unread_gives_no_other_axis_a_scale_that_no_machine_has(column, axis):
     sound = _followed()
     assert explain(Table(), sound).verdict == "none"

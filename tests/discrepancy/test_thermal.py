@@ -8,6 +8,8 @@ from benchmarks.blind.gpm2002.simulate import case
 from calibench.discrepancy import MeasuredData, explain
 from calibench.discrepancy.effects.general.warmth import warmth
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 def test_warmth_follows_a_step_of_temperature_by_its_lag():
     t = np.arange(0.0, 300.0, 1.0)

@@ -19,6 +19,8 @@ from calibench.discrepancy.search.unnamed import _course, _place
 from calibench.problems.base import Array, Parameter
 from tests.discrepancy.test_probes_of_predicted import Polar, polar_readings
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 SIGMA = 1e-5
 ROLES = Roles((Joint("circle", "hz", told="arcsec"),), time="clock")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,6 +22,8 @@ from calibench.discrepancy.noise.whiten import Noise
 from calibench.problems import Parameter
 from tests.discrepancy.test_general_families import OUTSIDE, WEATHER, Arm, readings
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 BARE = Roles((Joint("shoulder", "a"), Joint("elbow", "b")))
 
 
@@ -28,8 +31,13 @@ def _waves(q, d):
     return {"b": q["b"] + 6e-4 * np.sin(17 * q["b"] + 1.0) + 3e-4 * np.sin(21.4 * q["b"] + 0.3)}
 
 
+@cache
+def _two_waves():
+    return explain(Arm(BARE), readings(5, _waves))
+
+
 def test_waves_of_a_rotary_joint_of_unknown_orders_are_named_one_after_another():
-    report = explain(Arm(BARE), readings(5, _waves))
+    report = _two_waves()
     assert [found.effect for found in report.findings] == ["periodic_error elbow", "second_periodic_error elbow"]
     orders = [2 * np.pi / found.period for found in report.findings]
     assert orders == pytest.approx([17, 21.4], abs=0.15)
@@ -45,7 +53,7 @@ def test_three_waves_of_one_joint_are_told_to_be_a_shape_and_no_cause():
     report = explain(Arm(BARE), readings(5, _more_waves))
     assert sum(f.family in PERIODIC for f in report.findings) == 3
     assert [note for note in report.notes if said in note]
-    assert not [note for note in explain(Arm(BARE), readings(5, _waves)).notes if "waves of elbow" in note]
+    assert not [note for note in _two_waves().notes if "waves of elbow" in note]
 
 
 def test_the_orders_of_stated_teeth_have_a_name_of_their_own():
@@ -127,7 +135,7 @@ def test_a_wave_of_free_period_has_no_form_beside_it():
 
 
 def test_a_fitted_period_is_told_in_the_unit_of_its_joint_and_as_waves_a_turn():
-    found = explain(Arm(BARE), readings(5, _waves)).findings
+    found = _two_waves().findings
     assert found[0].coefficients[-1].unit == "rad"
     assert re.search(
         r"period 3\d\d\.\d+ mrad \(95 %: 3\d\d\.\d+ to 3\d\d\.\d+ mrad; 2\d\.\d+°\), 1[67]\.\d a turn$",

@@ -11,6 +11,8 @@ from calibench.discrepancy import Constraints, Joint, MeasuredData, Predicted, R
 from calibench.discrepancy.checks.wild_readings import without_wild
 from calibench.problems.base import Parameter
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 NOISE, ROWS = 0.003, 120
 PARAMETERS = (Parameter("zero", "mm", 0.0, -5.0, 5.0), Parameter("gain", "1", 1.0, 0.9, 1.1))
 ROLES = Roles(joints=(Joint("rail", "s", "sliding", direction="side", period=10.0),), time="t_s")

@@ -12,6 +12,8 @@ from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.registries import description_of, machines
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 PLANS = [
     ("delta", "rich", {}),
     ("gpm2002", "disc", {"n": 24, "radius": 90.0}),

@@ -14,6 +14,8 @@ from tests.independent.arm6_faults import FAMILIES, FOREIGN, off
 from tests.independent.arm6_score import Answer, answer, in_a_set, overstated, own, score
 from tests.independent.own_arm import START, SixAxisArm, reflector
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 ROOM = Path(__file__).parent
 ON_THE_FLY = 4  # a seed whose workshop reads while the arm moves
 

@@ -24,6 +24,8 @@ from tests.independent.serial_run import told
 from tests.independent.serial_score import BATCHES, alone, in_a_set, names_of, score
 from tests.independent.serial_waves import told as wave_told
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 ROOM = Path(__file__).parent
 
 
@@ -317,11 +319,11 @@ def test_no_batch_shares_a_seed_with_another() -> None:
     assert len(seeds) == len(set(seeds))
 
 
-LONG = ("base_drift", "tool_slip")
+LONG = ("bending", "base_drift", "tool_slip")
 
 
 @pytest.mark.parametrize(
-    "family", ["play", "compliance", "bending", *(pytest.param(family, marks=pytest.mark.slow) for family in LONG)]
+    "family", ["play", "compliance", *(pytest.param(family, marks=pytest.mark.slow) for family in LONG)]
 )
 def test_a_fault_of_visible_size_two_is_found(family: str) -> None:
     found = told(7, family=family, visible=2.0, poses=60)

@@ -23,7 +23,7 @@ from calibench.bench.calibration.readings import Mask
 from calibench.core.counted import plain
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import inverse
-from calibench.problems.arm.frames import angle_between, nearest_rotation
+from calibench.problems.arm.frames import angle_between
 from calibench.problems.base import Array
 
 _HANDFUL, _HANDFULS = 4, 100
@@ -196,12 +196,15 @@ def _solved(rows: Array) -> Array:
     vectors = np.linalg.eigh(rows.swapaxes(1, 2) @ rows)[1][:, :, 0].reshape(-1, 2, 3, 3)
     senses = np.sign(np.linalg.det(vectors[:, 0]) + np.linalg.det(vectors[:, 1]))
     vectors = vectors * np.where(senses == 0, 1.0, senses)[:, None, None, None]
-    return np.array([[nearest_rotation(one) for one in both] for both in vectors])
+    u, _, vt = np.linalg.svd(vectors)
+    u[..., 2] *= np.linalg.det(u @ vt)[..., None]  # no reflection
+    return np.asarray(u @ vt)
 
 
 def _left(arm: Array, seen: Array, found: Array) -> Array:
     """Return the angle [rad] that rotations `found`, (k, 2, 3, 3), leave of each pair, (k, n)."""
-    return np.stack([angle_between(u @ seen, arm @ v) for u, v in found])
+    by_board, by_arm = found[:, 0, None] @ seen, arm @ found[:, 1, None]
+    return angle_between(by_board.reshape(-1, 3, 3), by_arm.reshape(-1, 3, 3)).reshape(len(found), -1)
 
 
 def _places(arm: Array, seen: Array, mount: Array, tool: Array, pairs: Pairs) -> tuple[Array, Array]:

@@ -53,7 +53,8 @@ def compose_by_hydra(overrides: list[str]) -> Any:
 
     _initialize()
     for (kind, name), node in _ENTERED.items():
-        _enter(kind, name, node)
+        if any(o.startswith(f"{kind}=") and name in o for o in overrides):  # Hydra copies all that it knows each time
+            _enter(kind, name, node)
     try:
         texts = ["=".join((in_ascii(key), value)) for key, _, value in (o.partition("=") for o in overrides)]
         return _as_named(OmegaConf.to_container(hydra.compose("config", overrides=texts), resolve=True))

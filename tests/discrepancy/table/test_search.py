@@ -13,6 +13,8 @@ from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.machines.table import Table
 from calibench.problems.suites.nist.tables import table
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[4] / "shared" / "data"))
 SILVERBOX = GIVEN / "silverbox" / "SNLS80mV.csv"
 N = 200
