@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from calibench.bench.sweep.words.composition import CONF, compose_by_hydra, compose_texts, registry_of
+from calibench.bench.sweep.words import composition
+from calibench.bench.sweep.words.composition import CONF, compose_by_hydra, compose_texts, enter, registry_of
 from calibench.bench.sweep.words.hydra_overrides import _AS_TEXT, _override, last_value, parse, values_of
 from calibench.bench.sweep.words.plain_words import PlainOverride
 
@@ -16,6 +17,7 @@ WORDS = [
     "seeds=ci", "seeds=", "study=x", "study=1e3", "study=null", "results=/data/a b-c.d", "results=a,b", "results=a\\",
     "target=1e-12", "start=random", "time_limit=2.5", "execution=joblib", "execution.n_jobs=-1", "problem.error=J2",
     "problem.readings=A", "opt.de.population=200", "problem.n=7", "problem=a:B", "problem=./a.py:B",
+    "problem=a.b:C", "target=a:B", "budget=a.b:C",
 ]  # fmt: skip
 
 
@@ -65,3 +67,15 @@ def test_a_plain_request_is_composed_as_hydra_composes_it(texts):
 def test_a_plain_word_needs_no_hydra(word):
     assert isinstance(parse([word])[0], PlainOverride)
     assert word.partition("=")[0] in _AS_TEXT or values_of(parse([word])[0]) == [word.partition("=")[2]]
+
+
+def test_a_class_of_a_module_needs_no_hydra(fresh, monkeypatch):
+    (fresh / "plainly.py").write_text("class Bowl:\n    def __init__(self, depth: float = 1.0):\n        pass\n")
+    monkeypatch.syspath_prepend(fresh)
+    monkeypatch.setattr(composition, "_ENTERED", {})
+    enter("problem", "plainly:Bowl", registry_of("problem"))
+    texts = ["problem=plainly:Bowl", "problem.depth=2.5", "budget=50"]
+    hydras = compose_by_hydra(texts)
+    monkeypatch.delattr(composition, "compose_by_hydra")
+    assert repr(compose_texts(texts)) == repr(hydras)
+    assert hydras["problem"]["depth"] == 2.5

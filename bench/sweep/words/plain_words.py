@@ -14,6 +14,8 @@ from typing import Any, final
 
 _KEY = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?", re.ASCII)
 _WORD = re.compile(r"[A-Za-z_]\w*", re.ASCII)
+_CLASS = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*:[A-Za-z_]\w*", re.ASCII)  # MODULE:CLASS
+_MEMBERS = ("problem", "optimizer")
 _WHOLE = re.compile(r"-?(?:0|[1-9]\d{0,17})", re.ASCII)
 _DECIMAL = re.compile(r"-?(?:0|[1-9]\d{0,17})(?:\.\d+)?(?:e[+-]?\d{1,2})?", re.ASCII)
 _TEXT = re.compile(r"[\w.:/ +-]*", re.ASCII)
@@ -66,12 +68,14 @@ def compose_plainly(
     a problem or optimizer with their defaults, or None for a preset. An option is set where it is declared.
     """
     given = dict(text.partition("=")[::2] for text in overrides)
-    values = {key: _value_of(text) for key, text in given.items()}
+    values = {
+        key: text if key in _MEMBERS and _CLASS.fullmatch(text) else _value_of(text) for key, text in given.items()
+    }
     if len(given) < len(overrides) or _NONE in values.values():
         return None
     execution = values.pop("execution", "serial")
     composed: dict[str, Any] = {}
-    for kind in ("problem", "optimizer"):
+    for kind in _MEMBERS:
         if kind in values:
             options = member(kind, given[kind])
             if options is None or type(values.pop(kind)) is not str or not _is_plain(options):
