@@ -254,6 +254,11 @@ class Thresholds:
         6.0, "2 log odds",
         "odds, before the data, that a formula is exact and not off in its form: 20 to 1", JUDGED,
     )  # fmt: skip
+    form_smooth: float = _of(
+        0.7, "probability",
+        "before the data, that the error of a formula is a smooth function of the place, where effects are functions "
+        "of one; else it is anything of its size", JUDGED,
+    )  # fmt: skip
     form_runaway: float = _of(
         10.0, "times the size without the form",
         "that an effect may have beside a form of it; if larger, effect and form cancel each other on the "
@@ -289,7 +294,11 @@ class Thresholds:
         0.2, "weight",
         "total weight of unlikely members that may be left out of a set", JUDGED,
     )  # fmt: skip
-    weight_left_out_few: float = _of(0.1, "weight", "the same where residuals are few and gains inexact", JUDGED)
+    weight_left_out_few: float = _of(
+        0.1, "weight",
+        "the same where gains are inexact: residuals are few, or nothing tells the noise and forms are off over a "
+        "place", JUDGED,
+    )  # fmt: skip
     weight_left_out_untold: float = _of(
         0.05, "weight",
         "the same where also no repeats tell the noise: a set then leaves out one case of twenty", JUDGED,

@@ -76,6 +76,16 @@ def along_of(effect: Effect) -> Along | None:
     return cast(Along | None, getattr(effect, "along", None))
 
 
+def over_of(effect: Effect) -> tuple[str, ...]:
+    """Return the columns that together are the place on which an effect's size may depend; () for one without."""
+    return cast(tuple[str, ...], getattr(effect, "over", ()))
+
+
+def whole_of(effect: Effect) -> Effect | None:
+    """Return the cause, of any phase, of which an effect is the sine or the cosine; None for any other effect."""
+    return cast("Effect | None", getattr(effect, "whole", None))
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Alternative:

@@ -9,7 +9,7 @@ from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.model.effect import Along
+from calibench.discrepancy.model.effect import Along, Effect
 from calibench.discrepancy.model.machine import Quantities
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.problems.base import Array
@@ -28,6 +28,9 @@ class LinearEffect:
     No machine has an amplitude above `largest`, in the effect's unit. `begins` is the value of its column from which on
     the effect acts, in `begins_unit`, where that was searched for. `along(data)` returns covariate -> the moments at
     which it acts: its size may depend on the position at each of them.
+
+    `over` are the columns that together are the place on which its size may depend where its formula is off. `whole` is
+    the cause of which it is one term: the sine or the cosine of a wave whose phase is any.
     """
 
     family: str
@@ -46,6 +49,8 @@ class LinearEffect:
     along: Along | None = None
     begins: float = math.nan
     begins_unit: str = ""
+    over: tuple[str, ...] = ()
+    whole: Effect | None = None
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         """Return quantity -> (n,): the change at coefficients c, (k,)."""

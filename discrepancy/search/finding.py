@@ -13,7 +13,7 @@ from calibench.discrepancy.fitting.interval import amplitude_interval
 from calibench.discrepancy.fitting.projection import orthonormal
 from calibench.discrepancy.labels import effect_label, quantity_label
 from calibench.discrepancy.model.change_point import ChangePoint
-from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of
+from calibench.discrepancy.model.effect import Effect, OfFreePeriod, name_of, over_of
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.roles import roles_of, words_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
@@ -45,7 +45,12 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
             family, target = twin.split(" ", 1)
             weights[twin] = max(weights.get(twin, 0.0), weights[o.name])  # no data can say which of the two it is
             members.setdefault(twin, (family, target))
-    weights = _held(weights, (best.name, *_of_the_same_course(options, found)), _left_out(found))
+    known = weights
+    weights = _held(known, (best.name, *_of_the_same_course(options, found)), _left_out(found, best))
+    for o in options:
+        alike = [name for name in (o.name, *o.effect.twins) if name in known]
+        if any(name in weights for name in alike):  # of two that no data can part, none is less likely
+            weights |= {name: known[name] for name in alike}
     total = sum(weights.values())
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     sizes = {o.name: _size(o) for o in options if o is not best}
@@ -164,10 +169,14 @@ def negative_size(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _left_out(found: Fit) -> float:
-    """Return the total weight of unlikely members that may be left out: smaller where gains are less exact."""
+def _left_out(found: Fit, best: Option) -> float:
+    """Return the total weight of unlikely members that may be left out: smaller where gains are less exact.
+
+    So they are where nothing tells the noise and the weights are those of forms over a place.
+    """
     if len(found.r) > thresholds().few_residuals:
-        return thresholds().weight_left_out
+        of_forms = found.noise.profiled and over_of(best.effect)
+        return thresholds().weight_left_out_few if of_forms else thresholds().weight_left_out
     return thresholds().weight_left_out_untold if found.noise.profiled else thresholds().weight_left_out_few
 
 

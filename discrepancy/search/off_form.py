@@ -11,7 +11,7 @@ is preferred only where it has more than that gain, too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,11 +19,11 @@ from scipy.optimize import minimize
 
 from calibench.discrepancy.diagnostics.score import columns, signatures
 from calibench.discrepancy.fitting.projection import orthonormal, project_off
-from calibench.discrepancy.model.effect import Effect, along_of, is_possible
+from calibench.discrepancy.model.effect import Effect, along_of, is_possible, name_of, over_of, whole_of
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.form import ALONG, MOST, SLOW, Modulated, Slow, product, slow_along, waves_over
-from calibench.discrepancy.search.select import Option, close, told_apart
+from calibench.discrepancy.search.select import Option, close, spared, told_apart
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -37,6 +37,10 @@ _KNOTS = 48  # of a random curve
 _PART = 1e-6  # part of the largest variance: parts of a random curve below this are left out
 _LEVELS = 4  # of a column that has no slow function
 _FULL = 1e-10
+_PLACES = 200  # knots of a random field, at most twice as many
+_PART_OF_FIELD = 1e-3  # part of the largest variance: parts of a random field below this are left out
+_SETTLED = 6  # rounds in which the noise of a random form settles
+_TINY = 1e-300
 
 
 def near(found: Sequence[Option]) -> tuple[Option, ...]:
@@ -91,7 +95,96 @@ def _as_a_form_may_err(found: Sequence[Option], plain: Sequence[Option], top: Op
             kept.append(replace(o, behind=behind))
         elif o in plain:
             kept.append(o)
-    return tuple(kept)
+    return _as_forms_over_the_place_tell(found, kept, top)
+
+
+def _as_forms_over_the_place_tell(found: Sequence[Option], kept: Sequence[Option], top: Option) -> tuple[Option, ...]:
+    """Return the options that are near where effects are functions of a place; elsewhere those that are `kept` already.
+
+    There are two laws of the error of a form: it is anything of rms `form_off`, as in `kept`, or a smooth random
+    function of the place, which is `form_smooth` likely before the data. A place has more than one number, so such a
+    function tells far more than one of a single argument. It is large where calibration takes up most of an effect,
+    and the noise is the likeliest for each option. An effect that explains nothing has no form, nor has the twin
+    of another pick. A distance is that of the weights under both laws.
+    """
+    own = _on_its_part(found, top)
+    beside = {name_of(e) for e in top.fit.model.effects if e is not top.effect}
+    placed = [o for o in found if o.name in own and over_of(o.effect) and o.gain > 0 and not beside & {*o.effect.twins}]
+    if len(placed) < 2 or top not in placed:
+        return tuple(kept)
+    told = _likelihoods(placed, top)
+    smooth = _shares({name: max(told.values()) - one for name, one in told.items()})
+    free = _shares({o.name: _distance(o, top) for o in kept if o.name in told})
+    part = thresholds().form_smooth
+    both = {name: part * one + (1 - part) * free.get(name, 0.0) for name, one in smooth.items()}
+    behind = {name: 2 * float(np.log(max(both.values()) / max(one, _TINY))) for name, one in both.items()}
+    left = [replace(o, behind=behind[o.name]) if o.name in behind else o for o in found]
+    names = {name for name, one in behind.items() if one < thresholds().close}
+    names |= {top.name, *(o.name for o in kept if o.name not in behind)}
+    return _likeliest_first([o for o in left if o.name in names])
+
+
+def _shares(behind: Mapping[str, float]) -> dict[str, float]:
+    weights = {name: float(np.exp(-far / 2)) for name, far in behind.items()}
+    return {name: one / sum(weights.values()) for name, one in weights.items()}
+
+
+def _distance(o: Option, top: Option) -> float:
+    far = o.behind if np.isfinite(o.behind) else told_apart(top, top.gain - o.gain - spared(o, top))
+    return max(0.0, far)
+
+
+def _place(o: Option) -> Array:
+    data = o.fit.model.formulation.data
+    return np.stack([np.asarray(data[name], dtype=float) for name in over_of(o.effect)], axis=-1)
+
+
+def _likelihoods(placed: Sequence[Option], top: Option) -> dict[str, float]:
+    """Return twice the log-likelihood of each option, its form off or not, less its penalty.
+
+    A wave of any phase pays for its phase. It is one cause, so of its sine and its cosine only the one that explains
+    more is as likely as the wave.
+    """
+    fields = [random_field(_place(top), length) for length in _LENGTHS]
+    told = {o.name: _likelihood(o, o.effect, top, fields) - o.paid for o in placed}
+    waves: dict[tuple[str, ...], list[Option]] = {}
+    for o in placed:
+        if (whole := whole_of(o.effect)) is not None:
+            waves.setdefault(tuple(sorted(whole.coefficients)), []).append(o)
+    for terms in waves.values():
+        o = max(terms, key=lambda one: one.gain)
+        whole = whole_of(o.effect)
+        assert whole is not None
+        paid = o.paid + float(np.log(len(o.fit.r)))
+        told[o.name] = max(told[o.name], _likelihood(o, whole, top, fields) - paid)
+    return told
+
+
+def _likelihood(o: Option, effect: Effect, top: Option, fields: Sequence[Array]) -> float:
+    """Return twice the log-likelihood of an effect in the place of an option's, its form off or not.
+
+    A form that is off is one of `fields`, (n, m) each, all equally likely. The noise is the likeliest.
+    """
+    at, k = o.fit, len(effect.coefficients)
+    J, own = np.split(at.J, [len(at.x) - len(o.effect.coefficients)], axis=1)
+    size = np.linalg.norm(J, axis=0)
+    Q = orthonormal(J / np.where(size > 0, size, 1.0), _FULL)
+    root = np.sqrt(at.noise.weights(top.fit.r))[:, None]
+    without = own @ at.x[J.shape[1] :] - at.r  # what the effect has to explain
+    y = project_off(without * root[:, 0], Q, times=2)
+    count = max(len(y) - Q.shape[1], 1)
+    D = project_off(columns(at, effect) * root, Q, times=2)
+    c = np.linalg.lstsq(D, y, rcond=None)[0]
+    left = max(float(np.sum((y - D @ c) ** 2)), _TINY)
+    changes = effect.basis(at.at.recorded, at.model.formulation.data, np.zeros(k))
+    likely = []
+    for field in fields:
+        T = signatures(at, {name: product(field, change) for name, change in changes.items()})
+        T = project_off(T * root, Q, times=2).reshape(len(y), -1, k) * thresholds().form_off
+        likely.append(-_least(y, D, np.asarray(T), effect, c, _OFF, count) / 2)
+    exact = -count * (float(np.log(left / count)) + 1)
+    drawn = 2 * (np.logaddexp.reduce(likely) - np.log(len(likely)))
+    return float(2 * np.logaddexp(exact / 2, (drawn + thresholds().form_odds) / 2))
 
 
 def _on_its_part(found: Sequence[Option], top: Option) -> set[str]:
@@ -243,14 +336,34 @@ def random_curve(x: Array, length: float) -> Array:
     return parts
 
 
+def random_field(x: Array, length: float) -> Array:
+    """Return the parts, (n, m), of a random smooth function of a place x, (n, d), each of its numbers over its range.
+
+    The same as `random_curve` over more than one number, `length` in each of them; all of x is known.
+    """
+    wide = np.ptp(x, axis=0)
+    u = (x - x.min(axis=0)) / np.where(wide > 0, wide, 1.0)
+    knots = u[:: max(1, len(u) // _PLACES)]
+    variances, V = np.linalg.eigh(_alike(knots, knots, length))
+    held = variances > _PART_OF_FIELD * variances[-1]
+    fields = _alike(u, knots, length) @ (V[:, held] / np.sqrt(variances[held]))
+    fields -= fields.mean(axis=0)
+    return np.asarray(fields / np.sqrt(np.sum(fields**2) / len(fields)))
+
+
+def _alike(one: Array, other: Array, length: float) -> Array:
+    return np.prod([_correlation(a, b, length) for a, b in zip(one.T, other.T)], axis=0)
+
+
 def _correlation(one: Array, other: Array, length: float) -> Array:
     return np.asarray(np.exp(-0.5 * ((one[:, None] - other) / length) ** 2))
 
 
-def _least(y: Array, D: Array, T: Array, effect: Effect, c: Array, off: Sequence[float]) -> float:
+def _least(y: Array, D: Array, T: Array, effect: Effect, c: Array, off: Sequence[float], count: int = 0) -> float:
     """Return the minimum of minus twice the log-likelihood of y over possible sizes of the effect.
 
-    The form m is integrated out: normal, as large as one of the parts `off` of T, all equally likely.
+    The form m is integrated out: normal, as large as one of the parts `off` of T, all equally likely. With a `count` of
+    degrees of freedom the variance of the noise is the likeliest, else it is one.
     """
     N, m, k = T.shape
     flat = T.reshape(N, m * k)
@@ -265,13 +378,31 @@ def _least(y: Array, D: Array, T: Array, effect: Effect, c: Array, off: Sequence
             return np.inf
         squares = np.outer(at, at).ravel()
         variances, V = np.linalg.eigh((squares @ TTs).reshape(m, m))
-        grown = 1 + shares * variances.clip(0.0)
         half = (V.T @ (Ty @ at - squares @ TDs)) ** 2
-        explained = (shares * half / grown).sum(axis=1) - np.log(grown).sum(axis=1)
-        left = yy - 2 * at @ Dy + at @ DD @ at
-        return float(left - 2 * (np.logaddexp.reduce(explained / 2) - np.log(len(off))))
+        left = float(yy - 2 * at @ Dy + at @ DD @ at)
+        form = shares * variances.clip(0.0)
+        noise = _likeliest(left, shares * half, form, count) if count else np.ones((len(off), 1))
+        grown = 1 + form / noise
+        explained = (shares * half / (noise**2 * grown)).sum(axis=1) - np.log(grown).sum(axis=1)
+        likely = explained - (left / noise + count * np.log(noise))[:, 0]
+        return float(-2 * (np.logaddexp.reduce(likely / 2) - np.log(len(off))))
 
     return _lowest(told, c / unit)
+
+
+def _likeliest(left: float, half: Array, form: Array, count: int) -> Array:
+    """Return the likeliest variance of the noise, (k, 1), for each of k sizes of a random form, by fixed points.
+
+    `left` is the square of what no form explains, `form` (k, m) the variances of the forms along their own directions,
+    and `half` (k, m) the squares along them times these variances.
+    """
+    noise = np.full((len(form), 1), max(left / count, _TINY))
+    for _ in range(_SETTLED):
+        both = noise + form
+        explained = (half * (noise + both) / both**2).sum(axis=1, keepdims=True)
+        free = count - (form / both).sum(axis=1, keepdims=True)
+        noise = np.maximum((left - explained) / np.maximum(free, 1.0), _TINY)
+    return noise
 
 
 def _lowest(told: Callable[[Array], float], along: Array) -> float:

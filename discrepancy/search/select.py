@@ -26,7 +26,7 @@ from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.fitting.kept import fit_once
 from calibench.discrepancy.model.change_point import ChangePoint, finer
-from calibench.discrepancy.model.effect import Effect, OfFreePeriod, has_free_period, is_possible, name_of
+from calibench.discrepancy.model.effect import Effect, OfFreePeriod, has_free_period, is_possible, name_of, whole_of
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.screening import screened
 from calibench.discrepancy.thresholds import thresholds
@@ -158,7 +158,9 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     if not ranked:
         return ()
     top = delta_bic(ranked[0], tests.on)
-    near = [s for s in ranked if delta_bic(s, tests.on) > top - thresholds().refit_within - 0.1 * abs(top)][
+    of_any_phase = _of_any_phase(base, tests.on, ranked)
+    gains = {s.name: max(delta_bic(s, tests.on), of_any_phase.get(s.name, -np.inf)) for s in ranked}
+    near = [s for s in ranked if gains[s.name] > top - thresholds().refit_within - 0.1 * abs(top)][
         : thresholds().refit_most
     ]
     part_of = description_of(base.model.formulation.data.machine).part_of
@@ -170,6 +172,16 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
         if _bearable(one.effect, one.fit.x):
             found = _spared([*found, one], base)
     return _in_order(found)
+
+
+def _of_any_phase(base: Fit, on: ProjectedScores, ranked: Sequence[Scored]) -> dict[str, float]:
+    """Return, for each sine or cosine of a wave of any phase, the linear gain of the wave.
+
+    It may explain more than the best name, though neither of its terms does alone.
+    """
+    wholes = {s.name: whole for s in ranked if (whole := whole_of(s.effect)) is not None}
+    scored = score_all(base, on, list(wholes.values()), bases=False)
+    return {name: delta_bic(s, on) for name, (s, _) in zip(wholes, scored)}
 
 
 def _placed(base: Fit, on: ProjectedScores, ranked: Sequence[Scored]) -> list[Scored]:

@@ -8,9 +8,10 @@ from typing import final
 
 import numpy as np
 
+from calibench.discrepancy.diagnostics.score import score_all
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit
-from calibench.discrepancy.model.effect import Effect, name_of, still_open
+from calibench.discrepancy.model.effect import Effect, name_of, still_open, whole_of
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Finding, Verdict
@@ -27,7 +28,7 @@ from calibench.discrepancy.search.exchange import (
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
 from calibench.discrepancy.search.form import FORM_DIFFERS, Modulated, form_words, residuals_within, share, unlike
 from calibench.discrepancy.search.off_form import bonus
-from calibench.discrepancy.search.select import Option, Tests, fit_with, options, penalty, run_tests
+from calibench.discrepancy.search.select import Option, Tests, delta_bic, fit_with, options, penalty, run_tests
 from calibench.discrepancy.search.standing import standing, with_smooth_terms
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
@@ -101,7 +102,10 @@ def select_stepwise(
         short = bool(found) and 0 < found[0].gain <= enough and current.noise.profiled and not many
         if not found or (found[0].gain <= enough and not short):
             break
-        if _smoother_by_far(tests, found[0]) and _stand(picked.sets, base, terms) is None:
+        if (
+            _smoother_by_far(tests, _of_any_phase(found[0], current, tests))
+            and _stand(picked.sets, base, terms) is None
+        ):
             break
         if picks and not predicts_better(current, found[0]):
             break
@@ -147,13 +151,32 @@ def _smoother_by_far(tests: Tests, found: Option) -> bool:
     return tests.smooth_gain > thresholds().smooth_far * found.gain + _MARGIN
 
 
+def _of_any_phase(found: Option, current: Fit, tests: Tests) -> Option:
+    """Return an option with the gain of the wave of any phase of which it is the sine or the cosine, if that is larger.
+
+    A smooth function has the right phase at once, a term the wrong one.
+    """
+    if (whole := whole_of(found.effect)) is None:
+        return found
+    [(scored, _)] = score_all(current, tests.on, [whole])
+    return replace(found, gain=max(found.gain, delta_bic(scored, tests.on)))
+
+
 def _slight(found: Option, picked: Picked) -> bool:
-    """Return whether a further effect is so small that it may be the error of the formulas of those before it."""
+    """Return whether a further effect is so small that it may be the error of the formulas of those before it.
+
+    Where nothing tells the noise that is a part of their whole traces, as sets are then made of what forms may leave.
+    """
+    count = found.fit.at.misclosure.size
 
     def energy(o: Option) -> float:
-        return o.fit.noise.size_of(o.gain, found.fit.at.misclosure.size) ** 2
+        return o.fit.noise.size_of(o.gain, count) ** 2
 
-    return energy(found) < thresholds().formula_error * sum(energy(s[0]) for s in picked.sets)
+    def whole(o: Option) -> float:
+        alike = found.fit.noise.profiled and o.effect.target == found.effect.target and len(o.fit.r)
+        return max(energy(o), energy_of(o) / count) if alike else energy(o)
+
+    return energy(found) < thresholds().formula_error * sum(whole(s[0]) for s in picked.sets)
 
 
 def _with_another(picked: Picked, ground: Fit, candidates: Sequence[Effect], kept: Kept) -> Picked:
@@ -226,12 +249,13 @@ def verdict_of(
     by_form = _by_large_forms(selection, base)
     if not selection.sets or by_form or (little and smooth):
         return "unknown", ()
-    if (little or smooth) and not bent and not _by_far(selection, explained):
+    plainly = smooth or (little and not _is_quiet(selection, level))
+    if plainly and not bent and not _by_far(selection, explained):
         return "unknown", ()
     whole = {own[0].name: energy_of(own[0]) / len(selection.fit.r) for own in selection.sets}
     found = [_formed(finding_of(selection.fit, own), own[0].effect, selection) for own in selection.sets]
     named = doubted(found, whole)
-    if little or smooth:
+    if plainly:
         named = (replace(named[0], form=named[0].form or FORM_DIFFERS), *named[1:])
     findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
     if short or smooth:
@@ -263,6 +287,14 @@ def _stand(sets: Sequence[tuple[Option, ...]], base: Fit, terms: Sequence[Smooth
     held = standing(sets, base, terms)
     part = Picked(fit_with(base, [own[0].effect for own in held]), held)
     return part if held and _explained(base, part.fit) >= thresholds().explained else None
+
+
+def _is_quiet(selection: Selection, level: float) -> bool:
+    """Return whether nothing tells the noise, and no test of a name or a smooth function shows anything that is left.
+
+    Then what is more than the assumed noise may be noise: of heavy tails, for example.
+    """
+    return selection.fit.noise.profiled and selection.last.still >= level
 
 
 def _by_far(selection: Selection, explained: float) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from calibench.discrepancy.machines.mount.geometry import Kind
 from calibench.discrepancy.machines.mount.terms import TERMS, Term, of_kind, seen
 from calibench.discrepancy.machines.mount.validate import AXES
-from calibench.discrepancy.model.effect import NotTestable
+from calibench.discrepancy.model.effect import Effect, NotTestable
 from calibench.discrepancy.model.family import EffectFamily
 from calibench.discrepancy.model.linear import LinearEffect
 from calibench.discrepancy.model.machine import Formulation, Quantities
@@ -42,15 +43,22 @@ def _build(formulation: Formulation, target: str, *, term_name: str) -> tuple[Li
         raise NotTestable("all stars were observed on one side of the pier")
     latitude = float(np.radians(data.metadata.get("latitude_deg", 0.0)))
 
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+    def changes(terms: Sequence[Term], q: Quantities, data: MeasuredData) -> dict[str, Array]:
         at = seen(kind, latitude, *(np.asarray(data[name], dtype=float) for name in AXES[kind]))
         if "side" in data:
             at["side"] = np.asarray(data["side"], dtype=float)
-        return {term.quantity: term.shape(at)[:, None]}
+        return {term.quantity: np.stack([one.shape(at) for one in terms], axis=1)}
 
-    twins = tuple(f"{twin} {target}" for twin in TWINS[kind].get(term.name, ()))
-    unit, own = unit_of(term), ("side",) if term.name.startswith("pier_") else ()
-    return (LinearEffect(term.name, target, term.formula, "link", own, (term.name,), (unit,), unit, changes, twins),)
+    def effect(*terms: Term, whole: Effect | None = None) -> LinearEffect:
+        unit, own = unit_of(term), ("side",) if term.name.startswith("pier_") else ()
+        twins = tuple(f"{twin} {target}" for twin in TWINS[kind].get(term.name, ()))
+        return LinearEffect(
+            term.name, target, term.formula, "link", own, tuple(one.name for one in terms), (unit,) * len(terms), unit,
+            partial(changes, terms), twins, over=AXES[kind], whole=whole,
+        )  # fmt: skip
+
+    other = next((one for one in of_kind(kind) if one.name == term.phase), None)
+    return (effect(term, whole=effect(term, other) if other else None),)
 
 
 def own_effects(formulation: Formulation) -> tuple[LinearEffect, ...]:

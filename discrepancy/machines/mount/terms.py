@@ -25,7 +25,10 @@ Seen = Mapping[str, Array]  # roll and pitch [rad] as recorded, height (sine of 
 @final
 @dataclass(frozen=True)
 class Term:
-    """One cause: the quantity that it changes, by what function of the place for a coefficient of one."""
+    """One cause: the quantity that it changes, by what function of the place for a coefficient of one.
+
+    `phase` is the name of the other term of a cause whose phase is any: of its cosine for its sine; "" for any other.
+    """
 
     name: str
     kind: Kind
@@ -33,6 +36,7 @@ class Term:
     formula: str
     quantity: str
     shape: Callable[[Seen], Array]
+    phase: str = ""
 
 
 def seen(kind: Kind, latitude: float, roll: Array, pitch: Array) -> dict[str, Array]:
@@ -74,11 +78,13 @@ def _harmonic(kind: Kind, result: str, of: str, times: int = 1, circle: str = ""
         if circle
         else (f"An error in {words} comes {often} a turn of the {_ANGLE[of]}")
     )
+    names = {letter: f"{circle}{letter}" if circle else f"H{result}{letter}{of}{number}" for letter in "SC"}
     found = []
-    for letter, turn in (("S", "sin"), ("C", "cos")):
-        name = f"{circle}{letter}" if circle else f"H{result}{letter}{of}{number}"
+    for letter, turn, other in (("S", "sin", "C"), ("C", "cos", "S")):
+        name = names[letter]
         formula = f"{quantity} += {name} {turn}({number}{of})"
-        found.append(Term(name, kind, f"{cause} ({turn})", formula, quantity, _angle(letter, of, times)))
+        shape = _angle(letter, of, times)
+        found.append(Term(name, kind, f"{cause} ({turn})", formula, quantity, shape, names[other]))
     return tuple(found)
 
 
