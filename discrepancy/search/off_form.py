@@ -174,7 +174,7 @@ def _likelihood(o: Option, effect: Effect, top: Option, fields: Sequence[Array])
     y = project_off(without * root[:, 0], Q, times=2)
     count = max(len(y) - Q.shape[1], 1)
     D = project_off(columns(at, effect) * root, Q, times=2)
-    c = np.linalg.lstsq(D, y, rcond=None)[0]
+    c = np.asarray(np.linalg.lstsq(D, y, rcond=None)[0], dtype=float)
     left = max(float(np.sum((y - D @ c) ** 2)), _TINY)
     changes = effect.basis(at.at.recorded, at.model.formulation.data, np.zeros(k))
     likely = []
@@ -352,7 +352,7 @@ def random_field(x: Array, length: float) -> Array:
 
 
 def _alike(one: Array, other: Array, length: float) -> Array:
-    return np.prod([_correlation(a, b, length) for a, b in zip(one.T, other.T)], axis=0)
+    return np.asarray(np.prod([_correlation(a, b, length) for a, b in zip(one.T, other.T)], axis=0))
 
 
 def _correlation(one: Array, other: Array, length: float) -> Array:
