@@ -11,7 +11,7 @@ from __future__ import annotations
 import ast
 import sys
 import sysconfig
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import blake2b
@@ -61,12 +61,12 @@ class _Told:
 class _Reached:
     """The files that a file leads to, and what was loaded when they were looked for."""
 
-    files: set[Path]
+    files: frozenset[Path]
     modules: int
     loaded_as: tuple[tuple[str, Any], ...]
 
     @classmethod
-    def now(cls, files: set[Path]) -> _Reached:
+    def now(cls, files: frozenset[Path]) -> _Reached:
         return cls(files, len(sys.modules), tuple((name, _spec(name)) for name in map(dotted, files)))
 
     def holds(self) -> bool:
@@ -101,14 +101,14 @@ def module_digest(module: str) -> str:
     return _TOLD[module].digest
 
 
-def closure(file: Path) -> set[Path]:
+def closure(file: Path) -> frozenset[Path]:
     """Return `file` and all local files that it imports, directly or through others."""
     if file not in _REACHED or not _REACHED[file].holds():
         _REACHED[file] = _Reached.now(_reached(file))
     return _REACHED[file].files
 
 
-def _reached(file: Path) -> set[Path]:
+def _reached(file: Path) -> frozenset[Path]:
     found: set[Path] = set()
     leads: dict[tuple[_Import, Path], list[Path]] = {}
     left = [file]
@@ -121,7 +121,7 @@ def _reached(file: Path) -> set[Path]:
                 if (one, root) not in leads:  # most files import what others do
                     leads[one, root] = _files_of(one, root)
                 left += leads[one, root]
-    return found
+    return frozenset(found)
 
 
 def name_at_home(file: Path) -> str | None:
@@ -167,7 +167,7 @@ def dotted(file: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def forget(files: set[Path]) -> None:
+def forget(files: Set[Path]) -> None:
     """Read these files again when they are next asked for."""
     _TOLD.clear()
     _REACHED.clear()
@@ -175,7 +175,7 @@ def forget(files: set[Path]) -> None:
         _SEEN.pop(path, None)
 
 
-def changed(files: set[Path]) -> bool:
+def changed(files: Set[Path]) -> bool:
     """Tell whether the code of some of `files` differs from the code that was loaded."""
     return any(
         path in _SEEN and _stamp(path) != _SEEN[path].stamp and _read(path).digest != _SEEN[path].digest

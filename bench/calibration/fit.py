@@ -19,7 +19,7 @@ import numpy as np
 from calibench.bench.calibration.model import ArmModel
 from calibench.bench.calibration.readings import Index, Mask
 from calibench.core.counted import plain
-from calibench.problems.arm.gauge import WORST, told_apart, unexplained
+from calibench.problems.arm.gauge import MIDDLE, WORST, told_apart, unexplained
 from calibench.problems.base import Array
 
 _ALIKE = 5e-3  # part of a column: less than this beside the others may only come from the arm's other errors
@@ -27,7 +27,6 @@ _STEPS, _SETTLED = 60, 1e-9
 _ROUNDS, _SAME = 8, 0.02  # until the noise that is left changes by less
 _WILD = 6.0  # times the median error: a reading beyond is wild; noise alone has one in 10^9 poses
 _FLOOR = 1e-9
-_MIDDLE = 0.6745  # of a standard deviation: the median of |noise|
 _KNOWN, _AGAIN = 30.0, 3
 _MOST, _MOST_IN_SOCKETS = 0.35, 0.2  # part of the readings that may be wild; more than that is no accident
 
@@ -90,7 +89,7 @@ def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, 
     residuals = _stacked_residuals(*model.residuals(p, weights), weights)
     worst = np.array([WORST if is_length(model.names[place], model.sliding) else 1e-3 * WORST for place in order])
     used = rows.any(axis=1)  # not the wild ones
-    noise = float(np.median(np.abs(unexplained(rows[used], residuals[used])))) / _MIDDLE
+    noise = float(np.median(np.abs(unexplained(rows[used], residuals[used])))) / MIDDLE
     taken = told_apart(rows, _ALIKE, worst, noise if first else max(1.0, noise))
     return np.array(sorted(order[k] for k in taken), dtype=np.int64)
 

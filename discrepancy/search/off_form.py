@@ -147,14 +147,11 @@ def _likelihoods(placed: Sequence[Option], top: Option) -> dict[str, float]:
     """
     fields = [random_field(_place(top), length) for length in _LENGTHS]
     told = {o.name: _likelihood(o, o.effect, top, fields) - o.paid for o in placed}
-    waves: dict[tuple[str, ...], list[Option]] = {}
-    for o in placed:
+    waves: dict[tuple[str, ...], tuple[Option, Effect]] = {}
+    for o in sorted(placed, key=lambda one: one.gain):  # the one that explains more comes last
         if (whole := whole_of(o.effect)) is not None:
-            waves.setdefault(tuple(sorted(whole.coefficients)), []).append(o)
-    for terms in waves.values():
-        o = max(terms, key=lambda one: one.gain)
-        whole = whole_of(o.effect)
-        assert whole is not None
+            waves[tuple(sorted(whole.coefficients))] = o, whole
+    for o, whole in waves.values():
         paid = o.paid + float(np.log(len(o.fit.r)))
         told[o.name] = max(told[o.name], _likelihood(o, whole, top, fields) - paid)
     return told

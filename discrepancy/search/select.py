@@ -158,7 +158,7 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     if not ranked:
         return ()
     top = delta_bic(ranked[0], tests.on)
-    of_any_phase = _of_any_phase(base, tests.on, ranked)
+    of_any_phase = gains_of_any_phase(base, tests.on, ranked)
     gains = {s.name: max(delta_bic(s, tests.on), of_any_phase.get(s.name, -np.inf)) for s in ranked}
     near = [s for s in ranked if gains[s.name] > top - thresholds().refit_within - 0.1 * abs(top)][
         : thresholds().refit_most
@@ -174,12 +174,12 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     return _in_order(found)
 
 
-def _of_any_phase(base: Fit, on: ProjectedScores, ranked: Sequence[Scored]) -> dict[str, float]:
-    """Return, for each sine or cosine of a wave of any phase, the linear gain of the wave.
+def gains_of_any_phase(base: Fit, on: ProjectedScores, named: Sequence[Scored | Option]) -> dict[str, float]:
+    """Return, for each of `named` that is the sine or the cosine of a wave of any phase, the linear gain of the wave.
 
     It may explain more than the best name, though neither of its terms does alone.
     """
-    wholes = {s.name: whole for s in ranked if (whole := whole_of(s.effect)) is not None}
+    wholes = {s.name: whole for s in named if (whole := whole_of(s.effect)) is not None}
     scored = score_all(base, on, list(wholes.values()), bases=False)
     return {name: delta_bic(s, on) for name, (s, _) in zip(wholes, scored)}
 

@@ -8,10 +8,9 @@ from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.diagnostics.score import score_all
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit
-from calibench.discrepancy.model.effect import Effect, name_of, still_open, whole_of
+from calibench.discrepancy.model.effect import Effect, name_of, still_open
 from calibench.discrepancy.noise.mixture import NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Finding, Verdict
@@ -28,7 +27,7 @@ from calibench.discrepancy.search.exchange import (
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
 from calibench.discrepancy.search.form import FORM_DIFFERS, Modulated, form_words, residuals_within, share, unlike
 from calibench.discrepancy.search.off_form import bonus
-from calibench.discrepancy.search.select import Option, Tests, delta_bic, fit_with, options, penalty, run_tests
+from calibench.discrepancy.search.select import Option, Tests, fit_with, gains_of_any_phase, options, penalty, run_tests
 from calibench.discrepancy.search.standing import standing, with_smooth_terms
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
@@ -82,7 +81,7 @@ def select_stepwise(
             first, first_p = tests, p
         more = p < level and len(picks) < thresholds().effects_most
         form = unlike(current, picks, forms, terms, tests, level) if p < 1.0 and len(forms) < len(picks) else None
-        form = None if form is not None and _smoother_by_far(tests, form) else form
+        form = None if form is not None and _smoother_by_far(tests, form.gain) else form
         if not more and form is None:
             break
         enough = thresholds().further_gain if picks else 0.0
@@ -102,10 +101,8 @@ def select_stepwise(
         short = bool(found) and 0 < found[0].gain <= enough and current.noise.profiled and not many
         if not found or (found[0].gain <= enough and not short):
             break
-        if (
-            _smoother_by_far(tests, _of_any_phase(found[0], current, tests))
-            and _stand(picked.sets, base, terms) is None
-        ):
+        by_far = _smoother_by_far(tests, _gain_of_any_phase(found[0], current, tests))
+        if by_far and _stand(picked.sets, base, terms) is None:
             break
         if picks and not predicts_better(current, found[0]):
             break
@@ -146,20 +143,17 @@ def _smooth_explains(
     return smooth > named + thresholds().smooth_clearly
 
 
-def _smoother_by_far(tests: Tests, found: Option) -> bool:
-    """Return whether a smooth term gains so much more that no name is looked for."""
-    return tests.smooth_gain > thresholds().smooth_far * found.gain + _MARGIN
+def _smoother_by_far(tests: Tests, gain: float) -> bool:
+    """Return whether a smooth term gains so much more than `gain` that no name is looked for."""
+    return tests.smooth_gain > thresholds().smooth_far * gain + _MARGIN
 
 
-def _of_any_phase(found: Option, current: Fit, tests: Tests) -> Option:
-    """Return an option with the gain of the wave of any phase of which it is the sine or the cosine, if that is larger.
+def _gain_of_any_phase(found: Option, current: Fit, tests: Tests) -> float:
+    """Return the gain of an option, or of the wave of which it is the sine or the cosine, if that is larger.
 
     A smooth function has the right phase at once, a term the wrong one.
     """
-    if (whole := whole_of(found.effect)) is None:
-        return found
-    [(scored, _)] = score_all(current, tests.on, [whole])
-    return replace(found, gain=max(found.gain, delta_bic(scored, tests.on)))
+    return max([found.gain, *gains_of_any_phase(current, tests.on, [found]).values()])
 
 
 def _slight(found: Option, picked: Picked) -> bool:
@@ -173,7 +167,7 @@ def _slight(found: Option, picked: Picked) -> bool:
         return o.fit.noise.size_of(o.gain, count) ** 2
 
     def whole(o: Option) -> float:
-        alike = found.fit.noise.profiled and o.effect.target == found.effect.target and len(o.fit.r)
+        alike = found.fit.noise.profiled and o.effect.target == found.effect.target
         return max(energy(o), energy_of(o) / count) if alike else energy(o)
 
     return energy(found) < thresholds().formula_error * sum(whole(s[0]) for s in picked.sets)

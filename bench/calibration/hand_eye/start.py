@@ -23,7 +23,7 @@ from calibench.bench.calibration.readings import Mask
 from calibench.core.counted import plain
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import inverse
-from calibench.problems.arm.frames import angle_between
+from calibench.problems.arm.frames import angle_between, nearest_rotation
 from calibench.problems.base import Array
 
 _HANDFUL, _HANDFULS = 4, 100
@@ -196,9 +196,7 @@ def _solved(rows: Array) -> Array:
     vectors = np.linalg.eigh(rows.swapaxes(1, 2) @ rows)[1][:, :, 0].reshape(-1, 2, 3, 3)
     senses = np.sign(np.linalg.det(vectors[:, 0]) + np.linalg.det(vectors[:, 1]))
     vectors = vectors * np.where(senses == 0, 1.0, senses)[:, None, None, None]
-    u, _, vt = np.linalg.svd(vectors)
-    u[..., 2] *= np.linalg.det(u @ vt)[..., None]  # no reflection
-    return np.asarray(u @ vt)
+    return nearest_rotation(vectors)
 
 
 def _left(arm: Array, seen: Array, found: Array) -> Array:

@@ -14,10 +14,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibench.discrepancy.model.measured.data import MeasuredData
-from calibench.problems.arm.gauge import WORST, told_apart, unexplained
+from calibench.problems.arm.gauge import MIDDLE, WORST, told_apart, unexplained
 from calibench.problems.base import Array
 
-_MIDDLE = 0.6745  # of a standard deviation: the median of |noise|
 _LEAST = 5e-3  # part of a signature: an error of .5 mm, or .5 mrad at a metre, then moves nothing by more than 3 um
 
 
@@ -33,12 +32,12 @@ def determined_names(
     scale = np.ones(left.shape[1])
     for _ in range(2):  # two kinds of readings have each a noise of its own
         rows = (columns / scale[:, None]).reshape(-1, len(order))
-        noise = np.median(np.abs(unexplained(rows, (left / scale).ravel()).reshape(left.shape)), axis=0) / _MIDDLE
+        noise = np.median(np.abs(unexplained(rows, (left / scale).ravel()).reshape(left.shape)), axis=0) / MIDDLE
         scale = scale * np.where(noise > 0, noise, 1.0)
     rows = (columns / scale[:, None]).reshape(-1, len(order))
     kept = told_apart(rows, _LEAST)
     worst = np.array([_worst(units[name]) if name in units else np.inf for name in order])
-    vague: list[str] = []
+    vague: list[str] = []  # the worst first, which tells others apart again: the order of preference would hold more
     while (errors := _standard_errors(rows[:, kept]) / worst[kept]).max(initial=0.0) > 1.0:
         vague.append(order[kept.pop(int(np.argmax(errors)))])
     return tuple(order[k] for k in kept), tuple(vague)
