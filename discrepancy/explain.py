@@ -122,11 +122,11 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
     unseen = base.model.formulation.on(data.rows(hold)) if hold.any() else None
     if unseen is not None:
         unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
-    gap = gap_of(base, final, unseen, suspects, rng)
+    gap, lone = gap_of(base, final, unseen, suspects, rng)
     named = not any(f.family == s.family for f in findings for s in suspects)  # a law of the noise moves no mean
     if named and _carried_by_nothing(findings, gap):
         verdict, findings, final = "unknown", (), smoothed(base, (*terms, *joint_terms(base)))
-        gap = gap_of(base, final, unseen, suspects, rng)
+        gap, lone = gap_of(base, final, unseen, suspects, rng)
     left = _left(gap, final, found.last) if findings else None
     verdict = _short_of(verdict, left)
     if findings and final.noise.profiled and not final.exact and found.last.still < level:
@@ -150,6 +150,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         notes=(
             *_beyond(final),
             *(far_words(formulation, base.x) if _lost(verdict, gap) else ()),
+            *(lone if findings else ()),
             *held,
             *started,
             *_told_notes(whole.data.notes, gap, base.noise),

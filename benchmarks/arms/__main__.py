@@ -12,7 +12,7 @@ def main() -> None:
     """Print the table that the command line names."""
     parser = argparse.ArgumentParser(prog="benchmarks.arms", description="Measured arms on readings not fitted.")
     parser.add_argument(
-        "table", choices=("within", "runs", "shuffled", "plain", "across", "sockets", "parts", "nested")
+        "table", choices=("within", "levels", "runs", "shuffled", "plain", "across", "sockets", "parts", "nested")
     )
     parser.add_argument("folder", type=Path, help="where the authors' files lie")
     parser.add_argument("series", nargs="*", help=f"of {', '.join(SERIES)}; all without one")
@@ -61,6 +61,13 @@ def main() -> None:
 
         for name in chosen.series or SERIES:
             for line in plainly(chosen.folder, name):
+                print(line, flush=True)
+        return
+    if chosen.table == "levels":
+        from benchmarks.arms.levels import rows as by_level
+
+        for name in chosen.series or SERIES:
+            for line in by_level(chosen.folder, name):
                 print(line, flush=True)
         return
     from benchmarks.arms.within import told, within

@@ -13,6 +13,7 @@ from scipy.special import fdtrc
 from calibench.core.counted import plain
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.fitting.projection import orthonormal
+from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.roles import inputs_of
 
 ALONE = "makes nearly all of what the calibrated model leaves"  # in a note, by which a page knows it
@@ -47,10 +48,17 @@ def one_reading(at: Fit) -> tuple[str, ...]:
     left = max(whole - falls[k], 1e-12 * whole)
     if left > _MOST_LEFT * whole or n * fdtrc(width, freedom, falls[k] / width / (left / freedom)) > _CHANCE:
         return ()
-    columns = dict.fromkeys((*inputs_of(at.model.formulation), *at.model.formulation.readings))
-    told = [f"{name} {plain(float(data[name][k]), 5)}" for name in columns if name in data][:_COLUMNS]
     times = np.sqrt(whole / len(at.r) / (left / (len(at.r) - width)))
+    told = told_by(at.model.formulation, k)
     return (
-        f"one reading ({', '.join(told)}) {ALONE}: without it the others lie {plain(times, 2)} times nearer; look at "
-        "it, and leave its row out if it was misread",
+        f"one reading ({told}) {ALONE}: without it the others lie {plain(times, 2)} times nearer; look at it, and "
+        "leave its row out if it was misread",
     )
+
+
+def told_by(formulation: Formulation, k: int) -> str:
+    """Return the first columns of row `k` of the data with their numbers: inputs, then readings."""
+    data = formulation.data
+    columns = dict.fromkeys((*inputs_of(formulation), *formulation.readings))
+    told = [f"{name} {plain(float(np.asarray(data[name])[k]), 5)}" for name in columns if name in data]
+    return ", ".join(told[:_COLUMNS])

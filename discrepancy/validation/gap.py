@@ -9,7 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibench.core.counted import plain
 from calibench.discrepancy.diagnostics.noise_diagnostic import outliers_under
+from calibench.discrepancy.diagnostics.one_reading import told_by
 from calibench.discrepancy.fitting.fit import Fit, fit, linearise, readings_of
 from calibench.discrepancy.fitting.residual_problem import predicted
 from calibench.discrepancy.model.change_point import ChangePoint
@@ -24,11 +26,18 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.discrepancy.validation.holdout import folds, held_out, root, shrink
 from calibench.problems.base import Array
 
+_LONE = "makes most of the error of the readings that were not fitted"
+_MOST = 0.75  # of the sum of squares: without the reading the error is less than half
+_FEW = 8  # readings: of fewer, one is more than an eighth of them all
+
 
 def gap_of(
     base: Fit, final: Fit, hold: Formulation | None, suspects: Sequence[NoiseFinding], rng: np.random.Generator
-) -> Gap:
-    """Return the gap of the model without effects and of the final one; by cross-validation where nothing is held."""
+) -> tuple[Gap, tuple[str, ...]]:
+    """Return the gap of the model without effects and of the final one; by cross-validation where nothing is held.
+
+    With it comes a note, if one unseen reading makes most of the error of the final model.
+    """
     rows = base.model.formulation
     c = final.at.misclosure.shape[1]
     before = predicted(base.model, base.x, rows.data, Noise()).reshape(-1, c)
@@ -43,7 +52,8 @@ def gap_of(
     left = predicted(final.model, final.x, hold.data, law)
     floor, spread = _floor(final, [(final, hold, law)], hold.data, left, _wild(final, suspects))
     seen = held_out(unseen, left, hold.data, rng, spread)
-    return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
+    gap = Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
+    return gap, _lone(unseen, left, hold)
 
 
 def _surely_placed(hold: Formulation, final: Fit) -> Formulation:
@@ -59,7 +69,7 @@ def _surely_placed(hold: Formulation, final: Fit) -> Formulation:
 
 def _crossed(
     base: Fit, final: Fit, train: tuple[float, float], suspects: Sequence[NoiseFinding], rng: np.random.Generator
-) -> Gap:
+) -> tuple[Gap, tuple[str, ...]]:
     rows, c, p = base.model.formulation, *final.at.columns.shape[1:]
     fold = folds(rows.data, thresholds().folds)
     nothing = float("nan")
@@ -67,7 +77,7 @@ def _crossed(
     own = final.noise.scale
     untold = Gap(own, *train, nothing, nothing, (nothing, nothing), shrink(*train, own))
     if any(len(part) == 0 or c * (len(fold) - len(part)) < p + 1 for part in parts):
-        return untold
+        return untold, ()
     noise = Noise(final.noise.scale, 0.0, final.noise.t_degrees)
     learned: list[tuple[Fit, Formulation, Noise]] = []
     unseen: list[Array] = []
@@ -86,10 +96,25 @@ def _crossed(
     back = after[np.argsort(order)]
     floor, spread = _floor(final, learned, rows.data, back, _wild(final, suspects))
     if not floor <= thresholds().floor_unseen * own:  # the parameters are all but free without the rows left out
-        return untold
+        return untold, ()
     seen = held_out(before, after, rows.data.rows(order), rng, spread)
     shrunk = shrink(seen.before, seen.after, floor)
-    return Gap(floor, *train, seen.before, seen.after, seen.ci95, shrunk, cross_validated=True)
+    gap = Gap(floor, *train, seen.before, seen.after, seen.ci95, shrunk, cross_validated=True)
+    return gap, _lone(before[np.argsort(order)], back, rows)
+
+
+def _lone(before: Array, after: Array, unseen: Formulation) -> tuple[str, ...]:
+    """Return a note on the unseen reading without which the error after, (n, c), is less than half; else none."""
+    squares = (after**2).sum(axis=1)
+    k = int(np.argmax(squares))
+    if len(squares) < _FEW or not squares[k] > _MOST * squares.sum():
+        return ()
+    others = np.arange(len(squares)) != k
+    told, times = told_by(unseen, k), plain(root(after[others]) / root(before[others]), 2)
+    return (
+        f"one reading ({told}) {_LONE}: without it what was added brings that error to {times} times what it was; was "
+        "it misread, or is no other reading near it?",
+    )
 
 
 def _wild(final: Fit, suspects: Sequence[NoiseFinding]) -> bool:

@@ -10,6 +10,7 @@ from benchmarks.arms import mukca
 from benchmarks.arms.across import choices, evenly, formulated, grouped, predicted, shared_geometry
 from benchmarks.arms.across import rows as of_series
 from benchmarks.arms.frames import framed
+from benchmarks.arms.levels import FREE, calibrated
 from benchmarks.arms.nested import Nested, auc, rule, searched_again
 from benchmarks.arms.nested import table as signs
 from benchmarks.arms.parts import seen
@@ -186,3 +187,10 @@ def test_what_is_seen_of_a_name_is_what_calibration_leaves_of_it():
     left = whole - plain.J @ np.linalg.lstsq(plain.J, whole, rcond=None)[0]
     assert seen(report) == pytest.approx(np.linalg.norm(left) / np.linalg.norm(whole), rel=1e-6)
     assert seen(explain(Arm(URDF), measured(HERE, "D", 5))) == 1.0
+
+
+def test_the_poses_that_a_series_keeps_back_are_those_that_a_calibration_is_judged_by():
+    found = calibrated(measured(HERE, "B", 5))
+    assert (found.poses, found.fitted) == (60, 48)
+    assert [error.level for error in found.levels] == list(FREE)
+    assert found.levels[0].rms > 10 * found.levels[2].rms
