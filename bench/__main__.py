@@ -1,6 +1,6 @@
 """``python -m bench`` is ``bench``."""
 
-from calibench.bench.cli import main
+from calibench.bench.cli import command
 
 if __name__ == "__main__":
-    main()
+    command()

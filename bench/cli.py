@@ -13,7 +13,7 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
-from calibench.core import collector
+from calibench.core import collector, process_end
 from calibench.core.words import check_word, one_line
 
 _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --version)
@@ -85,6 +85,12 @@ _VERBS = {
 }
 
 
+def command() -> None:
+    """Be the process `bench`: `main`, and the end of the process."""
+    process_end.at_once()
+    main()
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the verb that `arguments` (by default the process's) begin with, and exit.
 
@@ -118,6 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         code = _of_the_user(error)
     finally:
         collector.resume()
+    process_end.ends_with(code)
     sys.exit(code)
 
 

@@ -1,5 +1,5 @@
 """``python -m calibench``."""
 
-from calibench.bench.cli import main
+from calibench.bench.cli import command
 
-main()
+command()

@@ -5,7 +5,6 @@ What modules make stays until the end: to look through all of it again and again
 
 from __future__ import annotations
 
-import atexit
 import gc
 from functools import cache
 
@@ -17,7 +16,6 @@ def rest() -> None:
     """Collect nothing until `resume` is called, and less often afterwards; later calls in this process do nothing."""
     gc.disable()
     gc.set_threshold(_OBJECTS)
-    atexit.register(gc.freeze)  # at the end all of it goes, and needs no looking through
 
 
 @cache
