@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from calibench.core.counted import plain
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.fitting.interval import amplitude_interval
 from calibench.discrepancy.fitting.projection import orthonormal
@@ -31,6 +32,8 @@ _SAME = 1e-6  # of a signature: rounding, and what is of second order
 _PARTS = "look at the parts themselves"
 _TOGETHER = 0.5  # part of a column's variance: another column that explains so much goes together with it
 _NOT_POSES = "a known length, a second instrument, or a reading of another kind"
+_SEEN = 0.1  # of the size of a formula, half the way up and down: below it the terms cancel
+_LIKE_A_READING = {"rad": (1e3, "mrad"), "mm": (1.0, "mm")}  # units of sizes that compare with what is read
 FORMULA_ERROR = "may be the error of the first formula"
 
 
@@ -166,6 +169,33 @@ def negative_size(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
             f"the size of {effect_label(machine, one.family, one.target)} is negative, and a {what} never is: either "
             f"{told or 'a column'} has the other sign, or another cause acts like it"
         )
+    return tuple(notes)
+
+
+def mostly_unseen(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Return a note for each finding of several terms of which the fitted readings see less than `_SEEN` of its size.
+
+    Over a part of a turn its terms nearly cancel, or are a constant that calibration takes up. Then the size of the
+    formula is no size of the machine's error, and at other angles the formula tells nothing.
+    """
+    data = final.model.formulation.data
+    numbers = {name_of(effect): (effect, c) for effect, c in final.model.coefficients(final.x)}
+    notes = []
+    for one in findings:
+        effect, c = numbers.get(one.effect, (None, None))
+        if effect is None or c is None or effect.unit not in _LIKE_A_READING or len(c) < 2:
+            continue
+        parts = [effect, *forms_of(effect, final.model.effects)]
+        moved = [part.shift(final.at.recorded, data, numbers[name_of(part)][1]) for part in parts]
+        changes = {name: sum(np.asarray(part[name]) for part in moved if name in part) for name in moved[0]}
+        swing = max((float(np.ptp(change)) / 2 for change in changes.values()), default=0.0)
+        if 0 < swing < _SEEN * abs(one.amplitude.value):
+            scale, unit = _LIKE_A_READING[effect.unit]
+            notes.append(
+                f"{effect_label(data.machine, one.family, one.target)}: over what was read it goes up and down by "
+                f"{plain(scale * swing, 2)} {unit} alone; its terms cancel there, or calibration takes them up: the "
+                "size is that of the formula, which tells nothing of other places"
+            )
     return tuple(notes)
 
 

@@ -1,0 +1,49 @@
+"""An error of an angle over a short arc: its formula may be hundredfold what the arc shows, and a note says so."""
+
+import numpy as np
+import pytest
+
+from calibench.discrepancy import Joint, MeasuredData, Predicted, Roles, explain
+from calibench.problems.base import Parameter
+
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
+ROLES = Roles(joints=(Joint("turntable", "angle"),))
+PARAMETERS = (Parameter("zero", "rad", 0.0, -0.1, 0.1), Parameter("radius", "mm", 400.0, 390.0, 410.0))
+SWING = 4e-4  # rad
+
+
+class Turntable:
+    name = "turntable"
+
+    def formulate(self, data):
+        def place(q):
+            at = q["angle"] + q["zero"]
+            return np.stack([q["radius"] * np.cos(at), q["radius"] * np.sin(at)], axis=-1)
+
+        return Predicted(data, place, PARAMETERS, measured={"x": 0.005, "y": 0.005}, inputs=("angle",), roles=ROLES)
+
+
+def told(arc, error):
+    rng = np.random.default_rng(4)
+    angle = np.linspace(-arc / 2, arc / 2, 300)
+    at = angle + error(angle) + 0.01
+    columns = {"x": 400.5 * np.cos(at), "y": 400.5 * np.sin(at)}
+    columns = {name: values + 0.005 * rng.standard_normal(300) for name, values in columns.items()}
+    return explain(Turntable(), MeasuredData({"angle": angle, **columns}, "turntable", {}, "made"))
+
+
+def test_what_the_arc_shows_of_a_larger_formula_is_told() -> None:
+    report = told(1.2, lambda angle: SWING * np.sin(2 * np.pi * angle / 1.1))
+    [finding] = report.findings
+    assert finding.family == "angle_error"
+    assert abs(finding.amplitude.value) > 20 * SWING
+    [note] = [note for note in report.notes if "its terms cancel there" in note]
+    assert note.startswith("angle error of turntable: over what was read it goes up and down by ")
+    assert float(note.split(" down by ")[1].split(" mrad")[0]) == pytest.approx(1e3 * SWING, rel=0.25)
+
+
+def test_over_a_whole_turn_the_size_is_what_is_seen() -> None:
+    report = told(2 * np.pi, lambda angle: SWING * np.cos(angle))
+    assert [finding.family for finding in report.findings] == ["eccentricity"]
+    assert not [note for note in report.notes if "its terms cancel there" in note]
