@@ -39,8 +39,7 @@ def rows_apart(formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
             told.append(f"{name} is {column[apart][0]:.6g}, {lie}")
     if not told:
         return out, ""
-    count = int(out.sum())
-    rows, them = (f"{count} rows", "them") if count > 1 else ("1 row", "it")
+    rows, them = formulation.data.rows_named(out), "them" if out.sum() > 1 else "it"
     return out, f"{rows} left out: {'; '.join(told)}; correct {them}, or mark {them} valid=0"
 
 

@@ -173,15 +173,15 @@ def _worst(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
         far = np.abs(column[wild] - middle) / spread
         if far.max() > told[1]:
             told = (name, float(far.max()), float(column[wild][far.argmax()]))
-    return f"{told[0]} is {told[2]:.6g} in one of them"
+    return f"{told[0]} is {told[2]:.6g}{' in one of them' if wild.sum() > 1 else ''}"
 
 
 def wild_words(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
     """Return a note for wild rows that are left out."""
-    count = int(wild.sum())
+    them = "them" if wild.sum() > 1 else "it"
     return (
-        f"{count} row{'s' if count > 1 else ''} left out, for no reading of this machine lies there: "
-        f"{_worst(formulation, wild)}; correct them, or mark them valid=0"
+        f"{formulation.data.rows_named(wild)} left out, for no reading of this machine lies there: "
+        f"{_worst(formulation, wild)}; correct {them}, or mark {them} valid=0"
     )
 
 

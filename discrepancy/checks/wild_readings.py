@@ -53,9 +53,11 @@ def without_wild(formulation: Formulation, machine: str = "machine", isolated: b
         return data
     count, worst = int(wild.sum()), int(np.argmax(size.max(axis=1)))
     how, others = ("twice", "any other") if isolated else (f"{_OUT:g} times", "the middle one")
+    many, at = count > 1, data.rows_named(np.array([worst]))
+    left_out = f"{count} wild readings are left out ({data.rows_named(wild)})" if many else "1 wild reading is left out"
     note = (
-        f"{count} wild reading{'s are' if count > 1 else ' is'} left out, more than {how} as far from the "
-        f"calibrated {machine} as {others}: the worst is {_told(formulation, left, size, worst)}"
+        f"{left_out}, more than {how} as far from the calibrated {machine} as {others}: "
+        f"{'the worst is ' if many else ''}{at}, {_told(formulation, left, size, worst)}"
     )
     return data.rows(~wild).with_note(note)
 

@@ -57,8 +57,8 @@ def one_reading(at: Fit) -> tuple[str, ...]:
 
 
 def told_by(formulation: Formulation, k: int) -> str:
-    """Return the first columns of row `k` of the data with their numbers: inputs, then readings."""
+    """Return which row of the file row `k` is, and its first columns with their numbers: inputs, then readings."""
     data = formulation.data
     columns = dict.fromkeys((*inputs_of(formulation), *formulation.readings))
     told = [f"{name} {plain(float(np.asarray(data[name])[k]), 5)}" for name in columns if name in data]
-    return ", ".join(told[:_COLUMNS])
+    return f"{data.rows_named(np.array([k]))}: {', '.join(told[:_COLUMNS])}"

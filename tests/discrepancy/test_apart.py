@@ -49,7 +49,7 @@ def test_a_code_for_no_value_costs_its_row_and_not_the_verdict(name, code):
     report = discrepancy.explain(Turning(), readings(**{name: code}))
     assert [finding.effect for finding in report.findings] == ["thermal_zero axis"]
     [note] = [note for note in report.notes if "all others lie between" in note]
-    assert note.startswith(f"1 row left out: {name} is {code:g}, ")
+    assert note.startswith(f"row 18 left out: {name} is {code:g}, ")
     assert note.endswith("correct it, or mark it valid=0")
 
 

@@ -38,7 +38,7 @@ def test_a_reading_that_went_round_is_told_before_the_verdict() -> None:
     data, machine = line_of(u, y)
     report = discrepancy.explain(machine, data)
     [note] = [note for note in report.notes if ALONE in note]
-    assert note.startswith(f"one reading (u {u[-1]:.0f}, y {y[-1]:.2f})")
+    assert note.startswith(f"one reading (row 11: u {u[-1]:.0f}, y {y[-1]:.2f})")
     assert note in first_notes(report)
 
 
@@ -79,7 +79,7 @@ def test_the_one_unseen_reading_that_makes_the_error_is_told_with_what_the_other
     """The error was 27.4 with the wave and 29.1 without it, and nothing said that one misread row made both."""
     report, sound = waved(6.0), waved()
     [note] = [note for note in report.notes if "that were not fitted" in note]
-    assert note.startswith("one reading (u 5.3165, y 17.896) makes most of the error")
+    assert note.startswith("one reading (row 43: u 5.3165, y 17.896) makes most of the error")
     told = float(note.split("that error to ")[1].split(" times")[0])
     assert told == pytest.approx(sound.gap.held_out_after / sound.gap.held_out_before, rel=0.1)
     assert report.gap.held_out_after > 0.9 * report.gap.held_out_before

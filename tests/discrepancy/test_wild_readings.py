@@ -61,6 +61,7 @@ def test_one_misread_row_is_left_out_and_told_and_the_cause_is_named(machine, ti
     assert [f.effect for f in report.findings] == ["backlash rail"]
     [note] = [note for note in report.notes if "wild reading is left out" in note]
     assert f"{float(_readings(0.02, times * NOISE)['laser'][70]):.5g}"[:4] in note
+    assert ": row 71, " in note
     clean = explain(machine, _readings(0.02).rows(np.arange(ROWS) != 70))
     assert report.findings[0].amplitude.value == pytest.approx(clean.findings[0].amplitude.value, rel=1e-6)
 
@@ -95,3 +96,20 @@ def test_many_are_no_accidents_and_exact_readings_have_none() -> None:
     exact = _readings(noise=0.0)
     exact = exact.with_columns({"laser": exact["laser"] + np.where(np.arange(ROWS) > 117, 0.01, 0.0)})
     assert len(without_wild(Rail().formulate(exact), isolated=True)) == ROWS
+
+
+def test_rows_are_told_as_the_file_counts_them() -> None:
+    """Row 5 is marked valid=0, time runs backwards, and a reading has lost its comma: that is row 31 all the same."""
+    readings = _readings(0.02)
+    columns = {name: np.asarray(readings[name])[::-1].copy() for name in readings.columns}
+    columns["valid"] = np.ones(ROWS)
+    columns["valid"][4] = 0
+    columns["laser"][30] *= 1000
+    notes = explain(Rail(), MeasuredData(columns, "own rail")).notes
+    assert [note for note in notes if note.startswith("row 31 left out")], notes
+
+
+def test_many_rows_are_named_in_short() -> None:
+    data = MeasuredData({"s": np.arange(100.0)}, "own rail").rows(np.arange(10, 100))
+    assert data.rows_named(np.array([0])) == "row 11"
+    assert data.rows_named(np.arange(90) % 10 == 3) == "rows 14, 24, 34, 44, 54, 64 and 3 more"

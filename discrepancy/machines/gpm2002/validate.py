@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -93,7 +94,7 @@ def _known_columns(data: MeasuredData) -> MeasuredData:
 
 def _without(data: MeasuredData, columns: tuple[str, ...], note: str) -> MeasuredData:
     kept = {name: column for name, column in data.columns.items() if name not in columns}
-    return MeasuredData(kept, data.machine, data.metadata, data.name, (*data.notes, note))
+    return replace(data, columns=kept).with_note(note)
 
 
 def _usable_rows(data: MeasuredData) -> MeasuredData:
@@ -150,7 +151,7 @@ def _stated_noise(data: MeasuredData) -> MeasuredData:
             continue
         told = _from_repeats(data, columns)
         if told > 0:
-            data = MeasuredData(data.columns, data.machine, {**data.metadata, key: told}, data.name, data.notes)
+            data = replace(data, metadata={**data.metadata, key: told})
             data = data.with_note(f"{key} is not stated; back-to-back repeats give {told:.3g}, which is used")
         elif key == "sigma_xy":
             data = _without(data, ("x", "y"), "sigma_xy is not stated and no repeats tell it: only the angles are used")

@@ -270,7 +270,9 @@ def _stacked(blocks: Sequence[Formulation]) -> MeasuredData:
     if empty:
         notes[f"column{'s' * (len(empty) > 1)} {', '.join(empty)}: not in every block; 0 is taken where missing"] = None
     noted = frozenset[str]().union(*(block.data.noted for block in blocks))
-    return replace(parts[0], columns=columns, notes=tuple(notes), noted=noted)
+    numbers = np.concatenate([part.row_numbers for part in parts])
+    of_one_file = len(np.unique(numbers)) == len(numbers)
+    return replace(parts[0], columns=columns, notes=tuple(notes), noted=noted, numbers=numbers if of_one_file else None)
 
 
 def _filled_in(data: MeasuredData, block: Formulation, blocks: Sequence[Formulation]) -> MeasuredData:

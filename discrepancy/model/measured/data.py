@@ -18,6 +18,7 @@ from calibench.core.tables.marks import split_rows
 
 Column = NDArray[Any]
 TO_PREDICT = "row_to_predict"  # the place of a row that a report predicts
+_SHOWN = 6  # rows that a message names
 _OWN = ("reading_place", TO_PREDICT)  # columns that no file has
 UNSTATED = "the noise is not stated"  # how a note begins on noise that was told from the data themselves
 LEARNED = "is learned from what the model leaves"  # in such a note: then nothing tells how much of the rest is noise
@@ -43,7 +44,8 @@ class MeasuredData:
     `name` is the stem of the file or the name of a printed set. `notes` are remarks a report must repeat; `noted` are
     the subjects of those that another room may have a remark on as well (`NO_REPEATS`). `units` are those of columns
     whose unit was stated with them, `stated` the keys of `metadata` that were stated beside the file, `computed` the
-    columns that the machine computed from others.
+    columns that the machine computed from others. `numbers` (n,) are the rows as they were read, from 1; None for all
+    of them, in order.
     """
 
     columns: Mapping[str, Column]
@@ -55,6 +57,7 @@ class MeasuredData:
     units: Mapping[str, str] = field(default_factory=dict)
     stated: frozenset[str] = frozenset()
     computed: frozenset[str] = frozenset()
+    numbers: NDArray[np.intp] | None = None
 
     def __post_init__(self) -> None:
         if not all(isinstance(column, np.ndarray) for _, column in self.columns.items()):  # lists, a table of pandas
@@ -88,13 +91,27 @@ class MeasuredData:
         """Return the names of the columns that the file has, without those that were added to it."""
         return tuple(name for name in self.columns if name not in _OWN)
 
+    @property
+    def row_numbers(self) -> NDArray[np.intp]:
+        """Return the rows as they were read, from 1, (n,)."""
+        return np.arange(1, len(self) + 1) if self.numbers is None else self.numbers
+
     def has(self, *columns: str) -> bool:
         """Return whether all `columns` are there."""
         return all(column in self.columns for column in columns)
 
     def rows(self, mask: Column) -> MeasuredData:
         """Return the rows where `mask`, shape (n,) of booleans or indices, holds."""
-        return replace(self, columns={key: column[mask] for key, column in self.columns.items()})
+        kept = {key: column[mask] for key, column in self.columns.items()}
+        return replace(self, columns=kept, numbers=self.row_numbers[mask])
+
+    def rows_named(self, which: Column) -> str:
+        """Return the rows `which`, a mask or indices, as they were read: "row 7", or "rows 7, 12, 40 and 3 more"."""
+        found = sorted(np.unique(self.row_numbers[which]).tolist())
+        if len(found) == 1:
+            return f"row {found[0]}"
+        shown = ", ".join(str(k) for k in found[:_SHOWN])
+        return f"rows {shown}{f' and {len(found) - _SHOWN} more' if len(found) > _SHOWN else ''}"
 
     def with_note(self, note: str, about: str = "") -> MeasuredData:
         """Return the same data with one more remark for the report, and its subject where it has one."""
