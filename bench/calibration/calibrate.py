@@ -15,6 +15,7 @@ from time import perf_counter
 
 import numpy as np
 
+from calibench.bench.calibration.carries import foretold, ranges
 from calibench.bench.calibration.described import Written, described_by, table_told
 from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.fit import LEVELS, Fit, far_out, fitted, norms, order_of
@@ -34,6 +35,9 @@ from calibench.problems.arm.chains.rigid import rpy_of
 from calibench.problems.arm.stands import stepped
 from calibench.problems.base import Array
 
+_SPOILT = 0.75  # of the squares of what is left: a step that makes more leaves less than half of it
+_FAR = 3.0  # times the error that is foretold among the poses that were read: beyond, it is told
+_NARROW = 0.25  # of the way between a joint's limits
 _MANY = 0.1  # of the poses: more wild ones are no mishaps
 WRITTEN = ("frames", "zeros", "geometry")
 
@@ -65,16 +69,18 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, Written, Readings
     draws = resampled(fit, request.resamples)
     levels = tuple(_error(level, judged[level], ~wild, poses, request.distance) for level in LEVELS)
     fitted_rows = readings.where(train)
+    alone = _alone(fit, model, np.isfinite(judged[chosen].left) & ~wild) if chosen == "gains" else None
     doubt = table_told(arm, table, request)
     notes = (
         *([doubt] if doubt else _far_off(levels, chosen, model, readings)), *arm.notes, *readings.notes,
-        *_notes(levels, chosen, model, fitted_rows),
+        *_uncounted(judged[chosen], wild), *_scales(alone, arm.chain.told),
+        *_notes(levels, chosen, model, fitted_rows), *_range(fit, chosen),
         *_many_wild(wild), *_step(fit, fitted_rows), *_again(poses, train),
     )  # fmt: skip
     before, after = (np.where(wild, np.nan, judged[level].left) for level in ("frames", chosen))
     drawn = Drawn(readings.joints, chain.driven, _in_base(fit, model), before, after)
     changes = changes_of(fit, draws) + arm.more_changes(fit, draws)
-    written = arm.written(fit, changes, _comment(request, levels, chosen, train))
+    written = arm.written(fit, changes, _comment(request, levels, chosen, train, alone))
     return (
         Calibration(
             table.name, str(arm.path), chain.told, readings.observed, chain.base, chain.tip, chain.driven,
@@ -175,6 +181,58 @@ def _notes(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Re
     return said
 
 
+def _uncounted(judged: HeldOut, wild: Mask) -> list[str]:
+    """Return the error with the wild readings in it: they may be no mishaps, but what is wrong with the arm."""
+    count = int((wild & np.isfinite(judged.left)).sum())
+    if not count:
+        return []
+    many = count > 1
+    these, them = (f"the {count} wild readings are", "them") if many else ("the wild reading is", "it")
+    cause = (
+        "were they misread, or do they lie at one range of a joint, whose error they are" if many else "was it misread"
+    )
+    return [f"{these} in no error above, with {them} the error after is {plain(rms(judged.left), 3)} mm; {cause}?"]
+
+
+def _alone(fit: Fit, model: ArmModel, there: Mask) -> float:
+    """Return the error [mm] of what is written where nobody scales the joints' readings."""
+    p = fit.p.copy()
+    for k, name in enumerate(model.names):
+        if name.startswith("gain_"):
+            zero = [n for n in (f"zero_{name[5:]}",) if n in model.names]
+            for at in map(model.names.index, zero):
+                p[at] *= p[k]  # the zero as it is written
+            p[k] = 1.0
+    return rms(norms(model.errors(p))[there])
+
+
+def _scales(alone: float | None, told: str) -> list[str]:
+    """Return how the scales of joints' readings are used."""
+    if alone is None:
+        return []
+    return [
+        f"joint scales have no place in a {told}: give it each joint's reading times (1 + its scale), and divide a "
+        f"joint's command by (1 + its scale); without them what is written leaves {plain(alone, 3)} mm"
+    ]
+
+
+def _range(fit: Fit, chosen: str) -> list[str]:
+    """Return a remark where poses outside the ranges that were read are foretold much worse than those inside."""
+    if fit.model.position is None or chosen == "frames":
+        return []
+    inside, outside = foretold(fit, chosen)
+    if not outside > max(_FAR * inside, fit.model.sigma[0]):
+        return []
+    read, limits = ranges(fit.model)
+    whole, part = limits[1] - limits[0], read[1] - read[0]
+    narrow = [n for n, w, r in zip(fit.model.chain.driven, whole, part, strict=True) if r < _NARROW * w]
+    where = f"; {', '.join(narrow)} moved little" if narrow else ""
+    return [
+        f"valid where the poses are: among them the arm is foretold to {plain(inside, 2)} mm, over all limits of its "
+        f"joints to {plain(outside, 2)} mm{where}; bench design ... plan.limits=urdf names the poses that help"
+    ]
+
+
 def _far_off(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Readings) -> list[str]:
     """Return a remark where so much is left that the description cannot be that of the arm."""
     if model.position is None:
@@ -202,18 +260,23 @@ def _many_wild(wild: Mask) -> list[str]:
 
 
 def _step(fit: Fit, readings: Readings) -> list[str]:
-    """Return a remark where base or tracker moved so little that it was not seen before the calibration."""
+    """Return a remark where base or tracker moved so little that it was not seen before the calibration.
+
+    Raises `DataError` where that is most of what is left: then the numbers of the arm have taken up a part of it.
+    """
     if readings.position is None:
         return []
     known = np.flatnonzero(~fit.wild)
     found = stepped(fit.model.errors(fit.p)[0][known], readings.position[known])
     if found is None:
         return []
-    return [
-        f"from {readings.told(int(known[found[0]]))} on, readings lie {plain(found[1], 2)} mm off, as if base or "
-        "tracker had moved: calibrate what was read before and after by themselves, or let bench discover machine=arm "
-        "tell it"
-    ]
+    row, off, share = found
+    at = readings.told(int(known[row]))
+    told = f"from {at} on, readings lie {plain(off, 2)} mm off, as if base or tracker had moved"
+    cure = "calibrate what was read before and after by themselves, or let bench discover machine=arm tell it"
+    if share > _SPOILT:
+        raise DataError(f"{told}, and that is most of what is left: no number of the arm is sure beside it; {cure}")
+    return [f"{told}: {cure}"]
 
 
 def _again(poses: Index, train: Mask) -> list[str]:
@@ -255,10 +318,13 @@ def _in_base(fit: Fit, model: ArmModel) -> Array:
     return np.asarray((np.linalg.inv(base) @ model.placed(fit.p))[:, :3, 3])
 
 
-def _comment(request: CalibrateRequest, levels: tuple[Error, ...], chosen: str, train: Mask) -> str:
+def _comment(
+    request: CalibrateRequest, levels: tuple[Error, ...], chosen: str, train: Mask, alone: float | None
+) -> str:
     by = {error.level: error for error in levels}
     poses = f"{len(train)} poses" if train.all() else f"{int(train.sum())} of {len(train)} poses"
     return (
         f"calibrated by bench calibrate from {request.data}, {poses}; error of poses not fitted: "
         f"{plain(by['frames'].rms, 3)} mm before, {plain(by[chosen].rms, 3)} mm after (rms)"
+        + ("" if alone is None else f" with the joint scales, which stand elsewhere; {plain(alone, 3)} mm without them")
     )

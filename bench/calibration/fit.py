@@ -19,7 +19,7 @@ import numpy as np
 from calibench.bench.calibration.model import ArmModel
 from calibench.bench.calibration.readings import Index, Mask
 from calibench.core.counted import plain
-from calibench.problems.arm.gauge import MIDDLE, WORST, told_apart, unexplained
+from calibench.problems.arm.gauge import MIDDLE, WORST, standard_errors, told_apart, unexplained, well_told
 from calibench.problems.base import Array
 
 _ALIKE = 5e-3  # part of a column: less than this beside the others may only come from the arm's other errors
@@ -80,18 +80,36 @@ def determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, 
     """Return which of the parameters in `order` the readings determine, as places in p, sorted.
 
     What all of `order` leave of the residuals gives the noise: far from the solution, residuals are what the parameters
-    explain. `first` does not take the noise of the model for the least. Of a model with `every`, all of them.
+    explain. `first` does not take the noise of the model for the least. Of a model with `every`, all of them. None
+    where no number of the frames is told.
     """
     order = list(order)
     if model.every:
         return np.array(sorted(order), dtype=np.int64)
     rows = _stacked(*model.jacobian(p, np.array(order, dtype=np.int64), weights), weights)
     residuals = _stacked_residuals(*model.residuals(p, weights), weights)
-    worst = np.array([WORST if is_length(model.names[place], model.sliding) else 1e-3 * WORST for place in order])
     used = rows.any(axis=1)  # not the wild ones
     noise = float(np.median(np.abs(unexplained(rows[used], residuals[used])))) / MIDDLE
-    taken = told_apart(rows, _ALIKE, worst, noise if first else max(1.0, noise))
+    noise = noise if first else max(1.0, noise)
+    bounds = np.array([bound_of(model, place) for place in order])
+    frames = np.array([model.names[place].startswith(("base_", "tool_")) for place in order])
+    seats = told_apart(rows[:, frames], _ALIKE)
+    errors = noise * standard_errors(rows[:, frames][:, seats])
+    if (errors > bounds[frames][seats]).all():  # not even by themselves
+        return np.zeros(0, dtype=np.int64)
+    taken = well_told(rows, _ALIKE, np.where(frames, np.inf, bounds), noise)  # nobody states a frame
     return np.array(sorted(order[k] for k in taken), dtype=np.int64)
+
+
+def told_of(model: ArmModel, p: Array, order: Sequence[int], weights: Array) -> Index:
+    """Return which of the parameters in `order` the readings tell apart, however well, as places in p, sorted."""
+    rows = _stacked(*model.jacobian(p, np.array(order, dtype=np.int64), weights), weights)
+    return np.array(sorted(order[k] for k in told_apart(rows, _ALIKE)), dtype=np.int64)
+
+
+def bound_of(model: ArmModel, place: int) -> float:
+    """Return the largest standard error of a number that is calibrated, in mm or rad."""
+    return WORST if is_length(model.names[place], model.sliding) else 1e-3 * WORST
 
 
 def fitted(model: ArmModel, order: Sequence[int], start: Array | None = None) -> Fit:

@@ -9,6 +9,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
+from calibench.bench.calibration.carries import at
 from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.fit import Fit, determined, fitted, is_length, order_of
 from calibench.bench.calibration.model import ArmModel, model_of
@@ -221,22 +222,13 @@ def _rows(model: ArmModel, p: Array, pool: Array, fit: Fit | None) -> tuple[Arra
     """Return the whitened Jacobian of the pool, (m, c, k), and the parameters that its columns belong to."""
     if fit is not None:
         return _whitened(model, p, pool, fit.kept), fit.kept
-    at = _at(model, pool)
-    kept = determined(at, p, order_of(model.names, "geometry", model.sliding), np.ones(len(pool)))
+    there = at(model, pool)
+    kept = determined(there, p, order_of(model.names, "geometry", model.sliding), np.ones(len(pool)))
     return _whitened(model, p, pool, kept), kept
 
 
 def _whitened(model: ArmModel, p: Array, joints: Array, kept: Index) -> Array:
-    return _at(model, joints).jacobian(p, kept, np.ones(len(joints)))[0]
-
-
-def _at(model: ArmModel, joints: Array) -> ArmModel:
-    """Return the model at other joints; the readings there do not affect its Jacobian."""
-    n = len(joints)
-    poses = forward(model.chain, nominal(model.chain), joints)
-    turns = None if model.turns is None else poses[:, :3, :3]
-    none = np.full(n, -1, dtype=np.int64)
-    return replace(model, joints=joints, position=poses[:, :3, 3], turns=turns, socket=none, place=none)
+    return at(model, joints).jacobian(p, kept, np.ones(len(joints)))[0]
 
 
 def _random(

@@ -54,31 +54,43 @@ def gauge(chain: Chain, readings: Readings, among: Sequence[str] = (), distinct:
     return Gauge(tuple(n for n in names if n in kept), tuple(n for n in names if n not in kept))
 
 
-def told_apart(columns: Array, distinct: float, worst: Array | None = None, noise: float = 1.0) -> list[int]:
+def told_apart(columns: Array, distinct: float) -> list[int]:
     """Return which of `columns`, (m, k), first come first kept, leave more than `distinct` of themselves beside
     those kept. A column that is nothing but rounding beside the largest is not kept.
-
-    With `worst` (k,), nor is one beside which its own number, or one that is kept, has a standard error above its
-    `worst`, where the rows have this `noise`.
     """
-    basis, inverse = np.zeros((len(columns), 0)), np.zeros((0, 0))  # the latter of the triangle R
+    basis = np.zeros((len(columns), 0))
     kept: list[int] = []
     sizes = np.linalg.norm(columns, axis=0)
     for k, (column, size) in enumerate(zip(columns.T, sizes, strict=True)):
-        parts = basis.T @ column
-        left = column - basis @ parts
-        again = basis.T @ left  # a second projection removes what rounding left
-        left = left - basis @ again
+        left = column - basis @ (basis.T @ column)
+        left = left - basis @ (basis.T @ left)  # a second projection removes what rounding left
         length = np.linalg.norm(left)
         if size <= _ROUNDING * sizes.max() or length <= distinct * size:
             continue
-        last = np.append(inverse @ (parts + again), -1.0) / -length
-        beside = np.column_stack([np.vstack([inverse, np.zeros(len(kept))]), last])
-        if worst is not None and (noise * np.linalg.norm(beside, axis=1) > worst[[*kept, k]]).any():
-            continue
-        basis, inverse = np.column_stack([basis, left / length]), beside
+        basis = np.column_stack([basis, left / length])
         kept.append(k)
     return kept
+
+
+def well_told(columns: Array, distinct: float, worst: Array, noise: float = 1.0) -> list[int]:
+    """Return which of `columns`, (m, k), are `told_apart` and have numbers that rows with this `noise` tell well.
+
+    While a standard error is above its `worst`, (k,), the column that is furthest above goes, which parts others again:
+    to take them in their order of preference would keep a number that is told badly, and leave out all beside it.
+    """
+    kept = told_apart(columns, distinct)
+    while len(kept):
+        over = noise * standard_errors(columns[:, kept]) / worst[kept]
+        if over.max() <= 1.0:
+            break
+        kept.pop(int(np.argmax(over)))
+    return kept
+
+
+def standard_errors(columns: Array) -> Array:
+    """Return the standard error of the number of each of independent `columns`, (m, k), where rows have noise of 1."""
+    sizes = np.linalg.norm(columns, axis=0)
+    return np.asarray(np.linalg.norm(np.linalg.inv(np.linalg.qr(columns / sizes, mode="r")), axis=1) / sizes)
 
 
 def unexplained(columns: Array, residuals: Array) -> Array:

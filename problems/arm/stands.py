@@ -43,8 +43,10 @@ def moved(poses: Array, read: Array, found: Frames) -> tuple[Array, str]:
     return none
 
 
-def stepped(left: Array, seen: Array) -> tuple[int, float] | None:
-    """Return the row from which on base or tracker lies elsewhere, and by how much its poses do (rms) [mm].
+def stepped(left: Array, seen: Array) -> tuple[int, float, float] | None:
+    """Return the row from which on base or tracker lies elsewhere, by how much its poses do (rms) [mm], and the share.
+
+    The last is that of the squares of what is left which the step explains.
 
     `left` (n, 3) [mm] is what a calibration leaves of the places `seen` (n, 3) [mm], in the order in which they were
     read. A motion of a body before each row and another one after it are tried; None where none explains `_PLAIN`.
@@ -65,5 +67,5 @@ def stepped(left: Array, seen: Array) -> tuple[int, float] | None:
         after = np.linalg.pinv(square[-1] - square[k - 1]) @ (pull[-1] - pull[k - 1])
         share = float(before @ pull[k - 1] + after @ (pull[-1] - pull[k - 1])) / float((left**2).sum())
         if share > max(best, _PLAIN):
-            best, found = share, (k, float(np.sqrt(((rows @ (after - before)) ** 2).sum(axis=1).mean())))
+            best, found = share, (k, float(np.sqrt(((rows @ (after - before)) ** 2).sum(axis=1).mean())), share)
     return found

@@ -450,15 +450,23 @@ def test_a_tracker_that_was_moved_is_told_with_the_rows(here, calibrate):
     assert told.count("\n") == 1
 
 
+STEP = 0.25  # of half a millimetre
+
+
 def test_a_base_that_moved_a_little_is_told_with_its_row(here, calibrate):
     q, seen, _ = measured(60)
     (here / "my.csv").write_text(table(q, seen))
     assert not [note for note in calibrate("data=my.csv")["notes"] if "moved" in note]
-    seen[36:] += np.cross([2e-4, 1e-4, 3e-4], seen[36:] - BASE[0])
-    seen[36:] += [0.3, -0.2, 0.2]
+    step = np.cross([2e-4, 1e-4, 3e-4], seen[36:] - BASE[0]) + np.array([0.3, -0.2, 0.2])
+    seen[36:] += STEP * step
     (here / "my.csv").write_text(table(q, seen))
     [note] = [note for note in calibrate("data=my.csv")["notes"] if "moved" in note]
-    assert note.startswith("from row 37 on, readings lie 0.")
+    assert note.startswith("from row 37 on, readings lie 0.1")
+    seen[36:] += (1 - STEP) * step
+    (here / "my.csv").write_text(table(q, seen))
+    told = calibrate("data=my.csv", code=2)  # a URDF would hold a part of the step
+    assert "from row 37 on, readings lie 0.5" in told
+    assert "and that is most of what is left" in told
 
 
 def test_readings_of_other_poses_are_no_second_stand(here, calibrate):

@@ -9,31 +9,35 @@ from calibench.bench.calibration.model import model_of
 from calibench.bench.calibration.readings import read_readings
 from calibench.bench.calibration.start import started
 from calibench.problems.arm.chains.urdf import read_urdf
-from calibench.problems.arm.gauge import told_apart, unexplained
+from calibench.problems.arm.gauge import told_apart, unexplained, well_told
 from tests.bench.arm_by_hand import measured, table, urdf
 
 
-def _kept_plainly(columns, distinct, worst, noise):
-    """Return what `told_apart` should, each time with a QR decomposition of its own."""
-    kept = []
-    for k, column in enumerate(columns.T):
-        left = column - columns[:, kept] @ np.linalg.lstsq(columns[:, kept], column, rcond=None)[0] if kept else column
-        if np.linalg.norm(left) > distinct * np.linalg.norm(column):
-            R = np.linalg.qr(columns[:, [*kept, k]], mode="r")
-            errors = noise * np.linalg.norm(np.linalg.inv(R), axis=1)
-            kept += [k] if (errors <= worst[[*kept, k]]).all() else []
-    return kept
+def _errors(columns):
+    return np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_number_is_kept_if_it_and_those_before_it_are_told_well(seed):
+def test_numbers_that_are_told_badly_go_the_worst_first(seed):
     rng = np.random.default_rng(seed)
-    columns = rng.standard_normal((60, 12)) * 10.0 ** rng.uniform(-2, 2, 12)
-    columns[:, 7] = columns[:, 3] + 1e-3 * columns[:, 7]
-    worst = 10.0 ** rng.uniform(-3, 2, 12)
-    found = told_apart(columns, 5e-3, worst, 0.1)
-    assert found == _kept_plainly(columns, 5e-3, worst, 0.1)
-    assert 0 < len(found) < len(told_apart(columns, 5e-3))
+    columns = rng.standard_normal((60, 12)) * 10.0 ** rng.uniform(-1, 1, 12)
+    columns[:, 7] = columns[:, 3] + 0.01 * np.linalg.norm(columns[:, 3]) * rng.standard_normal(60)
+    worst = 10.0 ** rng.uniform(-2, 2, 12)
+    worst[0] = np.inf
+    kept = list(range(12))
+    while (over := 0.5 * _errors(columns[:, kept]) / worst[kept]).max() > 1:
+        kept.pop(int(np.argmax(over)))
+    assert well_told(columns, 1e-3, worst, 0.5) == kept
+    assert 0 in kept
+
+
+def test_of_two_numbers_that_look_alike_the_better_known_stays() -> None:
+    """In their order of preference the first stayed, known to 3 mm, and the second was left out, known to .01 mrad."""
+    rng = np.random.default_rng(0)
+    other, own = rng.standard_normal((2, 50))
+    columns = np.column_stack([0.01 * own + 0.003 * other, other])
+    assert told_apart(columns, 5e-3) == [0, 1]
+    assert well_told(columns, 5e-3, np.array([2.0, 2.0])) == [1]
 
 
 def test_what_columns_leave_is_as_large_as_the_noise():

@@ -68,7 +68,7 @@ def undetermined_of(fit: Fit, draws: Array) -> tuple[Undetermined, ...]:
             unit = "mm" if is_length(names[place], fit.model.sliding) else "mrad"
             sd = (1.0 if unit == "mm" else 1e3) / beyond
             found.append(
-                Undetermined(names[place], f"would be known to {plain(max(sd, 0.01), 2)} {unit} and spoil others")
+                Undetermined(names[place], f"these poses would tell it to {plain(max(sd, 0.01), 2)} {unit} only")
             )
     return tuple(found)
 

@@ -35,7 +35,7 @@ from calibench.discrepancy.machines.arm.geometry import (
 )
 from calibench.discrepancy.machines.arm.rank import determined_names, with_held
 from calibench.discrepancy.machines.arm.sockets import in_sockets
-from calibench.discrepancy.machines.arm.start import LEAST_POSES, Placed, misfit, placed
+from calibench.discrepancy.machines.arm.start import LEAST_POSES, Placed, misfit, placed, two_stands
 from calibench.discrepancy.machines.arm.turns import (
     ANGLES,
     QUATERNION,
@@ -319,6 +319,12 @@ def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
             f"{data.name}: x, y, z fit this arm only in a mirror ({plain(found.mirrored, 3)} mm left for "
             f"{plain(left, 3)}): one "
             'axis of the tracker counts the other way round, or two are exchanged; columns={"x":"y","y":"x"} does'
+        )
+    if told := two_stands(found, flange(read), seen):
+        others = data.rows_named(np.flatnonzero(fitted)[told[0]])
+        raise DataError(
+            f"{data.name}: {told[1]} for {int(told[0].sum())} of {len(seen)} poses, {others}: no error of the arm is "
+            "as large; search those of one stand by themselves"
         )
     sliding = {j.name for j in chain.joints if j.kind == "sliding"}
     if fitted.sum() > 2 * LEAST_POSES and (wrong := misfit(found, seen, flange, read, sliding, chain.told)):

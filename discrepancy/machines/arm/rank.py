@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibench.discrepancy.model.measured.data import MeasuredData
-from calibench.problems.arm.gauge import MIDDLE, WORST, told_apart, unexplained
+from calibench.problems.arm.gauge import MIDDLE, WORST, told_apart, unexplained, well_told
 from calibench.problems.base import Array
 
 _LEAST = 5e-3  # part of a signature: an error of .5 mm, or .5 mrad at a metre, then moves nothing by more than 3 um
@@ -35,11 +35,9 @@ def determined_names(
         noise = np.median(np.abs(unexplained(rows, (left / scale).ravel()).reshape(left.shape)), axis=0) / MIDDLE
         scale = scale * np.where(noise > 0, noise, 1.0)
     rows = (columns / scale[:, None]).reshape(-1, len(order))
-    kept = told_apart(rows, _LEAST)
     worst = np.array([_worst(units[name]) if name in units else np.inf for name in order])
-    vague: list[str] = []  # the worst first, which tells others apart again: the order of preference would hold more
-    while (errors := _standard_errors(rows[:, kept]) / worst[kept]).max(initial=0.0) > 1.0:
-        vague.append(order[kept.pop(int(np.argmax(errors)))])
+    kept = well_told(rows, _LEAST, worst)
+    vague = [order[k] for k in told_apart(rows, _LEAST) if k not in kept]
     return tuple(order[k] for k in kept), tuple(vague)
 
 
@@ -66,9 +64,3 @@ def _told(name: str) -> str:
     if kind == "zero":
         return f"zero of {joint}"
     return f"{'turn about' if kind[0] == 'r' else 'shift along'} {kind[-1]} of {joint}"
-
-
-def _standard_errors(rows: Array) -> Array:
-    """Return the standard error of each column's number, (k,), of independent `rows` (n, k) with noise of 1."""
-    sizes = np.linalg.norm(rows, axis=0)
-    return np.asarray(np.linalg.norm(np.linalg.inv(np.linalg.qr(rows / sizes, mode="r")), axis=1) / sizes)

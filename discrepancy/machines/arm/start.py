@@ -20,6 +20,8 @@ from typing import final
 import numpy as np
 
 from calibench.core.counted import plain
+from calibench.problems.arm.frames import frames_of_positions
+from calibench.problems.arm.stands import moved
 from calibench.problems.base import Array
 
 LEAST_POSES = 4  # one more than the three points that a rigid fit needs
@@ -29,6 +31,7 @@ _STILL = 1e-9  # of the size of the cloud
 _HUBER = 2.0  # robust deviations beyond which the influence of a reading does not grow
 # residuals, in the size of the cloud of points: something may be wrong; it cannot be this arm
 _DOUBTFUL, _APART = 0.1, 0.4
+_ELSEWHERE = 0.02  # rms of what is left, in the size of the cloud: the readings may be of two stands
 _CURED = 8.0  # factor by which another interpretation of the file must reduce the residuals
 _FACTORS = {1e3: "m", 1e-3: "um", 25.4: "inch", 1 / 25.4: ""}  # to mm from a unit of length
 
@@ -83,6 +86,19 @@ def misfit(
         f"{told}: is this the {described} of the arm, and are the columns those of its joints, in their units and "
         "senses?"
     )
+
+
+def two_stands(found: Placed, flange: tuple[Array, Array], seen: Array) -> tuple[Array, str] | None:
+    """Return which readings (n, 3) [mm] are of another stand, (n,), and in words what was moved; None for one stand.
+
+    Base or target that lie elsewhere by millimetres are an effect; here they lie elsewhere by a good part of the arm.
+    """
+    if not np.sqrt(np.mean(found.left**2)) > _ELSEWHERE * _spread(seen):
+        return None
+    poses = np.tile(np.eye(4), (len(seen), 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = flange
+    far, told = moved(poses, seen, frames_of_positions(poses, seen, 1.0))
+    return (far, told) if told else None
 
 
 def _changed(
