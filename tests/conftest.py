@@ -1,4 +1,7 @@
-"""Before the whole suite each worker compiles its share of the kernels, so that no two compile the same ones."""
+"""Before the whole suite each worker compiles its share of the kernels, so that no two compile the same ones.
+
+The collection makes a million objects that stay: they are not looked through while it does.
+"""
 
 import gc
 import importlib
@@ -7,6 +10,8 @@ import os
 import pytest
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `make test` has it: runs and direct calls add up in one order
+
+gc.disable()  # until all tests are collected
 
 WHOLE = 2000  # tests: of fewer, each compiles what it needs
 SECONDS = {
@@ -34,6 +39,7 @@ def shares(workers):
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtestloop(session):
     gc.freeze()  # a million objects of the collection, which no test drops, need not be looked through again
+    gc.enable()
     worker = getattr(session.config, "workerinput", None)
     if worker is None or len(session.items) < WHOLE:
         return

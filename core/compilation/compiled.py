@@ -29,21 +29,15 @@ def njit() -> Callable[[F], F]:
 
     Write `@njit()`. With ``NUMBA_DISABLE_JIT=1`` in the environment the plain Python function runs instead.
     """
-    import numba
+    return _compiling()
 
-    settings: Any = numba.config
-    settings.CACHE_DIR = str(_cache_folder())
-    if settings.CPU_FEATURES is None and settings.CPU_NAME is None and settings.ENABLE_AVX:
-        settings.CPU_FEATURES = _full_width()
-    from calibench.core.compilation.loading import keep
 
-    compile_: Any = numba.njit
-    decorate = compile_(error_model="numpy", no_cfunc_wrapper=True)  # nobody calls it from C
+def part() -> Callable[[F], F]:
+    """Compile likewise what kernels call and Python never does: without an entrance for it a kernel compiles sooner.
 
-    def compiled(function: F) -> F:
-        return cast(F, keep(decorate(function)))
-
-    return compiled
+    A call from Python is a `TypeError`.
+    """
+    return _compiling(no_cpython_wrapper=True)
 
 
 @cache
@@ -95,6 +89,25 @@ def seen(words: Iterable[str]) -> None:
 
 def _named(word: str) -> str:
     return blake2b(word.encode(), digest_size=12).hexdigest()
+
+
+def _compiling(**more: bool) -> Callable[[F], F]:
+    import numba
+
+    settings: Any = numba.config
+    settings.CACHE_DIR = str(_cache_folder())
+    if settings.CPU_FEATURES is None and settings.CPU_NAME is None and settings.ENABLE_AVX:
+        settings.CPU_FEATURES = _full_width()
+    from calibench.core.compilation.loading import close, keep
+
+    compile_: Any = numba.njit
+    decorate = compile_(error_model="numpy", no_cfunc_wrapper=True, **more)  # nobody calls it from C
+
+    def compiled(function: F) -> F:
+        kept = keep(decorate(function))
+        return cast(F, close(kept) if more else kept)
+
+    return compiled
 
 
 @cache

@@ -7,6 +7,8 @@ numba's compiler loads it then by itself.
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Callable
 from functools import cache
 from typing import Any, final
 
@@ -42,4 +44,35 @@ def keep(function: Any) -> Any:
     if hasattr(function, "py_func"):  # else it is interpreted
         kept: Any = KernelCache
         function._cache = kept(function.py_func)  # what its `enable_caching` does; it offers no choice of cache
+        function.compile = _unswept(function.compile)
+    return function
+
+
+def _unswept(compile_: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Let a compilation make its objects, most of which stay, without a look through all of them again and again."""
+
+    def compile_unswept(signature: Any) -> Any:
+        swept = gc.isenabled()
+        gc.disable()
+        try:
+            return compile_(signature)
+        finally:
+            if swept:
+                gc.enable()
+
+    return compile_unswept
+
+
+def close(function: Any) -> Any:
+    """Refuse calls from Python of a function compiled without an entrance for them: they would end the process."""
+    if hasattr(function, "py_func"):
+        compiled, name = function.overloads, function.__name__
+
+        def add(result: Any) -> None:  # not to what a call from Python looks through
+            compiled[tuple(result.signature.args)] = result
+
+        def refuse(*_arguments: Any, **_named: Any) -> None:
+            raise TypeError(f"{name} is a part of kernels: only they call it, compile it with njit() otherwise")
+
+        function.add_overload, function._compile_for_args = add, refuse
     return function

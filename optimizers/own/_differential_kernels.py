@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import njit, part
 from calibench.core.compilation.lanes import LANES, cross
 from calibench.optimizers.base import Array
 from calibench.optimizers.own._random_kernels import WHOLE, State, between, halves, scaled, singles
@@ -66,7 +66,7 @@ def select(population: Array, values: Array, trial: Array, trial_values: Array) 
                 population[i, j] = trial[i, j]
 
 
-@njit()
+@part()
 def _three_others(
     drawn: NDArray[np.uint32], r1: NDArray[np.int64], r2: NDArray[np.int64], r3: NDArray[np.int64]
 ) -> None:
@@ -90,7 +90,7 @@ def _three_others(
         r1[i], r2[i], r3[i] = first, second, third
 
 
-@njit()
+@part()
 def _cross(
     members: Array,
     others: NDArray[np.int64],
@@ -130,7 +130,7 @@ def _cross(
     return count
 
 
-@njit()
+@part()
 def _redraw(rows: NDArray[np.int64], lower: Array, upper: Array, state: State, trial: Array) -> None:
     """Draw anew the components of these rows that are outside the box: "this parameter is randomly regenerated"."""
     dim = lower.shape[0]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import njit, part
 from calibench.core.compilation.lanes import LANES, exchange
 from calibench.optimizers.base import Array
 from calibench.optimizers.own._partial_restart_kernels import half
@@ -122,7 +122,7 @@ def cross(
             children[size - 1, j] = words[winners[size - 1], j]
 
 
-@njit()
+@part()
 def _ends(lengths: Words) -> Words:
     """Return the bits of a string to the end of each of its parameters, shape (dim,)."""
     ends = np.empty(lengths.shape[0], dtype=np.int64)
@@ -152,11 +152,11 @@ def mutate(children: Words, probability: float, per: int, lengths: Words, state:
     parts = dim if per == PER_PARAMETER else 1
     drawn = halves(state, size * parts * 3)
     for i in range(size):
-        for part in range(parts):
-            at = 3 * (i * parts + part)
+        for piece in range(parts):
+            at = 3 * (i * parts + piece)
             if drawn[at] < probability * WHOLE:
-                front = lengths[:part].sum()
-                bits = lengths[part] if per == PER_PARAMETER else total
+                front = lengths[:piece].sum()
+                bits = lengths[piece] if per == PER_PARAMETER else total
                 first = scaled(drawn[at + 1], bits)
                 flip(children[i], front + first, lengths)
                 if bits > 1:
@@ -202,7 +202,7 @@ def decode(words: Words, gray: bool, lengths: Words, box: Array, points: Array) 
             flat[at] = min(lower[k] + numbers[at] * width[k] / most[k], upper[k])
 
 
-@njit()
+@part()
 def _numbers(words: Words, lengths: Words) -> Words:
     """Return the numbers that stand in a Gray code in `words`, shape (k, dim)."""
     numbers = words.copy()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import njit, part
 from calibench.optimizers.base import Array
 from calibench.optimizers.own._random_kernels import State, index
 
@@ -54,6 +54,6 @@ def from_the_worst(values: Array) -> NDArray[np.int64]:
     return order
 
 
-@njit()
+@part()
 def _is_before(value: float, other: float) -> bool:
     return (value > other) | ((other != other) & (value == value))

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import njit, part
 
 State = NDArray[np.uint64]
 Words = NDArray[np.uint64]
@@ -66,7 +66,7 @@ def words(state: State, count: int) -> Words:
     return drawn
 
 
-@njit()
+@part()
 def _step(s0: Any, s1: Any, s2: Any, s3: Any) -> tuple[Any, Any, Any, Any, Any]:
     """Return the word of a state and the next state."""
     total = s0 + s3

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import njit, part
 from calibench.optimizers.base import Array
 from calibench.optimizers.own._partial_restart_kernels import half
 from calibench.optimizers.own._random_kernels import WHOLE, State, between, halves
@@ -102,7 +102,7 @@ def fly(
     )  # fmt: skip
 
 
-@njit()
+@part()
 def _move(
     x: Array,
     v: Array,

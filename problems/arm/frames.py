@@ -155,10 +155,13 @@ def _least_median(rows: Array, wanted: Array, first: Numbers) -> tuple[Numbers, 
         medians = np.median(((rows @ some.T - wanted[:, :, None]) ** 2).sum(axis=1), axis=0)
         if medians.min() < least:
             best, least = some[np.argmin(medians)], float(medians.min())
-    near = np.ones(len(rows), dtype=bool)
+    before, near = np.zeros(0, dtype=bool), np.ones(len(rows), dtype=bool)
     for _ in range(5):
         left = np.sqrt(((rows @ best - wanted) ** 2).sum(axis=1))
         near = left <= max(_FAR * float(np.median(left)), 1e-9)
+        if np.array_equal(near, before):  # and so is all that follows from it
+            break
+        before = near
         best = np.linalg.lstsq(rows[near].reshape(-1, 15), wanted[near].ravel(), rcond=1e-9)[0]
     return best, near
 

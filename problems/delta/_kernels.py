@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import njit, part
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]
@@ -82,7 +82,7 @@ def jacobian(
     return result
 
 
-@njit()
+@part()
 def _fill(
     x: Array, nominal: Array, angles: Array, first: Array, second: Array, between: Index, weight: Array,
     measured: Array, r: Array, towers: Array, ends: Array,
@@ -131,7 +131,7 @@ def _nozzle(towers: Array, travel: Array, k: int, p: Array) -> None:
     p[0], p[1], p[2] = towers[0, 0] + u0 - u1 * z, towers[0, 1] + v0 - v1 * z, h0 + z
 
 
-@njit()
+@part()
 def _moves(towers: Array, travel: Array, k: int, p: Array, moved: Array) -> None:
     """Write dp/dx of row k to `moved`, shape (3, 9): M dp = b, M with the rows p - C_i, by cofactors."""
     M = np.empty((3, 3))
@@ -157,7 +157,7 @@ def _moves(towers: Array, travel: Array, k: int, p: Array, moved: Array) -> None
             moved[a, 6 + i] += inverse * towers[i, 3]
 
 
-@njit()
+@part()
 def _apart(ends: Array) -> float:
     """Return the distance of two places, shape (2, 3)."""
     dx, dy, dz = ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1], ends[1, 2] - ends[0, 2]

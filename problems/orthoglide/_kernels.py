@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import njit, part
 from calibench.problems.base import Array
 
 Index = NDArray[np.int64]
@@ -95,7 +95,7 @@ def direct(joints: Array, full: Array, length: float) -> Array:
     return places
 
 
-@njit()
+@part()
 def _fill(
     x: Array, free: Index, length: float, joints: Array, rows: Index, gauge: Array, measured: Array,
     linear: bool, offset: Array, slope: Array, full: Array, places: Array, r: Array,
@@ -121,14 +121,14 @@ def _fill(
     return total
 
 
-@njit()
+@part()
 def _height(full: Array, joints: Array, places: Array, leg: int, direction: int, posture: int, gauge: float) -> float:
     """Return where the leg's line stands along `direction` in the plane of the gauge, mm, section 3.2."""
     height: float = _share(full, joints, places, leg, posture, gauge) * places[posture, direction]
     return height  # s = mu p + (1 - mu) r, and r is on the leg's own axis
 
 
-@njit()
+@part()
 def _share(full: Array, joints: Array, places: Array, leg: int, posture: int, gauge: float) -> float:
     """Return mu, the share of the leg at which it meets the gauge's plane."""
     if posture == 0:
@@ -139,7 +139,7 @@ def _share(full: Array, joints: Array, places: Array, leg: int, posture: int, ga
     return share
 
 
-@njit()
+@part()
 def _height_slope(
     full: Array, joints: Array, places: Array, slopes: Array, leg: int, direction: int, posture: int, gauge: float,
     parameter: int,
@@ -157,7 +157,7 @@ def _height_slope(
     return slope
 
 
-@njit()
+@part()
 def _places(full: Array, length: float, joints: Array, places: Array) -> None:
     """Write the tool centre points of all postures to `places`, eq. (4) with the root that closes the Zero posture.
 
@@ -180,7 +180,7 @@ def _places(full: Array, length: float, joints: Array, places: Array) -> None:
         places[k, 2] = rz / 2 + t / rz - mz / (2 * rz)
 
 
-@njit()
+@part()
 def _inverse(full: Array, joints: Array, places: Array, k: int, a: int, b: int) -> float:
     """Return an entry of M^-1, where M has the rows p - r_i, the left-hand side of the relations before eq. (5).
 

@@ -50,3 +50,23 @@ def one_process():
         for module in (carry_out, costs, drawn, probe):
             patch.setattr(module, "CAN_FORK", False)
         yield
+
+
+@pytest.fixture(scope="module")
+def undrawn():
+    """Let reports make their figures and write the numbers, and empty drawings: writing one takes half a second.
+
+    For modules that ask what a page says.
+    """
+
+    def save(name, drawing, folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        paths = [folder / f"{name}.{ending}" for ending in ("svg", "png", "csv")]
+        paths[0].write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"></svg>')
+        paths[1].write_bytes(b"")
+        drawing[1].to_csv(paths[2], index=False)
+        return paths
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drawn, "save", save)
+        yield

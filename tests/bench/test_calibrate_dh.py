@@ -256,9 +256,8 @@ def test_a_row_with_the_wrong_kind_of_joint_is_told(bench, row, other, said):
     ("name", "pair"),
     [
         ("ur10", (0, 3)),
-        ("craig", (2, 3)),
         *(pytest.param("ur10", pair, marks=pytest.mark.slow) for pair in ((1, 3), (2, 3), (3, 5))),
-        *(pytest.param("craig", pair, marks=pytest.mark.slow) for pair in ((0, 3), (1, 3), (3, 5))),
+        *(pytest.param("craig", pair, marks=pytest.mark.slow) for pair in ((2, 3), (0, 3), (1, 3), (3, 5))),
     ],
 )
 def test_two_rows_that_are_exchanged_are_told(bench, name, pair):

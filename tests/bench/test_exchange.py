@@ -27,7 +27,7 @@ from calibench.bench.store.runs import ResultStore
 from calibench.problems.suites.gaps import COCO_GAPS
 from tests.bench.exchange_studies import Falls, Raised, mixed_study, suite_study
 
-pytestmark = pytest.mark.usefixtures("one_process")
+pytestmark = pytest.mark.usefixtures("one_process", "undrawn")
 
 
 @pytest.fixture(scope="module")

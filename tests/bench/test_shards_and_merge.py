@@ -9,7 +9,7 @@ import pytest
 from calibench.bench.store.runs import ResultStore
 from tests.same_rows import rows
 
-pytestmark = pytest.mark.usefixtures("one_process")
+pytestmark = pytest.mark.usefixtures("one_process", "undrawn")
 
 SWEEP = "run -m problem=sensor_zero,full12 optimizer=de,lm budget=60 seeds=6"
 

@@ -190,3 +190,20 @@ def test_an_edit_or_a_move_of_a_source_deep_in_a_room_gives_another_cache(copied
     edited = cache_folder(copied, tmp_path)
     deep.rename(deep.parent.parent / "_deep.py")
     assert len({before, edited, cache_folder(copied, tmp_path)}) == 3
+
+
+def test_a_part_of_kernels_is_called_by_kernels_alone():
+    """It has no entrance for Python: a call from there is told, before and after it is compiled, and ends nothing."""
+    code = """
+import numpy as np
+from calibench.problems.orthoglide import _kernels
+from calibench import problems
+for _ in range(2):
+    try:
+        _kernels._share(np.zeros(9), np.zeros((9, 3)), np.zeros((9, 3)), 0, 0, 0.5)
+    except TypeError as error:
+        print(error)
+    problems.make("orthoglide6").compile()
+"""
+    told = "_share is a part of kernels: only they call it, compile it with njit() otherwise"
+    assert python(code) == [told, told]

@@ -183,9 +183,13 @@ def _rotations(arm: Array, seen: Array) -> tuple[Array, Array, float]:
         tried = np.concatenate([best, _solved(rows[picks].reshape(_HANDFULS, -1, 18))])
         left = _left(arm, seen, tried)
         best = tried[[np.argmin(np.median(left, axis=1))]]
+        before = np.zeros(0, dtype=bool)
         for _ in range(3):
             left = _left(arm, seen, best)[0]
             near = left <= max(_FAR * float(np.median(left)), _ROUNDING)
+            if np.array_equal(near, before):
+                break
+            before = near
             best = _solved(rows[near].reshape(1, -1, 18))
         left = _left(arm, seen, best)
     return best[0, 0].T, best[0, 1], float(np.median(left))
@@ -259,5 +263,8 @@ def _nearest(rows: Array, wanted: Array) -> tuple[Array, float]:
     for _ in range(6):
         found = np.linalg.lstsq(rows[near].reshape(-1, rows.shape[2]), wanted[near].ravel(), rcond=1e-9)[0]
         left = np.linalg.norm(rows @ found - wanted, axis=1)
-        near = left <= max(_FAR * float(np.median(left)), _ROUNDING)
-    return np.asarray(found, dtype=float), float(np.median(left))
+        before, middle = near, float(np.median(left))
+        near = left <= max(_FAR * middle, _ROUNDING)
+        if np.array_equal(near, before):  # and so is all that follows from it
+            break
+    return np.asarray(found, dtype=float), middle

@@ -22,7 +22,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import njit, part
 from calibench.core.compilation.fused import fma
 from calibench.core.compilation.trigonometry import FAR, cos_sin, near_cos_sin
 from calibench.problems.arm.compiled._placement_kernels import ALONE, after, placement, turned
@@ -125,7 +125,7 @@ def targets(
     return seen[:, :, 0].copy()
 
 
-@njit()
+@part()
 def _whole(x: Array, template: Array, free: Index) -> Array:
     """Return all parameters of one candidate, shape (P, 1)."""
     full = np.empty((template.size, 1))
@@ -135,14 +135,14 @@ def _whole(x: Array, template: Array, free: Index) -> Array:
     return full
 
 
-@njit()
+@part()
 def _fill(full: Array, template: Array, lanes: int) -> None:
     for k in range(template.size):
         for i in range(lanes):
             full[k, i] = template[k]
 
 
-@njit()
+@part()
 def _targets(
     full: Array, fixed: Array, align: Array, sliding: Index, stands: Array, oriented: bool, seen: Array, lanes: int
 ) -> None:
@@ -178,7 +178,7 @@ def _targets(
                 seen[n, c, i] = v[c, i]
 
 
-@njit()
+@part()
 def _turned(q: float, zero: Array, gain: Array, cs: Array, lanes: int) -> None:
     for i in range(lanes):
         cs[0, i], cs[1, i] = near_cos_sin(gain[i] * (q + zero[i]))
@@ -187,14 +187,14 @@ def _turned(q: float, zero: Array, gain: Array, cs: Array, lanes: int) -> None:
             cs[0, i], cs[1, i] = cos_sin(gain[i] * (q + zero[i]))
 
 
-@njit()
+@part()
 def _turn(v: Array, at: int, cs: Array, lanes: int) -> None:
     for i in range(lanes):
         c, s, x, y = cs[0, i], cs[1, i], v[at, i], v[at + 1, i]
         v[at, i], v[at + 1, i] = fma(c, x, -(s * y)), fma(s, x, c * y)
 
 
-@njit()
+@part()
 def _through(v: Array, at: int, frame: Array, lanes: int) -> None:
     for i in range(lanes):
         x, y, z = v[at, i], v[at + 1, i], v[at + 2, i]
@@ -203,7 +203,7 @@ def _through(v: Array, at: int, frame: Array, lanes: int) -> None:
         v[at + 2, i] = fma(frame[6, i], x, fma(frame[7, i], y, frame[8, i] * z))
 
 
-@njit()
+@part()
 def _frames(full: Array, fixed: Array, align: Array, frames: Array, lanes: int) -> None:
     """Write C_0 .. C_J to `frames`, shape (J + 1, 12, lanes): the base goes into the first."""
     joints = align.shape[0]

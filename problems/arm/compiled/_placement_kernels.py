@@ -6,14 +6,14 @@ from typing import cast
 
 import numpy as np
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import part
 from calibench.core.compilation.trigonometry import cos_sin
 from calibench.problems.base import Array
 
 ALONE = cast(int, np.int64(0))  # the lane of a candidate alone; a literal would be compiled apart from what varies
 
 
-@njit()
+@part()
 def placement(full: Array, at: int, i: int, fixed: Array, turned: Array, frame: Array) -> None:
     """Write fixed . Trans(x, y, z) Rz(rz) Ry(ry) Rx(rx) to `frame`, shape (12,); `turned` are cosines and sines."""
     for a in range(3):
@@ -30,7 +30,7 @@ def placement(full: Array, at: int, i: int, fixed: Array, turned: Array, frame: 
         frame[9 + a] = fixed[9 + a] + (u * x + v * y + w * z)
 
 
-@njit()
+@part()
 def after(first: Array, second: Array, product: Array) -> None:
     """Write frame `first` times frame `second` to `product`, all of shape (12,)."""
     for a in range(3):
@@ -40,7 +40,7 @@ def after(first: Array, second: Array, product: Array) -> None:
         product[9 + a] = first[9 + a] + (u * second[9] + v * second[10] + w * second[11])
 
 
-@njit()
+@part()
 def turned(frame: Array, align: Array, found: Array) -> None:
     """Write `frame` followed by the rotation `align`, (9,)."""
     for a in range(3):

@@ -29,7 +29,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import part
 from calibench.problems.arm.compiled._placement_kernels import ALONE
 from calibench.problems.base import Array
 
@@ -38,7 +38,7 @@ POSITION, POSE, DISTANCE, SOCKET, GAP, PLANE, PAIR = range(7)
 ROWS = (3, 6, 1, 3, 1, 1, 6)
 
 
-@njit()
+@part()
 def total_of(
     full: Array, seen: Array, i: int, groups: Index, values: Array, weight: Array, planes: Array, sockets: int,
     limit: float, r: Array,
@@ -51,7 +51,7 @@ def total_of(
     return total
 
 
-@njit()
+@part()
 def rows_of(
     full: Array, seen: Array, i: int, groups: Index, values: Array, weight: Array, planes: Array, sockets: int,
     limit: float, r: Array,
@@ -67,7 +67,7 @@ def rows_of(
             _tamed(r[row : row + _count(kind)], limit)
 
 
-@njit()
+@part()
 def _group(
     full: Array, seen: Array, i: int, kind: int, a: int, b: int, values: Array, weight: Array, planes: Array,
     mean: Array, turned: Array, r: Array,
@@ -103,7 +103,7 @@ def _group(
         r[0] = weight[0] * (math.sqrt(apart) - values[0])
 
 
-@njit()
+@part()
 def reads_alone(groups: Index) -> bool:
     """Tell whether each reading is of one posture alone."""
     for g in range(groups.shape[0]):
@@ -112,7 +112,7 @@ def reads_alone(groups: Index) -> bool:
     return True
 
 
-@njit()
+@part()
 def means_of(seen: Array, screws: Array, groups: Index, mean: Array, moved: Array) -> None:
     """Write the mean place in each socket, (sockets, 3), and its slopes, (sockets, 3, dim)."""
     if mean.shape[0] > 0:
@@ -120,7 +120,7 @@ def means_of(seen: Array, screws: Array, groups: Index, mean: Array, moved: Arra
         _mean_slopes(screws, groups, moved)
 
 
-@njit()
+@part()
 def slopes_of(
     full: Array, free: Index, seen: Array, screws: Array, at: int, g: int, groups: Index, values: Array,
     weight: Array, planes: Array, mean: Array, moved: Array, limit: float, result: Array,
@@ -158,7 +158,7 @@ def slopes_of(
         _tame(r[: _count(kind)], limit, result[row : row + _count(kind)])
 
 
-@njit()
+@part()
 def _distance_slopes(first: Array, second: Array, weight: float, from_: Array, to: Array, j: Array) -> None:
     """Write the slopes of the distance of two places, (dim,), from those of the places, (3 or more, dim)."""
     apart = 0.0
@@ -172,12 +172,12 @@ def _distance_slopes(first: Array, second: Array, weight: float, from_: Array, t
         j[d] = weight * along / apart
 
 
-@njit()
+@part()
 def _count(kind: int) -> int:
     return 6 if kind in (POSE, PAIR) else 3 if kind in (POSITION, SOCKET) else 1
 
 
-@njit()
+@part()
 def _means(seen: Array, i: int, groups: Index, mean: Array) -> None:
     """Write the mean place in each socket to `mean`, shape (sockets, 3)."""
     count = np.zeros(mean.shape[0])
@@ -191,7 +191,7 @@ def _means(seen: Array, i: int, groups: Index, mean: Array) -> None:
             mean[s, c] /= count[s]
 
 
-@njit()
+@part()
 def _mean_slopes(screws: Array, groups: Index, moved: Array) -> None:
     count = np.zeros(moved.shape[0])
     for g in range(groups.shape[0]):
@@ -207,7 +207,7 @@ def _mean_slopes(screws: Array, groups: Index, moved: Array) -> None:
                 moved[s, c, d] /= count[s]
 
 
-@njit()
+@part()
 def _rotation(seen: Array, a: int, i: int, turned: Array) -> None:
     """Write the rotation of target a, (9,) by rows: z is x cross y."""
     xx, xy, xz = seen[a, 3, i], seen[a, 4, i], seen[a, 5, i]
@@ -217,7 +217,7 @@ def _rotation(seen: Array, a: int, i: int, turned: Array) -> None:
     turned[2], turned[5], turned[8] = xy * yz - xz * yy, xz * yx - xx * yz, xx * yy - xy * yx
 
 
-@njit()
+@part()
 def _entry(turned: Array, measured: Array, a: int, b: int) -> float:
     """Return (R M')_ab."""
     at, to = 3 * a, 3 * b
@@ -225,14 +225,14 @@ def _entry(turned: Array, measured: Array, a: int, b: int) -> float:
     return entry
 
 
-@njit()
+@part()
 def _turned_past(turned: Array, measured: Array, weight: float, r: Array) -> None:
     for c in range(3):
         a, b = (c + 1) % 3, (c + 2) % 3
         r[c] = 0.5 * weight * (_entry(turned, measured, b, a) - _entry(turned, measured, a, b))
 
 
-@njit()
+@part()
 def _turn_slopes(turned: Array, measured: Array, weight: float, turns: Array, j: Array) -> None:
     """Write the slopes of `_turned_past`: with Q = R M' and dR = [w] R they are (tr(Q) I - Q) w / 2."""
     trace = 0.0
@@ -247,7 +247,7 @@ def _turn_slopes(turned: Array, measured: Array, weight: float, turns: Array, j:
                 j[c, d] -= part * turns[k, d]
 
 
-@njit()
+@part()
 def _seen_from(seen: Array, a: int, b: int, i: int, turned: Array, place: Array) -> None:
     """Write rotation, (9,), and place, (3,), of target b as seen from target a."""
     first, second = np.empty(9), np.empty(9)
@@ -260,7 +260,7 @@ def _seen_from(seen: Array, a: int, b: int, i: int, turned: Array, place: Array)
             turned[3 * c + k] = first[c] * second[k] + first[3 + c] * second[3 + k] + first[6 + c] * second[6 + k]
 
 
-@njit()
+@part()
 def _pair_slopes(seen: Array, a: int, b: int, values: Array, weight: Array, screws: Array, j: Array) -> None:
     """Write the slopes of a pair, (6, dim): R_a' of the differences in place and turn."""
     first, turned, place, dim = np.empty(9), np.empty(9), np.empty(3), j.shape[1]
@@ -280,7 +280,7 @@ def _pair_slopes(seen: Array, a: int, b: int, values: Array, weight: Array, scre
     _turn_slopes(turned, values[3:], weight[1], turns, j[3:])
 
 
-@njit()
+@part()
 def _plane_slopes(
     full: Array, free: Index, seen: Array, a: int, b: int, planes: Array, weight: float, screws: Array, j: Array
 ) -> None:
@@ -302,7 +302,7 @@ def _plane_slopes(
         j[0, d] = weight * slope / size
 
 
-@njit()
+@part()
 def _tamed(r: Array, limit: float) -> None:
     """Shorten a group's residuals to the length c sqrt(log(1 + s^2 / c^2))."""
     square = 0.0
@@ -314,7 +314,7 @@ def _tamed(r: Array, limit: float) -> None:
         r[k] *= factor
 
 
-@njit()
+@part()
 def _tame(r: Array, limit: float, j: Array) -> None:
     """Turn slopes of a group's plain residuals r into those of the shortened ones."""
     square = 0.0

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import part
 from calibench.core.compilation.trigonometry import FAR, cos_sin, near_cos_sin
 from calibench.problems.arm.compiled._placement_kernels import ALONE, placement, turned
 from calibench.problems.base import Array
@@ -24,7 +24,7 @@ Index = NDArray[np.int64]
 WIDE = 16
 
 
-@njit()
+@part()
 def links(full: Array, fixed: Array, align: Array, link: Array, ways: Array, frames: Array) -> None:
     """Write the links L_0 (base) .. L_J+1 (tool), (J + 2, 12), and what their parameters move along, (J + 2, 18).
 
@@ -55,7 +55,7 @@ def links(full: Array, fixed: Array, align: Array, link: Array, ways: Array, fra
             frames[a * WIDE + i], frames[(12 + a) * WIDE + i] = none[a], link[0, a]
 
 
-@njit()
+@part()
 def screws_of(
     which: Index, full: Array, free: Index, sliding: Index, stands: Array, link: Array, ways: Array,
     frames: Array, places: Array, moved: Array, seen: Array, screws: Array, to: int, live: int,
@@ -109,7 +109,7 @@ def screws_of(
                 screws[to + i, a, c] = moved[(a * dim + c) * WIDE + i]
 
 
-@njit()
+@part()
 def _walk(
     which: Index, full: Array, sliding: Index, stands: Array, link: Array, frames: Array, places: Array, seen: Array,
     live: int,
@@ -162,21 +162,21 @@ def _walk(
                 seen[which[i], 6 + a, 0] = frames[last + (3 * a + 1) * WIDE + i]
 
 
-@njit()
+@part()
 def _along_one(frames: Array, row: int, x: float, y: float, z: float, to: Array, at: int) -> None:
     """Write a row of frames times (x, y, z)."""
     for i in range(WIDE):
         to[at + i] = frames[row + i] * x + frames[row + WIDE + i] * y + frames[row + 2 * WIDE + i] * z
 
 
-@njit()
+@part()
 def _along(frames: Array, at: int, x: float, y: float, z: float, moved: Array, out: int, dim: int) -> None:
     """Write the direction (x, y, z) of the frames as the world sees it."""
     for a in range(3):
         _along_one(frames, at + 3 * a * WIDE, x, y, z, moved, out + a * dim * WIDE)
 
 
-@njit()
+@part()
 def _about(
     frames: Array, at: int, x: float, y: float, z: float, places: Array, place: int, end: int, moved: Array, out: int,
     dim: int,
@@ -195,7 +195,7 @@ def _about(
         moved[out + 2 * step + i] = ux * ly - uy * lx
 
 
-@njit()
+@part()
 def _circle(c: Array, s: Array) -> None:
     """Write cosines, and in the place of the angles their sines."""
     far = False
@@ -209,7 +209,7 @@ def _circle(c: Array, s: Array) -> None:
             c[i], s[i] = near_cos_sin(s[i])
 
 
-@njit()
+@part()
 def _directions(full: Array, at: int, local: Array) -> None:
     """Write the unit vectors that a placement's six parameters move along or turn about, (18,), in the frame before."""
     cy, sy = cos_sin(full[at + 4, 0])

@@ -24,7 +24,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import njit, part
 from calibench.core.compilation.fused import fma
 from calibench.core.compilation.trigonometry import FAR, cos_sin, near_cos_sin
 from calibench.problems.base import Array
@@ -181,7 +181,7 @@ def positions(x: Array, packed: Array) -> Array:
     return result
 
 
-@njit()
+@part()
 def _aligned(rows: int, columns: int) -> Array:
     """Return room that begins at a multiple of 64 bytes: a vector across two cache lines is loaded twice."""
     room = np.empty(rows * columns + _WIDTH)
@@ -189,7 +189,7 @@ def _aligned(rows: int, columns: int) -> Array:
     return room[first : first + rows * columns].reshape(rows, columns)
 
 
-@njit()
+@part()
 def _one(x: Array, packed: Array) -> Array:
     """Return the coefficients of one candidate, shape (16, 1)."""
     room = np.empty((Q + _COEFFICIENTS, 1))
@@ -200,14 +200,14 @@ def _one(x: Array, packed: Array) -> Array:
     return k
 
 
-@njit()
+@part()
 def _fill(q: Array, packed: Array) -> None:
     for i in range(Q):
         for lane in range(q.shape[1]):
             q[i, lane] = packed[0, _TEMPLATE + i]
 
 
-@njit()
+@part()
 def _put(x: Array, packed: Array, q: Array) -> None:
     if x.shape[0] != packed[0, 1]:
         raise ValueError("x has another dimension than the problem")
@@ -215,7 +215,7 @@ def _put(x: Array, packed: Array, q: Array) -> None:
         q[int(packed[0, _FREE + c]), 0] = x[c]
 
 
-@njit()
+@part()
 def _coefficients(q: Array, packed: Array, k: Array, lanes: int) -> None:
     """Fill k, shape (16, lanes), with what does not change over the samples.
 
@@ -244,7 +244,7 @@ def _coefficients(q: Array, packed: Array, k: Array, lanes: int) -> None:
         k[13, i], k[14, i], k[15, i] = q[9, i], q[10, i], q[11, i]
 
 
-@njit()
+@part()
 def _sum_powers(k: Array, samples: Array, turn: int, n: int, total: Array, lanes: int) -> None:
     for j in range(turn, n, _SUMS):
         c1, s1, c2 = samples[0, j], samples[1, j], samples[2, j]
@@ -259,7 +259,7 @@ def _sum_powers(k: Array, samples: Array, turn: int, n: int, total: Array, lanes
             total[i] = fma(g, g, total[i])
 
 
-@njit()
+@part()
 def _sum_leg_errors(k: Array, samples: Array, turn: int, n: int, total: Array, lanes: int) -> None:
     for j in range(turn, n, _SUMS):
         c1, s1, c2 = samples[0, j], samples[1, j], samples[2, j]
@@ -273,7 +273,7 @@ def _sum_leg_errors(k: Array, samples: Array, turn: int, n: int, total: Array, l
             total[i] += _leg_errors_squared(w, d, k[13, i], k[14, i], k[15, i])
 
 
-@njit()
+@part()
 def _power_of(k: Array, samples: Array, j: int) -> tuple[float, float]:
     power: tuple[float, float] = _power(
         k[0, 0], k[1, 0], k[2, 0], k[3, 0], k[4, 0], k[5, 0], k[6, 0],
@@ -283,7 +283,7 @@ def _power_of(k: Array, samples: Array, j: int) -> tuple[float, float]:
     return power
 
 
-@njit()
+@part()
 def _power_slopes(k: Array, samples: Array, j: int, polar: bool, slopes: Array) -> None:
     """Write dg_j / dq, shape (15,), in the coordinates of q (so 12-14 are dg / d reading where polar)."""
     ux, uy, vx, vy, fd, hd, d = _radical_centre(
@@ -311,7 +311,7 @@ def _power_slopes(k: Array, samples: Array, j: int, polar: bool, slopes: Array) 
             slopes[12 + i] = -2.0 * weight * (ry * cosine - rx * sine)
 
 
-@njit()
+@part()
 def _power(
     ax2: float, ay2: float, ax3: float, ay3: float,
     p1: float, q1: float, p2: float, q2: float, p3: float, q3: float, r1: float, r12: float, r13: float,
@@ -327,7 +327,7 @@ def _power(
     return fma(-r1, d * d, fma(fd, fd, hd * hd)), d
 
 
-@njit()
+@part()
 def _radical_centre(
     ax2: float, ay2: float, ax3: float, ay3: float,
     p1: float, q1: float, p2: float, q2: float, p3: float, q3: float, r12: float, r13: float,
@@ -343,7 +343,7 @@ def _radical_centre(
     return ux, uy, vx, vy, fma(f, vy, -(h * uy)), fma(h, ux, -(f * vx)), d  # eq. (33)
 
 
-@njit()
+@part()
 def _leg_errors_squared(w: float, d: float, lb1: float, lb2: float, lb3: float) -> float:
     """Return the sum of the three (w / (|d| a_i))^2, eq. (37), by one division."""
     a1, a2, a3 = _reach_and_link(w, d, lb1), _reach_and_link(w, d, lb2), _reach_and_link(w, d, lb3)
@@ -359,6 +359,6 @@ def _reach_and_link(w: float, d: float, lb: float) -> float:
     return math.sqrt(_positive(fma(link, link, w))) + link
 
 
-@njit()
+@part()
 def _positive(value: float) -> float:
     return value if value > 0.0 else 0.0

@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import njit, part
 from calibench.core.compilation.fused import fma
 from calibench.problems.base import Array
 
@@ -57,7 +57,7 @@ def samples_of(machine: Array, points: Array) -> Array:
     return samples
 
 
-@njit()
+@part()
 def settle(machine: Array, dz: Array, samples: Array, room: Array) -> None:
     """Find the pose of least f = sum e_i^2 of each lane of a block, by Newton's method from its point.
 
@@ -80,19 +80,19 @@ def settle(machine: Array, dz: Array, samples: Array, room: Array) -> None:
         _fill_errors(machine, i, cosines[i], sines[i], samples[(2 + 2 * i) * LANES :], room, room[_E + i * LANES :])
 
 
-@njit()
+@part()
 def rests(room: Array, lane: int) -> bool:
     """Tell whether `settle` has found where a lane's motors come to rest."""
     return room[_MOVING + lane] == 0.0 and room[_FAR + lane] == 0.0  # type: ignore[no-any-return]
 
 
-@njit()
+@part()
 def errors_at(room: Array, lane: int) -> tuple[float, float, float]:
     """Return the errors of the three motors of a lane, rad."""
     return room[_E + lane], room[_E + LANES + lane], room[_E + 2 * LANES + lane]
 
 
-@njit()
+@part()
 def _step(room: Array) -> int:
     """Take a step in each lane that still moves; return how many do."""
     moving = 0
@@ -117,7 +117,7 @@ def _step(room: Array) -> int:
     return moving
 
 
-@njit()
+@part()
 def _add_leg(machine: Array, i: int, c: float, s: float, aim: Array, room: Array) -> None:
     """Add what leg i gives to f and its slopes, at each lane's (x, y).
 
@@ -142,7 +142,7 @@ def _add_leg(machine: Array, i: int, c: float, s: float, aim: Array, room: Array
         room[_HYY + j] += e * ((1.0 - 2.0 * jx * gy + k * gy * gy) * d)
 
 
-@njit()
+@part()
 def _fill_errors(machine: Array, i: int, c: float, s: float, aim: Array, poses: Array, errors: Array) -> None:
     """Fill `errors`, shape (LANES or more,), with motor i's errors [rad] at each lane's (x, y)."""
     ax, ay, la, lb = machine[2 * i], machine[2 * i + 1], machine[6 + i], machine[9 + i]
@@ -151,7 +151,7 @@ def _fill_errors(machine: Array, i: int, c: float, s: float, aim: Array, poses: 
         errors[j] = _error(ux, uy, aim[j], aim[LANES + j], c, s)[0]
 
 
-@njit()
+@part()
 def _error(ux: float, uy: float, wx: float, wy: float, c: float, s: float) -> tuple[float, float, float]:
     """Return the angle e [rad] from the direction w, turned back by dz, to u; its sine and its cosine."""
     across, along = wx * uy - wy * ux, wx * ux + wy * uy  # of the angle from w to u, which is small as dz is
@@ -162,7 +162,7 @@ def _error(ux: float, uy: float, wx: float, wy: float, c: float, s: float) -> tu
     return fma(sine * q, t, sine), sine, cosine
 
 
-@njit()
+@part()
 def _link(ax: float, ay: float, la: float, lb: float, x: float, y: float) -> tuple[float, float, float, float]:
     """Return the direction u of the active link with the hand at (x, y), and its m and 1/h; NaN out of reach."""
     dx, dy = x - ax, y - ay

@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from calibench.core.compilation.compiled import njit
+from calibench.core.compilation.compiled import njit, part
 from calibench.problems.base import Array
 from calibench.problems.planar.compiled._settling_kernels import (
     LANES,
@@ -149,7 +149,7 @@ def joint_angles(machine: Array, positions: Array) -> tuple[Array, Array]:
     return angles, slopes
 
 
-@njit()
+@part()
 def _fill(
     x: Array, machine: Array, reference: Array, points: Array, commanded: Array, projectors: Array,
     errors: Array, samples: Array, r: Array, room: Array,
@@ -175,7 +175,7 @@ def _fill(
     return total
 
 
-@njit()
+@part()
 def _errors_without_lanes(machine: Array, dz: Array, target: Array, point: Array) -> tuple[float, float, float]:
     """Return theta(P) + dz - target, rad, where the motors come to rest; NaN where they do not."""
     x, y = _settle(machine, dz, target, point)
@@ -186,7 +186,7 @@ def _errors_without_lanes(machine: Array, dz: Array, target: Array, point: Array
     )
 
 
-@njit()
+@part()
 def _hand(x: Array, reference: Array) -> tuple[float, float]:
     """Return where the hand stands: O + x, or where x is measured from a mark, O + x - truth."""
     return reference[0] + (x[0] - reference[2]), reference[1] + (x[1] - reference[3])
@@ -226,7 +226,7 @@ def _settle(machine: Array, dz: Array, target: Array, point: Array) -> tuple[flo
     return math.nan, math.nan
 
 
-@njit()
+@part()
 def _leg(machine: Array, i: int, x: float, y: float) -> tuple[float, float, float, float, float, float]:
     """Return theta of leg i at (x, y), its gradient [rad/mm], and its second derivatives xx, xy, yy; or six NaN.
 

@@ -36,7 +36,7 @@ def test_of_two_terms_of_one_signature_neither_leaves_a_set_alone() -> None:
     assert {"TF", "ECEC"} <= _sets(44000, 359)[0]
 
 
-@pytest.mark.parametrize("k", [107, 317])
+@pytest.mark.parametrize("k", [pytest.param(107, marks=pytest.mark.slow), 317])
 def test_a_circle_of_any_phase_is_a_rival_of_a_scale(k: int) -> None:
     """The sine and the cosine together explain as much as a scale of the declination; neither does alone."""
     first = _sets(37000, k)[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,6 +18,12 @@ from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.machines.mount import Mount
 from calibench.discrepancy.machines.mount.plan import planned
 from calibench.discrepancy.report import Left, OtherNoise, Place, Report
+
+
+@cache
+def _flexure() -> Report:
+    """Return the report of the shipped night, which most of these words are about."""
+    return discrepancy.explain("mount", read_measured(shipped_path("demo_flexure", "mount"), "mount"))
 
 
 def test_a_term_keeps_its_name_in_a_label() -> None:
@@ -57,8 +64,7 @@ def test_terms_of_the_other_kind_are_not_spoken_of() -> None:
 
 
 def test_noise_that_nobody_stated_is_not_called_stated() -> None:
-    data = read_measured(shipped_path("demo_flexure", "mount"), "mount")
-    report = discrepancy.explain("mount", data)
+    report = _flexure()
     said = " ".join([gap_sentence(report), *doubt_sentences(report)])
     assert "stated" not in said
     assert "times the noise" in said
@@ -80,9 +86,7 @@ def test_no_size_that_is_printed_before_a_night_is_larger_than_the_sky(capsys: p
 
 
 def _partly(times: float, place: Place | None) -> Report:
-    data = read_measured(shipped_path("demo_flexure", "mount"), "mount")
-    report = discrepancy.explain("mount", data)
-    return replace(report, verdict="partly", left=Left(times, place))
+    return replace(_flexure(), verdict="partly", left=Left(times, place))
 
 
 def test_no_page_says_that_one_times_the_noise_is_left() -> None:
@@ -104,7 +108,7 @@ def test_what_would_be_named_at_another_noise_is_said_by_name() -> None:
 
 
 def test_a_term_is_explained_once_and_called_by_its_code_then() -> None:
-    report = discrepancy.explain("mount", read_measured(shipped_path("demo_flexure", "mount"), "mount"))
+    report = _flexure()
     report = replace(report, findings=tuple(replace(f, caution="may be something else") for f in report.findings))
     assert "TF (the tube droops" in headline(report)
     assert doubt_sentences(report) == [
@@ -115,7 +119,7 @@ def test_a_term_is_explained_once_and_called_by_its_code_then() -> None:
 
 
 def test_many_names_are_told_without_intervals_and_not_one_by_one_again() -> None:
-    report = discrepancy.explain("mount", read_measured(shipped_path("demo_flexure", "mount"), "mount"))
+    report = _flexure()
     [finding] = report.findings
     four = [replace(finding, effect=f"{code} mount", family=code, set=()) for code in ("TF", "CH", "NP", "HCES")]
     assert "95 %" in headline(replace(report, findings=tuple(four[:3])))
