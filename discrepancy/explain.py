@@ -57,7 +57,7 @@ from calibench.discrepancy.report import (
     Verdict,
 )
 from calibench.discrepancy.search.alternatives import with_alternatives
-from calibench.discrepancy.search.finding import mostly_unseen, negative_size, parted_by
+from calibench.discrepancy.search.finding import cancelling, mostly_unseen, negative_size, parted_by
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import smoothed
 from calibench.discrepancy.search.stepwise import Selection, judged, select_stepwise
@@ -163,6 +163,7 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
             *(few_equations(base) if findings else ()),
             *negative_size(final, findings),
             *mostly_unseen(final, findings),
+            *cancelling(final, findings),
             *_many_waves(findings, machine.name),
             *_unfollowed(formulation),
             *_impossible(found, machine.name),

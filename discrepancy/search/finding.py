@@ -33,6 +33,7 @@ _PARTS = "look at the parts themselves"
 _TOGETHER = 0.5  # part of a column's variance: another column that explains so much goes together with it
 _NOT_POSES = "a known length, a second instrument, or a reading of another kind"
 _SEEN = 0.1  # of the size of a formula, half the way up and down: below it the terms cancel
+_AGAINST = 3.0
 _LIKE_A_READING = {"rad": (1e3, "mrad"), "mm": (1.0, "mm")}  # units of sizes that compare with what is read
 FORMULA_ERROR = "may be the error of the first formula"
 
@@ -179,24 +180,54 @@ def mostly_unseen(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
     formula is no size of the machine's error, and at other angles the formula tells nothing.
     """
     data = final.model.formulation.data
-    numbers = {name_of(effect): (effect, c) for effect, c in final.model.coefficients(final.x)}
+    units = {name_of(effect): effect.unit for effect in final.model.effects if len(effect.coefficients) > 1}
     notes = []
     for one in findings:
-        effect, c = numbers.get(one.effect, (None, None))
-        if effect is None or c is None or effect.unit not in _LIKE_A_READING or len(c) < 2:
-            continue
-        parts = [effect, *forms_of(effect, final.model.effects)]
-        moved = [part.shift(final.at.recorded, data, numbers[name_of(part)][1]) for part in parts]
-        changes = {name: sum(np.asarray(part[name]) for part in moved if name in part) for name in moved[0]}
-        swing = max((float(np.ptp(change)) / 2 for change in changes.values()), default=0.0)
-        if 0 < swing < _SEEN * abs(one.amplitude.value):
-            scale, unit = _LIKE_A_READING[effect.unit]
+        swing = max((float(np.ptp(change)) / 2 for change in _changes(final, one).values()), default=0.0)
+        unit = units.get(one.effect, "")
+        if unit in _LIKE_A_READING and 0 < swing < _SEEN * abs(one.amplitude.value):
+            scale, told = _LIKE_A_READING[unit]
             notes.append(
                 f"{effect_label(data.machine, one.family, one.target)}: over what was read it goes up and down by "
-                f"{plain(scale * swing, 2)} {unit} alone; its terms cancel there, or calibration takes them up: the "
+                f"{plain(scale * swing, 2)} {told} alone; its terms cancel there, or calibration takes them up: the "
                 "size is that of the formula, which tells nothing of other places"
             )
     return tuple(notes)
+
+
+def cancelling(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Return a note for each quantity that findings move to and fro against each other, `_AGAINST` times as far.
+
+    The error of a formula is taken up by another name on the same part, with the other sign. Each fits beside the other
+    alone, and none of their sizes is that of a cause.
+    """
+    machine, words = final.model.formulation.data.machine, words_of(roles_of(final.model.formulation))
+    moved: dict[str, list[tuple[Finding, Array]]] = {}
+    for one in findings:
+        for name, change in _changes(final, one).items():
+            moved.setdefault(name, []).append((one, change))
+    notes = []
+    for name, those in moved.items():
+        together = float(np.ptp(sum(change for _, change in those)))
+        large = [one for one, change in those if float(np.ptp(change)) > _AGAINST * together > 0]
+        if len(large) > 1:
+            told = " and ".join(effect_label(machine, one.family, one.target) for one in large)
+            notes.append(
+                f"{told} move {quantity_label(machine, name, words)} against each other, more than {_AGAINST:g} times "
+                "as far as together: beside each other none of them has the size of a cause"
+            )
+    return tuple(notes)
+
+
+def _changes(final: Fit, one: Finding) -> dict[str, Array]:
+    """Return quantity -> (n,): by how much a finding, with its form, moves what was read; {} for a law of the noise."""
+    data = final.model.formulation.data
+    numbers = {name_of(effect): (effect, c) for effect, c in final.model.coefficients(final.x)}
+    if one.effect not in numbers:
+        return {}
+    parts = [numbers[one.effect][0], *forms_of(numbers[one.effect][0], final.model.effects)]
+    moved = [part.shift(final.at.recorded, data, numbers[name_of(part)][1]) for part in parts]
+    return {name: np.asarray(sum(np.asarray(part[name]) for part in moved if name in part)) for name in moved[0]}
 
 
 def _left_out(found: Fit, best: Option) -> float:

@@ -128,7 +128,8 @@ def _over_itself(report: Report, one: Unnamed) -> str:
 
 def doubt_sentences(report: Report) -> list[str]:
     """Return the doubts on the names, and which names hold if the noise is not as stated."""
-    said = [f"{_label(report.machine, f)} {f.caution}." for f in report.findings if f.caution]
+    doubted = [(_label(report.machine, f), "," if f.form else "", f.caution) for f in report.findings if f.caution]
+    said = [f"{label}{comma} {caution}." for label, comma, caution in doubted]
     said = [f"{line[:1].upper()}{line[1:]}" for line in said]
     if report.other_noise:
         known = {f.effect for f in report.findings}  # the headline has their full words
@@ -166,7 +167,7 @@ def _named(machine: str, effect: str, again: bool) -> str:
 def _label(machine: str, finding: Finding) -> str:
     """Return an effect in words after the headline; one of another form is "like" it."""
     words = effect_label(machine, finding.family, finding.target, again=True)
-    return f"{words}, or like it: {finding.form}" if finding.form else words
+    return f"{words}, or what is like it" if finding.form else words
 
 
 def first_notes(report: Report) -> list[str]:
