@@ -69,7 +69,8 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, Written, Readings
     draws = resampled(fit, request.resamples)
     levels = tuple(_error(level, judged[level], ~wild, poses, request.distance) for level in LEVELS)
     fitted_rows = readings.where(train)
-    alone = _alone(fit, model, np.isfinite(judged[chosen].left) & ~wild) if chosen == "gains" else None
+    scaled = any(model.names[k].startswith("gain_") for k in fit.kept)
+    alone = _alone(fit, model, np.isfinite(judged[chosen].left) & ~wild) if scaled else None
     doubt = table_told(arm, table, request)
     notes = (
         *([doubt] if doubt else _far_off(levels, chosen, model, readings)), *arm.notes, *readings.notes,
@@ -196,12 +197,12 @@ def _uncounted(judged: HeldOut, wild: Mask) -> list[str]:
 
 def _alone(fit: Fit, model: ArmModel, there: Mask) -> float:
     """Return the error [mm] of what is written where nobody scales the joints' readings."""
-    p = fit.p.copy()
-    for k, name in enumerate(model.names):
+    p, place = fit.p.copy(), {name: k for k, name in enumerate(model.names)}
+    for name, k in place.items():
         if name.startswith("gain_"):
-            zero = [n for n in (f"zero_{name[5:]}",) if n in model.names]
-            for at in map(model.names.index, zero):
-                p[at] *= p[k]  # the zero as it is written
+            zero = place.get(name.replace("gain_", "zero_"))
+            if zero is not None:
+                p[zero] *= p[k]  # the zero as it is written
             p[k] = 1.0
     return rms(norms(model.errors(p))[there])
 
