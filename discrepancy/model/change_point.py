@@ -19,6 +19,8 @@ from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
+IN_ROWS = "row"  # the clock where none was read; it counts from 0
+
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -58,8 +60,8 @@ class ChangePoint:
 
     @property
     def begins_unit(self) -> str:
-        """Return the unit of that time; "" for a clock of the owner's, which may run in any."""
-        return "s" if self.clock == "t_s" else ""
+        """Return the unit of that time, `IN_ROWS` for the order of the rows; "" for a clock that may run in any."""
+        return {"t_s": "s", IN_ROWS: IN_ROWS}.get(self.clock, "")
 
     @property
     def ones(self) -> Array:

@@ -102,3 +102,13 @@ def test_a_tracker_that_went_elsewhere_is_refused_by_a_search_as_well(calibrate,
     said = capsys.readouterr()
     assert ended.value.code == 2
     assert "elsewhere for 30 of 79 poses, rows 51, 52, 53, 54, 55, 56 and 24 more" in said.out + said.err
+
+
+def test_a_kick_is_told_by_a_search_with_the_row_of_the_file(calibrate, tmp_path, capsys):
+    q, seen, _ = measured(60)
+    seen[36:] += [4.0, -3.0, 2.0]
+    (tmp_path / "my.csv").write_text(table(q, seen))
+    with pytest.raises(SystemExit):
+        main(["discover", "machine=arm", "machine.urdf=my.urdf", "data=my.csv", "units=x:mm,y:mm,z:mm"])
+    assert "displacement of the base" in (told := capsys.readouterr().out)
+    assert "from row 37 on" in told

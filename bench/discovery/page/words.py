@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import isfinite, isnan, pi
+from math import ceil, isfinite, isnan, pi
 
 from calibench.bench.discovery.next_step import clearest_place, missing_columns, next_step
 from calibench.bench.discovery.page.quantity import amount
@@ -19,6 +19,7 @@ from calibench.discrepancy.diagnostics.few_equations import FEW_EQUATIONS
 from calibench.discrepancy.diagnostics.one_reading import ALONE
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, part_label, quantity_label, quantity_of
+from calibench.discrepancy.model.change_point import IN_ROWS
 from calibench.discrepancy.model.measured.complete import STILL
 from calibench.discrepancy.model.measured.data import LEARNED, UNSTATED
 from calibench.discrepancy.report import Amplitude, Finding, OtherNoise, Place, Report, Rival, Unnamed
@@ -305,7 +306,11 @@ def coefficients_of(finding: Finding) -> str:
 
 def _begins(finding: Finding) -> str:
     """Return from where of its column on an effect acts, where that was searched for."""
-    return next((f"{BEGINS} {amount(c.value, c.unit)} on" for c in finding.coefficients if c.name == BEGINS), "")
+    for c in finding.coefficients:
+        if c.name == BEGINS:
+            where = f"row {ceil(c.value) + 1}" if c.unit == IN_ROWS else amount(c.value, c.unit)
+            return f"{BEGINS} {where} on"
+    return ""
 
 
 def _free_period(finding: Finding, brief: bool = False) -> str:
