@@ -69,6 +69,7 @@ def test_poses_beside_those_that_are_measured_keep_to_their_ranges(design, tmp_p
     assert found["error_mm"][0] < 1
     written = np.loadtxt(tmp_path / "poses.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(written, poses, atol=1e-6)
+    assert (tmp_path / "poses.csv").read_text().startswith("joint_1 [rad],joint_2 [rad],")
 
 
 def test_the_noise_of_readings_to_come_changes_nothing_of_those_that_are_measured(design, tmp_path):

@@ -20,7 +20,8 @@ def run(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--json",))
     found, to = planned(words)
     if to is not None:
-        lines = [",".join(found.chain.driven), *(",".join(f"{v:.6f}" for v in row) for row in found.joints)]
+        heads = [f"{name} [{'rad' if turn else 'mm'}]" for name, turn in _turning(found)]
+        lines = [",".join(heads), *(",".join(f"{v:.6f}" for v in row) for row in found.joints)]
         write_whole(to, lambda file: file.write(("\n".join(lines) + "\n").encode()))
     if "--json" in flags:
         print(json.dumps(found.to_dict(), allow_nan=False))
@@ -48,14 +49,19 @@ def run(argv: list[str]) -> int:
 
 
 def _print_poses(found: Planned) -> None:
-    kinds = {joint.name: joint.kind for joint in found.chain.joints}
-    turns = [kinds.get(name, "rotary") == "rotary" for name in found.chain.driven]
-    heads = [f"{name} [{'°' if turn else 'mm'}]" for name, turn in zip(found.chain.driven, turns, strict=True)]
+    turns = [turn for _, turn in _turning(found)]
+    heads = [f"{name} [{'°' if turn else 'mm'}]" for name, turn in _turning(found)]
     rows = []
     for k, (joints, target) in enumerate(zip(found.joints, found.target, strict=True), start=1):
         cells = [f"{np.rad2deg(v) if turn else v:.1f}" for v, turn in zip(joints, turns, strict=True)]
         rows.append([str(k), *cells, " ".join(f"{v:.0f}" for v in target)])
     print_table(["", *heads, "target [mm]"], rows)
+
+
+def _turning(found: Planned) -> list[tuple[str, bool]]:
+    """Return each joint with whether it turns; one that slides does not."""
+    kinds = {joint.name: joint.kind for joint in found.chain.joints}
+    return [(name, kinds.get(name, "rotary") == "rotary") for name in found.chain.driven]
 
 
 def _size(error: float) -> str:
