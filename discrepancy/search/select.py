@@ -124,9 +124,9 @@ def run_tests(
     kept: list[list[Array]] = [[], []]
     scored: list[list[Scored]] = [[], []]
     for group, members in enumerate((candidates, smooth)):
-        for number, (one, U) in enumerate(score_all(at, on, members, _least(group), bases=False)):
+        for one, U in score_all(at, on, members, _least(group), bases=False):
             scored[group].append(one)
-            if one.m and (one.effect.positions == 1 or number % 4 == 0) and len(U):
+            if one.m and len(U):
                 kept[group].append(U)
     p = []
     for group in (0, 1):
