@@ -12,6 +12,7 @@ import numpy as np
 
 from calibench.bench.calibration.fit import Fit, is_length, order_of, told_of
 from calibench.bench.calibration.model import ArmModel
+from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.base import Array
 
@@ -42,16 +43,21 @@ def foretold(fit: Fit, level: str) -> tuple[float, float]:
 
 def ranges(model: ArmModel) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Return the lowest and the highest value of each joint among the poses that were read, and by its limits."""
-    read = model.joints.min(axis=0), model.joints.max(axis=0)
-    there = {joint.name: joint for joint in model.chain.joints}
-    low, high = read[0].copy(), read[1].copy()
-    for k, name in enumerate(model.chain.driven):
+    low, high = model.joints.min(axis=0), model.joints.max(axis=0)
+    lower, upper = stops(model.chain)
+    ends = np.isfinite(upper - lower)
+    return (low, high), (np.where(ends, np.minimum(low, lower), low), np.where(ends, np.maximum(high, upper), high))
+
+
+def stops(chain: Chain) -> tuple[Array, Array]:
+    """Return the limits of each joint [rad, mm], half a turn to each side at most; inf of a slide without."""
+    there = {joint.name: joint for joint in chain.joints}
+    low, high = np.empty(len(chain.driven)), np.empty(len(chain.driven))
+    for k, name in enumerate(chain.driven):
         joint = there.get(name)
-        edge = np.pi if joint is None or joint.kind == "rotary" else np.inf  # a turn of either sense tells all
-        lower, upper = (-edge, edge) if joint is None else (max(-edge, joint.lower), min(edge, joint.upper))
-        if np.isfinite(upper - lower):
-            low[k], high[k] = min(low[k], lower), max(high[k], upper)
-    return read, (low, high)
+        edge = np.pi if joint is None or joint.kind == "rotary" else np.inf  # a turn to either side tells all
+        low[k], high[k] = (-edge, edge) if joint is None else (max(-edge, joint.lower), min(edge, joint.upper))
+    return low, high
 
 
 def at(model: ArmModel, joints: Array) -> ArmModel:

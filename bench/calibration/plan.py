@@ -9,7 +9,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from calibench.bench.calibration.carries import at
+from calibench.bench.calibration.carries import at, stops
 from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.fit import Fit, determined, fitted, is_length, order_of
 from calibench.bench.calibration.model import ArmModel, model_of
@@ -32,7 +32,7 @@ from calibench.problems.base import Array
 _POOL, _WORKSPACE = 600, 200  # random poses: to choose from, and to compute the arm's error over
 _MOST = 200
 _NOT_KNOWN = "collisions and the line of sight are not known here: leave out what cannot be reached"
-_TURN = np.pi  # of a joint without limits
+_SLIDE = 1000.0  # mm to each side, of a joint that slides without limits
 Limits = Literal["urdf", "table", "data"]
 _KEYS = {
     "machine": "arm", "machine.urdf": "my.urdf", "machine.dh": "my_table.csv", "machine.convention": "standard",
@@ -235,16 +235,9 @@ def _random(
     chain: Chain, fit: Fit | None, limits: Limits, rng: np.random.Generator, count: int, box: Array | None
 ) -> Array:
     """Return random poses inside the joints' limits, (count, j), whose tip lies in `box` where one is stated."""
-    there = {joint.name: joint for joint in chain.joints}
-    low, high = np.empty(len(chain.driven)), np.empty(len(chain.driven))
-    for k, name in enumerate(chain.driven):
-        joint = there.get(name)
-        if joint is not None and joint.kind == "sliding" and not _is_open(joint):
-            low[k], high[k] = joint.lower, joint.upper
-            continue
-        edge = _TURN if joint is None or joint.kind == "rotary" else 1000.0
-        low[k] = max(-edge, -np.inf if joint is None else joint.lower)
-        high[k] = min(edge, np.inf if joint is None else joint.upper)
+    low, high = stops(chain)
+    endless = ~np.isfinite(high - low)
+    low[endless], high[endless] = np.maximum(low[endless], -_SLIDE), np.minimum(high[endless], _SLIDE)
     if limits == "data" and fit is not None:
         low, high = fit.model.joints.min(axis=0), fit.model.joints.max(axis=0)
     found = np.empty((0, len(low)))

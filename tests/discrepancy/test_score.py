@@ -135,7 +135,7 @@ def test_the_linear_size_of_an_effect_has_the_sign_of_its_fit() -> None:
 
 
 def test_the_law_of_the_smallest_p_is_drawn_for_every_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of steps every fourth was drawn: of 240 sound arms 64 had a p below .2, and with all of them 51 have."""
+    """Of steps every fourth was drawn: of 240 sound arms 64 had a p below .2, and with all of them 59 have."""
     blind = case(901, kind="none")
     formulation = machines.make("gpm2002").formulate(MeasuredData(blind.columns, "gpm2002", blind.metadata, "case"))
     at = fit(Model(formulation), Noise())
