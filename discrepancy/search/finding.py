@@ -34,6 +34,9 @@ _TOGETHER = 0.5  # part of a column's variance: another column that explains so 
 _NOT_POSES = "a known length, a second instrument, or a reading of another kind"
 _SEEN = 0.1  # of the size of a formula, half the way up and down: below it the terms cancel
 _AGAINST = 3.0
+CANCELS = "its terms cancel there, or calibration takes them up"
+AGAINST_EACH_OTHER = "against each other, more than"
+NEVER_NEGATIVE = "is negative, and a"
 _LIKE_A_READING = {"rad": (1e3, "mrad"), "mm": (1.0, "mm")}  # units of sizes that compare with what is read
 FORMULA_ERROR = "may be the error of the first formula"
 
@@ -167,7 +170,7 @@ def negative_size(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
             continue
         told = " and ".join(f"the {quantity_label(machine, name, words)}" for name in columns.get(one.effect, ()))
         notes.append(
-            f"the size of {effect_label(machine, one.family, one.target)} is negative, and a {what} never is: either "
+            f"the size of {effect_label(machine, one.family, one.target)} {NEVER_NEGATIVE} {what} never is: either "
             f"{told or 'a column'} has the other sign, or another cause acts like it"
         )
     return tuple(notes)
@@ -189,8 +192,8 @@ def mostly_unseen(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
             scale, told = _LIKE_A_READING[unit]
             notes.append(
                 f"{effect_label(data.machine, one.family, one.target)}: over what was read it goes up and down by "
-                f"{plain(scale * swing, 2)} {told} alone; its terms cancel there, or calibration takes them up: the "
-                "size is that of the formula, which tells nothing of other places"
+                f"{plain(scale * swing, 2)} {told} alone; {CANCELS}: the size is that of the formula, which tells "
+                "nothing of other places"
             )
     return tuple(notes)
 
@@ -213,7 +216,7 @@ def cancelling(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
         if len(large) > 1:
             told = " and ".join(effect_label(machine, one.family, one.target) for one in large)
             notes.append(
-                f"{told} move {quantity_label(machine, name, words)} against each other, more than {_AGAINST:g} times "
+                f"{told} move {quantity_label(machine, name, words)} {AGAINST_EACH_OTHER} {_AGAINST:g} times "
                 "as far as together: beside each other none of them has the size of a cause"
             )
     return tuple(notes)

@@ -26,7 +26,7 @@ from calibench.discrepancy.thresholds import thresholds
 from calibench.discrepancy.validation.holdout import folds, held_out, root, shrink
 from calibench.problems.base import Array
 
-_LONE = "makes most of the error of the readings that were not fitted"
+LONE = "makes most of the error of the readings that were not fitted"
 _MOST = 0.75  # of the sum of squares: without the reading the error is less than half
 _FEW = 8  # readings: of fewer, one is more than an eighth of them all
 
@@ -112,7 +112,7 @@ def _lone(before: Array, after: Array, unseen: Formulation) -> tuple[str, ...]:
     others = np.arange(len(squares)) != k
     told, times = told_by(unseen, k), plain(root(after[others]) / root(before[others]), 2)
     return (
-        f"one reading ({told}) {_LONE}: without it what was added brings that error to {times} times what it was; was "
+        f"one reading ({told}) {LONE}: without it what was added brings that error to {times} times what it was; was "
         "it misread, or is no other reading near it?",
     )
 

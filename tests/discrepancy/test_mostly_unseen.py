@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibench.bench.discovery.page.page import Page
+from calibench.bench.discovery.page.words import size_notes
 from calibench.discrepancy import Joint, MeasuredData, Predicted, Roles, explain
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import fit
@@ -47,6 +49,10 @@ def test_what_the_arc_shows_of_a_larger_formula_is_told() -> None:
     assert abs(finding.amplitude.value) > 20 * SWING
     [note] = [note for note in report.notes if "its terms cancel there" in note]
     assert note.startswith("angle error of turntable: over what was read it goes up and down by ")
+    assert size_notes(report) == [note]
+    page = Page(report, notes=report.notes).html()
+    box = page.partition("<h2>")[0]
+    assert page.count("its terms cancel there") == box.count("its terms cancel there") == 1
     assert float(note.split(" down by ")[1].split(" mrad")[0]) == pytest.approx(1e3 * SWING, rel=0.25)
 
 

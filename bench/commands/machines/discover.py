@@ -13,6 +13,7 @@ from calibench.bench.discovery.page.words import (
     gap_sentence,
     headline,
     next_sentences,
+    size_notes,
     unnamed_sentences,
 )
 from calibench.bench.discovery.request import read_discover
@@ -42,12 +43,12 @@ def _told(outcome: Outcome) -> str:
     lines = [f"{record.case} ({record.machine}{', searched before' if outcome.before else ''})"]
     if report is None:
         return f"{lines[0]}\n  failed: {record.error}\n"
-    first = first_notes(report)
+    first, sizes = first_notes(report), size_notes(report)
     lines += [f"  {note}" for note in first]
     lines += [f"  {said}" for said in (headline(report), *unnamed_sentences(report), gap_sentence(report))]
-    lines += [f"  {said}" for said in doubt_sentences(report)]
+    lines += [f"  {said}" for said in (*doubt_sentences(report), *sizes)]
     lines += [f"  measure next: {advice}" for advice in next_sentences(report)]
-    lines += [f"  note: {note}" for note in report.notes if note not in first]
+    lines += [f"  note: {note}" for note in report.notes if note not in (*first, *sizes)]
     if outcome.page is not None:
         lines.append(f"  {outcome.page}")
     return "\n".join(lines) + "\n"

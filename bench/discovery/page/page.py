@@ -29,6 +29,7 @@ from calibench.bench.discovery.page.words import (
     moved_sentence,
     next_sentences,
     noise_words,
+    size_notes,
     unnamed_sentences,
 )
 from calibench.bench.report.shared.page import inline_svg
@@ -74,6 +75,7 @@ class Page:
     def html(self) -> str:
         """Return the page."""
         report = self.report
+        above = {*first_notes(report), *size_notes(report)}
         mark, word = _MARKS[report.verdict]
         next_said = next_sentences(report)
         parameters = report.parameters
@@ -92,6 +94,7 @@ class Page:
                 *unnamed_sentences(report),
                 gap_sentence(report),
                 *doubt_sentences(report),
+                *(_sentence(note) for note in size_notes(report)),
                 moved_sentence(report, self.units),
                 chance_sentence(report),
             ],
@@ -113,7 +116,7 @@ class Page:
             correction=self.correction,
             advice=self._advice(next_said),
             limits=limits(report),
-            notes=[_sentence(str(note)) for note in self.notes if note not in first_notes(report)],
+            notes=[_sentence(str(note)) for note in self.notes if note not in above],
             provenance={key: value for key, value in self.provenance.items() if value},
             drawings={name: inline_svg(svg, name) for name, svg in self.drawings.items()},
         )

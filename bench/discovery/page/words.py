@@ -23,8 +23,9 @@ from calibench.discrepancy.model.change_point import IN_ROWS
 from calibench.discrepancy.model.measured.complete import STILL
 from calibench.discrepancy.model.measured.data import LEARNED, UNSTATED
 from calibench.discrepancy.report import Amplitude, Finding, OtherNoise, Place, Report, Rival, Unnamed
-from calibench.discrepancy.search.finding import BEGINS, FREE_PERIOD
+from calibench.discrepancy.search.finding import AGAINST_EACH_OTHER, BEGINS, CANCELS, FREE_PERIOD, NEVER_NEGATIVE
 from calibench.discrepancy.search.unnamed import NEAR
+from calibench.discrepancy.validation.gap import LONE
 
 _BELOW = 0.9  # of what noise alone leaves: an error below it was measured in a noise that is too wide
 _ALL = 0.99  # of what is more than noise
@@ -178,6 +179,12 @@ def first_notes(report: Report) -> list[str]:
         for note in report.notes
         if any(mark in note for mark in (ALONE, BEYOND, EXACT, FAR, FEW_EQUATIONS, SAME, STILL))
     ]
+
+
+def size_notes(report: Report) -> list[str]:
+    """Return the notes that say what the sizes of the findings, or the error that they leave, are worth."""
+    marks = (AGAINST_EACH_OTHER, CANCELS, LONE, NEVER_NEGATIVE)
+    return [note for note in report.notes if any(mark in note for mark in marks)]
 
 
 def noise_words(report: Report) -> str:
