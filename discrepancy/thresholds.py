@@ -66,7 +66,7 @@ class Thresholds:
     )  # fmt: skip
     residual_cut: float = _of(
         2.0, "core",
-        "size beyond which a residual of heavy-tailed noise is clipped (Huber), in scales of the t law", CONVENTION,
+        "size beyond which a residual of heavy-tailed noise is clipped (Huber), in scales of its core", CONVENTION,
     )  # fmt: skip
     scatter_asked: float = _of(
         2.5, "variance",
@@ -182,6 +182,10 @@ class Thresholds:
     drawn: int = _of(
         1000, "draws",
         "draws of noise in the same design, for the distribution of the smallest p", NUMERICAL,
+    )  # fmt: skip
+    tails_of: int = _of(50, "scores", "scores that are needed to tell whether their tails are heavy", JUDGED)
+    tails_heavy: float = _of(
+        1.0, "excess kurtosis", "of scores, above which they are clipped before they are tested", JUDGED,
     )  # fmt: skip
     p_sure: float = _of(1e-06, "p", "a smallest p below this is significant without draws", NUMERICAL)
     p_calm: float = _of(

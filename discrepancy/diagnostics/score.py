@@ -3,8 +3,9 @@
 A candidate's whitened columns are projected off the calibration Jacobian; U is an orthonormal basis of the result, the
 part that data can show. With scores y of unit variance, T = |U^T y|^2 is chi2 of U's rank. With the variance taken from
 the rest, (T / m) / ((y'y - T) / (N - p - m)) is F, exactly so for Gaussian noise however few the rows are. So the level
-depends neither on the stated noise nor on the number of readings. The smallest p of many candidates is calibrated with
-noise drawn in the same design.
+depends neither on the stated noise nor on the number of readings. Where the scores have heavy tails, p is that of
+clipped scores: a wild reading at one end of a covariate looks like something smooth. The smallest p of many candidates
+is calibrated with noise drawn in the same design.
 """
 
 from __future__ import annotations
@@ -26,6 +27,8 @@ from calibench.discrepancy.model.model import signature
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
+_OWN = 0.2  # of a score's variance that calibration must leave, for it to tell the tails of the noise
+_CORE = 1.4826  # standard deviations in the median of absolute values, of Gaussian ones
 _FULL = 1e6  # condition up to which columns are orthonormal after the second time
 _NUMBERS = 4_000_000  # held at once
 
@@ -113,6 +116,27 @@ class ProjectedScores:
         """Return the sum of squares of the scores."""
         return float(self.y @ self.y)
 
+    @cached_property
+    def excess_kurtosis(self) -> float:
+        """Return the excess kurtosis of the scores: how much heavier than Gaussian their tails are, at least 0.
+
+        Each counts in units of what noise alone would leave of it; those that calibration mostly absorbs do not count.
+        """
+        left = 1 - (self.Q**2).sum(axis=1)
+        squares = self.y[left > _OWN] ** 2 / left[left > _OWN]
+        if len(squares) < thresholds().tails_of or not squares.any():
+            return 0.0
+        return max(float((squares**2).mean() / squares.mean() ** 2) - 3.0, 0.0)
+
+    @cached_property
+    def tested(self) -> Array:
+        """Return the scores that p is computed from, (N,): clipped where their tails are heavy (Huber)."""
+        core = _CORE * float(np.median(np.abs(self.y)))
+        if core == 0 or self.excess_kurtosis <= thresholds().tails_heavy:
+            return self.y
+        cut = thresholds().residual_cut * core
+        return project_off(np.clip(self.y, -cut, cut), self.Q)
+
     @property
     def degrees(self) -> int:
         """Return the degrees of freedom that are left."""
@@ -126,8 +150,8 @@ class ProjectedScores:
         return rest * float(np.log(total / max(total - T, 1e-12 * total))) if total > 0 else 0.0
 
     def test(self, T: float, m: int) -> float:
-        """Return the p of the F test."""
-        total = self.total
+        """Return the p of the F test of what a candidate of rank m explains, T, of the `tested` scores."""
+        total = float(self.tested @ self.tested)
         return f_test(T, m, max(total, self.degrees) if self.bounded else total, self.degrees)
 
 
@@ -215,7 +239,9 @@ def subspaces(on: ProjectedScores, D: Array, least: float | None = None) -> list
 
 
 def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspace, Array]]:
-    """Yield for each of K candidates, columns D (N, K, k), the part that is visible, and the scores along it, (m,).
+    """Yield for each of K candidates, columns D (N, K, k), the part that is visible, and the scores along it.
+
+    These are (2, m): those of all scores, and of the `tested` ones.
 
     All columns are projected at once, by one product of matrices.
     """
@@ -223,7 +249,7 @@ def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspac
     size = np.sqrt(np.einsum("nkj,nkj->kj", D, D))
     size = np.where(size > 0, size, 1.0)
     left = project_off((D / size).reshape(N, K * k), on.Q, times=2)
-    along = (on.y @ left).reshape(K, k)
+    along = (np.stack([on.y, on.tested]) @ left).reshape(2, K, k).transpose(1, 0, 2)
     if k == 1:
         s = np.sqrt(np.einsum("nk,nk->k", left, left))[:, None]
         W, V, lengths = (left / np.where(s[:, 0] > 0, s[:, 0], 1.0)).reshape(N, K, 1), np.ones((K, 1, 1)), s
@@ -237,13 +263,13 @@ def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspac
         W = (each @ V / np.where(s > 0, s, 1.0)[:, None, :]).transpose(1, 0, 2)
     many, shown = s > least, V / np.where(s > 0, s, 1.0)[:, None, :]
     whole = many.all(axis=1)
-    back, z = shown / size[:, :, None], (along[:, None, :] @ shown)[:, 0]
+    back, z = shown / size[:, :, None], along @ shown
     for j in range(K):
         if whole[j]:
             yield Subspace(W[:, j], back[j], float(s[j, 0]), size[j], lengths[j]), z[j]
         else:
             kept = many[j]
-            yield Subspace(W[:, j, kept], back[j][:, kept], float(s[j, 0]), size[j], lengths[j]), z[j, kept]
+            yield Subspace(W[:, j, kept], back[j][:, kept], float(s[j, 0]), size[j], lengths[j]), z[j][:, kept]
 
 
 def score_all(
@@ -276,14 +302,14 @@ def score_all(
 
 
 def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: float) -> list[tuple[Scored, Array]]:
-    products = Sums(fit, np.column_stack([on.Q, on.y])).of(effects)
+    products = Sums(fit, np.column_stack([on.Q, on.y, on.tested])).of(effects)
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
     for k in {len(square) for square, _ in products}:
         places = [place for place, (square, _) in enumerate(products) if len(square) == k]
         square, across = (np.stack([products[place][i] for place in places]) for i in (0, 1))
         size = np.sqrt(np.diagonal(square, axis1=1, axis2=2))
         size = np.where(size > 0, size, 1.0)
-        absorbed, b = across[:, :-1] / size[:, None], across[:, -1] / size
+        absorbed, b = across[:, :-2] / size[:, None], across[:, -2:] / size[:, None]
         left = square / size[:, None] / size[:, :, None] - absorbed.transpose(0, 2, 1) @ absorbed
         squares, vectors = np.linalg.eigh(left)
         s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
@@ -294,14 +320,14 @@ def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: fl
             seen = Subspace(
                 np.empty((0, shown.shape[1])), shown / size[j, :, None], float(s[j, 0]), size[j], lengths[j]
             )  # fmt: skip
-            found[place] = _scored(fit, on, effects[place], seen, shown.T @ b[j]), seen.U
+            found[place] = _scored(fit, on, effects[place], seen, b[j] @ shown), seen.U
     return found
 
 
 def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Array) -> Scored:
-    T, m, scale = float(z @ z), len(z), fit.noise.gain
-    c = -seen.back @ z / scale  # a step of Gauss and Newton: what takes the residual away
-    return Scored(effect, T, m, on.test(T, m), c, seen.without_rows(), scale)
+    (T, tested), m, scale = (z**2).sum(axis=1), z.shape[1], fit.noise.gain
+    c = -seen.back @ z[0] / scale  # a step of Gauss and Newton: what takes the residual away
+    return Scored(effect, float(T), m, on.test(float(tested), m), c, seen.without_rows(), scale)
 
 
 def smallest_p_law(on: ProjectedScores, seen: Sequence[Array], rng: np.random.Generator) -> Array:

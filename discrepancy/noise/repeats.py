@@ -188,8 +188,14 @@ def variance(values: Array, t_degrees: float) -> float:
     return core * t_degrees / max(t_degrees - 2, 0.5)
 
 
-def excess_p(mean_square: float, degrees: float, behind: float) -> float:
-    """Return the probability of a mean square of scores this large under the noise alone."""
+def excess_p(mean_square: float, degrees: float, behind: float, excess_kurtosis: float = 0.0) -> float:
+    """Return the probability of a mean square of scores this large under the noise alone.
+
+    `degrees` are its degrees of freedom, and `behind` those of the estimate of the noise, infinite where it is stated.
+    Heavy tails make both mean squares scatter as if of fewer degrees, by 1 + half the excess kurtosis (Box and
+    Andersen 1955, J. R. Stat. Soc. B 17, 1-34).
+    """
+    degrees, behind = (count / (1 + excess_kurtosis / 2) for count in (degrees, behind))
     if not np.isfinite(behind):
         return float(chdtrc(degrees, mean_square * degrees))
     return float(fdtrc(degrees, behind, mean_square))

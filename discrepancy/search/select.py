@@ -131,12 +131,9 @@ def run_tests(
     p = []
     for group in (0, 1):
         smallest = min((s.p for s in scored[group]), default=1.0)
-        near = (
-            rng is not None and thresholds().p_sure < smallest < thresholds().p_calm
-        )  # outside these limits more draws would not change the decision
-        if near:
-            kept[group] += _of_waves(at, on, (candidates, smooth)[group])
-        law = smallest_p_law(on, kept[group], rng) if near and rng is not None else np.empty(0)
+        law = np.empty(0)
+        if rng is not None and thresholds().p_sure < smallest < thresholds().p_calm:  # else draws decide nothing
+            law = smallest_p_law(on, [*kept[group], *_of_waves(at, on, (candidates, smooth)[group])], rng)
         p.append(family_wise(smallest, law, max(len(scored[group]), 1)))
     smooth_sorted = tuple(sorted(scored[1], key=lambda s: -delta_bic(s, on)))
     return Tests(on, tuple(scored[0]), smooth_sorted, p[0], p[1])
@@ -147,8 +144,8 @@ def _least(group: int) -> float:
 
 
 def _of_waves(at: Fit, on: ProjectedScores, candidates: Sequence[Effect]) -> list[Array]:
-    """Return the visible bases of every second wave of free period, because neighbours are nearly the same."""
-    waves = [effect for effect in candidates if has_free_period(effect)][::2]
+    """Return the visible bases of the waves of free period, which the tests themselves do without."""
+    waves = [effect for effect in candidates if has_free_period(effect)]
     return [U for one, U in score_all(at, on, waves) if one.m and len(U)]
 
 

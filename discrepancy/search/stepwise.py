@@ -219,9 +219,13 @@ def _gained(base: Fit, at: Fit) -> float:
 
 def _overall(at: Fit, tests: Tests) -> float:
     """Return the p of "nothing is left": the smallest of names, smooth terms and lack of fit, each over its share."""
-    y, degrees = tests.on.y, tests.on.degrees
-    lack = excess_p(float(y @ y) / degrees, degrees, at.noise.known)
-    return min(tests.still, lack / thresholds().share_misfit)
+    return min(tests.still, _lack_of_fit(tests, at) / thresholds().share_misfit)
+
+
+def _lack_of_fit(tests: Tests, at: Fit) -> float:
+    """Return the probability under the noise alone of a misfit as large as that of a fit."""
+    on = tests.on
+    return excess_p(on.total / on.degrees, on.degrees, at.noise.known, on.excess_kurtosis)
 
 
 def verdict_of(
@@ -346,9 +350,7 @@ def _said(findings: Sequence[Finding]) -> Verdict:
 
 def _worth_it(selection: Selection, base: Fit) -> bool:
     """Return whether a smooth term gains anything, or the misfit is clear: without either an alarm does not count."""
-    y, degrees = selection.first.on.y, selection.first.on.degrees
-    misfit = excess_p(float(y @ y) / degrees, degrees, base.noise.known)
-    return selection.first.smooth_gain > 0 or misfit < thresholds().p_plain
+    return selection.first.smooth_gain > 0 or _lack_of_fit(selection.first, base) < thresholds().p_plain
 
 
 def _explained(base: Fit, at: Fit, r: Array | None = None) -> float:

@@ -24,6 +24,7 @@ from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.search.select import fit_with, run_tests
@@ -151,3 +152,60 @@ def test_the_law_of_the_smallest_p_is_drawn_for_every_candidate(monkeypatch: pyt
     with using(replace(THRESHOLDS, p_sure=0.0, p_calm=2.0)):
         tests = run_tests(at, candidates, (), np.random.default_rng(0))
     assert drawn[0] == sum(scored.m > 0 for scored in tests.names)
+
+
+def _local(rng: np.random.Generator, rows: int) -> list[np.ndarray]:
+    """Return bases (rows, 1) of which each depends on a tenth of the rows, most at one end of a covariate."""
+    place = np.argsort(rng.random(rows))
+    ramp = np.where(place < rows // 10, place + 1.0, 0.0)
+    return [np.roll(ramp, k)[:, None] for k in range(0, rows, 9)]
+
+
+def _alarms(draw, cut: float) -> float:
+    """Return how often the smallest p of local bases is below .02 family-wise, of 400 draws of noise."""
+    rng = np.random.default_rng(11)
+    Q, _ = np.linalg.qr(rng.standard_normal((240, 12)))
+    bases = [np.linalg.qr(D - Q @ (Q.T @ D))[0] for D in _local(rng, 240)]
+    hits = 0
+    with using(replace(THRESHOLDS, tails_heavy=cut)):
+        law = smallest_p_law(ProjectedScores(np.zeros(240), Q), bases, rng)
+        for _ in range(400):
+            y = draw(rng, 240)
+            on = ProjectedScores(y - Q @ (Q.T @ y), Q)
+            smallest = min(on.test(float(np.sum((U.T @ on.tested) ** 2)), 1) for U in bases)
+            hits += family_wise(smallest, law, len(bases)) < 0.02
+    return hits / 400
+
+
+def test_heavy_tails_make_no_more_alarms_than_gaussian_noise() -> None:
+    def tails(rng: np.random.Generator, rows: int) -> np.ndarray:
+        return rng.standard_t(3, rows)
+
+    assert _alarms(tails, np.inf) > 0.06
+    assert _alarms(tails, THRESHOLDS.tails_heavy) < 0.04
+    assert _alarms(lambda rng, rows: rng.standard_normal(rows), THRESHOLDS.tails_heavy) < 0.04
+
+
+def test_a_large_signal_is_found_as_surely_among_clipped_scores() -> None:
+    rng = np.random.default_rng(12)
+    Q, _ = np.linalg.qr(rng.standard_normal((300, 10)))
+    signal = np.sin(np.linspace(0, 9, 300))
+    signal -= Q @ (Q.T @ signal)
+    y = 0.7 * signal + rng.standard_t(2, 300)
+    on = ProjectedScores(y - Q @ (Q.T @ y), Q)
+    U = signal / np.linalg.norm(signal)
+    assert on.excess_kurtosis > 20
+    assert on.test(float(U @ on.tested) ** 2, 1) < 0.01 < f_test(float(U @ on.y) ** 2, 1, on.total, on.degrees)
+    assert np.abs(Q.T @ on.tested).max() < 1e-9
+
+
+def test_lack_of_fit_holds_its_level_under_heavy_tails() -> None:
+    rng = np.random.default_rng(13)
+    hits = {"told": 0, "untold": 0}
+    for _ in range(1000):
+        on = ProjectedScores(rng.standard_t(5, 300) / np.sqrt(5 / 3), np.empty((300, 0)))
+        mean = on.total / 300
+        hits["told"] += excess_p(mean, 300, np.inf, on.excess_kurtosis) < 0.02
+        hits["untold"] += excess_p(mean, 300, np.inf) < 0.02
+    assert hits["told"] / 1000 < 0.03
+    assert hits["untold"] / 1000 > 0.06
