@@ -189,17 +189,16 @@ def _line(upper: tuple[float, float], lower: tuple[float, float]) -> str:
 
 def files_listed() -> str:
     """Return the list of all files as Markdown: a fold a folder, under what it holds, with the rooms in order."""
+    tops = [ROOT / "calibench" / package for package in sorted(PACKAGES)] + [ROOT / "benchmarks", ROOT / "conf"]
     folds = []
-    for package in sorted(PACKAGES):
-        inside = ROOT / "calibench" / package
-        for folder in sorted({path.parent for path in inside.rglob("*.py")}):
-            files = sorted(path for path in folder.glob("*.py") if path.name != "__init__.py")
-            if not files:
-                continue
-            shown = ("calibench" if package == "testing" else "") / folder.relative_to(ROOT / "calibench")
+    for top in tops:
+        every = [path for path in top.rglob("*") if path.suffix in (".py", ".yaml") and path.name != "__init__.py"]
+        for folder in sorted({path.parent for path in every}):
+            lines = "\n".join(f"- `{path.name}`: {_told(path)}" for path in sorted(every) if path.parent == folder)
+            shown = folder.relative_to(ROOT)
+            shown = shown if top.name == "testing" or top.parent == ROOT else shown.relative_to("calibench")
             own = folder / "__init__.py"
             what = f": {_first_sentence(own)}" if own.exists() else ""
-            lines = "\n".join(f"- `{path.name}`: {_first_sentence(path)}" for path in files)
             head = f'<details markdown="1"><summary><code>{shown}/</code>{_as_html(what)}</summary>'
             folds.append(f"{head}\n\n{lines}\n\n</details>")
     return "\n".join(folds)
@@ -211,13 +210,25 @@ def with_files(page: str) -> str:
     return f"{before}{BEGIN}\n\n{files_listed()}\n\n{END}{rest.partition(END)[2]}"
 
 
+def _told(path: Path) -> str:
+    """Return what a file says first of itself: a module its first sentence, a study its description or first remark."""
+    if path.suffix == ".py":
+        return _first_sentence(path)
+    text = path.read_text(encoding="utf-8")
+    [said] = re.findall(r"^(?:description: |# )(.*(?:\n# .*)*)", text, re.MULTILINE)[:1]
+    return _first_of(said.replace("\n#", "").strip('"'))
+
+
 def _first_sentence(path: Path) -> str:
     """Return the first sentence of a module's docstring, in one line; raise `ValueError` for a module without one."""
     said, _ = _read(path)
     if not said:
         raise ValueError(f"{path}: a docstring is needed; its first sentence stands in docs/architecture.md")
-    whole = " ".join(said.split("\n\n")[0].split())
-    return re.split(r"(?<!al)\.\s(?=[A-Z`])", whole)[0].rstrip(":.").replace("``", "`")
+    return _first_of(" ".join(said.split("\n\n")[0].split())).replace("``", "`")
+
+
+def _first_of(text: str) -> str:
+    return re.split(r"(?<!al)\.\s(?=[A-Z`])", text)[0].rstrip(":.")
 
 
 def _as_html(text: str) -> str:
