@@ -163,7 +163,7 @@ TASKS = {  # what somebody wants to change: the row that tells it, and what stan
     "a further type of measured files": ("a format of measured files", "def read_measured"),
     "a further kind of observation of an arm": ("what may be observed of an arm", "OBSERVED = ("),
     "other colours of a figure": ("the colours and line styles of all figures", "COLOURS = ("),
-    "a sensor of four values whose steps are not told": ("coarse steps", "def lattice"),
+    "a sensor of four values whose steps are not told": ("coarse steps, wild readings", "def lattice"),
     "poses without a name that count as one pose": ("readings of one pose", "def _numbered"),
     "a prepared study that leaves a method out": ("a prepared study", "problem=sensor_zero,link_length,full11,full12"),
     "a further erratum of a paper": ("an erratum is computed in", "_SHOWN: Mapping"),
