@@ -7,7 +7,10 @@ the word.
 
 from __future__ import annotations
 
+import json
 import re
+import shlex
+from collections.abc import Mapping
 
 LONGEST_WORD = 100_000  # characters; Linux passes no word above 131 072 bytes
 DEEPEST = 30  # brackets inside brackets: no option needs more than 3; Hydra's parser gives up at some 90
@@ -60,6 +63,15 @@ def one_line(text: str) -> str:
 def shortened(text: str, most: int = _SHOWN) -> str:
     """Return `text`, or its first and last characters where it has more than `most`."""
     return text if len(text) <= most else f"{text[: most - _MARGIN]}…{text[-_MARGIN:]}"
+
+
+def as_columns(names: Mapping[str, str]) -> str:
+    """Return the word that gives columns other names, as a shell reads it.
+
+    >>> print(as_columns({"x": "Weg X", "y": "Weg Y"}))
+    columns='{"x":"Weg X","y":"Weg Y"}'
+    """
+    return f"columns={shlex.quote(json.dumps(dict(names), ensure_ascii=False, separators=(',', ':')))}"
 
 
 def _is_no_text(character: str) -> bool:

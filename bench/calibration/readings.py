@@ -17,6 +17,7 @@ from scipy.spatial import KDTree
 from calibench.bench.calibration.files import Table
 from calibench.core.counted import counted, plain
 from calibench.core.tables.marks import split_rows, valid_rows
+from calibench.core.words import as_columns
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain, ChainJoint
 from calibench.problems.arm.chains.kinematics import forward, nominal
@@ -117,8 +118,8 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
     elif position is None:
         raise DataError(
             f"no measured x, y and z were found among {', '.join(given)} (a distance alone is not read); "
-            'columns={"x": "NAME", "y": "NAME", "z": "NAME"} names them, or machine.observe=sockets for a ball in '
-            "sockets"
+            f"{as_columns({'x': 'NAME', 'y': 'NAME', 'z': 'NAME'})} names them, or machine.observe=sockets for a ball "
+            "in sockets"
         )
     elif observed == "pose" and angles is None:
         raise DataError(

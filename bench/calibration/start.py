@@ -18,6 +18,7 @@ import numpy as np
 from calibench.bench.calibration.readings import Readings, in_unit, joints_beside
 from calibench.core.counted import plain
 from calibench.core.options import suggest
+from calibench.core.words import as_columns
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.chains.kinematics import forward, nominal
@@ -119,7 +120,7 @@ def _in_mm(readings: Readings, found: Frames, poses: Array, chain: Chain, said: 
             x, y = names["x"], names["y"]
             raise DataError(
                 "x, y and z fit the arm as a left-handed frame only: an axis points the other way, or two are "
-                f'exchanged; columns={{"x": "{y}", "y": "{x}"}} exchanges x and y'
+                f"exchanged; {as_columns({'x': y, 'y': x})} exchanges x and y"
             )
     if unit is not None:
         found = frames_of_positions(poses, readings.position, _UNITS[unit])
@@ -195,7 +196,7 @@ def _why(readings: Readings, found: Frames, chain: Chain) -> str:
                 tried,
                 (
                     f"the columns of joints {one} and {other} are exchanged{_or_names(chain)}: "
-                    f'columns={{"q_{one}": "{columns[0]}", "q_{other}": "{columns[1]}"}}'
+                    f"{as_columns({f'q_{one}': columns[0], f'q_{other}': columns[1]})}"
                 ),
             )
     if said and _fits(best):

@@ -16,6 +16,7 @@ import numpy as np
 
 from calibench.core.options import suggest
 from calibench.core.tables.units import factor_to_base
+from calibench.core.words import as_columns
 from calibench.problems.base import Array
 
 POSITION = ("x", "y", "z")
@@ -132,7 +133,7 @@ class _Door:
     def column(self, target: str, name: str) -> str:
         """Return how a column is said to be what is called `target` here."""
         if self.option == "machine.":
-            return f'columns={{"{target}": "{name}"}} names it'
+            return f"{as_columns({target: name})} names it"
         return f"call its column {target}" if name == "NAME" else f"call the column {name} {target}"
 
 

@@ -362,7 +362,7 @@ def swapped_joints(q, seen):
         (lambda q, s: table(q, s, ("x1", "y1", "z1")), "fit the arm when they are mm: units=x1:mm,y1:mm,z1:mm"),
         (
             exchanged,
-            'as a left-handed frame only: an axis points the other way, or two are exchanged; columns={"x": "y"',
+            'as a left-handed frame only: an axis points the other way, or two are exchanged; columns=\'{"x":"y"',
         ),
         (
             lambda q, s: table(q, s, ("x [m]", "y [m]", "z [m]")),
@@ -375,7 +375,7 @@ def swapped_joints(q, seen):
         (lambda q, s: table(q[:-1], s[1:]), "if the readings of each row's joints stand in the row above"),
         (lambda q, s: table(q[1:], s[:-1]), "if the readings of each row's joints stand in the row below"),
         (reversed_joint, "joint joint_3 turns the other way than in the URDF"),
-        (swapped_joints, 'joints joint_2 and joint_3 are exchanged: columns={"q_joint_2": "joint_3"'),
+        (swapped_joints, 'joints joint_2 and joint_3 are exchanged: columns=\'{"q_joint_2":"joint_3"'),
         (lambda q, s: table(q + 0.4, s), "in the URDF (1 such row): is the column that of this joint, and its unit"),
         (
             lambda q, s: table(np.rad2deg(q), s, names=[f"{name} [rad]" for name in NAMES]),

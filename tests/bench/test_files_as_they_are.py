@@ -385,7 +385,7 @@ def test_a_variable_of_another_length_is_told_where_it_is_missed(tmp_path):
 
 def test_a_column_in_other_letters_is_proposed(tmp_path):
     (tmp_path / "run.csv").write_text("Theta,x\n1,2\n2,3\n")
-    with pytest.raises(DataError, match=re.escape('columns={"theta": "Theta"}')):
+    with pytest.raises(DataError, match=re.escape("""columns='{"theta":"Theta"}'""")):
         read_measured(tmp_path / "run.csv", "two_link")["theta"]
 
 

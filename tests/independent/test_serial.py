@@ -292,7 +292,7 @@ def test_three_poses_are_too_few(urdf) -> None:
 @pytest.mark.parametrize(
     ("order", "words"),
     [
-        (["qw", "qx", "qy", "qz"], 'rad with columns={"qw": "qx", "qx": "qy", "qy": "qz", "qz": "qw"}'),
+        (["qw", "qx", "qy", "qz"], """rad with columns='{"qw":"qx","qx":"qy","qy":"qz","qz":"qw"}'"""),
         (["qx", "qy", "qw", "qz"], "leave these columns out"),
         ([], "qx, qy, qz, qw are all 0 in 39 rows, which is no rotation"),
     ],

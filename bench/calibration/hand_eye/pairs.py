@@ -22,6 +22,7 @@ from calibench.bench.measured.renamed import pairs_of
 from calibench.core.counted import plain
 from calibench.core.options import suggest
 from calibench.core.tables.marks import valid_rows
+from calibench.core.words import as_columns
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import inverse
 from calibench.problems.arm.columns import Matched, in_base_units, match_columns
@@ -191,13 +192,13 @@ def _proposed(table: Table) -> str:
     names = [name for name, column in table.columns.items() if column.dtype.kind in "iuf" and name not in _NO_POSE]
     half = 7 if len(names) == 14 or (len(names) == 13 and _of_unit_length(table, names[3:7])) else 6
     if not 12 <= len(names) <= 14:
-        return """columns='{"flange_x":"NAME"}' names one"""
-    parts = [
-        f'"{side}_{own}":"{name}"'
+        return f"{as_columns({'flange_x': 'NAME'})} names one"
+    called = {
+        f"{side}_{own}": name
         for side, part in (("flange", names[:half]), ("board", names[half:]))
         for own, name in zip(("x", "y", "z", *_turns_of(part[3:])), part, strict=True)
-    ]
-    return f"if the columns stand in this order, flange first: columns='{{{','.join(parts)}}}'"
+    }
+    return f"if the columns stand in this order, flange first: {as_columns(called)}"
 
 
 def _of_unit_length(table: Table, names: Sequence[str]) -> bool:

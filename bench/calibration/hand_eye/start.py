@@ -21,6 +21,7 @@ import numpy as np
 from calibench.bench.calibration.hand_eye.pairs import Pairs, Pose
 from calibench.bench.calibration.readings import Mask
 from calibench.core.counted import plain
+from calibench.core.words import as_columns
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import inverse
 from calibench.problems.arm.frames import angle_between, nearest_rotation
@@ -116,12 +117,11 @@ def _quaternion(pose: Pose) -> bool:
 
 def _real_part_first(pose: Pose, named: float, other: float) -> str:
     names = pose.columns[3:]
-    order = ", ".join(f'"{prefix}": "{name}"' for prefix, name in zip(
-        (f"{names[0].rpartition('_')[0] or 'board'}_{q}" for q in ("qw", "qx", "qy", "qz")), names, strict=True
-    ))  # fmt: skip
+    side = names[0].rpartition("_")[0] or "board"
+    order = {f"{side}_{q}": name for q, name in zip(("qw", "qx", "qy", "qz"), names, strict=True)}
     return (
         f"{', '.join(names)} fit {_more(named, other)} times better if the first of them is the real part of the "
-        f"quaternion: columns='{{{order}}}'"
+        f"quaternion: {as_columns(order)}"
     )
 
 

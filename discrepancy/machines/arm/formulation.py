@@ -17,6 +17,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from calibench.core.counted import plain
+from calibench.core.words import as_columns
 from calibench.discrepancy.checks.wild_readings import without_wild
 from calibench.discrepancy.machines.arm.geometry import (
     BASE,
@@ -318,7 +319,8 @@ def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
         raise DataError(
             f"{data.name}: x, y, z fit this arm only in a mirror ({plain(found.mirrored, 3)} mm left for "
             f"{plain(left, 3)}): one "
-            'axis of the tracker counts the other way round, or two are exchanged; columns={"x":"y","y":"x"} does'
+            f"axis of the tracker counts the other way round, or two are exchanged; {as_columns({'x': 'y', 'y': 'x'})} "
+            "exchanges x and y"
         )
     if told := two_stands(found, flange(read), seen):
         others = data.rows_named(np.flatnonzero(fitted)[told[0]])

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.words import as_columns
 from calibench.discrepancy.machines.arm.geometry import cross
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.problems.arm.chains.rigid import quaternion, turn
@@ -48,7 +48,7 @@ def other_turns(data: MeasuredData) -> dict[str, Array]:
         numbers = [np.asarray(data[name], dtype=float) for name in QUATERNION]
         names = {name: QUATERNION[k] for k, name in enumerate(("qw", "qx", "qy", "qz"))}
         w, x, y, z = numbers
-        return {f"columns={json.dumps(names)}": np.asarray(quaternion(x, y, z, w)[:, :3, :3])}
+        return {as_columns(names): np.asarray(quaternion(x, y, z, w)[:, :3, :3])}
     degrees = data.with_columns({name: np.deg2rad(np.asarray(data[name], dtype=float)) for name in ANGLES})
     called = data.metadata.get(CALLED, {})
     said = f"units={','.join(f'{called.get(name, name)}:deg' for name in ANGLES)} rotation="

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.options import suggest
+from calibench.core.words import as_columns
 from calibench.discrepancy.checks.enter import entered
 from calibench.discrepancy.model.measured.data import Column, DataError, MeasuredData
 from calibench.problems.base import Array
@@ -90,7 +91,7 @@ def accepted(data: MeasuredData) -> MeasuredData:
     if missing:
         raise DataError(
             f"{data.name}: no column {', '.join(missing)}; there are {', '.join(data.in_file)}: "
-            f'columns={{"{missing[0]}": "NAME"}} tells another name'
+            f"{as_columns({missing[0]: 'NAME'})} tells another name"
         )
     data = entered(data)
     keep = np.isfinite(_numbers(data, "deviation"))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.tables.marks import split_rows
+from calibench.core.words import as_columns
 
 Column = NDArray[Any]
 TO_PREDICT = "row_to_predict"  # the place of a row that a report predicts
@@ -82,7 +83,7 @@ class MeasuredData:
             unread = [f"; {note}" for note in self.notes if UNREAD in note and column in re.findall(r"\w+", note)]
             raise DataError(
                 f"{self.name}: column {column!r} is missing; there are {', '.join(self.in_file)}; where the file has "
-                f'another name for it: columns={{"{column}": "{like[0] if like else "NAME"}"}}{"".join(unread)}'
+                f"another name for it: {as_columns({column: like[0] if like else 'NAME'})}{''.join(unread)}"
             )
         return self.columns[column]
 
