@@ -53,6 +53,7 @@ from calibench.discrepancy.report import (
     OtherNoise,
     ParameterChange,
     Place,
+    ReadingNoise,
     Report,
     Verdict,
 )
@@ -174,10 +175,20 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
         nearest=nearest,
         shortest=shortest_of(known.candidates),
         parted_by=_parted_by(found, nearest, machine.name) if verdict == "unknown" else (),
+        reading_noise=_reading_noise(final.model.formulation),
         words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine.name, n).label},
         candidates=table,
         fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base), machine),
     )
+
+
+def _reading_noise(formulation: Formulation) -> tuple[ReadingNoise, ...]:
+    """Return the standard deviation of each kind of reading, the median over the rows."""
+    kinds: dict[tuple[float, str], list[str]] = {}
+    for sensor in formulation.sensors:
+        unit = sensor.unit or quantity_of(formulation.data.machine, sensor.column).unit
+        kinds.setdefault((float(np.median(formulation.sigma[sensor.column])), unit), []).append(sensor.column)
+    return tuple(ReadingNoise(tuple(columns), size, unit) for (size, unit), columns in kinds.items())
 
 
 def _calibrated(formulation: Formulation) -> tuple[Fit, tuple[Undetermined, ...], tuple[str, ...]]:

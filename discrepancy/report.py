@@ -162,6 +162,16 @@ class Shortest:
 
 @final
 @dataclass(frozen=True)
+class ReadingNoise:
+    """The standard deviation of one reading of each of some columns, as it was stated or assumed, in `unit`."""
+
+    columns: tuple[str, ...]
+    size: float
+    unit: str
+
+
+@final
+@dataclass(frozen=True)
 class OtherNoise:
     """The result of a search under noise of `factor` times the stated one: its verdict, and the names that stand."""
 
@@ -231,6 +241,7 @@ class Report:
     `unnamed` are the smooth functions of the verdict unknown, `nearest` the formula nearest to them, and `shortest` the
     shortest waves that were looked for. `parted_by`, of that verdict, are other kinds of readings that would part the
     names that came nearest, in words.
+    `reading_noise` is the noise in whose times the gap is told, columns of one size together.
     `candidates` and `fitted` belong to the search itself: a report that was read back from JSON has none.
     """
 
@@ -253,6 +264,7 @@ class Report:
     nearest: Nearest | None = None
     shortest: tuple[Shortest, ...] = ()
     parted_by: tuple[str, ...] = ()
+    reading_noise: tuple[ReadingNoise, ...] = ()
     candidates: tuple[Candidate, ...] = field(default=(), repr=False)
     fitted: Fitted | None = field(default=None, repr=False, compare=False)
 
@@ -329,6 +341,10 @@ class Report:
                 Shortest(s["column"], _real(s.get("period")), s["unit"]) for s in told.get("shortest") or ()
             ),
             parted_by=tuple(str(kind) for kind in told.get("parted_by") or ()),
+            reading_noise=tuple(
+                ReadingNoise(tuple(str(name) for name in n["columns"]), _real(n.get("size")), n["unit"])
+                for n in told.get("reading_noise") or ()
+            ),
         )
 
     def _fitted(self) -> Fitted:

@@ -69,6 +69,18 @@ def test_every_verdict_is_a_sentence_and_a_page(verdict, findings, said):
         assert page.count("<h1>") == 1
 
 
+def test_the_size_of_the_noise_is_told_where_it_is_one_and_has_a_unit():
+    def said(*noises):
+        return gap_sentence(told(findings=[FINDING], gap=GAP, reading_noise=list(noises)))
+
+    tracker = {"columns": ["x", "y"], "size": 0.05, "unit": "mm"}
+    assert "2.50 times the stated noise of 50.0 µm without the effect" in said(tracker)
+    for noises in ((), (tracker, {"columns": ["enc_1"], "size": 2e-5, "unit": "rad"}), ({**tracker, "unit": "1"},)):
+        assert "2.50 times the stated noise without the effect" in said(*noises)
+    again = told(findings=[FINDING], gap=GAP, reading_noise=[tracker])
+    assert Report.from_dict(again.to_dict()).reading_noise == again.reading_noise
+
+
 def test_the_gap_is_told_on_what_there_was_to_tell_it_on():
     def named(gap):
         return told(findings=[FINDING], gap=gap)

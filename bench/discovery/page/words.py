@@ -22,7 +22,7 @@ from calibench.discrepancy.labels import effect_label, part_label, quantity_labe
 from calibench.discrepancy.model.change_point import IN_ROWS
 from calibench.discrepancy.model.measured.complete import STILL
 from calibench.discrepancy.model.measured.data import LEARNED, UNSTATED
-from calibench.discrepancy.report import Amplitude, Finding, OtherNoise, Place, Report, Rival, Unnamed
+from calibench.discrepancy.report import Amplitude, Finding, OtherNoise, Place, ReadingNoise, Report, Rival, Unnamed
 from calibench.discrepancy.search.finding import AGAINST_EACH_OTHER, BEGINS, CANCELS, FREE_PERIOD, NEVER_NEGATIVE
 from calibench.discrepancy.search.unnamed import NEAR
 from calibench.discrepancy.validation.gap import LONE
@@ -221,7 +221,7 @@ def gap_sentence(report: Report) -> str:
     where = left_out if unseen else "On the fitted readings (none were held out)"
     low, high = gap.held_out_ci95
     ends = _interval(low, high)
-    said = f"{where} the error is {before:.2f} times {noise_words(report)}"
+    said = f"{where} the error is {before:.2f} times {noise_words(report)}{_of_one_size(report)}"
     if report.verdict == "none" or isnan(after) or after == before:
         return f"{said}{ends}; noise alone leaves {gap.noise_floor:.2f}."
     if floor_holds_the_gap(report):
@@ -235,6 +235,22 @@ def gap_sentence(report: Report) -> str:
     share = f"; of what is more than noise, {100 * gap.excess_shrink:.0f} % (in squares) is gone" if shrunk else ""
     share = "; what was added makes it no smaller" if after >= before else share
     return f"{said} {without} and {after:.2f}{ends} {with_it}; noise alone leaves {gap.noise_floor:.2f}{share}."
+
+
+def reading_noise_words(report: Report) -> str:
+    """Return the standard deviation of each kind of reading, in words."""
+    return "; ".join(f"{_size(noise)} ({', '.join(noise.columns)})" for noise in report.reading_noise)
+
+
+def _of_one_size(report: Report) -> str:
+    """Return how large the noise is, where that is one size for all readings and has a unit."""
+    noises = report.reading_noise
+    told = len(noises) == 1 and noises[0].size > 0 and noises[0].unit not in ("", "1")
+    return f" of {_size(noises[0])}" if told else ""
+
+
+def _size(noise: ReadingNoise) -> str:
+    return amount(noise.size, noise.unit).partition(" (")[0]
 
 
 def _interval(low: float, high: float) -> str:

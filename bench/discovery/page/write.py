@@ -9,20 +9,16 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from calibench.bench.discovery.page.figures import discovery_figures
 from calibench.bench.discovery.page.noise_charts import noise_charts
 from calibench.bench.discovery.page.page import Page
-from calibench.bench.discovery.page.quantity import amount
 from calibench.bench.discovery.page.series import series_of
+from calibench.bench.discovery.page.words import reading_noise_words
 from calibench.bench.discovery.record import SearchRecord
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.effects import families
-from calibench.discrepancy.labels import quantity_of
-from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.report import Report
 
@@ -43,23 +39,13 @@ def write_report(record: SearchRecord, report: Report, data: MeasuredData, folde
         units={p.name: p.unit for p in formulation.parameters},
         causes={family.name: (family.cause, family.formula) for family in families(report.machine)},
         provenance=_provenance(record),
-        noise=_stated_noise(formulation),
+        noise=reading_noise_words(report),
         correction=correction,
     )
     if correction is not None:
         write_whole(folder / correction.file, lambda file: file.write(correction.text.encode()))
     text = page.html().encode()
     return write_whole(folder / "report.html", lambda file: file.write(text))
-
-
-def _stated_noise(formulation: Formulation) -> str:
-    """Return the stated deviation of each kind of reading, in words."""
-    kinds: dict[str, list[str]] = {}
-    for sensor in formulation.sensors:
-        unit = sensor.unit or quantity_of(formulation.data.machine, sensor.column).unit
-        size = amount(float(np.median(formulation.sigma[sensor.column])), unit).partition(" (")[0]
-        kinds.setdefault(size, []).append(sensor.column)
-    return "; ".join(f"{size} ({', '.join(names)})" for size, names in kinds.items())
 
 
 def _provenance(record: SearchRecord) -> dict[str, Any]:
