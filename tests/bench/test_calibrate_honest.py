@@ -112,3 +112,22 @@ def test_a_kick_is_told_by_a_search_with_the_row_of_the_file(calibrate, tmp_path
         main(["discover", "machine=arm", "machine.urdf=my.urdf", "data=my.csv", "units=x:mm,y:mm,z:mm"])
     assert "displacement of the base" in (told := capsys.readouterr().out)
     assert "from row 37 on" in told
+
+
+def test_numbers_that_other_poses_would_tell_stand_apart_from_those_that_look_like_others(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-1, 1, (25, 6)) * 0.15
+    seen = np.array([placed(row)[0] for row in q]) + rng.normal(0, 0.03, (25, 3))
+    (tmp_path / "my.urdf").write_text(urdf())
+    (tmp_path / "my.csv").write_text(table(q, seen))
+    with pytest.raises(SystemExit):
+        main(["calibrate", "urdf=my.urdf", "data=my.csv", "level=geometry"])
+    found = json.loads((tmp_path / "results/calibrate/my/calibration.json").read_text())
+    badly = [one["parameter"] for one in found["undetermined"] if one["reason"].startswith("these poses would tell it")]
+    assert badly
+    said = capsys.readouterr().out
+    assert f"{len(found['undetermined']) - len(badly)} are not, and these poses tell " in said
+    page = (tmp_path / "results/calibrate/my/report.html").read_text()
+    told, _, folded = page.partition("What these data do not determine")[2].partition("<details>")
+    assert all(f">{name}<" in told and f">{name}<" not in folded.partition("</details>")[0] for name in badly)

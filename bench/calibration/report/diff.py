@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibench.bench.calibration.fit import Fit, is_length, order_of
-from calibench.bench.calibration.report.result import Change, Undetermined
+from calibench.bench.calibration.report.result import UNMOVED, Change, Undetermined
 from calibench.core.counted import plain
 from calibench.problems.arm.chains.rigid import rpy, rpy_of, shift, slide, turn
 from calibench.problems.arm.chains.urdf import Joint, Robot
@@ -59,7 +59,7 @@ def undetermined_of(fit: Fit, draws: Array) -> tuple[Undetermined, ...]:
         size = float(np.linalg.norm(others[:, j]))
         beyond = float(np.linalg.norm(left[:, j]))
         if size < 1e-9:
-            found.append(Undetermined(names[place], "moves no reading"))
+            found.append(Undetermined(names[place], UNMOVED))
         elif beyond**2 <= (1 - _SAME) * size**2:
             order = np.argsort(-np.abs(shares[:, j]))
             like = tuple(names[fit.kept[i]] for i in order[:3] if abs(shares[i, j]) > _TELLS * size)

@@ -11,6 +11,7 @@ from calibench.core.plain import finite
 from calibench.problems.base import Array
 
 SCHEMA_VERSION = 1
+UNMOVED = "moves no reading"  # the reason of a number that no reading depends on
 
 
 @final
@@ -52,6 +53,11 @@ class Undetermined:
     parameter: str
     reason: str
     like: tuple[str, ...] = ()
+
+    @property
+    def told_by_more_poses(self) -> bool:
+        """Return whether other poses would tell it: it acts like no other number, and moves what is read."""
+        return not self.like and self.reason != UNMOVED
 
 
 @final

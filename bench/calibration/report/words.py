@@ -13,6 +13,7 @@ LEVEL_WORDS = {
     "geometry": "zeros, lengths, angles",
     "gains": "these and joint scales",
 }
+_NAMED = 4  # numbers that are told by name
 _SHORT = {"position": "position", "pose": "position and rotation", "sockets": "a ball in sockets"}
 
 
@@ -53,7 +54,7 @@ def sentences(found: Calibration) -> list[str]:
     elif found.chosen != "frames":
         said.append(f"what is written is fitted to all {found.poses}; errors are of fits without the poses left out")
     if found.changes:
-        said.append(f"{len(found.changes)} numbers of the arm are determined by these data, {_kept(found)} are not")
+        said.append(f"{len(found.changes)} numbers of the arm are determined by these data, {_kept(found)}")
     worst = max((p for p in found.by_joint if isfinite(p.after)), key=lambda p: p.after, default=None)
     if worst is not None and worst.after > 1.3 * found.after.rms:
         said.append(f"largest where {worst.where}: {plain(worst.after, 3)} mm (before {plain(worst.before, 3)})")
@@ -61,7 +62,12 @@ def sentences(found: Calibration) -> list[str]:
 
 
 def _kept(found: Calibration) -> str:
-    return str(len(found.undetermined))
+    few = [one.parameter for one in found.undetermined if one.told_by_more_poses]
+    rest = len(found.undetermined) - len(few)
+    if not few:
+        return f"{rest} are not"
+    told = ", ".join(few) if len(few) <= _NAMED else f"{len(few)} numbers"
+    return f"{rest} are not, and these poses tell {told} too badly"
 
 
 def level_rows(found: Calibration) -> list[list[str]]:

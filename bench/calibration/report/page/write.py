@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees, isfinite
 from pathlib import Path
 
 from calibench.bench.calibration.report.page.figures import calibration_figures
-from calibench.bench.calibration.report.result import Calibration, Part
+from calibench.bench.calibration.report.result import Calibration, Part, Undetermined
 from calibench.bench.calibration.report.words import headline, level_rows, rows_of_changes, sentences
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.report.shared.drawing import save
@@ -44,9 +45,8 @@ def write_page(found: Calibration, folder: Path) -> Path:
         said=[_sentence(said) for said in sentences(found)],
         levels=_levels(found),
         changes=_table(("joint", "what", "changed by", "95 %"), rows_of_changes(found), ("changed by", "95 %")),
-        undetermined=_table(
-            ("number", "why it keeps its value"), [[u.parameter, u.reason] for u in found.undetermined]
-        ),
+        badly=_kept([one for one in found.undetermined if one.told_by_more_poses]),
+        undetermined=_kept([one for one in found.undetermined if not one.told_by_more_poses]),
         regions=_parts(found.regions),
         by_joint=_parts(found.by_joint),
         wild=_table(("reading", "error [mm]"), [[w.row, plain(w.error, 3)] for w in found.wild[:_MOST_WILD]]),
@@ -57,6 +57,10 @@ def write_page(found: Calibration, folder: Path) -> Path:
         drawings=drawings,
     )
     return write_whole(folder / "report.html", lambda file: file.write(text.encode()))
+
+
+def _kept(those: Sequence[Undetermined]) -> Table:
+    return _table(("number", "why it keeps its value"), [[one.parameter, one.reason] for one in those])
 
 
 def _sentence(said: str) -> str:
