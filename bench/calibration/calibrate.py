@@ -23,8 +23,8 @@ from calibench.bench.calibration.judged import FOLDS, HeldOut, crossed_out, pred
 from calibench.bench.calibration.model import ArmModel, model_of
 from calibench.bench.calibration.readings import Index, Mask, Readings, joints_beside, poses_of, read_readings
 from calibench.bench.calibration.report.diff import changes_of, placement, undetermined_of
-from calibench.bench.calibration.report.parts import by_joint, by_region
-from calibench.bench.calibration.report.result import Calibration, Drawn, Error, Wild
+from calibench.bench.calibration.report.parts import by_joint, by_region, drawn_of
+from calibench.bench.calibration.report.result import Calibration, Error, Wild
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.start import DOUBTFUL, started
 from calibench.core.counted import plain
@@ -79,7 +79,7 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, Written, Readings
         *_many_wild(wild), *_step(fit, fitted_rows), *_again(poses, train),
     )  # fmt: skip
     before, after = (np.where(wild, np.nan, judged[level].left) for level in ("frames", chosen))
-    drawn = Drawn(readings.joints, chain.driven, _in_base(fit, model), before, after)
+    drawn = drawn_of(readings.joints, chain, _in_base(fit, model), before, after)
     changes = changes_of(fit, draws) + arm.more_changes(fit, draws)
     written = arm.written(fit, changes, _comment(request, levels, chosen, train, alone))
     return (
@@ -87,7 +87,7 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, Written, Readings
             table.name, str(arm.path), chain.told, readings.observed, chain.base, chain.tip, chain.driven,
             len(readings), int(train.sum()), _folds_told(model, readings), chosen, levels, changes,
             undetermined_of(fit, draws), _wild(fit, model, wild, readings), by_region(drawn),
-            by_joint(drawn, chain), _frames(fit), (fit.model.sigma[0], fit.model.sigma[1]), tuple(dict.fromkeys(notes)),
+            by_joint(drawn), _frames(fit), (fit.model.sigma[0], fit.model.sigma[1]), tuple(dict.fromkeys(notes)),
             perf_counter() - began, {}, drawn,
         ),
         written,

@@ -165,7 +165,10 @@ def test_no_error_over_a_joint_is_cut_off_by_the_joints_before_it():
     rng = np.random.default_rng(0)
     joints = rng.uniform(-1, 1, (60, 2))
     before = np.where(joints[:, 1] > 0.5, 9.0, 1.0)  # what the first joint's bins average, the second's show
-    figure, table = joint_chart(Drawn(joints, ("first", "second"), np.zeros((60, 3)), before, 0.1 * before))
+    figure, table = joint_chart(
+        Drawn(joints, ("first", "second"), ("°", "mm"), np.zeros((60, 3)), before, 0.1 * before)
+    )
+    assert [axes.get_title("left") for axes in figure.axes] == ["first [°]", "second [mm]"]
     for axes in figure.axes:
         assert axes.get_ylim()[0] == 0
         assert axes.get_ylim()[1] > table["before"].max()

@@ -28,18 +28,23 @@ def by_region(drawn: Drawn) -> tuple[Part, ...]:
     return tuple(part for part in found if part.poses >= _FEWEST)
 
 
-def by_joint(drawn: Drawn, chain: Chain) -> tuple[Part, ...]:
-    """Return the error by the range of each joint, four ranges of as many poses."""
+def drawn_of(joints: Array, chain: Chain, position: Array, before: Array, after: Array) -> Drawn:
+    """Return what the drawings need of `joints`, (n, j) [rad or mm]: the angles in degrees."""
     kinds = {joint.name: joint.kind for joint in chain.joints}
+    turns = np.array([kinds.get(name, "rotary") == "rotary" for name in chain.driven])
+    units = tuple("°" if turn else "mm" for turn in turns)
+    return Drawn(np.where(turns, np.rad2deg(joints), joints), chain.driven, units, position, before, after)
+
+
+def by_joint(drawn: Drawn) -> tuple[Part, ...]:
+    """Return the error by the range of each joint, four ranges of as many poses."""
     found = []
     for k, name in enumerate(drawn.names):
         values = drawn.joints[:, k]
         edges = np.unique(np.quantile(values, np.linspace(0, 1, _RANGES + 1)))
-        turn = kinds.get(name, "rotary") == "rotary"
         for low, high in pairwise(edges):
             there = (values >= low) & ((values < high) | (high == edges[-1]))
-            ends = (np.rad2deg(low), np.rad2deg(high)) if turn else (low, high)
-            found.append(_part(f"{name} {ends[0]:.0f} to {ends[1]:.0f} {'°' if turn else 'mm'}", drawn, there))
+            found.append(_part(f"{name} {low:.0f} to {high:.0f} {drawn.units[k]}", drawn, there))
     return tuple(part for part in found if part.poses >= _FEWEST)
 
 

@@ -83,10 +83,14 @@ class Wild:
 @final
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What the drawings need: joints (n, j), positions in the base (n, 3) [mm], errors before and after (n,) [mm]."""
+    """What the drawings need: joints (n, j) [deg or mm], as `units` say, positions in the base (n, 3) [mm], errors.
+
+    Errors before and after are (n,) [mm]; NaN where a reading is wild.
+    """
 
     joints: Array
     names: tuple[str, ...]
+    units: tuple[str, ...]
     position: Array
     before: Array
     after: Array

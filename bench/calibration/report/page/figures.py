@@ -62,7 +62,7 @@ def workspace_chart(drawn: Drawn) -> Drawing:
 
 
 def joint_chart(drawn: Drawn) -> Drawing:
-    """Draw the rms error over the angle of each joint, before and after."""
+    """Draw the rms error over the angle or the way of each joint, before and after."""
     rows = -(-len(drawn.names) // _ACROSS)
     found = []
     with rc_context(STYLE):
@@ -72,7 +72,7 @@ def joint_chart(drawn: Drawn) -> Drawing:
             told = _over(drawn, k)
             panels[k].plot(told["at"], told["before"], "--o", color=_BEFORE, ms=3, lw=1.2)
             panels[k].plot(told["at"], told["after"], "-o", color=_AFTER, ms=3, lw=1.2)
-            panels[k].set_title(name, fontsize=8, loc="left")
+            panels[k].set_title(f"{name} [{drawn.units[k]}]", fontsize=8, loc="left")
             found.append(told.assign(joint=name))
         for axes in panels[len(drawn.names) :]:
             axes.set_visible(False)
@@ -83,7 +83,7 @@ def joint_chart(drawn: Drawn) -> Drawing:
 
 
 def _over(drawn: Drawn, k: int) -> pd.DataFrame:
-    """Return the rms before and after in bins of as many poses of joint k, over its mean there [rad or mm]."""
+    """Return the rms before and after in bins of as many poses of joint k, over its mean there [deg or mm]."""
     values = drawn.joints[:, k]
     known = np.isfinite(drawn.before) & np.isfinite(drawn.after)
     bins = np.array_split(np.argsort(values[known], kind="stable"), min(_BINS, max(1, int(known.sum()) // 5)))
