@@ -221,7 +221,7 @@ def _coerce_list(label: str, value: Any, kind: Any, args: tuple[Any, ...]) -> An
     if kind is Sequence and not isinstance(items, Sequence):
         raise ValueError(f"{label}={shown(value)}: a list is needed")
     kinds = [arg for arg in args if arg is not Ellipsis]
-    if kind is tuple and len(kinds) > 1:
+    if kind is tuple and kinds and Ellipsis not in args:
         items = list(items)
         if len(items) != len(kinds):
             raise ValueError(f"{label}={shown(value)}: a list of {len(kinds)} is needed")

@@ -330,9 +330,11 @@ class Registry(Generic[T]):
 
 
 def _copied(value: Any, depth: int = 0) -> Any:
-    """Return `value` with lists, mappings and sets of its own; what stands in them is the same."""
+    """Return `value` with lists, mappings, sets and arrays of its own; what stands in them is the same."""
     if depth > _DEPTH:
         return value
+    if type(value).__module__ == "numpy" and type(value).__name__ == "ndarray":  # a registry needs no NumPy
+        return value.copy()
     if type(value) is dict:
         return {key: _copied(item, depth + 1) for key, item in value.items()}
     if type(value) in (list, tuple):
@@ -348,6 +350,8 @@ def _is_as_before(value: Any, before: Any) -> bool:
         return [*value] == [*before] and all(_is_as_before(value[key], before[key]) for key in value)
     if type(value) in (list, tuple):
         return len(value) == len(before) and all(map(_is_as_before, value, before))
+    if type(value).__name__ == "ndarray":
+        return bool(value.shape == before.shape and value.dtype == before.dtype and value.tobytes() == before.tobytes())
     return type(value) is set and bool(value == before)
 
 

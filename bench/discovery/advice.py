@@ -54,6 +54,8 @@ def _advice(report: Report, data: MeasuredData, machine: Machine, finding: Findi
             details.setdefault(kind, detail)
     name = effect_label(report.machine, first.family, first.target, again=True)  # the headline has their full words
     said = [f"{kind} {name} from {' and '.join(names)}{details[kind]}" for kind, names in by_kind.items()]
+    if said and (more := len(finding.set) - _MOST_RIVALS) > 0:
+        said.append(f"the {more} least likely {'one was' if more == 1 else 'ones were'} not looked at")
     return "; ".join(said) or None
 
 

@@ -24,6 +24,7 @@ from calibench.bench.statistics.names.labels import problem_titles
 from calibench.core.counted import counted
 
 _RUN, _CELL, _DONE, _PARENT = "calibench.run_id", "calibench.cell", "calibench.done", "mlflow.parentRunId"
+_STATUS = {"ok": "FINISHED", "timeout": "KILLED"}  # MLflow's words; any other run failed
 _BATCH = 900  # metrics in a request; MLflow takes 1000 entities
 _LONGEST = 5000  # characters of a parameter or tag; MLflow's limits are 6000 and more
 _ASKED = ("problem", "optimizer", "dimension", "start", "budget", "target", "repetition", "seed", "data_id")
@@ -69,7 +70,7 @@ def write_mlflow(study: Study, to: str) -> list[str]:
             points = [(p.charged, p.value) for p in course_of(row, trace)]
             _log(client, number, _asked(row, own=True), list(_metrics(row, points)), _said(row))
             client.set_tag(number, _DONE, "true")
-            client.set_terminated(number, status="FINISHED" if row["status"] == "ok" else "FAILED")
+            client.set_terminated(number, status=_STATUS.get(row["status"], "FAILED"))
             added += 1
     there = len(runs) - added
     again = f", {replaced} of them done again since the last export" if replaced else ""

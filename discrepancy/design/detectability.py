@@ -123,8 +123,9 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     found = []
     for name, rest in rests.items():
         effect = forms[name][0]
-        least = float(np.median([r.least(candidates) for r in rest]))
-        fraction = float(np.median([r.fraction for r in rest]))
+        shown = [r for r in rest if r.fraction >= thresholds().invisible] or rest
+        least = float(np.median([r.least(candidates) for r in shown]))
+        fraction = float(np.median([r.fraction for r in shown]))
         found.append(
             Detectability(name, effect.family, effect.target, effect.unit, fraction, least if name in seen else np.inf,
                   number.get(name, -1))

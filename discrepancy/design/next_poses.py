@@ -15,6 +15,7 @@ from typing import Any, final
 import numpy as np
 
 from calibench.core.options import suggest
+from calibench.core.plain import finite
 from calibench.discrepancy.checks.validate import looked_at
 from calibench.discrepancy.design.detectability import WhitenedDesign, calibrated
 from calibench.discrepancy.effects import catalogue
@@ -41,7 +42,8 @@ class NextPoses:
     """The chosen readings, in order, and how well they separate the rivals.
 
     `separation` is the root of the smallest D, in sigma, before and after each reading, (k + 1,), for rivals of `size`
-    sigma rms in the data so far. It stays at zero for twins, which no reading separates.
+    sigma rms in the data so far. It stays at zero for twins, which no reading separates. `positions` are (k, 2) [mm],
+    or (k, 0) for a machine that has no map of its workspace.
     """
 
     rivals: tuple[str, ...]
@@ -58,8 +60,11 @@ class NextPoses:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         rows = [
-            {"x": float(x), "y": float(y), **{name: float(column[k]) for name, column in self.readings.columns.items()}}
-            for k, (x, y) in enumerate(self.positions)
+            {
+                **dict(zip("xy", map(float, place))),
+                **{name: finite(np.asarray(column)[k].item()) for name, column in self.readings.columns.items()},
+            }
+            for k, place in enumerate(self.positions)
         ]
         return {"rivals": list(self.rivals), "size": self.size, "poses": rows, "separation": self.separation.tolist()}
 
@@ -100,10 +105,9 @@ def next_poses(
         for pair in pairs:
             pair.take(best)
         separation.append(min(pair.distance for pair in pairs))
-    x, y = (place[chosen] for place in there.formulation.covariates(there.q)[WORKSPACE].values())
-    return NextPoses(
-        tuple(rivals), pool.rows(np.array(chosen)), np.stack([x, y], axis=1), np.sqrt(np.maximum(separation, 0)), size
-    )
+    places = there.formulation.covariates(there.q).get(WORKSPACE, {}).values()
+    positions = np.stack([place[chosen] for place in places], axis=1) if places else np.empty((k, 0))
+    return NextPoses(tuple(rivals), pool.rows(np.array(chosen)), positions, np.sqrt(np.maximum(separation, 0)), size)
 
 
 def _chosen(formulation: Formulation, rivals: Sequence[str]) -> list[Effect]:

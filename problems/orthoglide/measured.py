@@ -145,9 +145,11 @@ def _reading(label: str, cells: dict[str, str], units: Mapping[str, float]) -> R
     if approach not in ("fwd", "rev"):
         raise ValueError(f"{label}: pass={approach!r}: fwd or rev is needed")
     against, payload = _number(label, cells, "against_mm", 0.0, units), _number(label, cells, "payload_N", 0.0, units)
-    repeat = int(_number(label, cells, "repeat", 0.0, units))
+    repeat = _number(label, cells, "repeat", 0.0, units)
+    if not repeat.is_integer():
+        raise ValueError(f"{label}: repeat={repeat:g}: a whole number is needed")
     kind: Literal["fwd", "rev"] = "rev" if approach == "rev" else "fwd"
-    return Reading(leg, cells["direction"].lower(), axis, level, share, against, kind, payload, repeat)
+    return Reading(leg, cells["direction"].lower(), axis, level, share, against, kind, payload, int(repeat))
 
 
 def _number(label: str, cells: dict[str, Any], key: str, default: float | None, units: Mapping[str, float]) -> float:

@@ -121,6 +121,7 @@ def test_mlflow_holds_each_run_once_under_its_cell(mixed, tmp_path, capsys):
         assert run.data.metrics["best_value"] == row["best_value"]
         assert run.data.metrics["charged"] == row["charged"]
         assert run.data.params["optimizer"] == row["optimizer"]
+        assert run.info.status == {"ok": "FINISHED", "timeout": "KILLED", "failed": "FAILED"}[row["status"]]
         assert run.data.tags["mlflow.parentRunId"] in {parent.info.run_id for parent in parents}
         history = client.get_metric_history(run.info.run_id, "best")
         assert history[-1].value == row["best_value"]

@@ -279,6 +279,12 @@ class Growing(Scaled):
         super().__init__(sum(weights))
 
 
+class Doubling(Scaled):
+    def __init__(self, weights: np.ndarray = np.ones(2)):  # noqa: B008
+        weights *= 2
+        super().__init__(float(weights.sum()))
+
+
 def test_what_an_object_does_to_its_arguments_changes_no_other_run(registered):
     asked = {"weights": [5.0]}
     made = [registered.make(f"{__name__}:Growing", **asked) for _ in range(2)]
@@ -287,3 +293,7 @@ def test_what_an_object_does_to_its_arguments_changes_no_other_run(registered):
     assert [options_of(one)["weights"] for one in made] == [[5.0], [5.0]]
     with pytest.raises(ValueError, match=r"Growing changes its own default weights=\[1\.0\].*to \[1\.0,2\.0\].*copy"):
         registered.make(f"{__name__}:Growing")
+    asked = {"weights": np.ones(2)}
+    assert [registered.make(f"{__name__}:Doubling", **asked).gain for _ in range(2)] == [4.0, 4.0]
+    with pytest.raises(ValueError, match=r"Doubling changes its own default weights=\[1\. 1\.\].*to \[2\. 2\.\]"):
+        registered.make(f"{__name__}:Doubling")

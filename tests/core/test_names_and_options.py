@@ -479,6 +479,10 @@ def test_a_value_comes_as_the_class_annotates_it(vases):
     )
     assert coerce("rough", np.True_, bool) is True
     assert repr(coerce("level", -0.0, float)) == "0.0"
+    assert coerce("one", [7], tuple[int]) == (7,)
+    assert coerce("some", [7, 8], tuple[int, ...]) == (7, 8)
+    with pytest.raises(ValueError, match=r"one=\[7,8\]: a list of 1 is needed"):
+        coerce("one", [7, 8], tuple[int])
 
 
 @pytest.mark.parametrize(

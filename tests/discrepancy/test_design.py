@@ -11,11 +11,12 @@ from scipy.stats import chi2, ncx2
 from calibench.bench.measured.sources import sources
 from calibench.discrepancy import explain, machines
 from calibench.discrepancy.design.detectability import WhitenedDesign, design
-from calibench.discrepancy.design.next_poses import next_poses
+from calibench.discrepancy.design.next_poses import NoPool, next_poses
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.machines.gpm2002.plan import planned
+from calibench.discrepancy.machines.table import Table
 from calibench.discrepancy.model.effect import name_of
-from calibench.discrepancy.model.measured.data import DataError
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 
 SIGMA = 5e-5  # rad
 
@@ -216,3 +217,29 @@ def test_no_readings_are_proposed_for_what_angles_alone_cannot_part() -> None:
     further = next_poses("gpm2002", found.read({}), ["thermal_links all", "thermal_base all"], 4)
     assert further.separation[-1] < 0.1
     assert not further.helps
+
+
+def test_readings_of_a_machine_without_a_map_of_its_workspace_are_chosen_from_those_that_are_handed_over() -> None:
+    """It said "next_poses(..., pool=readings) of calibench", and that ended in a KeyError."""
+
+    def table(u: np.ndarray) -> MeasuredData:
+        return MeasuredData({"u": u, "y": np.zeros(len(u))}, "table", {}, "made")
+
+    machine, rivals = Table(model="line", inputs=("u",), sigma=0.05), ["power u squared", "power u cubed"]
+    with pytest.raises(NoPool, match=r"pool=readings"):
+        next_poses(machine, table(np.linspace(0, 3, 30)), rivals, k=2)
+    told = next_poses(machine, table(np.linspace(0, 3, 30)), rivals, k=2, pool=table(np.linspace(0, 9, 19)))
+    assert told.positions.shape == (2, 0)
+    assert told.helps
+    assert [set(row) for row in told.to_dict()["poses"]] == 2 * [{"u", "y"}]
+    assert told.to_dict()["poses"][0]["u"] == 9.0  # far from all readings the two differ most
+
+
+def test_a_name_of_which_some_forms_are_visible_is_not_called_invisible() -> None:
+    for tracked in (False, True):
+        found = design("gpm2002", planned(n=60, tracked=tracked)).to_dict()
+        classed = {name for group in found["classes"] for name in group}
+        assert not classed & set(found["invisible"])
+        for row in found["candidates"]:
+            assert (row["effect"] in classed) == (row["effect"] not in found["invisible"])
+            assert (row["minimum_detectable"] is None) == (row["effect"] in found["invisible"])

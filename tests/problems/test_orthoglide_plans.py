@@ -179,6 +179,7 @@ def test_six_differences_cannot_give_six_parameters(data):
         (4, "60", r"reading 3 \(x_y\+\) is reading 1 again; number the two by repeat"),
         (5, "back", "row 4: pass='back': fwd or rev is needed"),
         (6, "heavy", "row 4: payload_N='heavy': a number is needed"),
+        (7, "1.5", "row 4: repeat=1.5: a whole number is needed"),
     ],
 )
 def test_a_wrong_cell_is_named(tmp_path, rows, column, cell, message):
