@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import warnings
 import zipfile
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -65,7 +66,7 @@ def _even(table: Table) -> Table:
     """Return the table with rows as wide as the header: a sheet does not keep empty cells at the end of a row."""
     width = len(table.names) or max(len(row) for _, row in table.rows)
     rows = tuple((line, (*row, *[""] * (width - len(row)))) for line, row in table.rows)
-    return Table(table.names, table.units, rows, table.comment, table.delimiter)
+    return replace(table, rows=rows)
 
 
 def _rows(sheet: Any) -> list[tuple[int, tuple[str, ...]]]:

@@ -59,6 +59,15 @@ def test_a_sheet_of_excel_is_a_table(tmp_path):
     assert "sheet Sheet is read, and not notes" in data.notes
 
 
+def test_a_sheet_tells_of_a_header_that_comes_again_as_text_does(tmp_path):
+    rows = [["enc_1", "x"], [1.5, 2], ["enc_1", "x"], [2.5, None]]
+    sheet = read_measured(book(tmp_path / "run.xlsx", *rows), "two_link")
+    (tmp_path / "run.csv").write_text("enc_1,x\n1.5,2\nenc_1,x\n2.5,\n")
+    text = read_measured(tmp_path / "run.csv", "two_link")
+    assert "the header comes again in line 3 and is left out there" in sheet.notes
+    assert text.notes == sheet.notes
+
+
 @pytest.mark.parametrize(
     ("make", "said"),
     [
