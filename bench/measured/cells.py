@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 
 from calibench.core.tables.data_file import MOST_LETTERS
+from calibench.core.tables.decimals import with_points
 from calibench.core.tables.no_number import way_out
 from calibench.core.words import shortened
 from calibench.discrepancy import DataError
 from calibench.discrepancy.labels import COLUMNS_OF_NAMES, columns_of_numbers
 
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
-_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
-_POINT = re.compile(r"[+-]?(\d+\.\d*|\.\d+)([eE][+-]?\d+)?")
 _LIKE_NUMBER = re.compile(r"[+-]?[.,]?\d")
 _TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?\s*(Z|[+-]\d\d:?\d\d)?")
 _EMPTY = {
@@ -44,9 +43,11 @@ def columns_of(
         for name, column in cells.items()
     }  # U+2212 is the minus of typography
     if commas:
-        stripped = _with_points({n: c for n, c in stripped.items() if n not in text}) | {
-            name: column for name, column in stripped.items() if name in text
-        }
+        try:
+            numbers = with_points({n: c for n, c in stripped.items() if n not in text})
+        except ValueError as error:
+            raise DataError(str(error)) from None
+        stripped = numbers | {name: column for name, column in stripped.items() if name in text}
         stripped = {name: stripped[name] for name in cells}
     columns: dict[str, Any] = {}
     times = []
@@ -57,31 +58,6 @@ def columns_of(
         else:
             columns[name] = _column(name, column, name in text)
     return columns, tuple(times)
-
-
-def _with_points(columns: Mapping[str, list[str]]) -> dict[str, list[str]]:
-    """Return the cells with a point for the decimal comma. Raises `DataError` where a file has both."""
-    found = {mark: _first(columns, mark) for mark in (_COMMA, _POINT)}
-    comma, point = found[_COMMA], found[_POINT]
-    if comma is None:
-        return dict(columns)
-    if point is not None:
-        raise DataError(
-            f"column {comma[0]}, reading {comma[1]}: {comma[2]!r} has a decimal comma, and column {point[0]}, reading "
-            f"{point[1]}: {point[2]!r} a decimal point; write one of them throughout"
-        )
-    return {
-        name: [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in column]
-        for name, column in columns.items()
-    }
-
-
-def _first(columns: Mapping[str, list[str]], mark: re.Pattern[str]) -> tuple[str, int, str] | None:
-    for name, column in columns.items():
-        for i, cell in enumerate(column):
-            if mark.fullmatch(cell):
-                return name, i + 1, cell
-    return None
 
 
 def _is_times(column: Sequence[str]) -> bool:

@@ -86,6 +86,21 @@ def test_comments_and_empty_lines_are_passed_over(tmp_path, simulated):
     assert full11.from_readings(path).data_id == simulated.data_id
 
 
+@pytest.mark.parametrize("mark", [";", "\t"])
+@pytest.mark.parametrize("header", [["enc_1", "enc_2", "enc_3"], []])
+def test_decimal_commas_are_read_where_commas_do_not_part_the_cells(tmp_path, simulated, mark, header):
+    lines = [mark.join(header)] if header else []
+    lines += [mark.join(repr(value).replace(".", ",") for value in row) for row in simulated.readings.tolist()]
+    (tmp_path / "mine.csv").write_text("\n".join(lines) + "\n")
+    assert full11.from_readings(tmp_path / "mine.csv").data_id == simulated.data_id
+
+
+def test_columns_that_are_passed_over_may_have_commas_beside_points(tmp_path, simulated):
+    lines = [f"{';'.join(map(repr, row))};20,5" for row in simulated.readings.tolist()]
+    (tmp_path / "mine.csv").write_text("\n".join(["enc_1;enc_2;enc_3;room", *lines]) + "\n")
+    assert full11.from_readings(tmp_path / "mine.csv").data_id == simulated.data_id
+
+
 def test_readings_are_an_option_of_the_registry(tmp_path, simulated):
     path = write(tmp_path / "mine.csv", simulated.readings.tolist())
     made = problems.make("full11", readings=str(path), error="J3")
@@ -269,6 +284,20 @@ def test_a_cell_of_text_names_its_row(tmp_path, simulated, cell):
     rows[1][2] = f'"{cell}"'
     path = write(tmp_path / "mine.csv", rows, "enc_1,enc_2,enc_3")
     refused("row 3 does not hold three numbers", lambda: full11.from_readings(path))
+
+
+def test_decimal_commas_beside_points_are_refused(tmp_path, simulated):
+    rows = [f"{';'.join(map(repr, row))};20.5" for row in simulated.readings.tolist()]
+    rows[2] = "0,5;0,25;0,125;20.5"
+    (tmp_path / "mine.csv").write_text("\n".join(["enc_1;enc_2;enc_3;room", *rows]) + "\n")
+    said = "column enc_1, reading 3: '0,5' has a decimal comma, and column enc_1, reading 1: .* a decimal point"
+    refused(said, lambda: full11.from_readings(tmp_path / "mine.csv"))
+
+
+@pytest.mark.parametrize("header", ["enc_1 [deg],enc_2 [],enc_3 [deg]", "enc_1 [],enc_2 [],enc_3 []"])
+def test_an_empty_bracket_is_no_unit_and_scales_no_other_column(tmp_path, simulated, header):
+    path = write(tmp_path / "mine.csv", simulated.readings.tolist(), header)
+    refused("column enc_[12]: unit '' cannot be turned into rad; write rad", lambda: full11.from_readings(path))
 
 
 @pytest.mark.parametrize(("key", "value"), [
