@@ -16,6 +16,7 @@ import numpy as np
 from calibench.core.tables.data_file import MOST_LETTERS
 from calibench.core.tables.decimals import with_points
 from calibench.core.tables.no_number import way_out
+from calibench.core.tables.no_value import no_value
 from calibench.core.words import shortened
 from calibench.discrepancy import DataError
 from calibench.discrepancy.labels import COLUMNS_OF_NAMES, columns_of_numbers
@@ -23,10 +24,6 @@ from calibench.discrepancy.labels import COLUMNS_OF_NAMES, columns_of_numbers
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 _LIKE_NUMBER = re.compile(r"[+-]?[.,]?\d")
 _TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?\s*(Z|[+-]\d\d:?\d\d)?")
-_EMPTY = {
-    "", "nan", "na", "n/a", "n.a.", "#n/a", "#nv", "#div/0!", "#value!", "#wert!", "#num!", "#ref!", "null", "none",
-    "nil", "missing", "-", "--", "---", "?", ".", "k.a.", "-nan", "nan(ind)", "1.#qnan",
-}  # fmt: skip
 _TRUTH = {"true": True, "false": False, "wahr": True, "falsch": False}
 
 
@@ -61,7 +58,7 @@ def columns_of(
 
 
 def _is_times(column: Sequence[str]) -> bool:
-    first = next((cell for cell in column if cell.lower() not in _EMPTY), "")
+    first = next((cell for cell in column if not no_value(cell)), "")
     return _TIME.fullmatch(first) is not None
 
 
@@ -69,7 +66,7 @@ def _seconds(name: str, column: Sequence[str]) -> Any:
     """Return ISO times as seconds from the earliest, (n,), NaN where there is none."""
     times: list[datetime | None] = []
     for i, cell in enumerate(column):
-        if cell.lower() in _EMPTY:
+        if no_value(cell):
             times.append(None)
             continue
         try:
@@ -98,13 +95,13 @@ def _column(name: str, stripped: Sequence[str], is_text: bool) -> Any:
         try:
             values[i] = float("words" if "_" in cell else cell)  # 1_2 is the name of something, to Python 12
         except ValueError:
-            if cell.lower() not in _EMPTY:
+            if not no_value(cell):
                 wrong.append(i)
     if not wrong:
         return values
     if name in COLUMNS_OF_NAMES:
         return as_words(name, stripped)
-    if len(wrong) == sum(cell.lower() not in _EMPTY for cell in stripped) and not _holds_numbers(name):
+    if len(wrong) == sum(not no_value(cell) for cell in stripped) and not _holds_numbers(name):
         return as_words(name, stripped)
     i = wrong[0]
     told = f"column {name}, reading {i + 1}: {shortened(stripped[i])!r} is no number"
@@ -113,7 +110,7 @@ def _column(name: str, stripped: Sequence[str], is_text: bool) -> Any:
 
 def like_numbers(column: Any) -> str:
     """Return the first word of a column, (n,), of which all words begin like numbers; "" for any other column."""
-    words = [word for word in column.tolist() if word.lower() not in _EMPTY] if column.dtype.kind == "U" else []
+    words = [word for word in column.tolist() if not no_value(word)] if column.dtype.kind == "U" else []
     return words[0] if words and all(map(_LIKE_NUMBER.match, words)) else ""
 
 

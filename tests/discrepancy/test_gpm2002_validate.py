@@ -12,6 +12,7 @@ from calibench.discrepancy import machines
 from calibench.discrepancy.machines.gpm2002.plan import planned
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured.visits import told_visits
 from calibench.discrepancy.noise.repeats import pairs_of
 
 
@@ -208,6 +209,17 @@ def test_readings_apart_in_time_are_no_back_to_back_repeats(data: MeasuredData) 
     assert sorted(zip(*pairs_of(same))) == wanted
     nothing = formulate(data.with_columns({"visit_id": np.full(len(data), np.nan)})).data
     assert len(pairs_of(nothing)[0]) == 0
+
+
+@pytest.mark.parametrize("word", ["-", " N/A", "?", "#NV", "missing", "<NA>", "nan", ""])
+def test_rows_whose_cell_names_no_pose_are_no_repeats_of_each_other(data: MeasuredData, word: str) -> None:
+    """Noise is learned from repeats: what a file does not name is not one pose read again."""
+    poses = np.array([f"P{k % 5}" for k in range(len(data))], dtype="U8")
+    poses[::7] = word
+    told = told_visits(data.with_columns({"pose_id": poses}))["pose_id"]
+    counts = np.unique(told, return_counts=True)[1]
+    assert len(counts) == 5 + len(poses[::7])
+    assert sorted(np.unique(told[::7], return_counts=True)[1]) == [1] * len(poses[::7])
 
 
 @pytest.mark.parametrize(

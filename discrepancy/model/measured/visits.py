@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.tables.no_value import NO_VALUE
 from calibench.discrepancy.model.measured.data import MeasuredData
 
 
@@ -39,5 +40,5 @@ def _numbered(ids: NDArray[Any]) -> NDArray[np.int64]:
         .ravel()
         .astype(np.int64)
     )
-    missing = np.isin(np.char.lower(np.char.strip(words)), ("", "nan", "none", "<na>"))
+    missing = np.isin(np.char.lower(np.char.strip(words)), sorted(NO_VALUE))
     return np.where(missing, numbers.max() + 1 + np.arange(len(words)), numbers)
