@@ -1,18 +1,18 @@
 """The meaning of the cells of one column: numbers with a point or a comma, true and false, times, words, or nothing.
 
 A cell that means "no value" (n/a, NaN, -, #NV, or nothing) is NaN. A decimal comma is read where commas do not separate
-the cells, and never where the same file has decimal points too. A time of the ISO form becomes seconds.
+the cells, and never where the same file has decimal points too. Times become seconds.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from datetime import datetime
 from typing import Any
 
 import numpy as np
 
+from calibench.bench.measured.times import Seconds, times_of
 from calibench.core.tables.data_file import MOST_LETTERS
 from calibench.core.tables.decimals import with_points
 from calibench.core.tables.no_number import way_out
@@ -23,17 +23,16 @@ from calibench.discrepancy.labels import COLUMNS_OF_NAMES, columns_of_numbers
 
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 _LIKE_NUMBER = re.compile(r"[+-]?[.,]?\d")
-_TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?\s*(Z|[+-]\d\d:?\d\d)?")
 _TRUTH = {"true": True, "false": False, "wahr": True, "falsch": False}
 
 
 def columns_of(
-    cells: Mapping[str, Sequence[str]], text: Collection[str], commas: bool
-) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Return the columns of a file, name -> (n,), and which were times; those in `text` hold words.
+    cells: Mapping[str, Sequence[str]], text: Collection[str], commas: bool, units: Mapping[str, str]
+) -> tuple[dict[str, Any], dict[str, Seconds]]:
+    """Return the columns of a file, name -> (n,), and those that were times; those in `text` hold words.
 
-    With `commas` numbers may have a decimal comma. Raises `DataError` with the column and the reading of a cell that is
-    no number among numbers.
+    With `commas` numbers may have a decimal comma. `units` are those that the heads state. Raises `DataError` with the
+    column and the reading of a cell that is no number among numbers.
     """
     stripped = {
         name: [cell.strip() if name in text else cell.strip().replace("\u2212", "-") for cell in column]
@@ -47,40 +46,13 @@ def columns_of(
         stripped = numbers | {name: column for name, column in stripped.items() if name in text}
         stripped = {name: stripped[name] for name in cells}
     columns: dict[str, Any] = {}
-    times = []
+    times: dict[str, Seconds] = {}
     for name, column in stripped.items():
-        if name not in text and _is_times(column):
-            columns[name] = _seconds(name, column)
-            times.append(name)
+        if name not in text and (found := times_of(name, column, units.get(name))):
+            columns[name], times[name] = found.values, found
         else:
             columns[name] = _column(name, column, name in text)
-    return columns, tuple(times)
-
-
-def _is_times(column: Sequence[str]) -> bool:
-    first = next((cell for cell in column if not no_value(cell)), "")
-    return _TIME.fullmatch(first) is not None
-
-
-def _seconds(name: str, column: Sequence[str]) -> Any:
-    """Return ISO times as seconds from the earliest, (n,), NaN where there is none."""
-    times: list[datetime | None] = []
-    for i, cell in enumerate(column):
-        if no_value(cell):
-            times.append(None)
-            continue
-        try:
-            times.append(datetime.fromisoformat(cell.replace(",", ".").replace(" ", "T", 1).replace(" ", "")))
-        except ValueError:
-            told = shortened(cell)
-            raise DataError(
-                f"column {name}, reading {i + 1}: {told!r} is no time such as 2026-03-01T12:30:05"
-            ) from None
-    known = [time for time in times if time is not None]
-    if len({time.tzinfo is None for time in known}) > 1:
-        raise DataError(f"column {name}: some times state their zone and some do not; write all of them alike")
-    start = min(known)
-    return np.array([np.nan if time is None else (time - start).total_seconds() for time in times])
+    return columns, times
 
 
 def _column(name: str, stripped: Sequence[str], is_text: bool) -> Any:

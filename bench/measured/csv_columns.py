@@ -57,13 +57,15 @@ def of_table(table: Table, text: Collection[str]) -> Found:
             raise DataError(f"{told}; it is line {line} of the file: {way_out}")
     cells = zip(*(row for _, row in rows), strict=True)
     named = {name: column for name, column in zip(names, cells, strict=True) if name}
-    columns, times = columns_of(named, text, table.delimiter != ",")
-    if times:
-        notes = (*notes, f"{', '.join(times)}: times, turned into seconds from the earliest")
+    columns, times = columns_of(named, text, table.delimiter != ",", units)
+    for note in dict.fromkeys(time.note for time in times.values()):
+        notes = (*notes, f"{', '.join(name for name, time in times.items() if time.note == note)}: {note}")
     for name in (name for name in columns if name not in text):
         if first := like_numbers(columns[name]):
             notes = (*notes, f"column {name} is read as words: {shortened(first)!r} is no number")
-    return Found(columns, {n: u for n, u in units.items() if n not in times}, table.comment, notes)
+    of_day = frozenset(name for name, time in times.items() if time.of_day)
+    units = {n: u for n, u in units.items() if n not in times} | dict.fromkeys(of_day, "s")
+    return Found(columns, units, table.comment, notes, of_day)
 
 
 def csv_lines(columns: Mapping[str, Any], units: Mapping[str, str], comment: str) -> str:

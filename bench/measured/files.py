@@ -150,7 +150,7 @@ def _read(path: Path) -> Found:
     if ending in EXCEL:
         table, notes = read_excel(path)
         found = of_table(table, _TEXT)
-        return Found(found.columns, found.units, found.said, (*notes, *found.notes))
+        return replace(found, notes=(*notes, *found.notes))
     return read_matlab(path, _TEXT) if ending in MATLAB else read_csv(path, _TEXT)
 
 

@@ -75,6 +75,10 @@ def renamed(found: Found, machine: str, columns: Mapping[str, str], units: Mappi
     for name, unit in units.items():
         if there.get(name, name) not in renamed_columns:
             raise DataError(f"units: {name} is no column of the file; {suggest(name, list(renamed_columns))}")
+        if {name, columns.get(name)} & found.of_day and unit.strip() != "s":
+            raise DataError(
+                f"units: {name} holds times of day, read in seconds; write an angle as one number of degrees"
+            )
         stated[there.get(name, name)] = unit
     return replace(found, columns=renamed_columns, units=stated, notes=tuple(notes))
 
