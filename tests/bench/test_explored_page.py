@@ -1,6 +1,7 @@
 """What the page draws from: the numbers of the statistics, rounded and thinned, whatever their count."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -16,8 +17,8 @@ from calibench.bench.report.study.explored.data import Panel, as_json, explored
 from calibench.bench.report.study.explored.groups import groups_of
 from calibench.bench.report.study.explored.reached import reached_targets
 from calibench.bench.report.study.explored.script import policy, scripts
-from calibench.bench.report.study.headline import anchor
-from calibench.bench.report.study.html_tables import by_error
+from calibench.bench.report.study.headline import anchor, contents, headline
+from calibench.bench.report.study.html_tables import by_error, methods
 from calibench.bench.report.study.page import problems_of
 from calibench.bench.report.study.progress import report_progress
 from calibench.bench.report.study.write import write_report
@@ -43,14 +44,17 @@ def store(tmp_path_factory):
     return store
 
 
-def numbers_of(store, runs=None):
-    runs = store.runs() if runs is None else runs
-    panels = [
+def panels_of(runs):
+    return [
         Panel(title, error, anchor(title), mine, optimum_of(mine))
         for title, group in problems_of(runs).items()
         for error, mine in by_error(group)
     ]
-    return explored(panels, store.traces(), hits_of(store), stats.summary(runs), "mine")
+
+
+def numbers_of(store, runs=None):
+    runs = store.runs() if runs is None else runs
+    return explored(panels_of(runs), store.traces(), hits_of(store), stats.summary(runs), "mine")
 
 
 def test_the_bands_of_all_cells_are_those_of_each(store):
@@ -163,6 +167,43 @@ def test_the_answer_names_the_best_and_what_was_compared(store):
     )
     assert told.compared.startswith("Compared: 3 methods on 2 problems, 24 runs (4 a method and problem)")
     assert "no run failed" in told.compared
+
+
+def ended(runs, **how):
+    """Return the runs, of which so many have ended in another way than `ok`."""
+    statuses = [status for status, count in how.items() for _ in range(count)]
+    runs.loc[runs.index[: len(statuses)], "status"] = statuses
+    return runs
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"failed": 2}, "; 2 runs failed and count as not arrived."),
+        ({"timeout": 1}, "; 1 run was ended by its time limit and keeps what it reached."),
+        (
+            {"failed": 1, "timeout": 2},
+            "1 run failed and counts as not arrived; 2 runs were ended by their time limit and keep what they reached.",
+        ),
+    ],
+)
+def test_the_answer_tells_runs_that_failed_from_those_that_their_time_limit_ended(store, how, said):
+    assert answered(store, lambda runs: ended(runs, **how)).compared.endswith(said)
+
+
+def test_the_head_and_the_tables_tell_runs_that_failed_from_those_that_their_time_limit_ended(store):
+    runs = ended(store.runs(), failed=2, timeout=3)
+    names, cells = stats.method_names(runs), stats.summary(runs)
+    head = headline(runs, 2, [], [], "", answer(runs, cells, names))
+    assert [(fact.value, fact.what) for fact in head.facts[1:3]] == [("2", "failed"), ("3", "ended by the time limit")]
+    assert head.lost.startswith("2 of 24 runs failed and count as not arrived; 3 of 24 runs were ended by their time")
+    table = contents(panels_of(runs), names, cells)
+    assert [head.title for head in table.heads[-2:]] == ["failed runs", "ended by the time limit"]
+    lost = [int(re.sub(r"<[^>]*>|✗", "", str(cell))) for row in table.rows for cell in row[-2:]]
+    assert (sum(lost[::2]), sum(lost[1::2])) == (2, 3)
+    marks = " ".join(str(cell) for row in methods(runs, names).rows for cell in row)
+    assert "✗ 2 failed" in marks
+    assert sum(map(int, re.findall(r"✗ (\d) ended by the time limit", marks))) == 3
 
 
 def test_who_reaches_the_goal_more_often_on_fewer_problems_is_told_beside_the_best(store):

@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from calibench.bench.report.study.lost import lost_of
 from calibench.bench.statistics.cells import METHOD, PROBLEM, TASK
 from calibench.bench.statistics.comparison import ranking
 from calibench.bench.statistics.comparison.score import scores
@@ -237,7 +238,6 @@ def _tasks(runs: pd.DataFrame) -> Iterator[dict[Method, _Side]]:
 
 def _compared(runs: pd.DataFrame) -> str:
     methods, problems = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
-    failed = int((runs["status"] != "ok").sum())
     budgets = sorted(set(runs["budget"].dropna()))
     untold = int(runs["budget"].isna().sum())
     within = (
@@ -252,7 +252,7 @@ def _compared(runs: pd.DataFrame) -> str:
         within += f", and of {counted(untold, 'published run')} none told (the answer leaves them out)"
     seeds = runs.groupby([*PROBLEM, *METHOD, "start", "budget"], dropna=False).size()
     each = f"{seeds.min()}" if seeds.min() == seeds.max() else f"{seeds.min()} to {seeds.max()}"
-    lost = f"{counted(failed, 'run')} failed and count as not arrived" if failed else "no run failed"
+    lost = lost_of(runs).told() or "no run failed"
     return (
         f"Compared: {counted(methods, 'method')} on {counted(problems, 'problem')}, {_spaced(len(runs))} "
         f"{'run' if len(runs) == 1 else 'runs'} ({each} a method and problem), {within}; {lost}."

@@ -17,9 +17,10 @@ from calibench.bench.report.study import origin as study_origin
 from calibench.bench.report.study.answer import Answer
 from calibench.bench.report.study.explored.data import Panel
 from calibench.bench.report.study.html_tables import count
+from calibench.bench.report.study.lost import lost_of
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, mixed_code
 from calibench.bench.statistics.names.labels import setting_text
-from calibench.core.counted import counted, plural
+from calibench.core.counted import plural
 
 
 @final
@@ -35,7 +36,7 @@ class Fact:
 @final
 @dataclass(frozen=True)
 class Headline:
-    """The values of the head of a study's page, in words; `failed` is empty where no run failed.
+    """The values of the head of a study's page, in words; `lost` is empty where every run ended well.
 
     `merit`, `condition` and `money` tell whether the page says anything of these.
     """
@@ -49,7 +50,7 @@ class Headline:
     starts: str
     budgets: Sequence[str]
     untold: bool  # whether there are published runs, which tell no budget
-    failed: str
+    lost: str
     mixed: str
     merit: bool
     condition: bool
@@ -72,14 +73,16 @@ def headline(
     same sweep have and this study has not, `about` is a sentence on a prepared one, `answer` the
     three sentences. `condition` and `money` tell whether the page says anything of the one and the other.
     """
-    failed = int((runs["status"] != "ok").sum())
+    lost = lost_of(runs)
     budgets = [count(b) for b in sorted(set(runs["budget"].dropna()))]
     cells = runs.groupby(CELL, dropna=False).size()
     seeds = str(cells.max()) if cells.min() == cells.max() else f"{cells.min()} to {cells.max()}"
     left = len(set(planned) - set(runs["run_id"]))
     methods = runs[METHOD].drop_duplicates()
     facts = [
-        Fact(count(len(runs)), plural("run", len(runs))), Fact(count(failed), "failed", "bad" if failed else ""),
+        Fact(count(len(runs)), plural("run", len(runs))),
+        Fact(count(lost.failed), "failed", "bad" if lost.failed else ""),
+        *([Fact(count(lost.late), "ended by the time limit", "bad")] if lost.late else []),
         *([Fact(" / ".join(budgets), "evaluations a run, at most")] if budgets else []),
         Fact(seeds, f"{plural('seed', cells.max())} a cell"), Fact(str(problems), plural("problem", problems)),
         Fact(str(len(methods)), plural("optimiser", len(methods))),
@@ -107,7 +110,7 @@ def headline(
         starts=" and ".join(filter(None, (starts, untold))),
         budgets=budgets,
         untold=bool(runs["budget"].isna().any()),
-        failed=f"{failed} of {counted(len(runs), 'run')} failed" if failed else "",
+        lost=lost.told(len(runs)),
         mixed=mixed_code(runs),
         merit=bool(runs["kmrmse_aligned"].notna().any()),
         condition=condition,
@@ -124,6 +127,7 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
     rows = []
     goals = bool(summary["goal"].notna().any())
     errors = any(panel.error for panel in panels)  # functions of the error, of which a problem may have several
+    late = any(lost_of(panel.runs).late for panel in panels)
     every = pd.concat([panel.runs[METHOD] for panel in panels])
     ranked = study_tables.ranked(every, names, summary)
     by_problem: dict[tuple[str, ...], list[dict[Any, Any]]] = {}
@@ -137,7 +141,7 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
         won = sorted((cell for cell in cells if cell["success"] == 1.0), key=itemgetter("charged_to_target"))
         known = any(cell["goal"] == cell["goal"] for cell in cells)
         lowest = min(cells, key=itemgetter("best_median"))
-        failed = int((mine["status"] != "ok").sum())
+        lost = lost_of(mine)
         best = won[0] if won else lowest
         called = ", ".join([best["method"], *(setting_text(c, best[c]) for c in told)])
         found = np.isfinite(lowest["best_median"])
@@ -156,7 +160,7 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
                 *([panel.error or "f"] if errors else []), str(int(mine["dimension"].iloc[0])),
                 str(len({tuple(cell[column] for column in METHOD) for cell in cells})), str(len(cells)),
                 *([str(len(won)) if known else "–"] if goals else []), first,
-                study_tables.cell_macros().tag(f"✗ {failed}", "no") if failed else "0",
+                *(_marked(number) for number in (lost.failed, lost.late)[: 1 + late]),
             ]
         )  # fmt: skip
         above = title
@@ -164,8 +168,13 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
         ("problem", ""), *([("error", "")] if errors else []), ("parameters", "n"), ("methods", "n"), ("cells", "n"),
         *([("at the goal in every run", "n")] if goals else []),
         ("fewest evaluations to the goal" if goals else "best", ""), ("failed runs", "n"),
+        *([("ended by the time limit", "n")] if late else []),
     ]  # fmt: skip
     return study_tables.table(heads, rows)
+
+
+def _marked(number: int) -> str:
+    return str(study_tables.cell_macros().tag(f"✗ {number}", "no")) if number else "0"
 
 
 def anchor(title: str) -> str:

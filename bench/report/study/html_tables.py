@@ -13,6 +13,7 @@ from calibench.bench.execution.merit import PREFIX, heading
 from calibench.bench.report.shared.page import Head, Table
 from calibench.bench.report.shared.templating import macros
 from calibench.bench.report.study import figures
+from calibench.bench.report.study.lost import with_late
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, PROBLEM
 from calibench.bench.statistics.comparison.ranking import best_first
@@ -79,7 +80,7 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.D
     for _, mine in by_error(runs):
         known = optimum_of(mine)
         rows.append([_error_heading(mine, known)])
-        for cell in ranked(mine, names, summary_of(mine, cells=cells)).to_dict("records"):
+        for cell in with_late(ranked(mine, names, summary_of(mine, cells=cells)), mine).to_dict("records"):
             low, middle, high = (known.text(cell[f"best_{key}"]) for key in _QUARTILES)
             row = [_method(cell), *(_setting(column, cell[column]) for column in told), _reached(cell)]
             row += [_interval(cell), count(cell["charged_to_target"])] if goals else []
@@ -237,16 +238,17 @@ def _method(cell: Mapping[Any, Any]) -> str:
 
 
 def _reached(cell: Mapping[Any, Any]) -> str:
-    """Return how many runs reached the goal, with a mark besides its colour, how many failed or left the box."""
-    total, won, failed, outside = cell["runs"], cell["reached"], cell["failed"], cell["outside_box"]
-    lost = (f"✗ {failed} failed", "no")
-    if failed == total and not won:
+    """Return how many runs reached the goal, with a mark besides its colour, how many were lost or left the box."""
+    total, won, late, outside = cell["runs"], cell["reached"], cell["late"], cell["outside_box"]
+    failed = cell["failed"] - late
+    lost = [(f"✗ {n} {what}", "no") for n, what in ((failed, "failed"), (late, "ended by the time limit")) if n]
+    if failed == total:
         tags = [(f"✗ {failed}/{total} failed", "no")]
     elif not isfinite(cell["goal"]):
-        tags = [(counted(total, "run"), "open"), lost][: 1 + bool(failed)]
+        tags = [(counted(total, "run"), "open"), *lost]
     else:
         mark, style = ("✓", "ok") if won == total else ("◐", "misprint") if won else ("○", "open")
-        tags = [(f"{mark} {won}/{total}", style), lost][: 1 + bool(failed)]
+        tags = [(f"{mark} {won}/{total}", style), *lost]
     tags += [(f"◇ {outside} outside the box", "misprint")] if outside else []
     told: str = cell_macros().tags(tags)
     return told

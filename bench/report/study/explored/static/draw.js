@@ -159,7 +159,7 @@ function methodTable(problems) {
       ...(q.share ? [make("td", { class: "n", "data-sort": share == null ? 1 : -share }, share == null ? "–" : percent(share))] : []),
       make("td", { class: failed ? "n lost" : "n", "data-sort": failed }, failed ? `✗ ${failed}` : "0"));
   });
-  const heads = ["method", "runs at the target", "problems where all are", ...(q.share ? ["all targets, at the end"] : []), "failed runs"];
+  const heads = ["method", "runs at the target", "problems where all are", ...(q.share ? ["all targets, at the end"] : []), "failed or out of time"];
   const table = make("table", { class: "methods" }, make("caption", {}, `Success: ${targetText(q, state.target)}`),
     make("thead", {}, make("tr", {}, ...heads.map((h, i) => make("th", { scope: "col", class: i ? "n" : null }, h)))), make("tbody", {}, ...rows));
   sortable(table);
@@ -174,7 +174,7 @@ function finalTable(problem) {
     return make("tr", {}, make("th", { scope: "row" }, swatch(m), ` ${data.methods[m].name}`), number(median[c]), number(q1[c]), number(q3[c]),
       number(runs[c]), number(failed[c]), number(seconds[c]));
   });
-  const heads = ["method", "best, median", "lower quartile", "upper quartile", "runs", "failed", "seconds, median"];
+  const heads = ["method", "best, median", "lower quartile", "upper quartile", "runs", "failed or out of time", "seconds, median"];
   const table = make("table", {}, make("caption", {}, data.problems[problem].axis), make("thead", {}, make("tr", {}, ...heads.map((h, i) => make("th", { scope: "col", class: i ? "n" : null }, h)))),
     make("tbody", {}, ...rows));
   sortable(table);
