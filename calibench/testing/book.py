@@ -85,13 +85,12 @@ def account_of(
     make: Callable[[], Any], budget: int, seed: int = 0, squares: bool = False, dimension: int = 12, start: Any = None,
     bound: float | None = None,
 ) -> Account:  # fmt: skip
-    """Run what `make` returns on Rosenbrock's function, in fewer dimensions where it takes no more; return the books.
+    """Run what `make` returns on Rosenbrock's function, in as many dimensions as it takes; return the books.
 
     `squares`: it may ask for residuals and Jacobians. `bound`: the box is -bound .. bound, in place of -2 .. 2.5.
     """
     optimizer = make()
-    most = getattr(getattr(optimizer, "traits", None), "maximum_dimension", None)
-    dimension = min(dimension, most or dimension)
+    dimension = taken(getattr(optimizer, "traits", None), dimension)
     with tempfile.TemporaryDirectory() as folder:
         book = Path(folder) / "book"
         problem = (SumOfSquares if squares else Rosenbrock)(book, dimension, bound)
@@ -105,6 +104,12 @@ def account_of(
     if heard.deaf:  # to a run it is a failure like others
         raise Deaf
     return Account(run, written["tag"].tobytes(), written["x"])
+
+
+def taken(traits: Any, dimension: int) -> int:
+    """Return the number of dimensions next to `dimension` in which an optimiser with these traits runs."""
+    least, most = (getattr(traits, f"{which}_dimension", None) for which in ("minimum", "maximum"))
+    return max(min(dimension, most or dimension), least or 1)
 
 
 @final

@@ -13,7 +13,7 @@ import numpy as np
 
 from calibench.optimizers.base import Traits
 from calibench.testing._law import Checks, checks_of, require
-from calibench.testing.book import Account, Deaf, account_of
+from calibench.testing.book import Account, Deaf, account_of, taken
 
 BUDGETS = (1, 7, 50)
 LONG = 600  # evaluations, after which a method shows what it does late
@@ -139,7 +139,7 @@ def uses_start_is_true(make: Make, budget: int = 300) -> None:
 def minimum_budget_is_enough(make: Make) -> None:
     """With the least budget that its traits state a run ends well and spends no more."""
     traits = _traits(make)
-    dimension = min(2, traits.maximum_dimension or 2)
+    dimension = taken(traits, 2)
     budget = traits.minimum_budget + traits.minimum_budget_per_dimension * dimension
     told = _account(make, budget, dimension=dimension)
     run = told.run

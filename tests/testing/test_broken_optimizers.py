@@ -175,6 +175,29 @@ def test_every_law_is_broken_once() -> None:
     assert {law for law, _, _ in BROKEN} == {law.__name__ for law in testing.OPTIMIZER_LAWS}
 
 
+class OfMany(Plain):
+    """One that needs many dimensions, and some evaluations for each of them."""
+
+    traits = Traits(minimum_dimension=14, minimum_budget_per_dimension=2)
+
+    def minimize(self, objective, rng):
+        assert objective.dimension >= 14
+        super().minimize(objective, rng)
+
+
+class OfOne(Plain):
+    traits = Traits(maximum_dimension=1)
+
+    def minimize(self, objective, rng):
+        assert objective.dimension == 1
+        super().minimize(objective, rng)
+
+
+@pytest.mark.parametrize("make", [OfMany, OfOne])
+def test_an_optimiser_is_run_in_as_many_dimensions_as_it_takes(make: Any) -> None:
+    testing.check_optimizer(make)
+
+
 def test_what_traits_are_not_stated_are_the_default() -> None:
     class Bare:
         def minimize(self, objective, rng):
