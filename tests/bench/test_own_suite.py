@@ -3,7 +3,10 @@
 import json
 import re
 import shlex
+import shutil
 import sys
+from dataclasses import dataclass
+from hashlib import blake2b
 from pathlib import Path
 
 import pandas as pd
@@ -14,6 +17,7 @@ from calibench import optimizers, problems, testing
 from calibench.bench.cli import main
 from calibench.bench.exchange import latex
 from calibench.bench.exchange.folders import file_name
+from calibench.bench.provenance import data_files
 from calibench.bench.provenance.code_digest import changed_parts
 from calibench.bench.provenance.data_files import digest_of_files
 from calibench.bench.report.study import figures
@@ -261,8 +265,71 @@ def test_a_file_of_data_is_the_same_from_any_folder_and_inside_other_options(her
     (here / "far" / "own.csv").write_text("12\n")
     assert digest_of_files(own_files.Holds()) not in ("", told)
     assert digest_of_files(own_files.Holds(own_files.Source(Path("no.csv")))) == ""
-    assert digest_of_files(own_files.Holds(own_files.Source(here))) == ""
     del sys.modules["own_files"]
+
+
+def digest_of(*paths):
+    return digest_of_files(Given(*paths))
+
+
+@dataclass(frozen=True)
+class Given:
+    one: Path
+    other: Path | None = None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda folder: (folder / "deep" / "b.csv").write_text("3\n"),
+        lambda folder: (folder / "c.csv").write_text(""),
+        lambda folder: (folder / "a.csv").unlink(),
+        lambda folder: (folder / "a.csv").rename(folder / "z.csv"),
+        lambda folder: (folder / "deep" / "far" / "linked.csv").write_text("9\n"),
+    ],
+)
+def test_a_change_in_a_folder_of_data_is_noticed(tmp_path, change):
+    folder = tmp_path / "data"
+    (folder / "deep").mkdir(parents=True)
+    (folder / "a.csv").write_text("1\n")
+    (folder / "deep" / "b.csv").write_text("2\n")
+    (tmp_path / "elsewhere").mkdir()
+    (folder / "deep" / "far").symlink_to(tmp_path / "elsewhere")
+    (folder / "deep" / "round").symlink_to("..")  # a loop
+    (folder / "nowhere.csv").symlink_to(tmp_path / "gone.csv")
+    before = digest_of(folder)
+    assert len(before) == 12
+    shutil.copytree(folder, tmp_path / "copy", symlinks=True)
+    assert digest_of(tmp_path / "copy") == before
+    for hidden in (".notes", ".git", "__pycache__"):
+        (folder / "deep" / hidden).mkdir()
+        (folder / "deep" / hidden / "x").write_text("no data")
+    assert digest_of(folder) == before
+    change(folder)
+    assert digest_of(folder) not in ("", before)
+
+
+def test_a_single_file_has_the_digest_of_its_content_and_goes_before_a_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far" / "own_place.py").write_text("class Given:\n    def __init__(self, one): self.one = one\n")
+    (tmp_path / "far" / "own.csv").write_bytes(b"1.0\n")
+    (tmp_path / "own.csv").mkdir()  # a folder of the file's name where one works
+    monkeypatch.syspath_prepend(tmp_path / "far")
+    import own_place
+
+    content = blake2b(b"1.0\n", digest_size=12).hexdigest()
+    told = blake2b(content.encode(), digest_size=6).hexdigest()
+    assert digest_of_files(own_place.Given(Path("own.csv"))) == told
+    del sys.modules["own_place"]
+
+
+def test_a_folder_of_too_many_files_is_refused_with_a_way_out(tmp_path, monkeypatch):
+    monkeypatch.setattr(data_files, "_MOST", 3)
+    for k in range(4):
+        (tmp_path / str(k)).write_text("")
+    with pytest.raises(ValueError, match=r"holds more than 3 files and folders, .* or give the problem a data_id"):
+        digest_of(tmp_path)
 
 
 def test_a_problem_that_says_what_its_data_are_is_believed(here):
