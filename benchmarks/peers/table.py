@@ -101,14 +101,13 @@ def page(rows: pd.DataFrame, versions: str) -> str:
 
 def _by_size(hidden: pd.DataFrame, order: list[str]) -> str:
     cells = pd.cut(hidden["size"], BINS, right=False)
-    heads = [
-        f"{b.left:g}-{b.right:g} sigma (n={len(g) // len(order)})" for b, g in hidden.groupby(cells, observed=True)
-    ]
+    bins = [(b, hidden[cells == b]) for b in cells.cat.categories if (cells == b).any()]
+    heads = [f"{b.left:g}-{b.right:g} sigma (n={held['case'].nunique()})" for b, held in bins]
     lines = ["| method | " + " | ".join(heads) + " | all |", "|---" * (len(heads) + 2) + "|"]
     for method in order:
-        own = hidden[hidden["method"] == method]
-        texts = [_spread(g["removed"]) for _, g in own.groupby(cells[own.index], observed=True)]
-        lines.append(f"| {method} | " + " | ".join([*texts, _spread(own["removed"])]) + " |")
+        texts = [_spread(held[held["method"] == method]["removed"]) for _, held in bins]
+        texts.append(_spread(hidden[hidden["method"] == method]["removed"]))
+        lines.append(f"| {method} | " + " | ".join(texts) + " |")
     return "\n".join(lines) + "\n"
 
 

@@ -15,6 +15,7 @@ from benchmarks.peers.asking import Staying, Taken, ToolError, once, read
 from benchmarks.peers.environments import Environment
 from benchmarks.peers.measured import Table, measure
 from benchmarks.peers.measured_page import page
+from benchmarks.peers.table import _by_size
 from benchmarks.peers.turns import Contestant, take_turns
 
 _SCRIPT = """
@@ -165,3 +166,13 @@ def test_every_peer_has_a_script_and_pins_what_it_wants() -> None:
         assert (environments.TOOLS / f"{name}_peer.py").exists()
         lines = (environments.TOOLS / f"{name}.txt").read_text().splitlines()
         assert all("==" in line for line in lines if not line.startswith("#")), name
+
+
+def test_cases_are_counted_once_and_stay_in_their_column_where_a_method_lacks_some() -> None:
+    rows = [("ours", case, size, 0.5) for case, size in (("a", 0.5), ("b", 0.5), ("c", 2.0))]
+    rows += [("other", "a", 0.5, 0.25), ("third", "c", 2.0, 0.75)]
+    told = _by_size(pd.DataFrame(rows, columns=["method", "case", "size", "removed"]), ["ours", "other", "third"])
+    head, _, ours, other, third = (line.strip("|").split("|") for line in told.splitlines())
+    assert [cell.strip() for cell in head[1:3]] == ["0.4-0.6 sigma (n=2)", "1.5-2.5 sigma (n=1)"]
+    assert [line[2].split()[0] for line in (ours, other, third)] == ["0.50", "-", "0.75"]
+    assert [len(line) for line in (ours, other, third)] == [4, 4, 4]
