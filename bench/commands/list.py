@@ -143,18 +143,24 @@ def _study_rows() -> list[dict[str, Any]]:
 
 
 def _figure_rows() -> list[dict[str, Any]]:
+    # written down here: the modules that draw take seconds to import; a test compares it with them
     figures = {
         "convergence": "best error over charged evaluations, median and quartiles, rounding floor",
         "target": "what each method paid to the last target, on one logarithmic axis; where the paper stopped its own",
+        "ecdf": "share of targets that each method reached over charged evaluations, of all problems and of each group",
+        "critical_difference": "mean rank of each method over the problems; a bar joins those that no test tells apart",
         "overview": "of many methods or problems: the place of each method on each, and its runs at the goal",
         "gauge": "Table 4's and Table 7's printed results on the curve along which no reading changes",
         "plans": "singular values for readings on a line, a circle, two circles and a disc",
         "orthoglide_residuals": "measured deviations before and after calibration, for three parameter sets",
         "where": "discover: how strongly the residual of each part of the machine depends on each recorded quantity",
-        "workspace": "discover: the mean residual of each region over its own noise",
+        "workspace": "discover: the mean residual of each region over its own noise; calibrate: the error of each pose",
         "candidates": "discover: what each effect of the catalogue explains, the set marked",
         "residuals": "discover: the error of the quantity that an effect changes, before and after",
         "gap": "discover: the error on readings that were not fitted over the noise floor",
+        "noise": "discover: what was seen of noise that is blamed: outlying readings, steps of a sensor, heavy tails",
+        "errors": "calibrate: the share of poses below each error, before and after",
+        "joints": "calibrate: the error over the angle of each joint, before and after",
     }
     return [{"name": name, "about": said} for name, said in figures.items()]
 
