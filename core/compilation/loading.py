@@ -22,10 +22,24 @@ class KernelCache(FunctionCache):
     """numba's cache of a function, which loads no compiler."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what is kept for arguments of these types; None where nothing is."""
+        """Return what is kept for arguments of these types; None where nothing is, or nothing that can be read.
+
+        What cannot be read, as of a disk that was full, is compiled anew and written over.
+        """
         _name_helpers()
-        with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        try:
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        except Exception:  # of half a pickle nearly anything may come
+            self._begin_anew()
+        return None
+
+    def _begin_anew(self) -> None:
+        """Empty the index, which is read again before anything is kept; keep nothing where that cannot be."""
+        try:
+            self.flush()  # type: ignore[no-untyped-call]
+        except OSError:
+            self.disable()  # type: ignore[no-untyped-call]
 
 
 @cache

@@ -9,9 +9,14 @@ import shutil
 import struct
 import subprocess
 import sys
+import types
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 
+import numba
 import pytest
+
+from calibench.core.compilation.loading import keep
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -207,3 +212,30 @@ for _ in range(2):
 """
     told = "_share is a part of kernels: only they call it, compile it with njit() otherwise"
     assert python(code) == [told, told]
+
+
+@pytest.mark.parametrize("left", [0.0, 0.5])
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+def test_a_kernel_whose_file_is_cut_off_is_compiled_anew_and_kept_again(tmp_path, monkeypatch, ending, left):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    (tmp_path / "twice.py").write_text("def twice(x):\n    return 2 * x\n")
+
+    def fresh():
+        """Return the kernel as another process has it: with nothing but what is kept."""
+        module = SourceFileLoader("twice", str(tmp_path / "twice.py"))
+        return keep(numba.njit(module_of(module).twice))
+
+    assert fresh()(3) == 6
+    [file] = (tmp_path / "cache").rglob(f"*.{ending}")
+    os.truncate(file, int(left * file.stat().st_size))
+    for reads in (0, 1):
+        kernel = fresh()
+        assert kernel(4) == 8
+        assert sum(kernel.stats.cache_hits.values()) == reads
+
+
+def module_of(loader):
+    module = types.ModuleType(loader.name)
+    module.__file__ = loader.path
+    loader.exec_module(module)
+    return module
