@@ -65,6 +65,12 @@ def test_the_area_is_the_mean_over_all_evaluations_and_has_its_bounds_beside_it(
         anytime(runs, traces, bounds=(1.0, 1.0))
 
 
+@pytest.mark.parametrize("axis", ["log10", "Log", "", None])
+def test_an_axis_that_is_not_known_is_refused(study, axis):
+    with pytest.raises(ValueError, match=r"^axis=.*: .*choices: linear, log$"):
+        anytime(*study, axis=axis)
+
+
 def test_a_best_value_of_nought_has_a_gap_that_is_a_number(study):
     runs, traces = study
     traces["best_value"] -= 0.5

@@ -9,7 +9,7 @@ Source: van Stein et al., GECCO 2024 (AOCC); Hansen et al., anytime assessment, 
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.fixed_budget.gaps import Curves, curves
 from calibench.bench.statistics.summary import QUARTILES, quantiles
+from calibench.core.options import shown, suggest
 
 Array = NDArray[np.float64]
 BOUNDS = (-8.0, 2.0)  # of log10 gap, as COCO's targets
@@ -36,11 +37,13 @@ def anytime(
 
     That is lower, upper, charged, axis and floor. `charged` is the budget over which the mean is taken, the cell's own
     unless `budget` is given. `floor` is the gap that counts as the least, as in `gaps`: where it is above 10^lower, no
-    run comes to an AOCC of 1. Raises `ValueError` where the bounds are not in order.
+    run comes to an AOCC of 1. Raises `ValueError` where the bounds are not in order, and for another axis.
     """
     lower, upper = bounds
     if not lower < upper:
         raise ValueError(f"bounds={bounds}: the lower one must be below the upper")
+    if axis not in get_args(Axis):
+        raise ValueError(f"axis={shown(axis)}: {suggest(str(axis), get_args(Axis))}")
     rows = []
     for cell in curves(runs, traces):
         own = dict(zip(CELL, cell.key, strict=True))
