@@ -2,12 +2,14 @@
 
 Two readings of one pose differ by noise. On a scale with steps d they agree by chance with probability d / (2 sqrt(pi)
 sigma). So the steps of the columns that carry noise, and their stated noise, give the expected number of equal rows.
-Data with equal rows are refused where that number is zero. Where there are more equal rows than expected, the copies
-are left out, with a note.
+A column that only numbers the rows is not compared. Data with equal rows are refused where that number is zero. Where
+there are more equal rows than expected, the copies are left out, with a note.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,8 @@ from scipy.special import pdtrc
 from calibench.core.counted import plain
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
-from calibench.discrepancy.model.roles import inputs_of, roles_of
+from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of
+from calibench.discrepancy.registries import description_of
 
 _BOOKKEEPING = ("pose_id", "visit_id", "repeat", "split", "valid", "reading_place")
 SAME = "are the same in every column"  # in the note, by which a page knows it
@@ -25,6 +28,8 @@ _IMPOSSIBLE = 1e-3  # expected number of equal rows, below which an equal row mu
 _UNLIKELY = 1e-3
 _SHOWN = 4  # pairs in a message
 _TELLING = 8  # values by which a column is recognised under another name
+_BY_ONE = 0.75  # of the steps of a column that numbers the rows with leaps: the least part that is one
+_NUMBERED = re.compile(r"(\D*)(\d{1,18})")
 _MOST_GAPS = 2000  # differences of a column that are used to find its step
 
 
@@ -34,29 +39,31 @@ def copied_rows(data: MeasuredData, rows: NDArray[np.intp], formulation: Formula
     `rows` are their numbers in the file. Raises `DataError` with the rows where equal rows cannot be: the time is the
     same, or a column that carries noise is continuous.
     """
-    first, again = _pairs(data, _spoken_of(formulation))
+    counters = _counters(data, rows, formulation)
+    first, again = _pairs(data, counters)
     copies = np.zeros(len(data), dtype=bool)
     if not len(again):
         return copies, ""
     told = ", ".join(f"{rows[k]} and {rows[i]}" for i, k in list(zip(again, first))[:_SHOWN])
     told += f" and {len(again) - _SHOWN} more" if len(again) > _SHOWN else ""
     distinct = np.setdiff1d(np.arange(len(data)), again)
+    same = f"{SAME} but {', '.join(counters)}, which counts them" if len(counters) == 1 else SAME
     way_out = "leave out the copies, or state their own time of reading"
     if "t_s" in data and len(np.unique(data["t_s"][distinct])) == len(distinct) > 1:
-        raise DataError(f"{data.name}: rows {told} {SAME}, t_s too: copies; {way_out}")
+        raise DataError(f"{data.name}: rows {told} {same}, t_s too: copies; {way_out}")
     expected = _repeats(formulation.data) * _chance(data.rows(distinct), formulation)
     if expected < _IMPOSSIBLE:
         raise DataError(
-            f"{data.name}: rows {told} {SAME}, to the last digit, which noise does not allow: copies; {way_out}"
+            f"{data.name}: rows {told} {same}, to the last digit, which noise does not allow: copies; {way_out}"
         )
     if pdtrc(len(again) - 1, expected) > _UNLIKELY:
         return copies, (
-            f"rows {told} {SAME}: on a coarse scale chance may do that, and so would copies, "
+            f"rows {told} {same}: on a coarse scale chance may do that, and so would copies, "
             "from which too small a noise is learned; leave out what was not read"
         )
     copies[again] = True
     return copies, (
-        f"rows {told} {SAME}: {len(again)} copies, more than the {plain(expected, 2)} that chance has, "
+        f"rows {told} {same}: {len(again)} copies, more than the {plain(expected, 2)} that chance has, "
         "are left out, and no noise is learned from them"
     )
 
@@ -132,15 +139,15 @@ def _spoken_of(formulation: Formulation) -> frozenset[str]:
     return frozenset((*formulation.readings, *inputs_of(formulation), *roles.columns, roles.time))
 
 
-def _pairs(data: MeasuredData, spoken_of: frozenset[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _pairs(data: MeasuredData, but: Collection[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the rows that equal an earlier row, and for each of them that earlier row, two arrays (m,).
 
-    A column that only numbers the rows is not compared, unless it is `spoken_of`.
+    The columns in `but` are not compared.
     """
     rows = np.arange(len(data))
     alike = np.zeros(len(data), dtype=np.int64)
     for name, column in data.columns.items():
-        if name in _BOOKKEEPING or (name not in spoken_of and _numbers_rows(column)):
+        if name in _BOOKKEEPING or name in but:
             continue
         own = np.unique(column, return_inverse=True)[1].reshape(-1)
         _, first, alike = np.unique(alike * (own.max() + 1) + own, return_index=True, return_inverse=True)
@@ -153,5 +160,44 @@ def _pairs(data: MeasuredData, spoken_of: frozenset[str]) -> tuple[NDArray[np.in
     return first[alike][again], again
 
 
-def _numbers_rows(column: NDArray[Any]) -> bool:
-    return bool(column.dtype.kind in "iu" and len(column) > 1 and (np.diff(column) == 1).all())
+def _counters(data: MeasuredData, rows: NDArray[np.intp], formulation: Formulation) -> tuple[str, ...]:
+    """Return the columns that only number the rows; `rows` are their numbers in the file.
+
+    A column that the formulation speaks of numbers nothing, and a time or another column that the machine knows does so
+    only where it counts from row to row by one.
+    """
+    known = {"t_s", *columns_of(roles_of(formulation)), *(q.name for q in description_of(data.machine).columns)}
+    known |= {name for name, unit in data.units.items() if unit == "s"}
+    names = (name for name in data.columns if name not in _spoken_of(formulation) and name not in _BOOKKEEPING)
+    return tuple(name for name in names if _numbers_rows(data[name], rows, name in known))
+
+
+def _numbers_rows(column: NDArray[Any], rows: NDArray[np.intp], by_one: bool) -> bool:
+    """Return whether whole numbers, or words that end in them (`R17`), count the rows; `by_one`: each by one.
+
+    Else the rows are counted as they stand, or as they stood in the file, by any step. Who pastes a block numbers it on
+    from elsewhere, so a few leaps are allowed where the step is one.
+    """
+    count = _counts(column) if len(column) > 1 else None
+    if count is None:
+        return False
+    steps, apart = np.diff(count), np.diff(rows)
+    if by_one or not (steps > 0).all():
+        return bool((steps == 1).all() and column.dtype.kind in "iu")
+    regular = (steps == steps[0]).all() or (steps * apart[0] == steps[0] * apart).all()
+    return bool(regular or np.mean(steps == 1) >= _BY_ONE)
+
+
+def _counts(column: NDArray[Any]) -> NDArray[np.int64] | None:
+    """Return whole numbers, or those that words of one form end in, (n,); None for a column of anything else."""
+    if column.dtype.kind in "iu":
+        return column.astype(np.int64)
+    if column.dtype.kind != "U":
+        return None
+    forms, numbers = set(), []
+    for word in column.tolist():
+        if (found := _NUMBERED.fullmatch(word)) is None:
+            return None
+        forms.add(found[1])
+        numbers.append(int(found[2]))
+    return np.array(numbers, dtype=np.int64) if len(forms) == 1 else None

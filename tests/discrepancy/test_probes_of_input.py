@@ -17,6 +17,7 @@ from calibench import discrepancy
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError, Sensor
 from calibench.discrepancy.checks.bounds import outside_bounds
+from calibench.discrepancy.checks.copies import SAME, copied_rows
 from calibench.discrepancy.checks.validate import validated
 from calibench.discrepancy.machines.gpm2002.plan import planned
 from calibench.discrepancy.machines.orthoglide.printed import printed
@@ -220,6 +221,26 @@ REFUSED: dict[str, tuple[str, Callable[[Sheet, str], Sheet], str]] = {
     "copies_of_some_rows": (
         "gpm2002 tracked arm",
         lambda s, r: s.again(3, 7),
+        r"rows 4 and \d+, 8 and \d+ are the same",
+    ),
+    "copies_with_numbers_of_lines_of_their_own": (
+        "gpm2002 tracked arm",
+        lambda s, r: s.again(3, 7).beside("line", lambda i: str(10 * i + 10)),
+        r"rows 4 and \d+, 8 and \d+ are the same in every column but line, which counts them",
+    ),
+    "copies_that_are_numbered_on_from_elsewhere": (
+        "gpm2002 arm",
+        lambda s, r: s.again(3, 7).beside("line", lambda i: str(i if i < len(s.rows) else i + 500)),
+        r"rows 4 and \d+, 8 and \d+ are the same",
+    ),
+    "copies_with_names_of_their_own": (
+        "gpm2002 arm",
+        lambda s, r: s.again(3, 7).beside("line", lambda i: f"R{i:04d}"),
+        r"rows 4 and \d+, 8 and \d+ are the same",
+    ),
+    "copies_with_numbers_of_lines_among_rows_that_are_not_valid": (
+        "arm",
+        lambda s, r: s.again(3, 7).beside("line", lambda i: str(5 * i)).beside("valid", lambda i: str(int(i % 9 != 5))),
         r"rows 4 and \d+, 8 and \d+ are the same",
     ),
     "copies_without_a_time": (
@@ -475,6 +496,27 @@ def test_a_parameter_that_ends_outside_its_bounds_is_told_first(monkeypatch: pyt
     monkeypatch.setattr(arm, "PARAMETERS", (first, *arm.PARAMETERS[1:]))
     notes = discrepancy.explain(Arm(), readings()).notes
     assert re.match(r"la ends at 401\.\d+ mm, outside 399 to 400.5: the fit is free of bounds", notes[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "found"),
+    [
+        ("line", lambda i: 7 * i, True),
+        ("line", lambda i: 3 - 2 * i, False),  # it runs down
+        ("clock_ms", lambda i: 1000 * i + i * i % 7, False),  # a real time, under another name
+        ("level", lambda i: i // 2, False),
+        ("t_s", lambda i: 10.0 * i, False),  # read at regular moments
+    ],
+)
+def test_a_column_makes_rows_differ_unless_it_only_counts_them(name: str, values: Any, found: bool) -> None:
+    rows = np.r_[np.arange(12), np.arange(4)]
+    data = printed("exp2").rows(rows)
+    formulation = machines.make("orthoglide").formulate(data)
+    told = data.with_columns({name: np.array([values(i) for i in range(16)])})
+    _, note = copied_rows(told, np.arange(1, 17), formulation)
+    assert bool(note) == found
+    if found:
+        assert f"{SAME} but {name}, which counts them" in note
 
 
 def test_no_noise_is_learned_from_copies() -> None:
