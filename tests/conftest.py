@@ -1,5 +1,8 @@
 """Before the whole suite each worker compiles its share of the kernels, so that no two compile the same ones.
 
+Likewise every other worker collects the tests from the last file to the first: it finds the second half of what Python
+compiles, and pytest rewrites, kept by the others, and they find the first half.
+
 The collection makes a million objects that stay: they are not looked through while it does.
 """
 
@@ -34,6 +37,24 @@ def shares(workers):
         names[at].append(name)
         busy[at] += seconds
     return names
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    report = yield
+    if report.result and isinstance(collector, pytest.Directory | pytest.Session) and _counts_backwards(collector):
+        report.result = report.result[::-1]
+    return report
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: (item.path, isinstance(item, pytest.DoctestItem)))  # workers must have one order
+
+
+def _counts_backwards(collector):
+    worker = getattr(collector.config, "workerinput", None)
+    return worker is not None and int(worker["workerid"].removeprefix("gw")) % 2 == 1
 
 
 @pytest.hookimpl(tryfirst=True)
