@@ -1,10 +1,13 @@
 """What several modules of these tests ask for."""
 
+import importlib
 import sys
 
+import numpy as np
 import pytest
 
 from calibench import optimizers, problems
+from calibench.bench.calibration.judged import predicted
 from calibench.bench.cli import main
 from calibench.bench.execution.request import probe
 from calibench.bench.report.shared import drawn
@@ -69,4 +72,19 @@ def undrawn():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drawn, "save", save)
+        yield
+
+
+@pytest.fixture(scope="module")
+def not_left_out():
+    """Let calibrations tell errors of fitted poses for those of poses left out in turn: a quarter of their time.
+
+    For modules that ask what is read, refused and written: those of errors, levels and splits leave poses out.
+    """
+
+    def of_the_fit(fit, order):
+        return predicted(fit, fit.model, np.ones(len(fit.model.joints), dtype=bool))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(importlib.import_module("calibench.bench.calibration.calibrate"), "crossed_out", of_the_fit)
         yield

@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 from calibench.bench.cli import main
 from tests.bench.arm_by_hand import NAMES, measured, table, urdf
 
+pytestmark = pytest.mark.usefixtures("not_left_out")
+
 
 @pytest.fixture
 def calibrate(tmp_path, monkeypatch, capsys):

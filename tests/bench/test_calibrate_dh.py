@@ -1,6 +1,7 @@
 """`bench calibrate dh=`: an arm of a table instead of a URDF; what was hidden in its numbers comes out in a table."""
 
 import csv
+import importlib
 import json
 from pathlib import Path
 
@@ -8,12 +9,15 @@ import numpy as np
 import pytest
 
 from calibench import problems
+from calibench.bench.calibration.judged import crossed_out
 from calibench.bench.cli import main
 from calibench.bench.provenance.run_id import options_of
 from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.arm.measured import shipped
 from tests.dh_by_hand import PUMA_CRAIG, STANFORD, UR10, as_csv, modified, reached, standard
+
+pytestmark = pytest.mark.usefixtures("not_left_out")
 
 BASE = ((0.8, -1.9, 0.4), 0.7)  # of the arm in the tracker: m, and a turn about z
 TARGET = (0.06, 0.02, 0.11)
@@ -174,6 +178,7 @@ def test_a_calibrated_table_is_read_again_and_left_alone(bench):
 
 def test_a_true_arm_keeps_its_table(bench, monkeypatch):
     monkeypatch.setitem(HIDDEN, "craig", {})
+    monkeypatch.setattr(importlib.import_module("calibench.bench.calibration.calibrate"), "crossed_out", crossed_out)
     measured("craig", 40)
     found = bench(*words("craig"))
     assert (found["chosen"], found["changes"]) == ("frames", [])

@@ -18,6 +18,8 @@ from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.registries import machines
 from tests.bench.arm_by_hand import about
 
+pytestmark = pytest.mark.usefixtures("not_left_out")
+
 JOINTS = (  # name, place behind the joint before [mm], axis, whether it slides
     ("turntable", (0, 0, 250), (0, 0, 1), False),
     ("lift", (0, 0, 100), (0, 0, 1), True),

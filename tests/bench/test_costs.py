@@ -19,6 +19,8 @@ from calibench.bench.statistics.priced import KINDS, priced
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 class Timed:
     """A problem that takes what `clock` is told, and whose Jacobian takes 1.9 values."""

@@ -11,6 +11,8 @@ from calibench.discrepancy.machines.arm import Arm
 from calibench.discrepancy.machines.arm.formulation import TURNED
 from tests.bench.arm_by_hand import NAMES, in_sockets, measured, table, urdf
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 @pytest.fixture
 def arm(tmp_path):

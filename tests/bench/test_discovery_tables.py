@@ -26,6 +26,8 @@ from calibench.discrepancy.report import Candidate, Gap, Place
 from tests.bench.test_discovery_page import FINDING, GAP, told
 from tests.discrepancy.test_form import sprung
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 def _words(html):
     return re.sub(r"\s+", " ", re.sub("<[^>]+>", " ", html))

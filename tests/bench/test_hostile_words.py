@@ -19,7 +19,7 @@ from calibench.bench.sweep.words.values import MOST_RUNS
 from calibench.core.options import coerce, shown
 from calibench.core.words import DEEPEST, LONGEST_WORD, check_word, one_line
 
-pytestmark = pytest.mark.usefixtures("one_process")
+pytestmark = pytest.mark.usefixtures("one_process", "undrawn")
 
 RUN = ["problem=sensor_zero", "optimizer=de", "budget=10", "--dry-run"]
 DEEP = "[" * 20_000 + "]" * 20_000

@@ -11,7 +11,7 @@ import pytest
 from calibench.bench.cli import main
 from calibench.bench.store.runs import ResultStore
 
-pytestmark = pytest.mark.usefixtures("one_process")
+pytestmark = pytest.mark.usefixtures("one_process", "undrawn")
 
 BOWL = """
 import numpy as np

@@ -27,7 +27,7 @@ from calibench.bench.store.options import with_options
 from calibench.bench.store.runs import ResultStore
 from calibench.core import user_file
 
-pytestmark = pytest.mark.usefixtures("one_process")
+pytestmark = pytest.mark.usefixtures("one_process", "undrawn")
 
 SUITE = """
 from dataclasses import dataclass, field

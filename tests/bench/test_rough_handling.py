@@ -16,6 +16,8 @@ from calibench.bench.provenance.run_id import options_of
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 CODE = """
 import sys, os, signal, time
 import numpy as np

@@ -24,6 +24,8 @@ from calibench.problems.arm.chains.rigid import rpy, shift
 from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.arm.measured import shipped
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 DATA = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data"))
 GIVEN, PANDA = DATA / "arm_ur10_tmac", DATA / "arm_panda_sockets"
 given = pytest.mark.skipif(not GIVEN.is_dir(), reason=f"no measured series at {GIVEN}")

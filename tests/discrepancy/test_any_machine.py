@@ -22,6 +22,8 @@ from calibench.discrepancy.model.measured.sensor import Sensor, sensor_of
 from calibench.discrepancy.registries import description_of
 from tests.discrepancy.arm import Arm, readings
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = [("enc_1", "enc_2"), ("shoulder", "elbow")]
 

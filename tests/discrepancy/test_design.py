@@ -18,6 +18,8 @@ from calibench.discrepancy.machines.table import Table
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 SIGMA = 5e-5  # rad
 
 

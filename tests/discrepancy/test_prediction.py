@@ -13,6 +13,8 @@ from calibench.bench.measured.sources import sources
 from calibench.discrepancy import DataError, Instrument, Joint, Length, MeasuredData, Predicted, Roles
 from calibench.problems.base import Parameter
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 PARAMETERS = (Parameter("length", "mm", 300.0, 290.0, 310.0), Parameter("zero", "rad", 0.0, -0.1, 0.1))
 ROLES = Roles(
     joints=(Joint("pivot", "angle", torque="load"),), lengths=(Length("rod", "length"),),

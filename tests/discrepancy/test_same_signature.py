@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import SimpleNamespace
 
+import pytest
+
 from calibench.discrepancy import Instrument, Joint, Predicted, Roles, explain
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import fit
@@ -16,6 +18,8 @@ from calibench.discrepancy.search.same_signature import same_in_any_pose
 from calibench.problems.base import Parameter
 from tests.discrepancy import arm as closed_arm
 from tests.discrepancy.test_general_families import PARAMETERS, SIGMA, place, readings
+
+pytestmark = pytest.mark.usefixtures("at_one_noise")
 
 ROLES = Roles(
     (Joint("shoulder", "a"), Joint("elbow", "b"), Joint("slide", "s", "sliding")),

@@ -11,6 +11,8 @@ from calibench.discrepancy import Instrument, Joint, MeasuredData, Predicted, Ro
 from calibench.discrepancy.model.machine import Numbers, Quantities
 from calibench.problems.base import Array, Parameter
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 ROLES = Roles(
     joints=(Joint("table", "enc", direction="dir"),), time="t_s",
     instruments=(Instrument("autocollimator", ("seen",), frame=False),),

@@ -15,6 +15,8 @@ from calibench.discrepancy.report import Report
 from calibench.discrepancy.search.off_form import _likeliest, random_field
 from tests.independent import mount
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 @cache
 def _told(base: int, k: int) -> Report:

@@ -18,6 +18,8 @@ from calibench.discrepancy.machines.mount.plan import planned
 from calibench.discrepancy.model.machine import Formulation, Machine
 from tests.independent.mount import case
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[4] / "shared" / "data"))
 REAL = GIVEN / "telescope_pointing"
 needs_real = pytest.mark.skipif(
