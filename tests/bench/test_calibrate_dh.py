@@ -16,6 +16,7 @@ from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.arm.measured import shipped
 from tests.dh_by_hand import PUMA_CRAIG, STANFORD, UR10, as_csv, modified, reached, standard
+from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("not_left_out")
 
@@ -105,7 +106,7 @@ def numbers(row):
     )
 
 
-@pytest.mark.parametrize("name", list(ARMS))
+@pytest.mark.parametrize("name", few(1, list(ARMS)))
 def test_what_was_hidden_in_a_table_comes_back_within_its_errors(bench, name):
     measured(name, turns=name == "stanford")
     found = bench(*words(name))
@@ -123,6 +124,7 @@ def test_what_was_hidden_in_a_table_comes_back_within_its_errors(bench, name):
     assert {one.partition("_")[0] for one in set(changes) | undetermined} <= {"theta", "d", "a", "alpha", "beta"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur10", pytest.param("craig", marks=pytest.mark.slow)])
 def test_who_predicts_rows_held_back_by_the_written_table_finds_the_error_that_is_told(bench, name):
     q, seen, hold = measured(name, 70, hold=15)
@@ -137,6 +139,7 @@ def test_who_predicts_rows_held_back_by_the_written_table_finds_the_error_that_i
     assert np.sqrt((left**2).mean()) == pytest.approx(found["after"]["rms"], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_only_numbers_that_the_data_determine_are_others_than_they_were(bench):
     measured("ur10")
     found = bench(*words("ur10"))
@@ -167,6 +170,7 @@ def test_the_urdf_that_is_written_is_the_arm_of_the_table_that_is_written(bench)
     np.testing.assert_allclose(forward(chain, nominal(chain), q)[:, :3, 3] / 1000, wanted[:, :3, 3], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_calibrated_table_is_read_again_and_left_alone(bench):
     measured("ur10")
     found = bench(*words("ur10"))
@@ -232,7 +236,7 @@ def test_the_convention_that_the_readings_fit_is_told_where_none_is_stated(bench
 
 
 @pytest.mark.parametrize(
-    ("name", "stated", "of"), [("ur10", "modified", "standard"), ("craig", "standard", "modified")]
+    ("name", "stated", "of"), few(1, [("ur10", "modified", "standard"), ("craig", "standard", "modified")])
 )
 def test_a_convention_stated_wrong_is_told_with_the_one_that_fits(bench, name, stated, of):
     measured(name, 30)
@@ -247,7 +251,7 @@ def spoilt(name, rows, names=None):
 
 
 @pytest.mark.parametrize(
-    ("row", "other", "said"), [(2, "r", "slides: type prismatic"), (3, "p", "turns: type revolute")]
+    ("row", "other", "said"), few(1, [(2, "r", "slides: type prismatic"), (3, "p", "turns: type revolute")])
 )
 def test_a_row_with_the_wrong_kind_of_joint_is_told(bench, row, other, said):
     measured("stanford", 40)
@@ -284,19 +288,22 @@ def test_two_rows_that_are_exchanged_are_told(bench, name, pair):
 
 @pytest.mark.parametrize(
     ("name", "row", "number", "wrong", "said"),
-    [
-        ("ur10", 0, "alpha", -np.pi / 2, "alpha of row 1 (axis_1) is 1.571 rad, not -1.571 rad. "),
-        ("craig", 1, "alpha", 0.0, "alpha of row 2 (axis_2) is -1.571 rad, not 0 rad. "),
-        ("ur10", 1, "a", -0.162, "a of row 2 (axis_2) is about -0.612 m, not -0.162. "),
-        *(
-            pytest.param(*case, marks=pytest.mark.slow)
-            for case in (
-                ("ur10", 3, "alpha", 0.0, "alpha of row 4 (axis_4) is 1.571 rad, not 0 rad. "),
-                ("ur10", 4, "alpha", np.pi / 2, "alpha of row 5 (axis_5) is -1.571 rad, not 1.571 rad. "),
-                ("craig", 2, "a", -0.4318, "a of row 3 (axis_3) is about 0.43 m, not -0.432. "),
-            )
-        ),
-    ],
+    few(
+        1,
+        [
+            ("ur10", 0, "alpha", -np.pi / 2, "alpha of row 1 (axis_1) is 1.571 rad, not -1.571 rad. "),
+            ("craig", 1, "alpha", 0.0, "alpha of row 2 (axis_2) is -1.571 rad, not 0 rad. "),
+            ("ur10", 1, "a", -0.162, "a of row 2 (axis_2) is about -0.612 m, not -0.162. "),
+            *(
+                pytest.param(*case, marks=pytest.mark.slow)
+                for case in (
+                    ("ur10", 3, "alpha", 0.0, "alpha of row 4 (axis_4) is 1.571 rad, not 0 rad. "),
+                    ("ur10", 4, "alpha", np.pi / 2, "alpha of row 5 (axis_5) is -1.571 rad, not 1.571 rad. "),
+                    ("craig", 2, "a", -0.4318, "a of row 3 (axis_3) is about 0.43 m, not -0.432. "),
+                )
+            ),
+        ],
+    ),
 )
 def test_one_number_of_a_table_that_is_wrong_is_told_with_the_one_that_fits(bench, name, row, number, wrong, said):
     measured(name, 40)
@@ -308,6 +315,7 @@ def test_one_number_of_a_table_that_is_wrong_is_told_with_the_one_that_fits(benc
     assert told.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "seed"), [(12, 3), *(pytest.param(*one, marks=pytest.mark.slow) for one in ((14, 1), (12, 6), (14, 2)))]
 )
@@ -319,6 +327,7 @@ def test_a_dozen_poses_name_no_other_error_of_a_table_than_there_is(bench, n, se
     assert "alpha" not in told.partition("As it stands")[0]
 
 
+@pytest.mark.slow
 def test_offsets_along_parallel_axes_of_which_one_is_wrong_are_told_together(bench):
     measured("ur10", 40)
     spoilt("ur10", [(*r[:2], 0.2639 if k == 3 else r[2], *r[3:]) for k, r in enumerate(UR10)])
@@ -328,10 +337,13 @@ def test_offsets_along_parallel_axes_of_which_one_is_wrong_are_told_together(ben
 
 @pytest.mark.parametrize(
     ("one", "other", "head"),
-    [
-        ("a", "d", "joint,type,d [m],alpha [rad],a [m],theta [rad]"),
-        ("alpha", "theta", "joint,type,a [m],theta [rad],d [m],alpha [rad]"),
-    ],
+    few(
+        1,
+        [
+            ("a", "d", "joint,type,d [m],alpha [rad],a [m],theta [rad]"),
+            ("alpha", "theta", "joint,type,a [m],theta [rad],d [m],alpha [rad]"),
+        ],
+    ),
 )
 def test_two_columns_of_a_table_that_are_exchanged_are_told(bench, one, other, head):
     measured("stanford", 40)
@@ -339,6 +351,7 @@ def test_two_columns_of_a_table_that_are_exchanged_are_told(bench, one, other, h
     assert f"the readings fit the arm if columns {one} and {other} are exchanged. " in bench(*words("stanford"), code=2)
 
 
+@pytest.mark.slow
 def test_two_names_that_are_exchanged_are_told(bench):
     measured("ur10", 40)
     spoilt("ur10", UR10, [f"axis_{k}" for k in (1, 4, 3, 2, 5, 6)])
@@ -390,6 +403,7 @@ def in_words(name):
     Path(f"{name}.csv").write_text(text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [0, *(pytest.param(row, marks=pytest.mark.slow) for row in (5, 2))])
 def test_a_column_that_no_row_reads_is_named_where_the_readings_do_not_fit(bench, row):
     measured("ur10", 40)
@@ -401,7 +415,7 @@ def test_a_column_that_no_row_reads_is_named_where_the_readings_do_not_fit(bench
     assert told.count("\n") == 1
 
 
-@pytest.mark.parametrize(("noise", "far"), [(1e-2, True), (1e-3, False)])
+@pytest.mark.parametrize(("noise", "far"), few(1, [(1e-2, True), (1e-3, False)]))
 def test_a_calibration_that_leaves_more_than_an_arm_errs_says_so(bench, noise, far):
     measured("ur10", 40, noise=noise)
     notes = [note for note in bench(*words("ur10"))["notes"] if "so much is no matter of calibration" in note]
@@ -409,6 +423,7 @@ def test_a_calibration_that_leaves_more_than_an_arm_errs_says_so(bench, noise, f
     assert all("is this the table of the arm, and does each column hold its joint?" in note for note in notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stated", "really"), [("mm", "m"), pytest.param("cm", "m", marks=pytest.mark.slow)])
 def test_a_rail_in_another_unit_than_its_heading_says_is_told_with_the_cure(bench, stated, really):
     measured("stanford", 40)
@@ -420,6 +435,7 @@ def test_a_rail_in_another_unit_than_its_heading_says_is_told_with_the_cure(benc
     assert found["after"]["rms"] < 0.09
 
 
+@pytest.mark.slow
 def test_a_joint_of_a_table_that_slides_the_other_way_is_told_as_what_it_is(bench):
     measured("stanford", 40)
     lines = [line.split(",") for line in Path("stanford.csv").read_text().splitlines()]
@@ -462,6 +478,7 @@ def test_mm_below_a_heading_of_m_are_told_as_such_where_the_limits_are_mm(bench)
     assert "as mm all its rows lie within: units=axis_3:mm" in bench(*words("stanford"), code=2)
 
 
+@pytest.mark.slow
 def test_a_rail_goes_in_the_urdf_as_far_as_its_readings(bench):
     measured("stanford", 60)
     found = bench(*words("stanford"))

@@ -10,6 +10,7 @@ from calibench.bench.cli import main
 from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.chains.urdf import read_urdf
 from tests.bench.arm_by_hand import NAMES, about, measured, placed, table, urdf
+from tests.few import few
 
 
 @pytest.fixture
@@ -48,7 +49,7 @@ def rms(off):
     return np.sqrt((off**2).sum(axis=1).mean())
 
 
-@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("held", few(1, [False, True]))
 def test_the_error_with_a_wild_reading_in_it_is_told_beside_the_one_without(calibrate, held):
     q, seen, _ = measured(60)
     seen[30] += [0.0, 3.0, 0.0]
@@ -104,6 +105,7 @@ def test_a_tracker_that_went_elsewhere_is_refused_by_a_search_as_well(calibrate,
     assert "elsewhere for 30 of 79 poses, rows 51, 52, 53, 54, 55, 56 and 24 more" in said.out + said.err
 
 
+@pytest.mark.slow
 def test_a_kick_is_told_by_a_search_with_the_row_of_the_file(calibrate, tmp_path, capsys):
     q, seen, _ = measured(60)
     seen[36:] += [4.0, -3.0, 2.0]

@@ -17,6 +17,7 @@ from calibench.discrepancy.labels import quantity_label
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.registries import machines
 from tests.bench.arm_by_hand import about
+from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("not_left_out")
 
@@ -122,13 +123,16 @@ def test_a_search_reads_headings_as_a_calibration_does(lifter):
 
 @pytest.mark.parametrize(
     ("column", "change", "said"),
-    [
-        ("Z", lambda z: z / 1000, "near to each other if z is multiplied by 1000: it is in another unit than"),
-        ("X", lambda x: 1000 * x, "near to each other if x is multiplied by 0.001"),
-        ("lift", lambda q: q / 1000, "near to each other if lift is multiplied by 1000: state the unit"),
-        ("boom", lambda q: -q, "near to each other if joint boom counts the other way round"),
-        ("boom", lambda q: np.random.default_rng(0).permutation(q), "apart, wherever base and target are: is this"),
-    ],
+    few(
+        2,
+        [
+            ("Z", lambda z: z / 1000, "near to each other if z is multiplied by 1000: it is in another unit than"),
+            ("X", lambda x: 1000 * x, "near to each other if x is multiplied by 0.001"),
+            ("lift", lambda q: q / 1000, "near to each other if lift is multiplied by 1000: state the unit"),
+            ("boom", lambda q: -q, "near to each other if joint boom counts the other way round"),
+            ("boom", lambda q: np.random.default_rng(0).permutation(q), "apart, wherever base and target are: is this"),
+        ],
+    ),
 )
 def test_readings_that_no_such_arm_gives_are_refused_with_what_mends_them(lifter, column, change, said):
     data = read_measured("lifter.csv", "arm", {"sigma_mm": 0.03})
@@ -176,6 +180,7 @@ def test_no_error_over_a_joint_is_cut_off_by_the_joints_before_it():
         assert axes.get_ylim()[1] > table["before"].max()
 
 
+@pytest.mark.slow
 def test_a_joint_that_slides_may_be_in_metres_without_a_unit(lifter, capsys):
     rows = [line.split(",") for line in (lifter / "lifter.csv").read_text().splitlines()[1:]]
     head = HEAD.replace(" [mm]", "", 1) + ",direction lift"

@@ -92,6 +92,7 @@ def test_who_predicts_the_rows_held_back_by_the_written_urdf_finds_the_error_tha
     assert rms(off(frames, hold).reshape(-1, 3)) == pytest.approx(found["before"]["rms"], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_same_holds_of_rotations(here, calibrate):
     q, seen, turns = measured(60)
     rng = np.random.default_rng(8)
@@ -133,6 +134,7 @@ def test_a_wild_row_among_those_held_back_is_named_and_left_out_of_their_error(h
     assert found["changes"] == clean["changes"]
 
 
+@pytest.mark.slow
 def test_which_rows_were_fitted_is_said_with_a_split_and_without(here, capsys):
     q, seen, _ = measured(60)
     written(here, q, seen)

@@ -12,6 +12,7 @@ from calibench.bench.statistics.choosing.nested import Scored, nest
 from calibench.bench.statistics.choosing.settings import choose, score_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.from_python import sweep
+from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -85,7 +86,7 @@ def test_where_all_settings_are_equal_the_apparent_score_is_optimistic_and_the_n
     assert covered.mean() >= 0.93
 
 
-@pytest.mark.parametrize("ahead", [0.5, 1.5, 3.0])
+@pytest.mark.parametrize("ahead", few(1, [0.5, 1.5, 3.0]))
 def test_what_choosing_wins_is_told_without_bias_and_covered(ahead: float) -> None:
     _, nested, truth, gain, above, covered = map(np.array, zip(*_simulated(ahead), strict=True))
     error = 3 / np.sqrt(STUDIES)

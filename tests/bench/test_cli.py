@@ -114,6 +114,7 @@ def test_adding_or_reordering_optimisers_leaves_every_other_row(run_bench, here)
     assert len(b) == 8
 
 
+@pytest.mark.slow
 def test_one_worker_and_two_write_the_same_rows(run_bench, here):
     sweep = "run -m problem=full12 problem.error=J1,J3 optimizer=de,trf,pygmo_cmaes budget=400 seeds=2"
     assert run_bench(f"{sweep} study=one")[0] == 0
@@ -124,6 +125,7 @@ def test_one_worker_and_two_write_the_same_rows(run_bench, here):
     pd.testing.assert_frame_equal(one.traces(), two.traces())
 
 
+@pytest.mark.slow
 def test_a_sweep_killed_in_the_middle_goes_on_where_it_was(here):
     command = [sys.executable, "-m", "bench", "run", "-m", "problem=full12", "problem.error=J1,J2,J3", "optimizer=de"]
     command += ["opt.de.population=10", "budget=200000", "seeds=4"]

@@ -20,6 +20,7 @@ from calibench.bench.papers.cong2008.section3.stopping import (
 from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.row import Verdict
 from calibench.optimizers.fmincon import fmincon
+from tests.few import few
 
 BELOW, KIND, BOTH, ABOVE = [0.1] * 15, [0.6] * 15, [0.1] * 8 + [2.0] * 7, [2.0] * 15
 
@@ -52,7 +53,7 @@ def kmrmse(problem: Any, fun: Any, variant: Variant) -> tuple[float, int]:
 
 
 @pytest.mark.parametrize(
-    ("key", "number"), [("table2.j1_n3", -1), ("table2.j2_n9", 1), ("table3.j2", -1), ("table3.j3", -1)]
+    ("key", "number"), few(2, [("table2.j1_n3", -1), ("table2.j2_n9", 1), ("table3.j2", -1), ("table3.j3", -1)])
 )
 def test_one_search_ends_for_each_stop_where_its_options_end_one(key: str, number: int) -> None:
     name, options = COLUMNS[key]

@@ -22,6 +22,7 @@ from calibench.bench.store.runs import ResultStore
 from calibench.bench.workers.dask.cluster import ClusterError, cluster
 from calibench.bench.workers.dask.home import Home, difference, home_of
 from calibench.bench.workers.dask.task import _Seat
+from tests.few import few
 from tests.processes import alive, descendants, wait_for
 from tests.same_rows import rows
 
@@ -319,7 +320,7 @@ def sent(home, spec, to):
     return json.loads(got.stdout)
 
 
-@pytest.mark.parametrize("package", ["", pytest.param("pack", marks=pytest.mark.slow), "pack/inner"])
+@pytest.mark.parametrize("package", few(1, ["", pytest.param("pack", marks=pytest.mark.slow), "pack/inner"]))
 def test_a_file_of_ones_own_is_sent_with_what_it_imports_and_is_the_same_code_there(tmp_path, package, monkeypatch):
     folder = tmp_path / "home" / package
     folder.mkdir(parents=True)

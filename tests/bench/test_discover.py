@@ -24,6 +24,7 @@ from calibench.bench.measured.files import read_measured
 from calibench.bench.measured.sources import sources
 from calibench.bench.store.runs import ResultStore
 from calibench.discrepancy.machines.gpm2002.plan import planned
+from tests.few import few
 
 CONTRACT = {
     "schema_version", "case", "machine", "verdict", "findings", "gap", "where", "not_testable", "invisible",
@@ -339,11 +340,14 @@ def test_rivals_of_a_machine_with_options_are_asked_of_that_very_machine():
 
 @pytest.mark.parametrize(
     ("family", "seed", "shown"),
-    [
-        ("outlier", 14, "two stated deviations, ±"),
-        pytest.param("quantisation", 15, "readings without steps", marks=pytest.mark.slow),
-        ("heavy_tails", 16, "Gaussian noise"),
-    ],
+    few(
+        1,
+        [
+            ("outlier", 14, "two stated deviations, ±"),
+            pytest.param("quantisation", 15, "readings without steps", marks=pytest.mark.slow),
+            ("heavy_tails", 16, "Gaussian noise"),
+        ],
+    ),
 )
 def test_a_finding_that_blames_the_noise_has_an_interval_a_sentence_and_a_chart(family, seed, shown, tmp_path, capsys):
     made = case(seed, family=family, lam=3.0, xy=False)

@@ -61,6 +61,7 @@ def test_the_names_of_figaroh_are_metres(arm, tmp_path):
     assert set(TURNED) <= set(found.readings)
 
 
+@pytest.mark.slow
 def test_a_folder_of_sockets_is_one_set(arm, tmp_path):
     in_sockets(tmp_path / "plate", places=3, postures=12)
     [source] = sources(str(tmp_path / "plate"), "arm")

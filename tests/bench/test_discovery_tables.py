@@ -281,6 +281,7 @@ def test_a_region_without_readings_is_not_one_without_residual():
     assert figure.axes[0].get_facecolor()[:3] != (1.0, 1.0, 1.0)
 
 
+@pytest.mark.slow
 def test_an_effect_that_depends_on_no_column_is_drawn_over_what_it_changes():
     made = case(5, "bar_skew", "leg z", 3.0, "cross")
     report = discrepancy.explain("orthoglide", discrepancy.MeasuredData(made.columns, "orthoglide", made.metadata))

@@ -191,6 +191,7 @@ def test_published_coco_data_of_2009_are_read(run_bench, tmp_path):
     assert rows[["budget", "wall_s", "kmrmse"]].isna().all().all()
 
 
+@pytest.mark.slow
 def test_published_runs_which_tell_no_budget_and_no_start_have_a_page_alone_and_beside_ours(
     studies, run_bench, tmp_path
 ):

@@ -28,6 +28,7 @@ from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.runtime import ecdf, ert
 from calibench.bench.statistics.targets import hits_of
 from calibench.bench.store.runs import ResultStore
+from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -117,6 +118,7 @@ def test_numbers_are_data_that_no_name_can_leave():
     assert json.loads(told) == {"name": evil}
 
 
+@pytest.mark.slow
 def test_many_cells_take_no_more_than_the_room_there_is(store, monkeypatch):
     for name, room in (("_CURVES", 11_000), ("_SHARES", 16_000), ("_TARGETS", 6_000)):  # a tenth of what a page has
         monkeypatch.setattr(f"calibench.bench.report.study.explored.data.{name}", room)
@@ -244,7 +246,7 @@ def clones(store, seeds, problems=1):
     )
 
 
-@pytest.mark.parametrize(("seeds", "problems"), [(8, 2), (9, 3)])
+@pytest.mark.parametrize(("seeds", "problems"), few(1, [(8, 2), (9, 3)]))
 def test_the_least_number_that_the_page_asks_for_decides(store, seeds, problems):
     def apart(runs):  # the same order everywhere: no test can be surer
         return runs.assign(best_value=runs["optimizer"].map({"lm": 1.0, "de": 2.0, "trf": 3.0}).fillna(4.0))

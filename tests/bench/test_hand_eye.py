@@ -25,6 +25,7 @@ from tests.bench.hand_eye_by_hand import (
     vector_of,
     write,
 )  # fmt: skip
+from tests.few import few
 
 NEAR = pose((3, -2, 1), (0.01, 0.02, -0.01))  # from the truth to where a fit begins
 NOISE = (0.3, 0.002)  # mm, rad
@@ -77,6 +78,7 @@ def test_exact_pairs_give_what_park_and_martin_give_in_closed_form(calibrate):
     assert np.allclose(found["camera"]["matrix"], park_martin(flange, seen), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_noisy_pairs_are_fitted_closer_to_the_truth_than_the_closed_form_on_the_whole():
     ours, theirs = [], []
     for seed in range(20):
@@ -245,7 +247,7 @@ def test_inverse_poses_are_told(calibrate, mode, noise):
         assert "read=camera_in_board" in line
 
 
-@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("side", few(1, [0, 1]))
 def test_a_quaternion_with_its_real_part_first_is_told_with_the_columns_to_copy(bench, tmp_path, side):
     parts = [columns_of(p, n) for p, n in zip(measured(12, noise=NOISE), ("flange", "board"), strict=True)]
     parts[side][1][:, 3:] = np.roll(parts[side][1][:, 3:], 1, axis=1)
@@ -311,6 +313,7 @@ def test_a_board_of_slightly_another_size_is_told_with_a_cure_to_copy(calibrate,
     assert off[1] < off[0]
 
 
+@pytest.mark.slow
 def test_the_error_of_a_scale_is_that_of_many_cases():
     values, errors, told = [], [], []
     for seed in range(60):

@@ -323,6 +323,7 @@ def no_ledger(*_args):
     raise ValueError("the papers are not rerun here")
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=150)
 @given(VERB, st.lists(TYPED, max_size=4))
 def test_any_words_end_with_an_answer_or_one_line(tmp_path_factory, verb, words):

@@ -21,6 +21,7 @@ from calibench.bench.execution.costly import with_batches
 from calibench.bench.gate import time_limit as watch
 from calibench.bench.gate.costly.told_error import ToldError
 from calibench.bench.gate.processes.forked_worker import forked
+from tests.few import few
 
 TIMES = {"wall_s", "cpu_s", "started_at"}
 BATCHED = ("de", "ga", "nine_point", "pso", "pygmo_cmaes", "pygmo_gaco", "pygmo_pso_gen")
@@ -135,7 +136,7 @@ def test_slices_of_a_compiled_batch_change_no_bit(options: dict[str, Any]) -> No
     assert alone.row["batch_evaluations"] == 1000
 
 
-@pytest.mark.parametrize("budget", [1, 149, 151, 400])
+@pytest.mark.parametrize("budget", few(2, [1, 149, 151, 400]))
 def test_the_budget_is_a_wall_for_all_processes_together(budget: int) -> None:
     problem = Valley()
     run = bench.execute(problem, optimizers.make("de"), budget=budget, inner=3)

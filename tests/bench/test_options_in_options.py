@@ -11,6 +11,7 @@ from calibench.bench.statistics.names.labels import problem_titles
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.options import typed
 from calibench.bench.store.runs import ResultStore
+from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -180,7 +181,9 @@ def closed(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("way", ["processes execution.n_jobs=2", "processes execution.inner=2", "serial time_limit=60"])
+@pytest.mark.parametrize(
+    "way", few(1, ["processes execution.n_jobs=2", "processes execution.inner=2", "serial time_limit=60"])
+)
 def test_what_cannot_be_pickled_runs_in_other_processes(closed, tmp_path, monkeypatch, way):
     monkeypatch.chdir(tmp_path)
     problems = f"problem={closed}:Closed,{closed}:local"

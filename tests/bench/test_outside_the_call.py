@@ -20,6 +20,7 @@ from calibench.bench.execution.run import Spec
 from calibench.bench.gate import time_limit
 from calibench.bench.sweep.request import read_request
 from calibench.problems.base import registry
+from tests.few import few
 
 CODE = """
 import ctypes, os, sys, time
@@ -142,7 +143,7 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return f"{file}:"
 
 
-@pytest.mark.parametrize("kind", ["problem", "optimizer"])
+@pytest.mark.parametrize("kind", few(1, ["problem", "optimizer"]))
 @pytest.mark.parametrize(("option", "error_type"), [("segfault", "ProcessDied"), ("hang", "TimeoutError")])
 def test_a_class_that_cannot_be_built_costs_its_own_runs_only(
     rig: str, kind: str, option: str, error_type: str, monkeypatch: pytest.MonkeyPatch

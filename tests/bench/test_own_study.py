@@ -386,6 +386,7 @@ def test_an_object_in_the_place_of_a_class_is_one_line_that_says_so(here, run_be
     assert run_bench("run problem=./things.py:Bowl optimizer=./things.py:Search budget=5 seeds=1")[0] == 0
 
 
+@pytest.mark.slow
 def test_processes_that_a_problem_starts_and_ends_tell_nothing_of_the_sweep(here):
     (here / "pooled.py").write_text(
         "import multiprocessing\n\nimport numpy as np\n\n\ndef square(v):\n    return v * v\n\n\n"

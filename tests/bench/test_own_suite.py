@@ -198,6 +198,7 @@ def test_a_study_is_reported_whose_optimiser_keeps_its_traits_in_a_field(here):
     assert write_report(store)[-1].name == "report.html"
 
 
+@pytest.mark.slow
 def test_a_problem_of_many_options_is_exported_under_a_name_that_a_file_may_have(call, here):
     words = (
         "-m",
@@ -485,6 +486,7 @@ def test_a_message_names_all_that_an_option_takes(call, here, words, told):
     assert told in err
 
 
+@pytest.mark.slow
 def test_the_default_of_a_class_of_ones_own_is_known_to_a_choice_of_options(call, here):
     words = ("problem=./own_suite.py:Fit", "problem.limit=range(1,7)", "optimizer=./own_suite.py:Guided", "budget=9")
     swept = ("optimizer.kind=ONE,TWO", "optimizer.reader.delimiter=';',x", "seeds=1", "study=s")
@@ -502,6 +504,7 @@ def test_the_default_of_a_class_of_ones_own_is_known_to_a_choice_of_options(call
     assert "the default is not among the settings, or its class is not here" in call("choose", "results/s")[1]
 
 
+@pytest.mark.slow
 def test_options_may_have_greek_names(call, here):
     words = ("problem=./own_suite.py:Greek", "optimizer=./own_suite.py:Stay", "budget=9", "seeds=1", "study=s")
     micro = "problem.\N{MICRO SIGN}_0=[3,4]"  # of a keyboard; Python's name has the letter mu

@@ -8,6 +8,7 @@ from calibench.bench.sweep.words import composition
 from calibench.bench.sweep.words.composition import CONF, compose_by_hydra, compose_texts, enter, registry_of
 from calibench.bench.sweep.words.hydra_overrides import _AS_TEXT, _override, last_value, parse, values_of
 from calibench.bench.sweep.words.plain_words import PlainOverride
+from tests.few import few
 
 WORDS = [
     "problem=full12", "optimizer=nlopt_ln_cobyla", "budget=100", "budget=-0", "budget=ci", "budget=2e4", "budget=1e-3",
@@ -52,7 +53,7 @@ REQUESTS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("texts", REQUESTS, ids=" ".join)
+@pytest.mark.parametrize("texts", few(6, REQUESTS), ids=" ".join)
 def test_a_plain_request_is_composed_as_hydra_composes_it(texts):
     def said(compose):
         try:

@@ -89,6 +89,7 @@ def test_a_sweep_keeps_what_its_runs_print_beside_the_rows_and_says_where_once(c
         assert behind.partition("\n")[0] == signed
 
 
+@pytest.mark.slow
 def test_runs_in_a_process_of_their_own_and_of_two_workers_print_there_too(capfd):
     assert _bench(*RUN, "seeds=4", "time_limit=60", "execution=processes", "execution.n_jobs=2") == 0
     assert "step" not in capfd.readouterr().out

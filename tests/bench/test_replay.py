@@ -22,6 +22,7 @@ from calibench.bench.execution.costly import ReplayFolder, forget_finished, forg
 from calibench.bench.gate.costly import replayed
 from calibench.bench.gate.costly.replay_file import Record, ReplayFile
 from calibench.bench.gate.processes.forked_worker import forked
+from tests.few import few
 
 TIMES = {"wall_s", "cpu_s", "started_at"}
 
@@ -121,7 +122,7 @@ def test_a_killed_run_goes_on_to_the_same_row(name: str, tmp_path: Path) -> None
     assert 0 < problem.calls < 150 * uninterrupted.evaluations / 160
 
 
-@pytest.mark.parametrize("make", [Valley, Holes, Noisy, Together])
+@pytest.mark.parametrize("make", few(2, [Valley, Holes, Noisy, Together]))
 @pytest.mark.parametrize("how", [{}, {"time_limit": 60}, {"inner": 2}, {"inner": 2, "time_limit": 60}], ids=str)
 def test_it_goes_on_in_every_way_of_running(make: Any, how: dict[str, Any], tmp_path: Path) -> None:
     if make in (Noisy, Together) and "inner" in how:

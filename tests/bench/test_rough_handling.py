@@ -84,6 +84,7 @@ def store(tmp_path):
     return store
 
 
+@pytest.mark.slow
 def test_options_that_are_mappings_or_numpys_tell_runs_apart(run_bench, tmp_path):
     for c in (1, 2):
         code, out = run_bench(f"run problem=rough:Base problem.opts={{c:{c}}} optimizer=de budget=20 seeds=1")

@@ -12,6 +12,7 @@ from calibench.bench.report.one_run.again import again_command
 from calibench.bench.report.one_run.curve import Curve, sparkline
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.runs import ResultStore
+from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -52,17 +53,22 @@ def rows(study="adhoc"):
 
 @pytest.mark.parametrize(
     "command",
-    [
-        "problem=sensor_zero problem.n=3 optimizer=lm budget=60 seeds=1",
-        "problem=full12 problem.gauge=ya2 optimizer=de optimizer.population=20 budget=60 seeds=2:3 start=random",
-        "problem=sensor_zero optimizer=nlopt_LN_BOBYQA budget=80 seeds=1 target=1e-3",
-        "problem=shown_own:Bowl problem.depth=0.5 problem.name_of='1e5' optimizer=pso budget=60 seeds=1",
-        "problem=shown_own:Bowl problem.name_of='C:\\data\\,\\\\' optimizer=pso budget=60 seeds=1",
-        pytest.param("problem=sensor_zero problem.instance=3 optimizer=lm budget=60 seeds=1", marks=pytest.mark.slow),
-        "problem=delta9 problem.instance=2 optimizer=lm budget=60 seeds=1",
-        "problem=orthoglide6 problem.data=exp1 problem.free=rho optimizer=lm budget=60 seeds=1",
-        "problem=sensor_zero optimizer=pygmo_de optimizer.population=null budget=400 seeds=1",
-    ],
+    few(
+        3,
+        [
+            "problem=sensor_zero problem.n=3 optimizer=lm budget=60 seeds=1",
+            "problem=full12 problem.gauge=ya2 optimizer=de optimizer.population=20 budget=60 seeds=2:3 start=random",
+            "problem=sensor_zero optimizer=nlopt_LN_BOBYQA budget=80 seeds=1 target=1e-3",
+            "problem=shown_own:Bowl problem.depth=0.5 problem.name_of='1e5' optimizer=pso budget=60 seeds=1",
+            "problem=shown_own:Bowl problem.name_of='C:\\data\\,\\\\' optimizer=pso budget=60 seeds=1",
+            pytest.param(
+                "problem=sensor_zero problem.instance=3 optimizer=lm budget=60 seeds=1", marks=pytest.mark.slow
+            ),
+            "problem=delta9 problem.instance=2 optimizer=lm budget=60 seeds=1",
+            "problem=orthoglide6 problem.data=exp1 problem.free=rho optimizer=lm budget=60 seeds=1",
+            "problem=sensor_zero optimizer=pygmo_de optimizer.population=null budget=400 seeds=1",
+        ],
+    ),
 )
 def test_the_command_it_prints_does_the_same_run_again(run_bench, command):
     assert run_bench(["run", *command.split()])[0] == 0

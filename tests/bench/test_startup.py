@@ -111,12 +111,14 @@ def test_the_compiler_is_loaded_before_children_are_forked_that_may_compile(tmp_
     assert "numba.np.arraymath" in names
 
 
+@pytest.mark.slow
 def test_a_search_for_effects_loads_no_library_that_it_does_not_use():
     code = "import sys, calibench.discrepancy; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert not {"scipy.stats", "scipy.signal", "scipy.interpolate", "pandas", "matplotlib"} & set(done.stdout.split())
 
 
+@pytest.mark.slow
 def test_a_report_of_shares_does_not_load_scipys_tests():
     code = (
         "import sys; from calibench.bench.statistics.summary import success_interval; "

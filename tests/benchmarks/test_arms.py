@@ -62,6 +62,7 @@ def test_the_other_method_fits_better_than_the_urdf_that_its_authors_published()
     assert (np.sqrt((ours**2).mean(axis=0)) < np.sqrt((theirs**2).mean(axis=0))).all()
 
 
+@pytest.mark.slow
 def test_series_of_one_stand_are_one_table():
     whole = {name: formulated([measured(stand, name, k)]) for k, (name, stand) in enumerate(
         {"B": HERE, "C": HERE, "D": THERE}.items())}  # fmt: skip
@@ -181,6 +182,7 @@ def test_a_true_name_is_told_again_without_a_part_of_the_poses_and_predicts_them
     assert searched_again(measured(HERE, "D", 5), 3) is None  # nothing is named
 
 
+@pytest.mark.slow
 def test_what_is_seen_of_a_name_is_what_calibration_leaves_of_it():
     report = explain(Arm(URDF), with_play(60))
     plain, final = report.before.fit, report.model.fit

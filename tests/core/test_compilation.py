@@ -17,6 +17,7 @@ import numba
 import pytest
 
 from calibench.core.compilation.loading import keep
+from tests.few import few
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -116,7 +117,8 @@ def test_the_cache_folder_is_named_by_a_digest_of_the_sources(copied, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "edited", ["problems/planar/compiled/_closed_loop_kernels.py", "problems/base.py", "core/compilation/compiled.py"]
+    "edited",
+    few(1, ["problems/planar/compiled/_closed_loop_kernels.py", "problems/base.py", "core/compilation/compiled.py"]),
 )
 def test_an_edit_of_any_source_gives_another_cache(copied, tmp_path, edited):
     before = cache_folder(copied, tmp_path)

@@ -13,6 +13,7 @@ from calibench.discrepancy.model.effect import Alternative, HeldBack, NotTestabl
 from calibench.discrepancy.model.family import EffectFamily
 from calibench.discrepancy.search.finding import _held
 from tests.discrepancy.orthoglide_score import explained
+from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 
@@ -23,6 +24,7 @@ def _beside(hidden):
     return known.candidates, {name_of(held.effect): held for held in known.alternatives}
 
 
+@pytest.mark.slow
 def test_legs_that_warm_up_are_not_named_alone_where_the_drives_may_as_well() -> None:
     hidden = case(3, "thermal_legs", "leg y", 1.3, "paper")
     report = explained(hidden)
@@ -39,6 +41,7 @@ def test_without_temperatures_nothing_warms_up() -> None:
     assert not any(name.startswith("thermal") for name in _beside(bare)[1])
 
 
+@pytest.mark.slow
 def test_a_gauge_too_far_out_of_true_to_be_looked_for_stands_in_the_set() -> None:
     hidden = case(1013, "gauge_tilt", plan="paper")
     found, beside = _beside(hidden)
@@ -51,7 +54,7 @@ def test_a_gauge_too_far_out_of_true_to_be_looked_for_stands_in_the_set() -> Non
     assert [u for u in report.not_testable if f"{u.family} {u.target}" == truth and "it takes" in u.reason]
 
 
-@pytest.mark.parametrize("plan", ["cross", "loaded"])
+@pytest.mark.parametrize("plan", few(1, ["cross", "loaded"]))
 def test_every_gauge_is_looked_for_where_it_shows(plan: str) -> None:
     found, beside = _beside(case(0, plan=plan))
     assert not any(name.startswith("gauge") for name in beside)

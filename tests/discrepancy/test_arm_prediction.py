@@ -65,6 +65,7 @@ def test_a_joint_that_is_missing_is_named(played):
         report.predict(MeasuredData({n: c for n, c in columns(q[:5]).items() if n != "joint_4"}, "arm"))
 
 
+@pytest.mark.slow
 def test_turns_are_predicted_beside_places(arm):
     q, seen, turns = measured(60)
     turns = Rotation.from_rotvec(np.random.default_rng(1).normal(0, 1e-4, (60, 3))).as_matrix() @ turns
@@ -79,6 +80,7 @@ def test_turns_are_predicted_beside_places(arm):
     np.testing.assert_allclose(alone.measured["turn_x"], told.measured["turn_x"], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_temperatures_count_from_those_that_were_fitted(arm):
     q, seen, _ = measured(90)
     warm = np.linspace(20.0, 30.0, 90)
@@ -93,6 +95,7 @@ def test_temperatures_count_from_those_that_were_fitted(arm):
     assert np.abs(told.residuals).max() < 0.2
 
 
+@pytest.mark.slow
 def test_a_ball_is_predicted_in_sockets_that_are_known(arm, tmp_path):
     in_sockets(tmp_path / "plate", places=3, postures=20)
     [source] = sources(str(tmp_path / "plate"), "arm")

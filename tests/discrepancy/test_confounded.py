@@ -11,6 +11,7 @@ from calibench.discrepancy.diagnostics.confounded import confounded
 from calibench.discrepancy.machines.orthoglide.plan import planned
 from calibench.discrepancy.validation.holdout import folds
 from tests.discrepancy.orthoglide_score import explained
+from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 
@@ -36,7 +37,7 @@ def test_a_factor_and_a_sum_are_written_out() -> None:
     assert confounded(("one", "two"), np.column_stack([a, b]), 0.01) == ()
 
 
-@pytest.mark.parametrize("free", ["full", "rho", pytest.param("L", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("free", few(1, ["full", "rho", pytest.param("L", marks=pytest.mark.slow)]))
 def test_the_report_says_that_the_papers_plan_cannot_part_lengths_and_offsets(free: str) -> None:
     report = explained(unequal(2, free))
     (note,) = [note for note in report.notes if "not identifiable" in note]

@@ -24,6 +24,7 @@ from calibench.discrepancy.machines.delta.printer_cfg import read_printer_cfg
 from calibench.discrepancy.model.machine import complex_step_slopes
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import own_families
+from tests.few import few
 from tests.independent import delta as independent
 from tests.independent.write_printer import text
 
@@ -144,7 +145,8 @@ def test_heights_alone_leave_radius_rods_belts_and_a_domed_bed_as_one_set():
 
 
 @pytest.mark.parametrize(
-    ("cause", "size"), [("tower_radius tower c", 0.5), ("belt_scale tower a", 0.003), ("single_rod tower b", 1.5)]
+    ("cause", "size"),
+    few(1, [("tower_radius tower c", 0.5), ("belt_scale tower a", 0.003), ("single_rod tower b", 1.5)]),
 )
 def test_seven_heights_leave_all_that_they_cannot_part_in_the_set(cause, size):
     report = discrepancy.explain("delta", owner(3, 7, 0, **{cause.replace(" ", "__"): size})[2])
@@ -294,6 +296,7 @@ def test_ways_that_were_taken_for_metres_are_told_with_their_unit():
         discrepancy.machines.make("delta").formulate(data.with_columns(ways))
 
 
+@pytest.mark.slow
 def test_distances_that_no_delta_reaches_end_in_a_line():
     data = planned("object")
     far = np.where(data["kind"] == "distance", 1000.0, 1.0) * np.asarray(data["distance"])

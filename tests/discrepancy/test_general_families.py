@@ -225,6 +225,7 @@ def test_every_general_family_keeps_the_laws_of_an_effect():
         testing.check_effect(family, Arm(free if family.name in PERIODIC else WEATHER), data)
 
 
+@pytest.mark.slow
 def test_every_error_of_an_axis_is_told_in_the_unit_that_its_owner_asked_for():
     asked, usual = (tuple(replace(j, told=unit) for j in ROLES.joints[:2]) for unit in ("arcsec", ""))
     arcsec = np.pi / 180 / 3600
@@ -395,6 +396,7 @@ def test_no_column_moves_a_joint_further_than_its_sensor_may_err():
         assert furthest == pytest.approx(thresholds().largest_angle)
 
 
+@pytest.mark.slow
 def test_a_zero_that_would_turn_with_each_kelvin_is_taken_for_impossible():
     turned = readings(9, lambda q, d: {"a": q["a"] + 0.13 * (d["warm"] - d["warm"].mean())})
     report = explain(Arm(), turned)

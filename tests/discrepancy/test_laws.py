@@ -29,8 +29,10 @@ CASES: dict[str, tuple[Machine, MeasuredData]] = {
     "an arm": (Arm(), readings()),
 }
 
+AS_WELL = "orthoglide, both passes"  # keeps what the single pass keeps
 
-@pytest.mark.parametrize("case", CASES)
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.slow] if c == AS_WELL else []) for c in CASES])
 @pytest.mark.parametrize("law", testing.MACHINE_LAWS, ids=lambda law: law.__name__)
 def test_a_machine_keeps_the_laws_of_a_users_own(law: Any, case: str) -> None:
     law(*CASES[case])

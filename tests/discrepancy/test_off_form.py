@@ -135,6 +135,7 @@ def test_names_whose_columns_go_together_are_parted_by_readings_in_which_they_do
     )
 
 
+@pytest.mark.slow
 def test_a_lean_that_goes_with_its_carriage_is_told_with_what_it_goes_with() -> None:
     """Calibration takes up most of the lean, and nothing of the tenth by which it changes along the way."""
     report = _leaning()
@@ -142,6 +143,7 @@ def test_a_lean_that_goes_with_its_carriage_is_told_with_what_it_goes_with() -> 
     assert [f.form for f in report.findings] == [f"size depends on the move along {report.findings[0].target[-1]}"]
 
 
+@pytest.mark.slow
 def test_a_name_far_before_any_smooth_function_is_told_as_a_part() -> None:
     """The same where no form is told: the formula leaves a sixth of the excess, curves far more."""
     report = _leaning(along_share=10.0)
@@ -149,6 +151,7 @@ def test_a_name_far_before_any_smooth_function_is_told_as_a_part() -> None:
     assert [f.form for f in report.findings] == ["form differs"]
 
 
+@pytest.mark.slow
 def test_a_form_that_readings_hardly_determine_shuts_no_name_out() -> None:
     """A leg grows, not as its thermometer: the fitted form is 1.5 times the growth, and a tenth explains as much."""
     hidden = orthoglide.case(665023, "thermal_legs", bent=True)

@@ -32,6 +32,7 @@ def encoder(seed=1, n=11):
     return u, y
 
 
+@pytest.mark.slow
 def test_a_reading_that_went_round_is_told_before_the_verdict() -> None:
     """The verdict was "nothing is missing", and nothing said why the error was 14 times the noise."""
     u, y = encoder()

@@ -41,6 +41,7 @@ def test_what_the_papers_plan_cannot_part_is_not_guessed(family: str) -> None:
     assert told.inside + told.silent == told.cases
 
 
+@pytest.mark.slow
 def test_a_drift_that_parts_the_repeats_is_not_taken_for_their_noise() -> None:
     report = explained(case(103, "drift", plan="cross"))
     assert report.findings[0].effect == "drift all"
@@ -49,6 +50,7 @@ def test_a_drift_that_parts_the_repeats_is_not_taken_for_their_noise() -> None:
     assert not any("repeats scatter" in note for note in report.notes)
 
 
+@pytest.mark.slow
 def test_lengths_beside_offsets_are_not_identifiable_on_the_papers_plan() -> None:
     hidden = unequal(2, "rho")
     report = explained(hidden)

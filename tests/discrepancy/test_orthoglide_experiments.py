@@ -58,6 +58,7 @@ def test_leave_one_out_of_the_calibration_alone_agrees_with_refits() -> None:
     assert found().sets["exp2", False].loo == pytest.approx(refits.rms, rel=2e-2)  # one is linear, one refits exactly
 
 
+@pytest.mark.slow
 def test_the_price_of_many_candidates_is_exact_on_noise() -> None:
     about = _about("exp2")
     candidates = catalogue(about.model.formulation).candidates

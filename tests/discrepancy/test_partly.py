@@ -13,6 +13,7 @@ from calibench.discrepancy.diagnostics.score import ProjectedScores, Scored, Sub
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.search.exchange import _together
 from tests.discrepancy.orthoglide_score import explained
+from tests.few import few
 
 
 def _told(blind: Case, factor: float = 1.0, repeats: bool = True) -> Report:
@@ -36,7 +37,7 @@ def test_a_name_with_more_than_one_and_a_half_floors_left_is_a_part() -> None:
     assert Report.from_dict(report.to_dict()).left == report.left
 
 
-@pytest.mark.parametrize(("off", "form"), [(0.6, "size depends on the angle of joint 1"), (0.0, "")])
+@pytest.mark.parametrize(("off", "form"), few(1, [(0.6, "size depends on the angle of joint 1"), (0.0, "")]))
 def test_play_whose_size_goes_with_the_angle_is_like_play_and_not_play(off: float, form: str) -> None:
     report = _told(case(2, xy=True, family="backlash", lam=3.0, noise="gauss", bent=off))
     assert [(f.effect, f.form) for f in report.findings] == [("backlash joint 1", form)]
@@ -90,6 +91,7 @@ def test_the_linear_gain_of_a_pair_is_that_of_both_columns_together() -> None:
     assert _together([scored(A[:, 0]), scored(A[:, 1])], on) == pytest.approx(explained - 2 * np.log(80))
 
 
+@pytest.mark.slow
 def test_a_name_whose_few_poses_predict_each_other_badly_is_no_part_where_the_fit_leaves_noise() -> None:
     report = explained(orthoglide(600001, "backlash", plan="paper"))
     assert report.gap.cross_validated

@@ -45,6 +45,7 @@ def _stretched(seed=1):
     return readings(seed, lambda q, d: {"s": q["s"] * 1.004})
 
 
+@pytest.mark.slow
 def test_the_scales_of_the_only_slide_and_of_the_tracker_are_parted_by_no_pose():
     [found] = explain(OneSlide(), _stretched()).findings
     assert {rival.effect for rival in found.set} == {"gear slide", "instrument_scale tracker"}

@@ -6,11 +6,12 @@ import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
 from calibench.discrepancy import MeasuredData, explain
+from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 
 
-@pytest.mark.parametrize(("key", "factor"), [("sigma_enc", 0.01), ("sigma_xy", 0.05), ("sigma_enc", 10.0)])
+@pytest.mark.parametrize(("key", "factor"), few(1, [("sigma_enc", 0.01), ("sigma_xy", 0.05), ("sigma_enc", 10.0)]))
 def test_noise_misstated_for_one_kind_of_sensor_names_nothing_and_is_told(key: str, factor: float) -> None:
     blind = case(50_101, kind="none", xy=True, noise="gauss")
     stated = {**blind.metadata, key: factor * blind.metadata[key]}

@@ -7,6 +7,7 @@ from benchmarks.blind.gpm2002 import member_effects
 from benchmarks.blind.gpm2002.simulate import case
 from calibench.discrepancy import MeasuredData, explain
 from calibench.discrepancy.effects.general.warmth import warmth
+from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 
@@ -20,7 +21,7 @@ def test_warmth_follows_a_step_of_temperature_by_its_lag():
     assert 4.5 < felt[-1] < 5
 
 
-@pytest.mark.parametrize(("seed", "xy"), [(1, False), (5, False), (3, True)])
+@pytest.mark.parametrize(("seed", "xy"), few(1, [(1, False), (5, False), (3, True)]))
 def test_links_that_warm_late_are_named_alone(seed, xy):
     hidden = case(seed, xy=xy, family="thermal_links", lam=1.5, noise="gauss", kind="one")
     report = explain("gpm2002", MeasuredData(hidden.columns, "gpm2002", hidden.metadata))

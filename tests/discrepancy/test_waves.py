@@ -48,6 +48,7 @@ def _more_waves(q, d):
     return {"b": _waves(q, d)["b"] + 4e-4 * np.sin(11.2 * q["b"] - 0.5)}
 
 
+@pytest.mark.slow
 def test_three_waves_of_one_joint_are_told_to_be_a_shape_and_no_cause():
     said = "the 3 waves of elbow tell together what its error is like"
     report = explain(Arm(BARE), readings(5, _more_waves))

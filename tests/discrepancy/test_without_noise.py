@@ -11,6 +11,7 @@ from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.measured.data import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.registries import description_of, machines
+from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 
@@ -47,7 +48,7 @@ def with_effect(machine: str, data: MeasuredData, name: str, size: float) -> Mea
     return data.with_columns({r: formulation.data[r] for r in formulation.readings})
 
 
-@pytest.mark.parametrize(("machine", "plan", "options"), PLANS)
+@pytest.mark.parametrize(("machine", "plan", "options"), few(2, PLANS))
 def test_nothing_is_missing_where_the_model_meets_every_reading(
     machine: str, plan: str, options: dict[str, object]
 ) -> None:
@@ -58,12 +59,15 @@ def test_nothing_is_missing_where_the_model_meets_every_reading(
 
 @pytest.mark.parametrize(
     ("machine", "plan", "options", "name", "size"),
-    [
-        ("delta", "rich", {}, "tower_radius tower a", 0.3),
-        ("gpm2002", "disc", {"n": 24, "radius": 90.0, "tracked": True}, "backlash joint 1", 1e-3),
-        ("orthoglide", "rich", {}, "guide_lean axis y", 1e-3),
-        pytest.param("orthoglide", "rich", {}, "backlash axis x", 0.2, marks=pytest.mark.slow),
-    ],
+    few(
+        1,
+        [
+            ("delta", "rich", {}, "tower_radius tower a", 0.3),
+            ("gpm2002", "disc", {"n": 24, "radius": 90.0, "tracked": True}, "backlash joint 1", 1e-3),
+            ("orthoglide", "rich", {}, "guide_lean axis y", 1e-3),
+            pytest.param("orthoglide", "rich", {}, "backlash axis x", 0.2, marks=pytest.mark.slow),
+        ],
+    ),
 )
 def test_the_one_effect_of_exact_readings_is_all_that_is_missing(
     machine: str, plan: str, options: dict[str, object], name: str, size: float

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calibench.discrepancy import MeasuredData, explain
+from tests.few import few
 from tests.independent.arm6 import AXES, Build, nominal, place
 from tests.independent.arm6_cases import case
 from tests.independent.arm6_faults import FAMILIES, FOREIGN, off
@@ -60,6 +61,7 @@ def test_a_slip_whose_form_is_off_keeps_its_name(seed: int, slipped: str) -> Non
     assert found.sets == ((("slip", f"axis {slipped}"),),)
 
 
+@pytest.mark.slow
 def test_a_wider_formula_that_only_takes_up_an_error_of_the_form_stands_beside_the_narrower() -> None:
     found = told(20033)  # a wrong gear ratio of axis U, seen as 2.9; six numbers explain 1.2 % more than its one
     assert found.verdict == "ambiguous"
@@ -83,7 +85,7 @@ def test_a_form_is_as_far_off_the_textbook_as_it_says() -> None:
     assert abs(new @ textbook) < 1e-9
 
 
-@pytest.mark.parametrize("family", [*FAMILIES, *FOREIGN])
+@pytest.mark.parametrize("family", few(5, [*FAMILIES, *FOREIGN]))
 def test_every_fault_is_as_visible_as_was_asked(family: str) -> None:
     [fault] = case(ON_THE_FLY, family=family, visible=0.5, poses=60).truth.faults
     assert fault.visible == pytest.approx(0.5, rel=0.02)

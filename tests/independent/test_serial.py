@@ -17,6 +17,7 @@ from calibench.discrepancy.machines.arm.turns import rotation_of
 from calibench.discrepancy.model.machine import complex_step_slopes
 from calibench.discrepancy.model.model import Model
 from calibench.problems.arm.chains.urdf import parse_urdf
+from tests.few import few
 from tests.independent.serial import MAKES, Built, spent
 from tests.independent.serial_cases import case
 from tests.independent.serial_placements import fitted
@@ -124,7 +125,7 @@ def light(make: str, folder: Path) -> Arm:
     return Arm(str(path))
 
 
-@pytest.mark.parametrize("make", MAKES)
+@pytest.mark.parametrize("make", few(1, MAKES))
 def test_links_of_which_no_mass_is_told_are_rods_and_said_to_be(urdf, tmp_path, make: str) -> None:
     columns, _, _ = seen(40, make)
     formulation = light(make, tmp_path).formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
@@ -170,7 +171,7 @@ def test_a_way_is_not_taken_for_that_of_other_numbers(urdf) -> None:
     assert np.array_equal(formulation.constraints(q), formulation.constraints(dict(q)))
 
 
-@pytest.mark.parametrize("make", MAKES)
+@pytest.mark.parametrize("make", few(1, MAKES))
 @pytest.mark.parametrize("poses", [60, 300])
 def test_placements_are_found_without_a_guess(urdf, make: str, poses: int) -> None:
     columns, _, at = seen(poses, make, seed=poses)
@@ -323,7 +324,7 @@ LONG = ("bending", "base_drift", "tool_slip")
 
 
 @pytest.mark.parametrize(
-    "family", ["play", "compliance", *(pytest.param(family, marks=pytest.mark.slow) for family in LONG)]
+    "family", ["play", *(pytest.param(family, marks=pytest.mark.slow) for family in ("compliance", *LONG))]
 )
 def test_a_fault_of_visible_size_two_is_found(family: str) -> None:
     found = told(7, family=family, visible=2.0, poses=60)
@@ -332,7 +333,7 @@ def test_a_fault_of_visible_size_two_is_found(family: str) -> None:
     assert alone(found)
 
 
-@pytest.mark.parametrize("make", MAKES)
+@pytest.mark.parametrize("make", few(1, MAKES))
 def test_an_arm_without_faults_lacks_nothing(make: str) -> None:
     assert told(21, kind="none", poses=60, make=make).verdict == "none"
 

@@ -14,8 +14,9 @@ from calibench import optimizers
 from calibench.optimizers.base import Traits
 from calibench.testing import book
 from calibench.testing import optimizer as laws
+from tests.few import one_of_each
 
-BUDGETS = [1, 7, 50, pytest.param(1000, marks=pytest.mark.slow)]
+BUDGETS = [1, 50, *(pytest.param(budget, marks=pytest.mark.slow) for budget in (7, 1000))]
 AT_A_BUDGET = [
     laws.budget_is_a_wall, laws.only_the_self_terminating_leave_a_rest, laws.a_seed_is_a_run,
     laws.nothing_is_asked_outside_the_box,
@@ -29,13 +30,13 @@ def traits_of(name: str, **options: Any) -> Traits:
 
 
 @pytest.mark.parametrize("budget", BUDGETS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", one_of_each(NAMES))
 @pytest.mark.parametrize("law", AT_A_BUDGET, ids=lambda law: law.__name__)
 def test_a_method_keeps_its_laws_at_every_budget(law: Any, name: str, budget: int) -> None:
     law(partial(optimizers.make, name), (budget,))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", one_of_each(NAMES))
 @pytest.mark.parametrize("law", ONCE, ids=lambda law: law.__name__)
 def test_what_a_method_says_of_itself_is_true(law: Any, name: str) -> None:
     law(partial(optimizers.make, name))
@@ -64,7 +65,7 @@ def test_whatever_stops_by_itself_takes_restarts() -> None:
 
 
 @pytest.mark.parametrize("budget", [50, pytest.param(1000, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("name", RESTARTED)
+@pytest.mark.parametrize("name", one_of_each(RESTARTED))
 def test_restarts_spend_the_whole_budget(name: str, budget: int) -> None:
     make = partial(optimizers.make, name, restarts=True)
     assert not make().traits.self_terminating

@@ -15,6 +15,7 @@ from calibench.bench.gate.evaluator import Evaluator
 from calibench.core.registry import Registry
 from calibench.optimizers.nlopt._table import ALGORITHMS, EXCLUDED
 from calibench.optimizers.pygmo.adapter import _Fitness
+from tests.few import one_of_each
 
 nlopt = pytest.importorskip("nlopt")
 pygmo = pytest.importorskip("pygmo")
@@ -221,7 +222,10 @@ def test_an_option_reaches_the_library(name: str, options: dict[str, Any]) -> No
     assert not np.array_equal(np.array(changed.asked), np.array(same_seed.asked))
 
 
-@pytest.mark.parametrize("name", [n for n in optimizers.names() if not optimizers.make(n).traits.uses_residuals])
+OF_VALUES = [n for n in optimizers.names() if not optimizers.make(n).traits.uses_residuals]
+
+
+@pytest.mark.parametrize("name", one_of_each(OF_VALUES))
 def test_a_hole_in_the_objective_stops_nobody(name: str) -> None:
     run = bench.execute(Hole(), optimizers.make(name), budget=400)
     assert run.status == "ok", run.row["error"]
@@ -240,7 +244,7 @@ def test_what_ignores_bounds_says_so_and_evaluates_where_it_asks(name: str) -> N
 AWKWARD = (-0.01, 0.12)  # lower + 1.0 * (upper - lower) is an ulp above upper
 
 
-@pytest.mark.parametrize("name", [n for n in optimizers.names() if not optimizers.make(n).traits.uses_residuals])
+@pytest.mark.parametrize("name", one_of_each(OF_VALUES))
 def test_the_corner_of_an_awkward_box_is_not_passed_by_an_ulp(name: str) -> None:
     lower, upper = AWKWARD
     assert lower + 1.0 * (upper - lower) > upper

@@ -17,6 +17,7 @@ from calibench import bench, optimizers
 from calibench.bench.execution.request.checks import Start, repetitions_of
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import Optimizer, TimeUp, Traits
+from tests.few import one_of_each
 
 NAMES = optimizers.names()
 RESTARTED = [n for n in NAMES if "restarts" in optimizers.registry.options(n)]
@@ -95,7 +96,7 @@ def _descents(
     return np.asarray(book_entries["x"][after[after < len(book_entries)]][:2])
 
 
-@pytest.mark.parametrize("name", RESTARTED)
+@pytest.mark.parametrize("name", one_of_each(RESTARTED))
 def test_the_kth_descent_begins_at_the_same_point_whatever_the_method(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

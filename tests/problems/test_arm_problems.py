@@ -17,6 +17,7 @@ from calibench.problems.arm.gauge import observability, reach
 from calibench.problems.arm.measured import found_frames, read_measured, shipped
 from calibench.problems.identifiability import identify
 from calibench.problems.instances import WORST_CONDITION
+from tests.few import few
 
 UR10 = shipped("ur10.urdf")
 DRAWN = [("arm_ur10", {"instance": k}) for k in (1, 2, 3, 4)] + [("arm_panda", {"instance": k}) for k in (1, 3)]
@@ -105,7 +106,7 @@ def test_an_instance_is_identifiable_and_its_truth_explains_it(name, options):
         assert p(p.truth) == pytest.approx(p.noise**2 * counted, rel=0.5)
 
 
-@pytest.mark.parametrize("name", ["arm_ur10", "arm_panda"])
+@pytest.mark.parametrize("name", few(1, ["arm_ur10", "arm_panda"]))
 def test_a_row_of_an_instance_names_the_problem_that_it_was_made_with(name, tmp_path):
     with pytest.raises(SystemExit) as ended:
         main(["run", f"problem={name}", "problem.instance=2", "optimizer=lm", "budget=40", f"results={tmp_path}"])

@@ -11,6 +11,7 @@ from planar_cases import PLANAR, coordinates_of, label, made, over, true_machine
 
 from calibench import problems
 from calibench.problems import identify
+from tests.few import few
 
 FULL12 = [case for case in PLANAR if case[0] == "full12"]
 SEEN_WHOLE = [case for case in PLANAR if case[0] != "full12"]
@@ -145,7 +146,7 @@ def test_the_condition_is_that_of_plain_singular_values_with_angles_times_a_link
     assert identify(problem).condition == pytest.approx(singular[0] / singular[-1], rel=0.2)
 
 
-@pytest.mark.parametrize("error", ["J2", "J3"])
+@pytest.mark.parametrize("error", few(1, ["J2", "J3"]))
 def test_standard_errors_are_the_spread_of_refits_to_noisy_readings(error):
     # 400 refits: a standard deviation is then known to 3.5 %, so 15 % is four of those. The fit is linearised at the
     # truth, as the noise is small, and weighs each residual by its noise.

@@ -14,6 +14,7 @@ from calibench.problems.orthoglide.kinematics import (
     posture_jacobian,
 )
 from calibench.problems.orthoglide.plans import covariance, named_plan, paper_plan
+from tests.few import few
 
 L = geometry().length
 ZERO = np.full(3, L)
@@ -111,7 +112,7 @@ def test_the_angles_are_asin_of_stroke_over_length_not_the_printed_ones():
     assert (said["alpha_plus"].value, said["alpha_minus"].value) == (11.151, -18.803)
 
 
-@pytest.mark.parametrize("plan", ["paper", "cross", "levels", "positions"])
+@pytest.mark.parametrize("plan", few(2, ["paper", "cross", "levels", "positions"]))
 @pytest.mark.parametrize("errors", [np.zeros(6), ERRORS])
 def test_the_residuals_are_those_of_the_slow_twin(plan, errors):
     problem = problems.make("orthoglide6", data="synthetic", plan=plan)

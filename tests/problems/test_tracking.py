@@ -238,6 +238,7 @@ def test_projected_errors_of_mean_zero_are_all_that_is_needed() -> None:
     assert np.abs(solved(problem.with_reading_errors(errors))).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_standard_errors_are_those_of_many_noisy_runs() -> None:
     noise = 1e-4
     expected = problems.identify(tracking_zero(), noise=noise).standard_errors

@@ -13,6 +13,7 @@ import pytest
 from calibench.discrepancy import MeasuredData, explain
 from calibench.discrepancy.report import Report
 from calibench.discrepancy.search.off_form import _likeliest, random_field
+from tests.few import few
 from tests.independent import mount
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
@@ -28,6 +29,7 @@ def _sets(base: int, k: int) -> list[set[str]]:
     return [{one.family for one in finding.set} for finding in _told(base, k).findings]
 
 
+@pytest.mark.slow
 def test_the_error_of_a_form_over_the_sky_shuts_no_bending_tube_out() -> None:
     """Calibration takes up seven eighths of the droop. A circle explains more by what the form is off."""
     first = _sets(44000, 359)[0]
@@ -46,12 +48,13 @@ def test_a_circle_of_any_phase_is_a_rival_of_a_scale(k: int) -> None:
     assert first & {"DCES", "DCEC"}
 
 
+@pytest.mark.slow
 def test_a_circle_of_any_phase_is_searched_for_where_a_smooth_function_is_far_before_each_term() -> None:
     assert _told(44000, 105).verdict in ("named", "ambiguous")
     assert {"HCES", "HCEC"} <= set.union(*_sets(44000, 105))
 
 
-@pytest.mark.parametrize(("base", "k", "truth"), [(35000, 277, "ECEC"), (37000, 372, "HSCA2")])
+@pytest.mark.parametrize(("base", "k", "truth"), few(1, [(35000, 277, "ECEC"), (37000, 372, "HSCA2")]))
 def test_an_excess_that_no_test_shows_where_nobody_states_the_noise_makes_no_name_unknown(
     base: int, k: int, truth: str
 ) -> None:

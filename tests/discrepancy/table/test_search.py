@@ -12,6 +12,7 @@ from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.machines.table import Table
 from calibench.problems.suites.nist.tables import table
+from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 
@@ -110,7 +111,7 @@ def test_what_changes_with_time_is_named(name):
     assert report.findings[0].effect == name
 
 
-@pytest.mark.parametrize(("unit", "turn"), [("deg", 360.0), ("rad", 2 * np.pi)])
+@pytest.mark.parametrize(("unit", "turn"), few(1, [("deg", 360.0), ("rad", 2 * np.pi)]))
 def test_of_an_angle_that_covers_a_turn_the_turn_is_a_known_period(unit, turn):
     angle = turn * np.arange(72) / 36
     rng = np.random.default_rng(4)
