@@ -61,6 +61,7 @@ def test_a_set_that_ships_is_searched_by_its_name_from_python():
         calibench.discover("orthoglide", "exp1,exp2")
 
 
+@pytest.mark.slow
 def test_a_users_own_files_of_our_names_are_no_hindrance(tmp_path):
     for name in ("optimizers.py", "bench.py", "conf.py"):
         (tmp_path / name).write_text("raise RuntimeError('this is mine')\n")

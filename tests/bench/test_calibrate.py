@@ -285,6 +285,7 @@ def test_a_socket_counts_by_how_far_its_postures_lie_apart(here):
     assert scatter[model.place == 3].min() > 2 * scatter[model.place != 3].max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [5, pytest.param(400, marks=pytest.mark.slow)])
 def test_a_third_of_the_poses_may_be_wild(here, calibrate, size):
     q, seen, _ = measured(60)

@@ -261,6 +261,7 @@ def test_a_row_with_the_wrong_kind_of_joint_is_told(bench, row, other, said):
     assert told.count("\n") == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "pair"),
     [

@@ -177,6 +177,7 @@ def test_an_entry_point_adds_names(here):
     assert set(table(here)["optimizer"]) == {"wanderer"}
 
 
+@pytest.mark.slow
 def test_a_failing_run_is_a_row_and_the_sweep_goes_on(run_bench, here):
     code, out, _ = run_bench("run -m problem=users_own:Broken,users_own:Bowl optimizer=de budget=50 seeds=2")
     assert code == 1

@@ -283,6 +283,7 @@ def spoil(folder, names):
         pq.write_table(table_of(spoiled.columns, spoiled.metadata), folder / f"{name}.parquet")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "names",
     [

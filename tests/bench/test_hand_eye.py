@@ -265,6 +265,7 @@ def test_rows_out_of_step_are_told(calibrate):
     assert "stands in the row above" in calibrate(flange[:-1], seen[1:], code=2)
 
 
+@pytest.mark.slow
 def test_mm_for_m_is_told_and_so_is_a_board_of_another_size(bench, calibrate, tmp_path):
     flange, seen = measured(12, noise=NOISE)
     heads, numbers = columns_of(seen, "board", "m")

@@ -114,7 +114,7 @@ def nothing_left() -> Iterator[None]:
     ("make", "name"),
     [
         *((Valley, name) for name in BATCHED),
-        *(pytest.param(Holes, name, marks=[pytest.mark.slow] if k > 1 else []) for k, name in enumerate(BATCHED)),
+        *(pytest.param(Holes, name, marks=[pytest.mark.slow] if k > 0 else []) for k, name in enumerate(BATCHED)),
     ],
 )
 def test_more_processes_change_no_bit(make: Any, name: str) -> None:

@@ -457,6 +457,7 @@ def test_a_table_in_latex_has_the_unit_of_its_values_in_signs_that_latex_knows(c
     assert "begin{tabular}{llrrrrl}" in table
 
 
+@pytest.mark.slow
 def test_a_band_that_goes_below_zero_has_an_axis_that_shows_it(call, here):
     words = ("problem=./own_suite.py:Slope", "optimizer=./own_suite.py:Stay", "budget=9", "seeds=9", "start=random")
     assert call("run", *words, "study=s")[0] == 0

@@ -18,6 +18,7 @@ from calibench.bench.papers.reference import Asked, check_folder, study_tables, 
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA
+from tests.few import few
 
 COMMITTED = Path(__file__).parents[2] / "results" / "reference"
 FOLDERS = ["made now", *(["committed"] if (COMMITTED / "ledger.parquet").exists() else [])]
@@ -48,7 +49,7 @@ def made(evidence, rows, tmp_path_factory):
     return folder
 
 
-@pytest.fixture(params=FOLDERS)
+@pytest.fixture(params=few(1, FOLDERS))
 def folder(request, made):
     return made if request.param == "made now" else COMMITTED
 

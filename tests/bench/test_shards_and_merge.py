@@ -36,6 +36,7 @@ def test_shards_are_a_sweep(run_bench, folders):
     assert "(19 done before)" in run_bench(f"{SWEEP} results=together")[1]
 
 
+@pytest.mark.slow
 def test_a_shard_that_is_missing_from_a_merge_is_told(run_bench):
     """Two of three shards are no whole study, and nothing else in it says so: each did all that it had planned."""
     parts = {}

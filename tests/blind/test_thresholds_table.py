@@ -41,6 +41,7 @@ def test_the_table_has_a_line_for_each_value_and_counts_what_changes(kept):
     assert any(line[3] == "0" for line in lines)
 
 
+@pytest.mark.slow
 def test_a_file_of_answers_goes_on_where_it_ends(kept):
     before = kept.read_text()
     [case] = searched(NAMES, SEEDS[:1], kept=kept)

@@ -65,7 +65,7 @@ def left_of(name: str, dimension: int, condition: float, unit: float, share: flo
     return run.best_value / first
 
 
-@pytest.mark.parametrize("name", [n for n in WITH_GRADIENT if n not in MOVING_ASYMPTOTES])
+@pytest.mark.parametrize("name", one_of_each(n for n in WITH_GRADIENT if n not in MOVING_ASYMPTOTES))
 def test_a_method_with_the_gradient_comes_down_twelve_decades(name: str) -> None:
     for dimension in DIMENSIONS:
         for condition in CONDITIONS:

@@ -36,6 +36,7 @@ def test_a_method_of_another_library_runs_without_pygmo(name: str) -> None:
     assert said(run) == "ok\n"
 
 
+@pytest.mark.slow
 def test_a_method_of_pygmo_that_is_asked_for_says_what_is_missing() -> None:
     run = "from calibench import bench, optimizers, problems\n"
     run += "row = bench.execute(problems.make('sensor_zero'), optimizers.make('pygmo_cmaes'), budget=200).row\n"

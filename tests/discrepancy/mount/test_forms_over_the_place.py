@@ -54,6 +54,7 @@ def test_a_circle_of_any_phase_is_searched_for_where_a_smooth_function_is_far_be
     assert {"HCES", "HCEC"} <= set.union(*_sets(44000, 105))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("base", "k", "truth"), few(1, [(35000, 277, "ECEC"), (37000, 372, "HSCA2")]))
 def test_an_excess_that_no_test_shows_where_nobody_states_the_noise_makes_no_name_unknown(
     base: int, k: int, truth: str
