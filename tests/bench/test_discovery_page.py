@@ -17,9 +17,16 @@ from calibench.bench.discovery.page.figures import (
     residual_chart,
     where_map,
 )
-from calibench.bench.discovery.page.page import Page, _sentence
+from calibench.bench.discovery.page.page import Page
 from calibench.bench.discovery.page.series import Residuals, Series
-from calibench.bench.discovery.page.words import chance_sentence, gap_sentence, headline, moved_sentence, next_sentences
+from calibench.bench.discovery.page.words import (
+    as_sentence,
+    chance_sentence,
+    gap_sentence,
+    headline,
+    moved_sentence,
+    next_sentences,
+)
 from calibench.bench.report.shared.page import inline_svg
 from calibench.discrepancy.model.description import Correction
 from calibench.discrepancy.model.measured.data import UNSTATED
@@ -223,9 +230,9 @@ def test_no_best_possible_error_is_drawn_from_noise_that_held_the_gap(note, draw
 
 
 def test_a_remark_on_a_page_ends_as_it_is_meant_and_keeps_the_names_of_columns():
-    assert _sentence("endstop_a ends at 2 mm; are the units right?") == "endstop_a ends at 2 mm; are the units right?"
-    assert _sentence("no repeats tell the noise") == "No repeats tell the noise."
-    assert _sentence("tu ends at 2 mm", {"tu": 2.0}) == "tu ends at 2 mm."
+    assert as_sentence("endstop_a ends at 2 mm; are the units right?") == "endstop_a ends at 2 mm; are the units right?"
+    assert as_sentence("no repeats tell the noise") == "No repeats tell the noise."
+    assert as_sentence("tu ends at 2 mm", {"tu": 2.0}) == "tu ends at 2 mm."
 
 
 def test_a_cell_in_which_nothing_disagrees_is_a_plain_nought():

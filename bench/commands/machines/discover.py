@@ -8,6 +8,7 @@ import sys
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.discovery.batch import Outcome, discover
 from calibench.bench.discovery.page.words import (
+    as_sentence,
     doubt_sentences,
     first_notes,
     gap_sentence,
@@ -46,7 +47,7 @@ def _told(outcome: Outcome) -> str:
     first, sizes = first_notes(report), size_notes(report)
     lines += [f"  {note}" for note in first]
     lines += [f"  {said}" for said in (headline(report), *unnamed_sentences(report), gap_sentence(report))]
-    lines += [f"  {said}" for said in (*doubt_sentences(report), *sizes)]
+    lines += [f"  {said}" for said in (*doubt_sentences(report), *map(as_sentence, sizes))]
     lines += [f"  measure next: {advice}" for advice in next_sentences(report)]
     lines += [f"  note: {note}" for note in report.notes if note not in (*first, *sizes)]
     if outcome.page is not None:

@@ -5,7 +5,7 @@ Words first; each statistic is explained in a line where it stands. No script, n
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, final
@@ -18,6 +18,7 @@ from calibench.bench.discovery.page.tables import (
     set_table,
 )
 from calibench.bench.discovery.page.words import (
+    as_sentence,
     chance_sentence,
     column_sentence,
     doubt_sentences,
@@ -88,17 +89,17 @@ class Page:
             mark=mark,
             word=word,
             about=" · ".join(f"{key} {value}" for key, value in self.about_data.items()),
-            first=[_sentence(note, report.parameters) for note in first_notes(report)],
+            first=[as_sentence(note, report.parameters) for note in first_notes(report)],
             headline=headline(report),
             said=[
                 *unnamed_sentences(report),
                 gap_sentence(report),
                 *doubt_sentences(report),
-                *(_sentence(note) for note in size_notes(report)),
+                *(as_sentence(note) for note in size_notes(report)),
                 moved_sentence(report, self.units),
                 chance_sentence(report),
             ],
-            first_advice=_sentence(next_said[0]) if next_said else "",
+            first_advice=as_sentence(next_said[0]) if next_said else "",
             pale=strongest > _PALE,
             set_table=set_table(report, self.causes),
             score_table=score_table(report),
@@ -116,7 +117,7 @@ class Page:
             correction=self.correction,
             advice=self._advice(next_said),
             limits=limits(report),
-            notes=[_sentence(str(note)) for note in self.notes if note not in above],
+            notes=[as_sentence(str(note)) for note in self.notes if note not in above],
             provenance={key: value for key, value in self.provenance.items() if value},
             drawings={name: inline_svg(svg, name) for name, svg in self.drawings.items()},
         )
@@ -131,11 +132,4 @@ class Page:
         advice = list(said) or [_ENOUGH[v] for v in (self.report.verdict,) if v in _ENOUGH]
         if (columns := column_sentence(self.report)) and columns not in advice:
             advice.append(columns)
-        return [_sentence(line) for line in advice]
-
-
-def _sentence(text: str, names: Collection[str] = ()) -> str:
-    """Return a remark as a sentence: a stop last, and a capital where it opens with a word that is none of `names`."""
-    first = text.partition(" ")[0]
-    begins = text[:1].upper() if first.isalpha() and first not in names else text[:1]
-    return f"{begins}{text[1:]}{'' if text.endswith(('.', '?')) else '.'}"
+        return [as_sentence(line) for line in advice]

@@ -5,7 +5,7 @@ They are made from the `Report` alone, so one that was read from a file reads as
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from math import ceil, isfinite, isnan, pi
 
@@ -185,6 +185,13 @@ def size_notes(report: Report) -> list[str]:
     """Return the notes that say what the sizes of the findings, or the error that they leave, are worth."""
     marks = (AGAINST_EACH_OTHER, CANCELS, LONE, NEVER_NEGATIVE)
     return [note for note in report.notes if any(mark in note for mark in marks)]
+
+
+def as_sentence(text: str, names: Collection[str] = ()) -> str:
+    """Return a remark as a sentence: a stop last, and a capital where it opens with a word that is none of `names`."""
+    first = text.partition(" ")[0]
+    begins = text[:1].upper() if first.isalpha() and first not in names else text[:1]
+    return f"{begins}{text[1:]}{'' if text.endswith(('.', '?')) else '.'}"
 
 
 def noise_words(report: Report) -> str:
