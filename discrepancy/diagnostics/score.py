@@ -137,6 +137,10 @@ class ProjectedScores:
         cut = thresholds().residual_cut * core
         return project_off(np.clip(self.y, -cut, cut), self.Q)
 
+    @cached_property
+    def _total_tested(self) -> float:
+        return float(self.tested @ self.tested)
+
     @property
     def degrees(self) -> int:
         """Return the degrees of freedom that are left."""
@@ -151,7 +155,7 @@ class ProjectedScores:
 
     def test(self, T: float, m: int) -> float:
         """Return the p of the F test of what a candidate of rank m explains, T, of the `tested` scores."""
-        total = float(self.tested @ self.tested)
+        total = self._total_tested
         return f_test(T, m, max(total, self.degrees) if self.bounded else total, self.degrees)
 
 
@@ -239,11 +243,9 @@ def subspaces(on: ProjectedScores, D: Array, least: float | None = None) -> list
 
 
 def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspace, Array]]:
-    """Yield for each of K candidates, columns D (N, K, k), the part that is visible, and the scores along it.
+    """Yield for each of K candidates, columns D (N, K, k), the part that is visible, and the scores along it, (2, m).
 
-    These are (2, m): those of all scores, and of the `tested` ones.
-
-    All columns are projected at once, by one product of matrices.
+    The second are those of the `tested` scores. All columns are projected at once, by one product of matrices.
     """
     N, K, k = D.shape
     size = np.sqrt(np.einsum("nkj,nkj->kj", D, D))
