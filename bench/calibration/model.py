@@ -11,6 +11,7 @@ mean point of its socket, and one more for each pair of sockets whose distance i
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -49,7 +50,7 @@ class ArmModel:
     rows: DhArm | None = None
     every: bool = False
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Return the names of all parameters."""
         return parameter_names(self.chain) if self.rows is None else self.rows.names

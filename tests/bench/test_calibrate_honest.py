@@ -116,6 +116,7 @@ def test_a_kick_is_told_by_a_search_with_the_row_of_the_file(calibrate, tmp_path
     assert "from row 37 on" in told
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_numbers_that_other_poses_would_tell_stand_apart_from_those_that_look_like_others(
     tmp_path, monkeypatch, capsys
 ):

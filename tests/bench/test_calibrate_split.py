@@ -121,6 +121,7 @@ def test_rows_that_are_held_back_have_no_say_in_what_is_written(here, calibrate)
     assert again["after"]["rms"] > 2.0
 
 
+@pytest.mark.slow
 def test_a_wild_row_among_those_held_back_is_named_and_left_out_of_their_error(here, calibrate):
     q, seen, _ = measured(60)
     hold = written(here, q, seen)

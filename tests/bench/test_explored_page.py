@@ -366,6 +366,7 @@ def test_the_answer_says_that_answers_lie_outside_the_box(store):
     assert "answers lie outside the box" in outside.best
 
 
+@pytest.mark.slow
 def test_a_method_has_one_colour_in_every_drawing_and_on_the_page(store, monkeypatch):
     """Drawings differ in which method comes first: convergence by the rows, the runtime ECDF by the shares."""
     caught = []

@@ -397,6 +397,7 @@ def test_a_generator_that_cannot_be_put_back_is_never_replayed(tmp_path: Path) -
     assert not (tmp_path / "replay").exists()
 
 
+@pytest.mark.slow
 def test_values_that_another_process_writes_are_left_alone(tmp_path: Path) -> None:
     folder = ReplayFolder(tmp_path, always=True)
     slow = lambda theirs: bench.execute(Valley(0.01), Wanderer(*range(10_000)), 20_000, replay=folder)  # noqa: E731

@@ -176,6 +176,7 @@ except SystemExit:
 """
 
 
+@pytest.mark.slow
 def test_garbage_is_collected_while_runs_run_and_after_a_request_that_is_refused(tmp_path):
     (tmp_path / "watched.py").write_text(WATCH)
     words = ["run", "problem=./watched.py:Watched", "optimizer=de", "budget=20", "seeds=1", f"results={tmp_path}"]

@@ -372,6 +372,7 @@ def test_a_wrong_gear_ratio_is_named_however_large():
     assert report.findings[0].amplitude.value == pytest.approx(0.27, rel=0.01)
 
 
+@pytest.mark.slow
 def test_what_is_too_large_to_be_possible_is_told():
     report = explain(Arm(), readings(8, lambda q, d: {"a": q["a"] - 0.2 * d["side_a"]}))
     assert "backlash shoulder" not in {f.effect for f in report.findings}

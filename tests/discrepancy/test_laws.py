@@ -30,10 +30,18 @@ CASES: dict[str, tuple[Machine, MeasuredData]] = {
 }
 
 AS_WELL = "orthoglide, both passes"  # keeps what the single pass keeps
+LONG = [(testing.machine.slopes_agree_with_differences, name) for name in ("arm", "orthoglide")]  # two seconds each
 
 
-@pytest.mark.parametrize("case", [pytest.param(c, marks=[pytest.mark.slow] if c == AS_WELL else []) for c in CASES])
-@pytest.mark.parametrize("law", testing.MACHINE_LAWS, ids=lambda law: law.__name__)
+@pytest.mark.parametrize(
+    ("law", "case"),
+    [
+        pytest.param(law, c, id=f"{law.__name__}-{c}", marks=[pytest.mark.slow] if slow else [])
+        for law in testing.MACHINE_LAWS
+        for c in CASES
+        for slow in [c == AS_WELL or (law, c) in LONG]
+    ],
+)
 def test_a_machine_keeps_the_laws_of_a_users_own(law: Any, case: str) -> None:
     law(*CASES[case])
 
