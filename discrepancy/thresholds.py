@@ -66,7 +66,7 @@ class Thresholds:
     )  # fmt: skip
     residual_cut: float = _of(
         2.0, "core",
-        "size beyond which a residual of heavy-tailed noise is clipped (Huber), in scales of its core", CONVENTION,
+        "size beyond which a residual of heavy-tailed noise is clipped (Huber), in scales of the t law", CONVENTION,
     )  # fmt: skip
     scatter_asked: float = _of(
         2.5, "variance",
@@ -185,7 +185,11 @@ class Thresholds:
     )  # fmt: skip
     tails_of: int = _of(50, "scores", "scores that are needed to tell whether their tails are heavy", JUDGED)
     tails_heavy: float = _of(
-        1.0, "excess kurtosis", "of scores, above which they are clipped before they are tested", JUDGED,
+        1.0, "excess kurtosis", "of scores, above which they are clipped before the first test", JUDGED,
+    )  # fmt: skip
+    tails_cut: float = _of(
+        4.0, "core", "size at which they are clipped: the largest at which t noise of 3 to 5 degrees keeps the level",
+        MEASURED,
     )  # fmt: skip
     p_sure: float = _of(1e-06, "p", "a smallest p below this is significant without draws", NUMERICAL)
     p_calm: float = _of(

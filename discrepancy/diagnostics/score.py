@@ -3,9 +3,9 @@
 A candidate's whitened columns are projected off the calibration Jacobian; U is an orthonormal basis of the result, the
 part that data can show. With scores y of unit variance, T = |U^T y|^2 is chi2 of U's rank. With the variance taken from
 the rest, (T / m) / ((y'y - T) / (N - p - m)) is F, exactly so for Gaussian noise however few the rows are. So the level
-depends neither on the stated noise nor on the number of readings. Where the scores have heavy tails, p is that of
-clipped scores: a wild reading at one end of a covariate looks like something smooth. The smallest p of many candidates
-is calibrated with noise drawn in the same design.
+depends neither on the stated noise nor on the number of readings. Whether anything is missing at all is asked of
+clipped scores where their tails are heavy: a wild reading at one end of a covariate looks like something smooth. The
+smallest p of many candidates is calibrated with noise drawn in the same design.
 """
 
 from __future__ import annotations
@@ -103,13 +103,14 @@ class ProjectedScores:
 
     `bounded`: the stated noise is an upper bound, because readings with a common error were given more variance;
     residuals smaller than it are no evidence. `profiled`: nothing but the statement gives the size of the noise, see
-    `Noise`.
+    `Noise`. `spared`: readings far off are no evidence either, as where it is asked whether anything is missing at all.
     """
 
     y: Array
     Q: Array
     bounded: bool = False
     profiled: bool = False
+    spared: bool = False
 
     @cached_property
     def total(self) -> float:
@@ -118,10 +119,13 @@ class ProjectedScores:
 
     @cached_property
     def excess_kurtosis(self) -> float:
-        """Return the excess kurtosis of the scores: how much heavier than Gaussian their tails are, at least 0.
+        """Return the excess kurtosis of the scores, at least 0: how much heavier than Gaussian their tails are.
 
         Each counts in units of what noise alone would leave of it; those that calibration mostly absorbs do not count.
+        It is 0 where nothing is `spared`.
         """
+        if not self.spared:
+            return 0.0
         left = 1 - (self.Q**2).sum(axis=1)
         squares = self.y[left > _OWN] ** 2 / left[left > _OWN]
         if len(squares) < thresholds().tails_of or not squares.any():
@@ -130,11 +134,11 @@ class ProjectedScores:
 
     @cached_property
     def tested(self) -> Array:
-        """Return the scores that p is computed from, (N,): clipped where their tails are heavy (Huber)."""
+        """Return the scores that p is computed from, (N,): clipped where tails are heavy and are to be `spared`."""
         core = _CORE * float(np.median(np.abs(self.y)))
         if core == 0 or self.excess_kurtosis <= thresholds().tails_heavy:
             return self.y
-        cut = thresholds().residual_cut * core
+        cut = thresholds().tails_cut * core
         return project_off(np.clip(self.y, -cut, cut), self.Q)
 
     @cached_property
@@ -167,8 +171,8 @@ def f_test(T: float, m: int, total: float, degrees: int) -> float:
     return float(fdtrc(m, rest, max(T, 0.0) / m / max((total - T) / rest, 1e-300)))
 
 
-def projected_scores(fit: Fit) -> ProjectedScores:
-    """Return the scores of a fit, projected off what its Jacobian can absorb."""
+def projected_scores(fit: Fit, spared: bool = False) -> ProjectedScores:
+    """Return the scores of a fit, projected off what its Jacobian can absorb; `spared` see `ProjectedScores`."""
     size = np.sqrt((fit.J**2).sum(axis=0))
     size[size == 0] = 1.0
     Q, R = (
@@ -179,7 +183,7 @@ def projected_scores(fit: Fit) -> ProjectedScores:
     kept = np.abs(np.diag(R)) > 1e-10
     Q = np.asarray(Q[:, kept])
     y = fit.noise.scores(fit.r)
-    return ProjectedScores(project_off(y, Q), Q, bool(fit.noise.extra), fit.noise.profiled)
+    return ProjectedScores(project_off(y, Q), Q, bool(fit.noise.extra), fit.noise.profiled, spared)
 
 
 def _orthonormal(A: Array) -> tuple[Array, Array]:

@@ -117,10 +117,14 @@ def best_of_each(scored: Sequence[Scored], on: ProjectedScores) -> tuple[Scored,
 
 
 def run_tests(
-    at: Fit, candidates: Sequence[Effect], smooth: Sequence[SmoothTerm], rng: np.random.Generator | None
-) -> Tests:
-    """Test all candidates against a fit; without `rng` the smallest p are corrected by their number (Bonferroni)."""
-    on = projected_scores(at)
+    at: Fit, candidates: Sequence[Effect], smooth: Sequence[SmoothTerm], rng: np.random.Generator | None,
+    spared: bool = False,
+) -> Tests:  # fmt: skip
+    """Test all candidates against a fit; without `rng` the smallest p are corrected by their number (Bonferroni).
+
+    With `spared`, single readings far off are no evidence, see `ProjectedScores`.
+    """
+    on = projected_scores(at, spared)
     kept: list[list[Array]] = [[], []]
     scored: list[list[Scored]] = [[], []]
     for group, members in enumerate((candidates, smooth)):
