@@ -233,7 +233,9 @@ def _in_base_units(
         if scale != 1:
             columns[name] = columns[name] * scale
             turned.setdefault((unit, base), []).append(name)
-    notes = (f"{', '.join(names)}: stated in {unit}, turned into {base}" for (unit, base), names in turned.items())
+    notes = (
+        f"{', '.join(names)}: stated in {unit.strip()}, turned into {base}" for (unit, base), names in turned.items()
+    )
     return columns, tuple(notes), stated
 
 

@@ -23,8 +23,9 @@ from calibench.discrepancy import DataError
 from calibench.discrepancy.labels import COLUMNS_OF_NAMES, columns_of_numbers
 
 _TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?\s*(Z|[+-]\d\d:?\d\d)?")
-_OF_DAY = re.compile(r"([01]?\d|2[0-3]):([0-5]\d)(?::([0-5]\d(?:[.,]\d{1,9})?))?")
+_OF_DAY = re.compile(r"([01]?\d|2[0-3]):([0-5]\d)(?::([0-5]\d(?:[.,]\d{1,9})?|60(?:[.,]0{1,9})?))?")  # 60: rounded up
 _DAY = 86400.0  # s
+_FEW = 0.1  # of a column: so many cells among times of day are mistakes, and more are words
 _DO = "write all of them alike"
 
 
@@ -54,7 +55,7 @@ def times_of(name: str, column: Sequence[str], unit: str | None) -> Seconds | No
         raise DataError(
             f"column {name}, reading {dated + 1}: {column[dated]!r} has a date, and {first!r} has none; {_DO}"
         )
-    if others and name not in columns_of_numbers():
+    if len(others) > _FEW * len(column) and name not in columns_of_numbers():
         return None  # words, one of which looks like a time
     if others:
         told = shortened(column[others[0]])

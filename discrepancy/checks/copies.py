@@ -2,7 +2,8 @@
 
 Two readings of one pose differ by noise. On a scale with steps d they agree by chance with probability d / (2 sqrt(pi)
 sigma). So the steps of the columns that carry noise, and their stated noise, give the expected number of equal rows.
-A column that only numbers the rows is not compared. Data with equal rows are refused where that number is zero. Where
+A column that only numbers the rows is not compared, and of times the day is not: a block of times of day that is pasted
+again is read as the next day. Data with equal rows are refused where that number is zero. Where
 there are more equal rows than expected, the copies are left out, with a note.
 """
 
@@ -30,17 +31,19 @@ _SHOWN = 4  # pairs in a message
 _TELLING = 8  # values by which a column is recognised under another name
 _BY_ONE = 0.75  # of the steps of a column that numbers the rows with leaps: the least part that is one
 _NUMBERED = re.compile(r"(\D*)(\d{1,18})")
+_DAY = 86400.0  # s
 _MOST_GAPS = 2000  # differences of a column that are used to find its step
 
 
 def copied_rows(data: MeasuredData, rows: NDArray[np.intp], formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
     """Return which rows of `data` are copies to be left out, (n,), and a note; none and "" elsewhere.
 
-    `rows` are their numbers in the file. Raises `DataError` with the rows where equal rows cannot be: the time is the
-    same, or a column that carries noise is continuous.
+    `rows` are their numbers in the file. Raises `DataError` with the rows where equal rows cannot be (the time is the
+    same, or a column that carries noise is continuous), and where copies make the times of the other rows unsure.
     """
     counters = _counters(data, rows, formulation)
-    first, again = _pairs(data, counters)
+    times = [name for name in _times(data, formulation) if name not in counters]
+    first, again = _pairs(data, counters, times)
     copies = np.zeros(len(data), dtype=bool)
     if not len(again):
         return copies, ""
@@ -48,8 +51,10 @@ def copied_rows(data: MeasuredData, rows: NDArray[np.intp], formulation: Formula
     told += f" and {len(again) - _SHOWN} more" if len(again) > _SHOWN else ""
     distinct = np.setdiff1d(np.arange(len(data)), again)
     same = f"{SAME} but {', '.join(counters)}, which counts them" if len(counters) == 1 else SAME
+    later = any(not np.array_equal(data[name][again], data[name][first]) for name in times)
+    same += ", the times of day too" if later else ""
     way_out = "leave out the copies, or state their own time of reading"
-    if "t_s" in data and len(np.unique(data["t_s"][distinct])) == len(distinct) > 1:
+    if not later and "t_s" in data and len(np.unique(data["t_s"][distinct])) == len(distinct) > 1:
         raise DataError(f"{data.name}: rows {told} {same}, t_s too: copies; {way_out}")
     expected = _repeats(formulation.data) * _chance(data.rows(distinct), formulation)
     if expected < _IMPOSSIBLE:
@@ -60,6 +65,11 @@ def copied_rows(data: MeasuredData, rows: NDArray[np.intp], formulation: Formula
         return copies, (
             f"rows {told} {same}: on a coarse scale chance may do that, and so would copies, "
             "from which too small a noise is learned; leave out what was not read"
+        )
+    if later:
+        raise DataError(
+            f"{data.name}: rows {told} {same}: copies, at which the times begin another day, and all after them may be "
+            "of a wrong one; leave out the copies, or state times with their date"
         )
     copies[again] = True
     return copies, (
@@ -139,16 +149,25 @@ def _spoken_of(formulation: Formulation) -> frozenset[str]:
     return frozenset((*formulation.readings, *inputs_of(formulation), *roles.columns, roles.time))
 
 
-def _pairs(data: MeasuredData, but: Collection[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _times(data: MeasuredData, formulation: Formulation) -> tuple[str, ...]:
+    """Return the columns of numbers that are times in seconds."""
+    named = {"t_s", roles_of(formulation).time, *(name for name, unit in data.units.items() if unit == "s")}
+    return tuple(name for name in data.columns if name in named and np.asarray(data[name]).dtype.kind in "iuf")
+
+
+def _pairs(
+    data: MeasuredData, but: Collection[str], times: Collection[str]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the rows that equal an earlier row, and for each of them that earlier row, two arrays (m,).
 
-    The columns in `but` are not compared.
+    The columns in `but` are not compared, and of `times` the time of day alone.
     """
     rows = np.arange(len(data))
     alike = np.zeros(len(data), dtype=np.int64)
     for name, column in data.columns.items():
         if name in _BOOKKEEPING or name in but:
             continue
+        column = np.round(np.mod(column, _DAY), 6) if name in times else column
         own = np.unique(column, return_inverse=True)[1].reshape(-1)
         _, first, alike = np.unique(alike * (own.max() + 1) + own, return_index=True, return_inverse=True)
         alike = alike.reshape(-1)

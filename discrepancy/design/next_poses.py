@@ -21,7 +21,7 @@ from calibench.discrepancy.design.detectability import WhitenedDesign, calibrate
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Machine
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.registries import description_of, machines
 from calibench.problems.base import Array
 
@@ -75,8 +75,9 @@ def next_poses(
 ) -> NextPoses:  # fmt: skip
     """Return the `k` readings of `pool` (by default any in reach) that best split `rivals`, names of candidates.
 
-    Raises `ValueError` for an unknown rival, fewer than two, or a machine of which no pool can be made, and `DataError`
-    for data that cannot be of this machine.
+    `pool` has all columns that the machine reads, in its own units: of readings that are only planned, the measured
+    ones as they are foretold (`report.predict`). Raises `ValueError` for an unknown rival, fewer than two, or a machine
+    of which no pool can be made, and `DataError` for data that cannot be of this machine.
     """
     made = machines.make(machine) if isinstance(machine, str) else machine
     formulation = looked_at(made, data)
@@ -87,9 +88,15 @@ def next_poses(
         if make is None:
             raise NoPool(
                 f"machine={made.name}: no readings can be made up for it; in Python, next_poses(..., pool=readings) of "
-                "calibench.discrepancy.design.next_poses chooses among those that you hand it"
+                "calibench.discrepancy.design.next_poses chooses among those that you hand it: MeasuredData in the "
+                "machine's own units, with the measured columns as they are foretold for each"
             )
         pool = make(formulation, here.q)
+    if not isinstance(pool, MeasuredData):
+        raise TypeError(f"pool is a {type(pool).__name__}: MeasuredData(columns, machine) is needed")
+    unknown = [name for name in formulation.readings if name in pool and not np.isfinite(pool[name]).all()]
+    if unknown:
+        raise DataError(f"{pool.name}: {', '.join(unknown)}: of each reading to choose from all numbers are needed")
     if not 0 < k <= len(pool):
         raise ValueError(f"k={k}: from 1 to the {len(pool)} readings of the pool")
     there = WhitenedDesign(formulation.on(pool), here.x)

@@ -7,7 +7,8 @@ import openpyxl
 import pytest
 
 from calibench.bench.measured import read_measured
-from calibench.discrepancy import DataError
+from calibench.discrepancy import DataError, MeasuredData, explain
+from calibench.discrepancy.machines.table import Table
 
 
 def read(path, times, head="t_s", machine="gpm2002", parted=",", **stated):
@@ -85,3 +86,32 @@ def test_angles_in_hours_are_no_times(path):
 def test_words_and_names_of_poses_that_look_like_times_stay_words(path):
     assert read(path, ["14:03", "early"], "remark")["remark"].tolist() == ["14:03", "early"]
     assert read(path, ["14:03", "14:05"], "pose_id")["pose_id"].tolist() == ["14:03", "14:05"]
+
+
+def test_seconds_that_were_rounded_up_to_sixty_are_the_next_minute(path):
+    assert read(path, ["0:09:58.5", "0:09:60.0", "0:10:01"])["t_s"].tolist() == [0.0, 1.5, 2.5]
+
+
+def test_one_wrong_time_among_many_is_named_under_the_name_of_the_file(path):
+    times = [f"14:{k:02d}" for k in range(20)]
+    times[7] = "ca. 14:07"
+    with pytest.raises(DataError, match=r"column Uhrzeit, reading 8: 'ca. 14:07' is no time of day"):
+        read(path, times, "Uhrzeit")
+    assert read(path, ["14:03", "late", "early"], "remark")["remark"].tolist() == ["14:03", "late", "early"]
+
+
+@pytest.mark.parametrize("place", [20, 40])
+def test_a_block_of_times_of_day_that_was_pasted_again_is_no_next_day(place):
+    rng = np.random.default_rng(5)
+    u = np.round(np.linspace(0, 3, 40), 2)
+    y = np.round(2 * u + 1 + 0.05 * rng.standard_normal(40), 3)
+    clock = 60.0 * np.arange(40)
+    at = np.insert(np.arange(40), place, np.arange(10, 20))
+    later = np.cumsum(np.diff(clock[at], prepend=0.0) < 0)  # as the times of day are read
+    columns = {"u": u[at], "y": y[at], "t_s": clock[at] + 86400.0 * later}
+    table = Table(model="line", inputs=("u",), time="t_s", sigma=0.05)
+    with pytest.raises(DataError, match=r"rows 11 and \d+, .* the times of day too"):
+        explain(table, MeasuredData(columns, "table", {}, "made", units={"t_s": "s"}))
+    alone = {name: column[np.unique(at, return_index=True)[1]] for name, column in columns.items()}
+    alone["t_s"] = clock
+    assert explain(table, MeasuredData(alone, "table", {}, "made", units={"t_s": "s"})).verdict == "none"
