@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from calibench.core.options import suggest
 from calibench.discrepancy.checks.apart import rows_apart
 from calibench.discrepancy.checks.copies import copied_rows
 from calibench.discrepancy.checks.enter import entered, file_rows, visits_at
@@ -13,7 +14,7 @@ from calibench.discrepancy.checks.wild_readings import without_wild
 from calibench.discrepancy.model.formulations.constraints import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured.data import LEARNED, UNSTATED, MeasuredData
-from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
+from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.registries import descriptions
 
 CROSSED = "no rows are held out: the gap on unseen poses is by cross-validation"
@@ -80,14 +81,24 @@ def _tame(formulation: Formulation) -> Formulation:
 
 
 def _remarked(machine: Machine, formulation: Formulation) -> Formulation:
-    """Return the formulation with remarks that its noise is not stated and that nothing is held out.
+    """Return the formulation with remarks that its noise is not stated, that nothing is held out, and what it lacks.
 
-    A machine that makes its own remarks on the two gets neither.
+    A machine that ships makes its own remarks on the last two.
     """
     data = formulation.data
     if unknown := unknown_noise_of(formulation):
         data = data.with_note(f"{UNSTATED}: that of {', '.join(unknown)} {LEARNED}")
         formulation = formulation.on(data)
-    if machine.name in descriptions() or ("split" in data and (data["split"] == "hold").any()):
+    if machine.name in descriptions():
         return formulation
-    return formulation.on(data.with_note(CROSSED))
+    roles, read = roles_of(formulation), (*formulation.readings, *inputs_of(formulation))
+    others = [name for name in data.in_file if name not in read]
+    for name in columns_of(roles):
+        if name not in data:
+            what = words_of(roles).get(name, name)
+            data = data.with_note(
+                f"no column {name}: what depends on the {what} is not looked for; {suggest(name, others)}"
+            )
+    if "split" not in data or not (data["split"] == "hold").any():
+        data = data.with_note(CROSSED)
+    return formulation.on(data)
