@@ -183,12 +183,13 @@ def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: flo
 
 
 def _reading_noise(formulation: Formulation) -> tuple[ReadingNoise, ...]:
-    """Return the standard deviation of each kind of reading, the median over the rows."""
-    kinds: dict[tuple[float, str], list[str]] = {}
+    """Return the standard deviation of each kind of reading, the median over the rows, alike to three digits."""
+    kinds: dict[tuple[str, str], tuple[float, list[str]]] = {}
     for sensor in formulation.sensors:
         unit = sensor.unit or quantity_of(formulation.data.machine, sensor.column).unit
-        kinds.setdefault((float(np.median(formulation.sigma[sensor.column])), unit), []).append(sensor.column)
-    return tuple(ReadingNoise(tuple(columns), size, unit) for (size, unit), columns in kinds.items())
+        size = float(np.median(formulation.sigma[sensor.column]))
+        kinds.setdefault((f"{size:.3g}", unit), (size, []))[1].append(sensor.column)
+    return tuple(ReadingNoise(tuple(columns), size, unit) for (_, unit), (size, columns) in kinds.items())
 
 
 def _calibrated(formulation: Formulation) -> tuple[Fit, tuple[Undetermined, ...], tuple[str, ...]]:

@@ -3,8 +3,8 @@
 Two readings of one pose differ by noise. On a scale with steps d they agree by chance with probability d / (2 sqrt(pi)
 sigma). So the steps of the columns that carry noise, and their stated noise, give the expected number of equal rows.
 A column that only numbers the rows is not compared, and of times the day is not: a block of times of day that is pasted
-again is read as the next day. Data with equal rows are refused where that number is zero. Where
-there are more equal rows than expected, the copies are left out, with a note.
+again is read as the next day. Data with equal rows are refused where that number is zero. Where there are more equal
+rows than expected, the copies are left out, with a note.
 """
 
 from __future__ import annotations
@@ -185,8 +185,8 @@ def _counters(data: MeasuredData, rows: NDArray[np.intp], formulation: Formulati
     A column that the formulation speaks of numbers nothing, and a time or another column that the machine knows does so
     only where it counts from row to row by one.
     """
-    known = {"t_s", *columns_of(roles_of(formulation)), *(q.name for q in description_of(data.machine).columns)}
-    known |= {name for name, unit in data.units.items() if unit == "s"}
+    known = {*columns_of(roles_of(formulation)), *(q.name for q in description_of(data.machine).columns)}
+    known |= set(_times(data, formulation))
     names = (name for name in data.columns if name not in _spoken_of(formulation) and name not in _BOOKKEEPING)
     return tuple(name for name in names if _numbers_rows(data[name], rows, name in known))
 

@@ -76,18 +76,3 @@ def test_two_names_that_move_a_joint_against_each_other_are_told() -> None:
     assert note.startswith("angle error of turntable and ")
     assert "against each other" in note
     assert notes("angle_error") == notes("gear") == ()
-
-
-def test_a_column_that_the_roles_name_and_the_file_lacks_is_told_with_the_nearest_one() -> None:
-    class Clocked(Turntable):
-        def formulate(self, data):
-            return replace(super().formulate(data), roles=replace(ROLES, time="clok"))
-
-    rng = np.random.default_rng(6)
-    angle = rng.uniform(-3, 3, 60)
-    columns = {"x": 400 * np.cos(angle), "y": 400 * np.sin(angle)}
-    columns = {name: values + 0.005 * rng.standard_normal(60) for name, values in columns.items()}
-    data = MeasuredData({"angle": angle, "clock": np.arange(60.0), **columns}, "turntable", {}, "made")
-    notes = [note for note in explain(Clocked(), data).notes if note.startswith("no column")]
-    assert notes == ["no column clok: what depends on the time is not looked for; did you mean 'clock'? choices: clock"]
-    assert not [note for note in told(1.2, np.zeros_like).notes if note.startswith("no column")]

@@ -222,3 +222,25 @@ def test_a_measured_column_is_in_the_unit_of_its_joint_or_its_file_and_so_is_wha
     [found] = explain(Axis(), data.with_units({"mirror": "rad"})).findings
     assert (found.family, found.amplitude.unit) == ("frame_shift", "rad")
     assert abs(found.amplitude.value) == pytest.approx(2e-5, rel=0.1)
+
+
+def test_a_column_that_the_roles_name_and_the_file_lacks_is_told_with_the_nearest_one():
+    class Timed:
+        name = "predicted_arm"
+
+        def __init__(self, time):
+            self.roles = Roles(time=time)
+
+        def formulate(self, data):
+            return predicted(data, roles=self.roles)
+
+    data = readings().with_columns({"clock": np.arange(float(N))})
+
+    def lacking(time):
+        return [note for note in explain(Timed(time), data).notes if note.startswith("no column")]
+
+    [note] = lacking("clok")
+    assert note.startswith(
+        "no column clok: what depends on the time is not looked for; did you mean 'clock'? choices: "
+    )
+    assert lacking("clock") == []

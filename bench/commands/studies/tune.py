@@ -46,7 +46,7 @@ def tune(words: list[str], command: str, carry: Carry, dry_run: bool) -> int:
     print(f"{counted(len(mine), 'run')} in {store.folder}/runs.parquet; {skipped} of those asked for were done before")
     failed, ended = (int((mine["status"] == status).sum()) for status in ("failed", "timeout"))
     if failed or ended or len(mine) < len(asked):
-        counts = {"failed": failed, "were ended by the time limit": ended, "have no row": len(asked) - len(mine)}
+        counts = {"failed": failed, "ended by the time limit": ended, "have no row": len(asked) - len(mine)}
         told = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
         print(f"{told}; `bench status {shlex.quote(str(store.folder))}` tells why")
         return 1

@@ -76,7 +76,7 @@ class Page:
     def html(self) -> str:
         """Return the page."""
         report = self.report
-        above = {*first_notes(report), *size_notes(report)}
+        first, sizes = first_notes(report), size_notes(report)
         mark, word = _MARKS[report.verdict]
         next_said = next_sentences(report)
         parameters = report.parameters
@@ -89,13 +89,13 @@ class Page:
             mark=mark,
             word=word,
             about=" · ".join(f"{key} {value}" for key, value in self.about_data.items()),
-            first=[as_sentence(note, report.parameters) for note in first_notes(report)],
+            first=[as_sentence(note, report.parameters) for note in first],
             headline=headline(report),
             said=[
                 *unnamed_sentences(report),
                 gap_sentence(report),
                 *doubt_sentences(report),
-                *(as_sentence(note) for note in size_notes(report)),
+                *map(as_sentence, sizes),
                 moved_sentence(report, self.units),
                 chance_sentence(report),
             ],
@@ -117,7 +117,7 @@ class Page:
             correction=self.correction,
             advice=self._advice(next_said),
             limits=limits(report),
-            notes=[as_sentence(str(note)) for note in self.notes if note not in above],
+            notes=[as_sentence(str(note)) for note in self.notes if note not in (*first, *sizes)],
             provenance={key: value for key, value in self.provenance.items() if value},
             drawings={name: inline_svg(svg, name) for name, svg in self.drawings.items()},
         )
