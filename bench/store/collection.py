@@ -48,6 +48,7 @@ Index = NDArray[np.int64]
 _CHUNK = 10_000  # runs that are merged at a time
 _READ = 4 << 20  # bytes of lines that are read from JSON at a time
 _PIECE = 32 << 20  # bytes of a sorted piece
+PIECE = "piece-"  # names of their files begin so
 _BATCH = 500  # runs of a piece that are read from its file at a time
 
 
@@ -232,7 +233,7 @@ def _held(table: pa.Table) -> _Piece:
 
 def _kept(table: pa.Table, folder: Path, stack: ExitStack) -> _Piece:
     """Return a piece that is stored in a file until `stack` ends."""
-    path = temporary_name(folder / f"piece-{token_hex(4)}")
+    path = temporary_name(folder / f"{PIECE}{token_hex(4)}")
     stack.callback(path.unlink, missing_ok=True)
     with pa.OSFile(str(path), "wb") as file, pa.ipc.new_stream(file, table.schema) as writer:
         writer.write_table(table, max_chunksize=_BATCH)

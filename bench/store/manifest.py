@@ -23,8 +23,8 @@ class StoreError(ValueError):
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Return the manifest of a study of runs: kind, schema_version, study, and planned, {run_id: label of its cell}.
 
-    It may also have called {label: name of the cell on a terminal}, other_shards [run_id], commands, files, costs,
-    forgotten. Raises `StoreError` where the folder is missing or none of ours.
+    It may also have called {label: name of the cell on a terminal}, other_shards [run_id], commands, files, costs.
+    Raises `StoreError` where the folder is missing or none of ours.
     """
     path = folder / "manifest.json"
     if not folder.is_dir():
@@ -129,7 +129,7 @@ def _indented(value: Any) -> str:
     return json.dumps(value, indent=1).replace("\n", "\n ")
 
 
-def _are(key: type, value: type | tuple[type, ...]) -> Any:
+def _are(key: type, value: type) -> Any:
     return lambda found: (
         isinstance(found, dict) and all(isinstance(k, key) and isinstance(v, value) for k, v in found.items())
     )
@@ -151,5 +151,4 @@ _KINDS = {
     "other_shards": _or_missing(_is_list(str)),
     "files": _or_missing(_are(str, str)),
     "costs": _or_missing(_is_list(dict)),
-    "forgotten": _or_missing(_are(str, (int, float))),
 }

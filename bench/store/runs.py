@@ -1,7 +1,23 @@
 """Results on disk: each writer appends to a journal of its own; journals are collected into the two Parquet tables.
 
-A run is finished when it stands in a journal, or in both tables. Reading changes nothing in a folder. What cannot be
-read is set aside when it is collected, never deleted; its runs are done again.
+A run is finished when it stands in a journal, or in both tables. Any number of processes, on any machines, may share a
+folder, and any of them may be killed at any moment. They keep to this:
+
+- **The lock** (``.lock``, which is never deleted) is the system's, and ends with its holder. Who holds it alone makes
+  and rewrites ``manifest.json``, ``runs.parquet`` and ``traces.parquet``, claims journals, and deletes them.
+- **Creation**: whoever comes first makes the folder, takes the lock, and writes the manifest, whole. Nothing else of
+  ours is there before it but what belongs to the lock: a folder without a manifest holds somebody else's files.
+- **The plan** is a union: each command adds its runs to the manifest under the lock, and takes none out.
+- **Journals** are appended to by their writer alone, without the lock (`bench.store.files.journal`).
+- **Collecting**, under the lock: claim all journals, also of writers that live; write the traces, then the rows; only
+  then delete what was claimed, or set it aside where lines of it are damaged. A kill in between leaves claimed
+  journals to the next who collects. A journal that appears meanwhile is kept for later. A run stands once, by its id.
+- **Reading** takes no lock and changes nothing: journals first, then the tables. What is folded meanwhile stands in
+  both or in the tables; what is forgotten meanwhile may still be seen; of a pair of tables that is just being replaced,
+  the runs are taken that are whole in both.
+- **Temporary files** that only who holds the lock writes are deleted by the next who holds it.
+
+No decision is made by a clock, by the age of a file, or by whether a process on another machine is alive.
 """
 
 from __future__ import annotations
@@ -9,10 +25,9 @@ from __future__ import annotations
 import itertools
 import json
 import os
-import shutil
 import time
 import warnings
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,11 +41,19 @@ from calibench.bench.execution.run import Run
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.run_id import UNSEEN
 from calibench.bench.store.arrays import all_true, array_of, cast_table, empty_table, is_in, kept, not_equal, scalar_of
-from calibench.bench.store.collection import collect_into, in_order, part_table, points_of
+from calibench.bench.store.collection import PIECE, collect_into, in_order, part_table, points_of
 from calibench.bench.store.files.atomic_file import remove_stale, write_whole
-from calibench.bench.store.files.journal import FOLDER, Journal, JournalReader, Record, State, journals_in
+from calibench.bench.store.files.journal import (
+    ENDING,
+    FOLDER,
+    Journal,
+    JournalReader,
+    Record,
+    State,
+    claim,
+    journals_in,
+)
 from calibench.bench.store.files.lock import HOLDER, LOCK, SOFT_LOCK, locked
-from calibench.bench.store.files.part import parts_in, read_part
 from calibench.bench.store.hits import PROBLEM, columns_for, declared_levels, hit_tables
 from calibench.bench.store.manifest import StoreError, new_manifest, read_manifest, studies_in, write_manifest
 from calibench.bench.store.options import OF_OPTIONS, with_options
@@ -41,7 +64,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _OK = scalar_of("ok", pa.string())
-_BEGUN = {FOLDER, "parts", LOCK, SOFT_LOCK, HOLDER}  # what a kill at the very start leaves
+_BEGUN = {FOLDER, LOCK, SOFT_LOCK, HOLDER}  # what may stand in a folder before its manifest
+_UNDER_LOCK = ("manifest.json", RUNS, TRACES, PIECE)  # files that only who holds the lock writes
 
 
 @final
@@ -145,12 +169,13 @@ class ResultStore:
         if self.folder.exists() and not self.folder.is_dir():
             raise StoreError(f"{self.folder}: is a file, a folder for results is needed")
         try:
-            if self.folder.is_dir() and any(path.name not in _BEGUN for path in self.folder.iterdir()):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            strangers = [path for path in self.folder.iterdir() if not _may_precede_a_manifest(path.name)]
+            if strangers or self.is_begun:  # asked in this order: what is ours comes after the manifest
                 self.manifest()
                 return
-            self.folder.mkdir(parents=True, exist_ok=True)
             with self.locked():
-                if not (self.folder / "manifest.json").exists():
+                if not self.is_begun:
                     write_manifest(self.folder, new_manifest(self.folder.resolve().name))
         except OSError as error:
             raise StoreError(f"{self.folder}: cannot be written: {error.strerror}") from None
@@ -202,7 +227,8 @@ class ResultStore:
     def finished(self) -> set[str]:
         """Return the ids of the runs that are done and can be read."""
         manifest = self.manifest()
-        return self._tables(manifest).complete().union(_id_of(one) for one in self._new(manifest, set()))
+        written = {state.run_id for reader in self._journals() for state in reader.states()}
+        return written | self._tables(manifest).complete()
 
     def collected(self) -> set[str]:
         """Return the ids of the runs that are whole in the tables."""
@@ -211,42 +237,38 @@ class ResultStore:
     def survey(self) -> Survey:
         """Return how each run ended, what is damaged, and the pace: all that is told without reading the rows."""
         manifest = self.manifest()
-        readers, parts = self._journals(), {path: read_part(path) for path in parts_in(self.folder)}
-        new = {state.run_id: state for reader in readers for state in _states(reader)}
-        writing = [reader for reader in readers if not reader.is_left()]
+        readers = self._journals()
+        new: dict[str, State] = {}
+        for state in itertools.chain.from_iterable(reader.states() for reader in readers):
+            new.setdefault(state.run_id, state)
+        writing = [reader for reader in readers if reader.count and reader.is_written()]
         began = min((reader.began() for reader in writing), default=0.0)
         pace = sum(reader.count for reader in writing) / max(time.time() - began, 1e-3) if began else 0.0
-        damaged = [path for path, part in parts.items() if part is None]
-        damaged += [reader.path for reader in readers if reader.damaged]
-        if parts or manifest.get("forgotten"):  # when a run was done stands in its row
-            rows = to_pandas(self._gathered(manifest, State._fields)[0]).fillna("")
-            new = {state.run_id: state for state in map(State._make, rows.itertuples(index=False))}
-            return Survey(new, tuple(damaged), pace)
+        damaged = tuple(reader.path for reader in readers if reader.damaged)
         tables = self._tables(manifest)
         rows, known = tables.runs(State._fields), tables.complete()
         for run_id, status, code in zip(*(rows[name].to_pylist() for name in State._fields), strict=True):
             if run_id in known:
                 new[run_id] = State(run_id, status, code or "")
-        return Survey(new, tuple(damaged), pace)
+        return Survey(new, damaged, pace)
 
     def rows_not_ok(self, columns: Sequence[str]) -> pd.DataFrame:
         """Return the rows (of `columns`) that did not end well; of journals only these are read."""
         asked = list(dict.fromkeys(["run_id", "status", *columns]))
         manifest = self.manifest()
+        found = [record for reader in self._journals() for record in reader if record.status != "ok"]
         tables = self._tables(manifest)
         rows = tables.runs(asked)
         rows = kept(rows, not_equal(rows["status"], _OK))
-        found = self._new(manifest, tables.complete())
-        new = _as_parts([one for one in found if not isinstance(one, Record) or one.status != "ok"])
-        new = kept(new, not_equal(new["status"], _OK)).select(asked)
-        return to_pandas(pa.concat_tables([rows, new]))
+        new = _as_parts(list(_distinct(found, tables.complete())))
+        return to_pandas(pa.concat_tables([rows, new.select(asked)]))
 
     def has_journals(self) -> bool:
         """Tell whether something is not collected yet."""
-        return bool(journals_in(self.folder) or parts_in(self.folder))
+        return bool(journals_in(self.folder))
 
     def damaged(self) -> list[Path]:
-        """Return the journals of which some lines cannot be read, and such parts of earlier versions."""
+        """Return the journals of which some lines cannot be read."""
         return list(self.survey().damaged)
 
     def write(self, run: Run) -> None:
@@ -276,7 +298,7 @@ class ResultStore:
                 )
 
     def writer(self, name: str | None = None) -> Journal:
-        """Return a new journal of this study, or the one called `name`, whose writer is gone, to go on with."""
+        """Return a new journal of this study, whose files' names begin with `name`."""
         return Journal(self.folder, self.study, name)
 
     def fill(
@@ -290,20 +312,17 @@ class ResultStore:
         self.folder.mkdir(parents=True, exist_ok=True)
         paths = [self.folder / name for name in ("manifest.json", TRACES, RUNS)]
         imported = {} if source is None else {"imported": dict(source)}
-        write_manifest(self.folder, new_manifest(study or self.folder.resolve().name) | imported)
-        write_table(pa.Table.from_pandas(traces, TRACES_SCHEMA, preserve_index=False), paths[1])
-        rows = runs.assign(study=self.study)
-        write_table(pa.Table.from_pandas(rows, RUNS_SCHEMA, preserve_index=False), paths[2])
+        with self.locked():
+            write_manifest(self.folder, new_manifest(study or self.folder.resolve().name) | imported)
+            write_table(pa.Table.from_pandas(traces, TRACES_SCHEMA, preserve_index=False), paths[1])
+            rows = runs.assign(study=self.study)
+            write_table(pa.Table.from_pandas(rows, RUNS_SCHEMA, preserve_index=False), paths[2])
         return paths
 
     def forget(self, run_ids: Iterable[str]) -> None:
         """Take runs out, so that they are done again."""
-        gone = set(run_ids)
         with self.locked():
-            manifest = self.manifest()
-            manifest["forgotten"] = {**manifest.get("forgotten", {}), **dict.fromkeys(gone, time.time())}
-            write_manifest(self.folder, manifest)
-            self._collect(manifest, gone)
+            self._collect(self.manifest(), set(run_ids))
 
     def collect(self) -> list[Path]:
         """Fold all journals into ``runs.parquet`` and ``traces.parquet``; return where damaged ones were set aside."""
@@ -313,44 +332,30 @@ class ResultStore:
             return self._collect(self.manifest(), set())
 
     def _collect(self, manifest: Mapping[str, Any], drop: set[str]) -> list[Path]:
-        """Collect, without the runs to `drop`; a journal whose writer is still there stays, and is read over later."""
-        if self._journal is not None:
-            self._journal[1].close()
-            self._journal = None
-        remove_stale(self.folder)
-        tables, readers, parts = self._tables(manifest), self._journals(), parts_in(self.folder)
+        """Collect, without the runs to `drop`, by who holds the lock."""
+        self._journal = None  # its next run goes to a new one
+        remove_stale(self.folder, _UNDER_LOCK)
+        readers = claim(self.folder)
+        tables = self._tables(manifest)
         aside: dict[Path, None] = {}
-        new = self._new(manifest, tables.complete() - drop, readers)
+        new = _distinct(itertools.chain(*readers), tables.complete() | drop)
         first = next(new, None)
         if first is not None or drop or not tables.are_one_pair():
             refused = lambda record: aside.update({self._set_aside(record): None})  # noqa: E731
             collect_into(tables, itertools.chain([] if first is None else [first], new), drop, refused)
-        known = tables.complete()
-        for path in parts:
-            if path.stem in known:
-                path.unlink(missing_ok=True)
-            else:
-                aside[self._move_aside(path)] = None
         for reader in readers:
-            damaged = reader.damaged
-            if damaged:
-                aside[self._copy_aside(reader.path)] = None
-            reader.remove_if_left()
-        for folder in (self.folder / FOLDER, self.folder / "parts"):
-            with suppress(OSError):  # it is not empty, or not there
-                folder.rmdir()
+            if reader.damaged:
+                aside[self._move_aside(reader.path)] = None
+            else:
+                reader.path.unlink()
+        with suppress(OSError):  # somebody has begun another journal
+            (self.folder / FOLDER).rmdir()
         return list(aside)
 
     def _move_aside(self, path: Path) -> Path:
-        where = self.folder / "quarantine" / path.name
+        where = self.folder / "quarantine" / path.with_suffix(ENDING).name
         where.parent.mkdir(exist_ok=True)
         os.replace(path, where)
-        return where
-
-    def _copy_aside(self, path: Path) -> Path:
-        where = self.folder / "quarantine" / path.name
-        where.parent.mkdir(exist_ok=True)
-        shutil.copyfile(path, where)
         return where
 
     def _set_aside(self, record: Record) -> Path:
@@ -373,10 +378,10 @@ class ResultStore:
 
     def _gathered(self, manifest: Mapping[str, Any], columns: Sequence[str] | None = None) -> tuple[pa.Table, pa.Table]:
         """Return rows and traces of all finished runs, in the order of the tables."""
-        journals = [list(_lines(reader)) for reader in self._journals()]  # before the tables: collected meanwhile, ...
-        tables = self._tables(manifest)  # ... they stand there
+        written = [record for reader in self._journals() for record in reader]
+        tables = self._tables(manifest)
         known = tables.complete()
-        records = list(_distinct(itertools.chain(*journals, self._parts()), known, manifest))
+        records = list(_distinct(written, known))
         if not records and columns is not None:
             rows = tables.runs(list(dict.fromkeys(["run_id", *columns])))
             return self._only(rows, known, "run_id").select(list(columns)), empty_table(TRACES_SCHEMA)
@@ -393,67 +398,25 @@ class ResultStore:
         whole = is_in(table[column], array_of(sorted(known), pa.string()))
         return table if all_true(whole) else kept(table, whole)
 
-    def _new(
-        self, manifest: Mapping[str, Any], known: set[str], readers: Sequence[JournalReader] | None = None
-    ) -> Iterator[Record | pa.Table]:
-        """Yield what is not `known` yet: records of journals, and parts of earlier versions."""
-        journals = self._journals() if readers is None else readers
-        return _distinct(itertools.chain(*map(_lines, journals), self._parts()), known, manifest)
-
-    def _parts(self) -> Iterator[pa.Table]:
-        return (part for part in map(read_part, parts_in(self.folder)) if part is not None)
-
     def locked(self) -> AbstractContextManager[None]:
         """Let one process at a time rewrite the tables."""
         return locked(self.folder)
 
 
-def _distinct(
-    new: Iterable[Record | pa.Table], known: set[str], manifest: Mapping[str, Any]
-) -> Iterator[Record | pa.Table]:
-    """Yield the first of each run that is neither `known` nor was forgotten after it was done."""
-    seen = set(known)
-    forgotten = manifest.get("forgotten", {})
-    for one in new:
-        run_id = _id_of(one)
-        if run_id in seen:
-            continue
-        if run_id in forgotten and _began(one) < forgotten[run_id]:
-            continue
-        seen.add(run_id)
-        yield one
+def _may_precede_a_manifest(name: str) -> bool:
+    return name in _BEGUN or (name.startswith("manifest.json.") and name.endswith(".tmp"))
 
 
-def _lines(reader: JournalReader) -> Iterator[Record]:
-    """Yield the records of a journal; none where it was collected and deleted meanwhile."""
-    try:
-        yield from reader
-    except FileNotFoundError:
-        return
+def _distinct(records: Iterable[Record], known: Container[str]) -> Iterator[Record]:
+    """Yield the first of each run that is not `known`."""
+    seen: set[str] = set()
+    for record in records:
+        if record.run_id not in known and record.run_id not in seen:
+            seen.add(record.run_id)
+            yield record
 
 
-def _states(reader: JournalReader) -> Iterator[State]:
-    """Yield likewise how the runs ended."""
-    try:
-        yield from reader.states()
-    except FileNotFoundError:
-        return
-
-
-def _as_parts(found: Sequence[Record | pa.Table]) -> pa.Table:
-    """Return what was found as one table; a record that no row can be made of is left out."""
-    records = [one for one in found if isinstance(one, Record)]
+def _as_parts(records: Sequence[Record]) -> pa.Table:
+    """Return records as one table; one that no row can be made of is left out."""
     tables = [part_table(records[i : i + 5000]) for i in range(0, len(records), 5000)]
-    tables += [one for one in found if isinstance(one, pa.Table)]
     return pa.concat_tables(tables or [empty_table(PART_SCHEMA)])
-
-
-def _id_of(one: Record | pa.Table) -> str:
-    return one.run_id if isinstance(one, Record) else str(one["run_id"][0].as_py())
-
-
-def _began(one: Record | pa.Table) -> float:
-    """Return when the search of a run began, in seconds since 1970."""
-    if isinstance(one, Record):
-        return float(one.row()["started_at"]) / 1e6
-    return float(one["started_at"][0].as_py().timestamp())

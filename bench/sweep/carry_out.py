@@ -32,6 +32,7 @@ from calibench.core.counted import counted
 _SILENCE = 2.0  # seconds
 _COMPILING = "compiling what these runs need; it is kept, so that the next sweep begins at once"
 _PATIENCE = 1.0  # seconds to look again at what could not be built
+_ATTEMPTS = 2  # to have a row of each run: something may damage what was kept
 Report = Callable[[int, int, str], None]  # done, of, what has just ended
 
 
@@ -62,6 +63,7 @@ def carry_out(
 ) -> Outcome:
     """Run what is not done yet and collect the tables; the manifest keeps the `command` that asked for it.
 
+    A run counts as done when the tables have its row: one that has none after all were done is done once more.
     Finished runs of other code (`bench.sweep.stale`) are done again or kept, as `way` says, and are told before
     anything runs. Raises `RequestError`, `StoreError` before anything runs: also where there are such and the way is
     "ask". Raises `ClusterError` before anything is written where a Dask cluster is asked for and cannot be had.
@@ -87,32 +89,55 @@ def carry_out(
     goes_on = len([run_id for run_id in values_of(request.folder) if run_id in left])
     if goes_on:
         tell(f"{counted(goes_on, 'run')} {'goes' if goes_on == 1 else 'go'} on from the values of before the kill")
+    skipped, before = len(request.specs) - len(left), files_in(request.folder)
+    unfinished = 0
+    for attempt in range(_ATTEMPTS):
+        try:
+            unfinished = _do(request, left, store, execution, report, tell)
+        finally:
+            aside += store.collect()
+            kept = store.collected()
+            remove_gone(request.folder)
+            forget_finished(request.folder, kept)
+        left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in kept}
+        if unfinished or not left:
+            break
+        if attempt + 1 < _ATTEMPTS:
+            tell(f"{counted(len(left), 'run')} had ended, and the folder has no row of {_them(left)}: done once more")
+    printed = tuple(sorted(files_in(request.folder) - before))
+    return Outcome(tuple(request.specs), skipped, tuple(aside), stale, unfinished, printed)
+
+
+def _do(
+    request: Request,
+    left: Mapping[str, Spec],
+    store: ResultStore,
+    execution: Execution,
+    report: Report,
+    tell: Callable[[str], None],
+) -> int:
+    """Do the runs that are `left`; return how many have not been done, because `stop_after` failures had happened."""
     broken = _fail_broken(request, left, store)
     unbegun = {run_id: spec for run_id, spec in left.items() if run_id not in broken}
     if unbegun and CAN_FORK and execution.name != "dask":
         with told_after(_SILENCE, lambda: tell(_COMPILING)):
             load_kernels(unbegun.values())  # once here, and not again in every child
     _measure_costs(unbegun, store, tell)
-    before = files_in(request.folder)
     how = How(execution.inner, _replay_folder(request))
     report(len(broken), len(left), "")
     ended = failed = len(broken)
-    try:
-        with closing(_run_all(unbegun, request.labels, store, execution, how)) as notices:
-            for ended, notice in enumerate(notices, start=len(broken) + 1):
-                label = request.labels[notice.run_id]
-                report(ended, len(left), request.called.get(label, label))
-                failed += notice.status == "failed"
-                if request.stop_after is not None and failed >= request.stop_after:
-                    break
-    finally:
-        aside += store.collect()
-        remove_gone(request.folder)
-        forget_finished(request.folder, store.finished())
-    printed = tuple(sorted(files_in(request.folder) - before))
-    return Outcome(
-        tuple(request.specs), len(request.specs) - len(left), tuple(aside), stale, len(left) - ended, printed
-    )
+    with closing(_run_all(unbegun, request.labels, store, execution, how)) as notices:
+        for ended, notice in enumerate(notices, start=len(broken) + 1):
+            label = request.labels[notice.run_id]
+            report(ended, len(left), request.called.get(label, label))
+            failed += notice.status == "failed"
+            if request.stop_after is not None and failed >= request.stop_after:
+                break
+    return len(left) - ended
+
+
+def _them(runs: Mapping[str, Spec]) -> str:
+    return "it" if len(runs) == 1 else "them"
 
 
 def _settled(

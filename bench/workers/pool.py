@@ -20,7 +20,7 @@ from calibench.bench.execution.in_progress.progress import publishing
 from calibench.bench.execution.in_progress.running import remove_gone, to_files, was_silent
 from calibench.bench.execution.run import Run
 from calibench.bench.gate.processes.process_group import prepare
-from calibench.bench.store.files.journal import Journal, last_ids, writer_name
+from calibench.bench.store.files.journal import Journal, kept_by, writer_name
 from calibench.bench.workers.child import Child, too_late
 from calibench.bench.workers.packs import Job, Pack, Packs
 from calibench.bench.workers.printed import Printed, file_of, forget_empty
@@ -60,7 +60,7 @@ def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost
                 if not why:
                     continue
                 rest, alone = worker.end()
-                kept = last_ids(folder, worker.name)  # it may have kept runs and told nobody
+                kept = kept_by(folder, worker.name)  # it may have kept runs and told nobody
                 for job in rest:
                     if job.run_id in kept:
                         yield Notice(job.run_id, kept[job.run_id], 0.0)
@@ -77,16 +77,12 @@ def run_in_pool(packs: Packs, folder: Path, study: str, workers: int, lost: Lost
     finally:
         for worker in pool:
             worker.end()
-        for worker in pool:
-            Journal(folder, study, worker.name).close()  # also of a worker that was killed
             forget_empty(file_of(folder, worker.name))
-        if own is not None:
-            own.close()
 
 
 @final
 class _Worker:
-    """A place of the pool: its process, with a journal of this name, and what that has still to do."""
+    """A place of the pool: its process, whose journals begin with this name, and what that has still to do."""
 
     def __init__(self, name: str, folder: Path, study: str, prints_apart: bool) -> None:
         self.name = name

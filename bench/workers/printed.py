@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import final
 
 from calibench.bench.execution.run_row import RunRow
+from calibench.bench.store.files.atomic_file import open_within
 
 _FOLDER = "printed"
 _MOST = 16 * 1024 * 1024  # bytes a worker keeps: after the run that goes beyond, nothing more is
@@ -30,7 +31,14 @@ def file_of(folder: Path, worker: str) -> Path:
 
 def files_in(folder: Path) -> set[Path]:
     """Return the files of the study in `folder` in which something is printed."""
-    return {path for path in (folder / _FOLDER).glob("*.txt") if path.stat().st_size}
+    return {path for path in (folder / _FOLDER).glob("*.txt") if _size(path)}
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:  # another sweep in this folder has just deleted it
+        return 0
 
 
 def forget_empty(path: Path) -> None:
@@ -54,8 +62,7 @@ class Printed:
     """The file of this process's output, from now on; `signed` is to be called after each run."""
 
     def __init__(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        self._file = open_within(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         if _is_cut_off(path):
             os.write(self._file, b"\n-- printed by a run whose process ended\n")
         self._size = os.fstat(self._file).st_size

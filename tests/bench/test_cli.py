@@ -266,12 +266,13 @@ def test_show_finds_a_run_by_the_first_digits(run_bench, here):
 
 def test_a_damaged_journal_is_one_line_and_costs_the_run_of_its_line(run_bench, here, monkeypatch):
     monkeypatch.setattr(ResultStore, "collect", lambda store: [])
+    monkeypatch.setattr(ResultStore, "collected", ResultStore.finished)
     run_bench("run problem=full12 optimizer=de budget=100 seeds=3")
     monkeypatch.undo()
     monkeypatch.chdir(here)
     (journal,) = (here / "results/adhoc/journal").iterdir()
     lines = journal.read_bytes().splitlines(keepends=True)
-    journal.write_bytes(b"".join([*lines[:2], lines[2].replace(b"full12", b"full21"), *lines[3:]]))
+    journal.write_bytes(b"".join([*lines[:-1], lines[-1].replace(b"full12", b"full21")]))
     code, _, err = run_bench("collect results/adhoc")
     assert code == 2
     assert err.count("\n") == 1

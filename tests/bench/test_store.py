@@ -17,7 +17,7 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.store import collection
 from calibench.bench.store.files.atomic_file import write_whole
-from calibench.bench.store.files.journal import Journal, JournalReader, last_ids
+from calibench.bench.store.files.journal import Journal, JournalReader, claim, kept_by
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA
@@ -122,7 +122,7 @@ def test_a_column_of_nulls_keeps_its_type(store):
 
 
 def journal_of(store):
-    (path,) = (store.folder / "journal").iterdir()
+    (path,) = (store.folder / "journal").glob("*.journal")
     return path
 
 
@@ -136,58 +136,98 @@ def test_a_line_that_was_cut_is_no_run_and_costs_no_other(store, runs):
         path.write_bytes(whole[:end])
         assert store.finished() == {run.run_id for run in runs[:2]}
         assert (store.damaged(), len(store.runs())) == ([], 2)
-    journal = store.writer(path.stem)  # who goes on with it cuts that line off
-    journal.append(runs[2])
-    journal.close()
+    store.writer().append(runs[2])
     assert store.finished() == {run.run_id for run in runs}
     assert store.collect() == []
     assert len(store.runs()) == 3
 
 
-@pytest.mark.parametrize("place", [0, 5, 12, 60, 400, -20])
-def test_a_byte_that_has_changed_costs_the_run_of_its_line(store, runs, place):
+@pytest.mark.parametrize("place", [0, 5, 12, 60, 400, -20, -1])
+@pytest.mark.parametrize("number", range(5))
+def test_damage_to_one_line_costs_at_most_the_run_of_that_line(store, runs, number, place):
+    """Two of the five lines are headers. The last byte is the newline itself."""
     for run in runs:
         store.write(run)
     path = journal_of(store)
     lines = path.read_bytes().splitlines(keepends=True)
-    bad = bytearray(lines[2])
+    bad = bytearray(lines[2 * number + 1])  # each follows an empty one
     bad[place] ^= 1
-    path.write_bytes(b"".join([*lines[:2], bytes(bad), *lines[3:]]))
-    assert store.damaged() == [path]
-    assert store.finished() == {runs[0].run_id, runs[2].run_id}
-    assert store.collect() == [store.folder / "quarantine" / path.name]
-    assert set(store.runs()["run_id"]) == {runs[0].run_id, runs[2].run_id}
-    store.write(runs[1])
+    lines[2 * number + 1] = bytes(bad)
+    path.write_bytes(b"".join(lines))
+    left = {run.run_id for i, run in enumerate(runs, start=2) if i != number}
+    assert store.finished() == left
+    assert store.damaged() == ([] if (number, place) == (4, -1) else [path])  # a last line without its end was cut
+    assert store.collect() == [store.folder / "quarantine" / path.name for path in [path] if (number, place) != (4, -1)]
+    assert set(store.runs()["run_id"]) == left
+    for run in runs:
+        store.write(run)
     assert store.collect() == []
     assert len(store.runs()) == 3
 
 
-def test_a_damaged_header_costs_nothing_where_another_copy_is_left(store, runs):
-    for i in range(300):
-        store.write(replace(runs[0], record=replace(runs[0].record, run_id=f"{i:016x}")))
-    path = journal_of(store)
-    text = bytearray(path.read_bytes())
-    text[20] ^= 1
-    path.write_bytes(bytes(text))
-    assert len(store.runs()) == 300
-    assert store.damaged() == [path]
+def test_what_another_program_writes_into_a_journal_costs_no_run(store, runs):
+    for run in runs:
+        store.write(run)
+        with journal_of(store).open("ab") as file:
+            file.write(b"not ours, and without an end")
+    assert store.finished() == {run.run_id for run in runs}
+    assert len(store.collect()) == 1
+    assert len(store.runs()) == 3
 
 
-def test_a_journal_goes_when_it_is_collected_and_its_writer_is_gone(store, runs):
-    mine, killed = store.writer(), store.writer("killed")
-    mine.append(runs[0])
-    killed.append(runs[1])
-    os.close(killed._file)  # as a kill does: no word that it ends
-    store.write(runs[2])
+def test_who_writes_goes_on_in_a_new_journal_when_the_one_before_is_collected(store, runs):
+    living = store.writer()
+    for run in runs:
+        living.append(run)
+        assert store.collect() == []
+        assert not (store.folder / "journal").exists()
+    assert store.collected() == {run.run_id for run in runs}
+
+
+@pytest.mark.parametrize("moment", ["before the line", "after the line"])
+def test_a_line_that_comes_as_its_journal_is_collected_is_kept(store, runs, monkeypatch, moment):
+    """The collector has read the journal when the line is written, which then is in a file that nobody reads again."""
+    living, write = store.writer(), os.write
+    living.append(runs[0])
+
+    def collected_meanwhile(file, data):
+        monkeypatch.setattr(os, "write", write)
+        if moment == "before the line":
+            store.collect()
+        written = write(file, data)
+        if moment == "after the line":
+            store.collect()
+        return written
+
+    monkeypatch.setattr(os, "write", collected_meanwhile)
+    living.append(runs[1])
+    assert store.finished() == {runs[0].run_id, runs[1].run_id}
     store.collect()
-    assert journal_of(store) == mine.path
-    assert len(store.runs()) == len(store.collected()) == 3
-    mine.append(replace(runs[0], record=replace(runs[0].record, run_id="f" * 16)))
-    assert len(store.finished()) == 4
-    mine.close()
-    store.collect()
+    assert store.runs()["run_id"].is_unique
+    assert store.collected() == {runs[0].run_id, runs[1].run_id}
+
+
+def test_what_a_killed_collector_had_claimed_is_seen_and_collected_by_the_next(store, runs):
+    for run in runs[:2]:
+        store.write(run)
+    (reader,) = claim(store.folder)
+    assert reader.path.suffix == ".claimed"
+    store.writer().append(runs[2])
+    assert store.finished() == set(store.runs()["run_id"]) == {run.run_id for run in runs}
+    assert store.collect() == []
+    assert store.collected() == {run.run_id for run in runs}
     assert not (store.folder / "journal").exists()
-    assert len(store.runs()) == 4
+
+
+def test_who_reads_a_journal_finds_it_under_the_name_that_it_has_now(store, runs):
+    for run in runs:
+        store.write(run)
+    reader = JournalReader(journal_of(store))
+    claim(store.folder)
+    assert [record.run_id for record in reader] == [state.run_id for state in reader.states()]
+    assert len(list(reader)) == 3
+    store.collect()
+    assert list(reader) == []  # its runs stand in the tables
 
 
 def test_reading_changes_nothing_in_a_folder(store, runs):
@@ -265,14 +305,12 @@ def test_a_row_that_no_table_can_hold_is_set_aside_and_the_others_are_kept(store
     assert set(store.runs()["run_id"]) == {runs[0].run_id, runs[2].run_id}
 
 
-def test_the_last_runs_of_a_journal_are_found_at_its_end(store, runs):
-    journal = store.writer("one")
-    for run in runs:
-        journal.append(run)
-    assert list(last_ids(store.folder, "one").items()) == [(run.run_id, "ok") for run in runs]
-    assert last_ids(store.folder, "two") == {}
-    journal.close()
-    assert len(list(JournalReader(journal.path))) == 3
+def test_what_a_writer_has_kept_is_found_by_its_name(store, runs):
+    store.writer("one-1").append(runs[0])
+    store.writer("one-1").append(runs[1])  # the process that took its place
+    store.writer("one-10").append(runs[2])
+    assert kept_by(store.folder, "one-1") == {run.run_id: "ok" for run in runs[:2]}
+    assert kept_by(store.folder, "two") == {}
 
 
 def test_a_full_disk_leaves_no_half_line(store, runs, monkeypatch):
@@ -295,13 +333,14 @@ def test_a_full_disk_leaves_no_half_line(store, runs, monkeypatch):
 
 
 def test_what_killed_processes_left_is_removed_and_what_is_being_written_is_not(store, runs):
+    """Tables are written by who holds the lock, as we do; the age of a file says nothing, as clocks differ."""
     child = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"], capture_output=True, text=True)
     here, folder = platform.node(), store.folder
-    left = [folder / f"runs.parquet.{int(child.stdout)}@{here}.tmp", folder / "b.parquet.77.tmp"]
-    kept = [folder / f"d.parquet.{os.getpid()}@{here}.tmp", folder / "e.1@elsewhere.tmp"]
+    left = [folder / f"hits.parquet.{int(child.stdout)}@{here}.tmp", folder / "runs.parquet.1@elsewhere.tmp"]
+    kept = [folder / f"hits.parquet.{os.getpid()}@{here}.tmp", folder / "hits.parquet.1@elsewhere.tmp"]
     for path in (*left, *kept):
         path.write_bytes(b"PAR1 half")
-    os.utime(left[1], (0, 0))
+        os.utime(path, (0, 0))
     store.write(runs[0])
     store.collect()
     assert sorted(store.folder.rglob("*.tmp")) == sorted(kept)
@@ -346,9 +385,8 @@ def test_a_run_that_was_forgotten_is_not_found_again_in_the_journal_of_who_is_st
     store.forget([runs[0].run_id])
     assert store.finished() == set()
     assert store.runs().empty
-    other.append(replace(runs[0], record=replace(runs[0].record, started_at=datetime.now(UTC))))
-    assert store.finished() == {runs[0].run_id}
-    other.close()
+    other.append(replace(runs[0], record=replace(runs[0].record, started_at=datetime(1999, 1, 1, tzinfo=UTC))))
+    assert store.finished() == {runs[0].run_id}  # whatever the clock of its machine says
     store.collect()
     assert len(store.runs()) == 1
 

@@ -7,7 +7,7 @@ import shlex
 import signal
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from shutil import get_terminal_size
@@ -17,6 +17,7 @@ import numpy as np
 
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import best_of, print_summary, print_table
+from calibench.bench.commands.studies.status import runs_of_other_shards
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.gate.processes.process_group import leaving_nothing
 from calibench.bench.statistics import summary as stats
@@ -98,7 +99,8 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
     """Print what came of the sweep; return the exit code."""
     for path in outcome.aside:
         print(f"what is damaged was set aside as {path}")
-    mine = _asked_for(ResultStore(request.folder).rows(_TOLD), outcome)
+    kept_rows = ResultStore(request.folder).rows(_TOLD)
+    mine = _asked_for(kept_rows, outcome)
     if len(mine):
         summary = stats.summary_columns(columns_of(mine))
         if (cells := len(summary["runs"])) <= _LONG:
@@ -113,29 +115,44 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
         _print_outside(mine)
     if way == "keep" and outcome.stale.other:
         print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
-    missing = len(outcome.asked) - len(mine)
-    every = f"{len(mine)} of " if missing else ""
+    lost = set(outcome.asked).difference(mine["run_id"].to_pylist())
+    every = f"{len(mine)} of " if lost else ""
     done = f"{every}{counted(len(outcome.asked), 'run')} ({outcome.skipped} done before)"
     report = f"bench report {shlex.quote(str(request.folder))}"
     print(f"{done} in {request.folder}/runs.parquet, traces.parquet; `{report}` draws them")
     if outcome.printed:
         here = outcome.printed[0] if len(outcome.printed) == 1 else outcome.printed[0].parent
         print(f"what runs printed stands in {here}")
+    if away := request.other_shards.difference(kept_rows["run_id"].to_pylist()):
+        print(runs_of_other_shards(len(away)))
     ended = Counter(status for status in mine["status"].to_pylist() if status != "ok")
     if ended:
         _print_failures(mine, request)
     if outcome.unfinished:
         print(
             f"\nstopped after {counted(ended['failed'], 'failure')} "
-            f"(stop_after={request.stop_after}): {missing} of {counted(len(outcome.asked), 'run')} left; the same "
+            f"(stop_after={request.stop_after}): {len(lost)} of {counted(len(outcome.asked), 'run')} left; the same "
             "command goes on with them"
         )
         return 1
-    if missing > 0:
-        says = "run has no row" if missing == 1 else "runs have no row"
-        print(f"\n{missing} {says}: run the same command again")
+    if lost:
+        _print_lost(lost, request)
         return 1
     return 1 if ended else 0
+
+
+def _print_lost(lost: Collection[str], request: Request) -> None:
+    """Print which runs were done and have no row, a line for each cell, with one to look for."""
+    says = "run has no row" if len(lost) == 1 else "runs have no row"
+    print(f"\n{len(lost)} {says}: what was kept of them in {request.folder} was damaged or taken away as they ran:")
+    cells: dict[str, list[str]] = {}
+    for run_id in sorted(lost):
+        cells.setdefault(request.labels[run_id], []).append(run_id)
+    rows = [[str(len(ids)), ids[0], request.called.get(label, label)] for label, ids in cells.items()]
+    print_table(["runs", "such as", "cell"], rows[:_LONG])
+    if len(rows) > _LONG:
+        print(f"and those of {counted(len(rows) - _LONG, 'cell')} more")
+    print("see that no problem or method writes there, then give the same command again")
 
 
 def _print_not_finite(rows: pa.Table) -> None:

@@ -15,13 +15,13 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from math import isfinite
-from pathlib import Path
 from threading import Lock
 from typing import Any, Protocol, TypedDict, final
 
 from calibench.bench.execution.in_progress.pulse import looked_at
 from calibench.bench.execution.request.asked import Asked
 from calibench.bench.gate.guard.wall import walled
+from calibench.bench.gate.processes.process_group import born
 
 _RECENT = 30.0  # seconds: the rate is that of the last one or two of these
 
@@ -200,11 +200,3 @@ def _publishers() -> tuple[Any, Any]:
 
 
 _enter, _follow = _publishers()
-
-
-def born(pid: int) -> str:
-    """Return the start time of a process of this machine in the system's own count; '' where it is not known."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
-    except (OSError, IndexError):
-        return ""

@@ -14,7 +14,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, final
 
-from calibench.bench.execution.in_progress.progress import Progress, Publish, born
+from calibench.bench.execution.in_progress.progress import Progress, Publish
+from calibench.bench.gate.processes.process_group import is_gone
 from calibench.core.counted import grouped, plain, span
 
 _QUIET = 10.0  # seconds without an evaluation from which on no end is foreseen
@@ -131,12 +132,4 @@ def _read(path: Path) -> Progress | None:
 
 
 def _is_gone(progress: Progress) -> bool:
-    if progress["host"] != platform.node():
-        return False  # not known
-    try:
-        os.kill(progress["pid"], 0)
-    except ProcessLookupError:
-        return True
-    except OSError:  # it is another user's
-        pass
-    return bool(progress["born"]) and born(progress["pid"]) != progress["born"]
+    return is_gone(progress["host"], progress["pid"], progress["born"])

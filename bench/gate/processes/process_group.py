@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import platform
 import signal
 import sys
 from collections.abc import Container, Iterator
@@ -143,3 +144,24 @@ def _send(pid: int, what: int) -> bool:
 @cache
 def _prctl() -> Any:
     return ctypes.CDLL(None).prctl
+
+
+def born(pid: int) -> str:
+    """Return the start time of a process of this machine in the system's own count; '' where it is not known."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[19]
+    except (OSError, IndexError):
+        return ""
+
+
+def is_gone(host: str, pid: int, birth: str) -> bool:
+    """Tell whether a process that began at `birth` (`born`) is known to be gone: of another machine it never is."""
+    if host != platform.node():
+        return False
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:  # it is another user's
+        pass
+    return bool(birth) and born(pid) != birth

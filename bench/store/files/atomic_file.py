@@ -1,7 +1,6 @@
 """A file that appears whole or not at all: written under a temporary name beside it, then renamed.
 
-A process that is killed in between leaves its temporary file or folder. The name holds who wrote it, so that it can be
-told from one that is being written: its process is gone from this machine, or it is too old to be anything but left.
+A process that is killed in between leaves its temporary file or folder. The name holds who wrote it.
 """
 
 from __future__ import annotations
@@ -10,12 +9,13 @@ import os
 import platform
 import re
 import shutil
-import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-_OLD = 3600.0  # seconds: a file of ours is written in less
+from calibench.bench.gate.processes.process_group import is_gone
+
 _ENDING = re.compile(r"\.(\d+)@(.*)\.tmp$")
 
 
@@ -29,7 +29,8 @@ def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
             os.fsync(file.fileno())
         os.replace(temporary, path)
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # that of a folder which can no longer be written hides why
+            temporary.unlink(missing_ok=True)
     return path
 
 
@@ -38,25 +39,22 @@ def temporary_name(path: Path) -> Path:
     return path.with_name(f"{path.name}.{os.getpid()}@{platform.node()}.tmp")
 
 
-def remove_stale(folder: Path) -> None:
-    """Delete what killed processes left in `folder`; what may still be written stays."""
+def remove_stale(folder: Path, under_lock: tuple[str, ...]) -> None:
+    """Delete what killed processes left in `folder`, whose lock we hold; what may still be written stays.
+
+    Files whose names begin as one of `under_lock` are written by who holds the lock alone, so nobody writes them now.
+    Others go where their process is known to be gone from this machine.
+    """
     for path in folder.glob("*.tmp"):
         writer = _ENDING.search(path.name)
-        here = writer is not None and writer[2] == platform.node()
-        try:
-            gone = here and writer is not None and not is_alive(int(writer[1]))
-            if gone or time.time() - path.stat().st_mtime > _OLD:
+        if writer is not None and (path.name.startswith(under_lock) or is_gone(writer[2], int(writer[1]), "")):
+            with suppress(FileNotFoundError):  # it has just got its name
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
-        except FileNotFoundError:  # it has just got its name
-            continue
 
 
-def is_alive(pid: int) -> bool:
-    """Tell whether this machine has a process of this number."""
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:  # it is another user's
-        return True
-    return True
+def open_within(path: Path, flags: int) -> int:
+    """Open a file, and make its folder where it is missing: others may delete that while it is empty."""
+    while True:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):
+            return os.open(path, flags, 0o644)

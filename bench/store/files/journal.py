@@ -1,13 +1,19 @@
 """A journal: the finished runs of one writer, appended a line each, until they are collected into the tables.
 
-A line is checksummed and ends with a newline. So a kill costs the line that was being written and no other, and a line
-that was damaged later is noticed and costs that run alone. A line is, with tabs between::
+Lines are checksummed, begin and end with a newline, and each file begins with two headers. So a kill costs the line
+that was being written and no other, and damage to one line costs at most that line. A line is, with tabs between::
 
     CRC32  H  {header}                                          who writes, and the columns that all its rows share
     CRC32  R  run_id  status  code_digest  [row]  [trace]       a finished run, its values in the order of the columns
-    CRC32  E                                                    no more comes
 
 Values are JSON, in which a double is written so that the same bits are read, with the words NaN and Infinity.
+
+Only its writer appends to a journal, and opens it for each line anew: nothing that a run starts inherits it. Who holds
+the lock of the study claims journals: renames them, reads them, and deletes them when the tables hold their runs.
+Having appended, the writer looks whether the file still has its name. Where it has not, the line may have come too late
+to be read; it is written once more, into a new file, and a run that stands twice is taken once. So nobody has to know
+whether a writer still lives, and no clock is asked. A drive of several machines has to show a rename to all at once, as
+local disks, NFS from version 4 on and the parallel file systems of clusters do.
 """
 
 from __future__ import annotations
@@ -17,37 +23,32 @@ import os
 import platform
 import re
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from secrets import token_hex
-from typing import TYPE_CHECKING, Any, NamedTuple, final
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, final
 from zlib import crc32
 
 import numpy as np
 
 from calibench.bench.execution.run_row import COLUMNS, SCHEMA_VERSION
+from calibench.bench.gate.processes.process_group import born, is_gone
 from calibench.bench.provenance.environment import provenance
+from calibench.bench.store.files.atomic_file import open_within
 
 if TYPE_CHECKING:
     from calibench.bench.execution.run import Run
 
-try:
-    import fcntl
-except ImportError:  # Windows, where an open file cannot be deleted
-    fcntl = None  # type: ignore[assignment]
-
-FOLDER, ENDING = "journal", ".journal"
+FOLDER, ENDING, CLAIMED = "journal", ".journal", ".claimed"
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
 _TIMES = frozenset(column.name for column in COLUMNS if column.parquet.startswith("timestamp"))
 _HEADER_EVERY = 256  # records between two copies of the header: one that is damaged is not missed
 _SYNC_EVERY = 2.0  # seconds between two orders to bring what was written to the disk
-_TRIES, _WAIT = 50, 0.02  # to get the lock of a journal of one's own: it is looked at for a moment
-_LAST = 16 << 20  # bytes at the end of a journal in which its last run is looked for
-_ABANDONED = 86_400.0  # seconds without a word after which the writer on another machine is taken to be gone
+_APPEND = os.O_WRONLY | os.O_APPEND | getattr(os, "O_BINARY", 0)
 
 
 @final
@@ -97,24 +98,22 @@ class State(NamedTuple):
 
 @final
 class Journal:
-    """A journal that is being written. One writer has it, which may be killed at any moment."""
+    """A journal that is being written, by one process, which may be killed at any moment. Nothing has to be closed."""
 
     def __init__(
         self, folder: Path, study: str, name: str | None = None, origin: Mapping[str, Any] | None = None
     ) -> None:
-        """Begin, or go on with, the journal `name` of the study in `folder`; a name that nobody has by default.
+        """Begin a journal of the study in `folder`; the file is made with the first run.
 
-        `origin` is where its rows were made (`provenance`): in this process by default.
-        A writer goes on with a journal only where it knows that the one before is gone: a line that was cut is cut off.
+        Names of its files begin with `name`, one that nobody has by default. `origin` is where its rows were made
+        (`provenance`): in this process by default.
         """
-        self.path = folder / FOLDER / f"{name or writer_name()}{ENDING}"
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._folder, self._name = folder / FOLDER, name or writer_name()
         self._common = {**(origin or provenance()), "study": study, "schema_version": SCHEMA_VERSION}
         self._names = [column.name for column in COLUMNS if column.name not in self._common]
-        self._file, self._locked = _opened(self.path)
-        _cut_torn_tail(self._file)
-        self._count, self._began_at = 0, time.time()
+        self._header, self._count = b"", 0
         self._synced = time.monotonic()
+        self.path: Path | None = None
 
     def append(self, run: Run) -> None:
         """Write a finished run. When this returns, a kill of this process no longer loses it."""
@@ -123,129 +122,123 @@ class Journal:
         points = [list(column) for column in zip(*run.points, strict=True)] or [[], [], [], []]
         fields = (b"R", record["run_id"].encode(), record["status"].encode(), (record["code_digest"] or "").encode())
         line = _line(*fields, _json(row), _json(points))
-        if self._count % _HEADER_EVERY == 0:
-            line = self._header() + line
+        while not self._is_appended(line):
+            self.path = None
+
+    def _is_appended(self, line: bytes) -> bool:
+        """Append a line; return whether nobody has claimed the file until then."""
+        if self.path is None:
+            path, flags = self._folder / f"{self._name}-{token_hex(8)}{ENDING}", _APPEND | os.O_CREAT | os.O_EXCL
+            self._header, self._count = self._made_header(), 0
+        else:
+            path, flags = self.path, _APPEND
+        try:
+            file = open_within(path, flags) if self.path is None else os.open(path, flags)
+        except FileNotFoundError:
+            return False
+        self.path = path
+        try:
+            copies = 2 if os.fstat(file).st_size == 0 else self._count % _HEADER_EVERY == 0
+            _write(file, self._header * copies + line)
+            if time.monotonic() - self._synced > _SYNC_EVERY:
+                with suppress(OSError):  # some network drives have no such order
+                    os.fsync(file)
+                self._synced = time.monotonic()
+        finally:
+            os.close(file)
         self._count += 1
-        _write(self._file, line)
-        if time.monotonic() - self._synced > _SYNC_EVERY:
-            self._sync()
+        return _has_its_name(path)
 
-    def close(self) -> None:
-        """Say that no more comes: the journal may go as soon as it is collected."""
-        if self._file < 0:
-            return
-        empty = os.lseek(self._file, 0, os.SEEK_END) == 0
-        if not empty:
-            _write(self._file, _line(b"E"))
-            self._sync()
-        os.close(self._file)
-        self._file = -1
-        if empty:
-            self.path.unlink(missing_ok=True)
-
-    def _sync(self) -> None:
-        with suppress(OSError):  # some network drives have no such order
-            os.fsync(self._file)
-        self._synced = time.monotonic()
-
-    def _header(self) -> bytes:
+    def _made_header(self) -> bytes:
         told = {
-            "schema_version": SCHEMA_VERSION, "host": platform.node(), "pid": os.getpid(), "locked": self._locked,
-            "began_at": self._began_at, "columns": self._names, "common": self._common,
+            "schema_version": SCHEMA_VERSION, "host": platform.node(), "pid": os.getpid(), "born": born(os.getpid()),
+            "began_at": time.time(), "columns": self._names, "common": self._common,
         }  # fmt: skip
         return _line(b"H", _json(told))
 
 
 @final
 class JournalReader:
-    """The whole records of one journal, in order; after them `damaged` counts the lines that cannot be read."""
+    """The whole records of one journal, in order; after them `damaged` counts the lines that cannot be read.
+
+    A journal that is claimed meanwhile is read all the same; one that is gone is empty: its runs stand in the tables.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.damaged = self.count = 0
-        self.closed = False
         self._header: dict[str, Any] | None = None
 
     def __iter__(self) -> Iterator[Record]:
-        """Yield the records. A line without its end is being written, or was when its writer was killed: left out."""
-        self.damaged, self.closed = 0, False
-        names: tuple[str, ...] = ()
-        with open(self.path, "rb") as file:
-            for line in file:
-                if not line.endswith(b"\n"):
-                    return
-                fields = _fields(line)
-                self.closed = fields is not None and fields[0] == b"E"
-                if fields is None:
-                    self.damaged += 1
-                elif fields[0] == b"H":
-                    self._header, names = json.loads(fields[1]), ()
-                elif fields[0] == b"R" and len(fields) == 6:
-                    header = self._any_header()
-                    if header is None:
-                        self.damaged += 1
-                        continue
-                    names = names or tuple(header["columns"])
-                    run_id, status, code = (field.decode() for field in fields[1:4])
-                    yield Record(run_id, status, code, names, header["common"], fields[4], fields[5])
+        """Yield the records."""
+        header = self.header()
+        for fields in self._lines(-1):
+            if fields[0] == b"R" and len(fields) == 6 and header is not None:
+                run_id, status, code = (field.decode() for field in fields[1:4])
+                names = tuple(header["columns"])
+                yield Record(run_id, status, code, names, header["common"], fields[4], fields[5])
+            elif fields[0] != b"H":
+                self.damaged += 1
 
     def states(self) -> Iterator[State]:
         """Yield of each record what stands before its row, which is not looked at; `count` says how many it were."""
-        self.damaged = self.count = 0
-        with open(self.path, "rb") as file:
+        self.count = 0
+        readable = self.header() is not None
+        for fields in self._lines(4):
+            if fields[0] == b"R" and len(fields) == 5 and readable:
+                self.count += 1
+                yield State(*(field.decode() for field in fields[1:4]))
+            elif fields[0] != b"H":
+                self.damaged += 1
+
+    def header(self) -> dict[str, Any] | None:
+        """Return the first header that can be read: all are the same; None where there is none."""
+        if self._header is None:
+            self._header = next((json.loads(fields[1]) for fields in self._lines(1) if fields[0] == b"H"), None)
+        return self._header
+
+    def began(self) -> float:
+        """Return when the file was begun, in seconds since 1970 by its writer's clock; 0 where that cannot be read."""
+        return float((self.header() or {}).get("began_at", 0.0))
+
+    def is_written(self) -> bool:
+        """Tell whether its writer may still be there; on another machine it may. To be shown, not to be decided by."""
+        told = self.header()
+        return told is not None and not is_gone(told["host"], told["pid"], told["born"])
+
+    def _lines(self, splits: int) -> Iterator[list[bytes]]:
+        """Yield the fields of each whole line; one without its end is being written, or its writer was killed."""
+        self.damaged = 0
+        with suppress(FileNotFoundError), _opened(self.path) as file:
             for line in file:
                 if not line.endswith(b"\n"):
                     return
-                if line[:8] != _checksum(line):
+                if line == b"\n":
+                    continue
+                if len(line) < 11 or line[8:9] != b"\t" or line[:8] != b"%08x" % crc32(memoryview(line)[9:-1]):
                     self.damaged += 1
-                elif line[9:11] == b"R\t":
-                    self.count += 1
-                    _, run_id, status, code, _ = line[9:].split(b"\t", 4)
-                    yield State(run_id.decode(), status.decode(), code.decode())
-                self.closed = line[9:-1] == b"E"
+                else:
+                    yield line[9:-1].split(b"\t", splits)
 
-    def began(self) -> float:
-        """Return when its writer began, in seconds since 1970; 0 where that cannot be read."""
-        return float((self._any_header() or {}).get("began_at", 0.0))
 
-    def is_left(self) -> bool:
-        """Tell whether its writer is gone: it said so, or no longer holds the file's lock, or was silent for a day."""
-        return self._if_left(lambda: None)
+def claim(folder: Path) -> list[JournalReader]:
+    """Rename all journals of the study in `folder` and return them, for who holds its lock to read and to delete.
 
-    def remove_if_left(self) -> None:
-        """Delete the journal where its writer is gone."""
-        self._if_left(self.path.unlink)
-
-    def _if_left(self, act: Callable[[], object]) -> bool:
-        """Act where the writer is gone, so that no other begins meanwhile; return whether it is."""
-        try:
-            header = self._any_header() or {"host": platform.node(), "locked": True}  # it has written nothing yet
-            here = header["host"] == platform.node() and header["locked"]
-            gone = self.closed or time.time() - self.path.stat().st_mtime > _ABANDONED
-            if not (gone or here):
-                return False
-            with _held(self.path) as free:
-                if gone or free:
-                    act()
-                return gone or free
-        except OSError:
-            return False
-
-    def _any_header(self) -> dict[str, Any] | None:
-        """Return the header before this place, or where that is damaged, the next copy."""
-        if self._header is None:
-            with open(self.path, "rb") as file:
-                for line in file:
-                    fields = _fields(line) if line.endswith(b"\n") else None
-                    if fields is not None and fields[0] == b"H":
-                        self._header = json.loads(fields[1])
-                        break
-        return self._header
+    Those that another has claimed, who was killed then, are among them.
+    """
+    for path in (folder / FOLDER).glob(f"*{ENDING}"):
+        with suppress(OSError):  # where an open file cannot be renamed: next time
+            path.rename(path.with_suffix(CLAIMED))
+    return [JournalReader(path) for path in sorted((folder / FOLDER).glob(f"*{CLAIMED}"))]
 
 
 def journals_in(folder: Path) -> list[Path]:
-    """Return the journals of the study in `folder`, by name."""
-    return sorted((folder / FOLDER).glob(f"*{ENDING}"))
+    """Return the journals of the study in `folder`, by name.
+
+    A folder is listed twice: of a file that is renamed meanwhile, one listing may show neither name.
+    """
+    found = [path for _ in range(2) for ending in (ENDING, CLAIMED) for path in (folder / FOLDER).glob(f"*{ending}")]
+    return sorted({path.with_suffix(ENDING) for path in found})
 
 
 def writer_name() -> str:
@@ -254,32 +247,32 @@ def writer_name() -> str:
     return f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{host}-{os.getpid()}-{token_hex(3)}"
 
 
-def last_ids(folder: Path, name: str) -> dict[str, str]:
-    """Return {run_id: status} of the last runs in the journal `name` of the study in `folder`."""
+def kept_by(folder: Path, name: str) -> dict[str, str]:
+    """Return {run_id: status} of the runs in the journals of the writer `name` of the study in `folder`."""
+    journals = (path for path in journals_in(folder) if path.name.startswith(f"{name}-"))
+    return {state.run_id: state.status for path in journals for state in JournalReader(path).states()}
+
+
+def _opened(path: Path) -> BinaryIO:
+    """Open a journal to read, under the name that it has now."""
     try:
-        with open(folder / FOLDER / f"{name}{ENDING}", "rb") as file:
-            file.seek(max(0, file.seek(0, os.SEEK_END) - _LAST))
-            lines = file.read().splitlines(keepends=True)
-    except OSError:
-        return {}
-    found = [_fields(line) for line in lines if line.endswith(b"\n")]
-    return {fields[1].decode(): fields[2].decode() for fields in found if fields is not None and fields[0] == b"R"}
+        return open(path, "rb")
+    except FileNotFoundError:
+        return open(path.with_suffix(CLAIMED), "rb")
+
+
+def _has_its_name(path: Path) -> bool:
+    """Tell whether a file is still there: by opening it, which a network drive answers anew."""
+    try:
+        os.close(os.open(path, os.O_RDONLY))
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def _line(*fields: bytes) -> bytes:
     rest = b"\t".join(fields)
-    return b"%08x\t%b\n" % (crc32(rest), rest)
-
-
-def _fields(line: bytes) -> list[bytes] | None:
-    """Return the fields after the checksum; None where that is wrong."""
-    if len(line) < 11 or line[8:9] != b"\t" or line[:8] != _checksum(line):
-        return None
-    return line[9:-1].split(b"\t")
-
-
-def _checksum(line: bytes) -> bytes:
-    return b"%08x" % crc32(memoryview(line)[9:-1])
+    return b"\n%08x\t%b\n" % (crc32(rest), rest)
 
 
 def _json(value: Any) -> bytes:
@@ -310,59 +303,3 @@ def _write(file: int, line: bytes) -> None:
         with suppress(OSError):
             os.ftruncate(file, before)
         raise
-
-
-def _cut_torn_tail(file: int) -> None:
-    """Cut off what follows the last newline."""
-    size = os.lseek(file, 0, os.SEEK_END)
-    step, end = 1 << 16, size
-    while end:
-        begin = max(0, end - step)
-        os.lseek(file, begin, os.SEEK_SET)
-        found = os.read(file, end - begin).rfind(b"\n")
-        if found >= 0:
-            if begin + found + 1 < size:
-                os.ftruncate(file, begin + found + 1)
-            return
-        end = begin
-    os.ftruncate(file, 0)
-
-
-def _opened(path: Path) -> tuple[int, bool]:
-    """Return the file, open to append, and whether it is locked: it may just have been deleted by who collects."""
-    while True:
-        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o644)
-        locked = _lock(file)
-        if os.fstat(file).st_nlink:
-            return file, locked
-        os.close(file)
-
-
-def _lock(file: int) -> bool:
-    """Hold the system's lock of a file as long as it is open; False where there is none."""
-    if fcntl is None:
-        return False
-    for _ in range(_TRIES):
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return True
-        except BlockingIOError:  # who collects looks at it
-            time.sleep(_WAIT)
-        except OSError:
-            return False
-    return False
-
-
-@contextmanager
-def _held(path: Path) -> Iterator[bool]:
-    """Hold the lock of a file if nobody does; yield whether that is so."""
-    if fcntl is None:
-        yield False
-        return
-    with open(path, "rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            yield False
-            return
-        yield True
