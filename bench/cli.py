@@ -64,6 +64,9 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
                                                        exit 1 where it is worse in some cell; --methods: in one study
   choose STUDY_DIR [optimizer=NAME] [by=value|goal] [over=instances|seeds] [--json]
                                                        the best of the settings swept, with the optimism of the choice
+  status|collect|report|merge|export|import|show|compare|choose ... [--trust]
+                                                       verbs that read import no class that a file names: --trust lets
+                                                       them, of files that are yours
 """
 _VERBS = {
     "list": "calibench.bench.commands.list:run",
@@ -83,6 +86,7 @@ _VERBS = {
     "calibrate": "calibench.bench.commands.machines.calibrate:run",
     "design": "calibench.bench.commands.machines.design:run",
 }
+_READING = ("status", "merge", "compare", "choose", "collect", "report", "export", "import", "show")  # take --trust
 
 
 def command() -> None:
@@ -178,4 +182,20 @@ def _dispatch(argv: list[str]) -> int:
     call: Callable[[list[str]], int] = getattr(import_module(module), function)
     if verb != "run":  # which loads further, with the problems and optimisers that are asked for
         collector.resume()
-    return call(rest)
+    return _read(call, rest) if verb in _READING else call(rest)
+
+
+def _read(call: Callable[[list[str]], int], words: list[str]) -> int:
+    """Carry out a verb that reads; tell in one line what it did not import, where that would have told more."""
+    from calibench.core.registry import names_of_files, take_not_imported
+
+    take_not_imported()  # what others in this process have asked for
+    with names_of_files(trust="--trust" in words):
+        code = call([word for word in words if word != "--trust"])
+    if left := take_not_imported():
+        (kind, name), more = left[0], f" and {len(left) - 1} more" if len(left) > 1 else ""
+        print(
+            f"bench: {one_line(f'the {kind} is {name}{more}')}, which reading does not import; --trust does",
+            file=sys.stderr,
+        )
+    return code

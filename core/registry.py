@@ -4,6 +4,9 @@ An entry's options are the parameters of its factory's signature, declared there
 checked here and nowhere else, so that Python and the command line get the same sentence for the same mistake. People
 outside add entries from their own package through an entry point, or name a class as ``pkg.module:Class`` or
 ``./file.py:Class``. What an entry was made with is remembered, so that a result can say it.
+
+Who types such a path asks for its code. A file that names one does not: within `names_of_files` a registry has what is
+registered, and what somebody has typed in this process; it imports nothing else unless the user trusts the files.
 """
 
 from __future__ import annotations
@@ -13,11 +16,13 @@ import importlib
 import sys
 import types
 import weakref
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 from calibench.core import sources, user_file
 from calibench.core.options import Option, declared_options, shown, suggest
@@ -26,10 +31,33 @@ T = TypeVar("T")
 _DEPTH = 12  # of lists in lists, as rows tell them
 _DOES = {"problem": "__call__", "optimizer": "minimize", "machine": "formulate"}  # what a class of a kind has
 _LISTED = 8  # names of a user's file that a message lists; of a long file those that are near
+_NAMES: ContextVar[Literal["typed", "read", "trusted"]] = ContextVar("_NAMES", default="typed")
+_NOT_IMPORTED: dict[tuple[str, str], None] = {}  # kind and name of what files named and nobody has typed
 
 
 class UnknownName(ValueError):
     """A name that is in no registry of its kind; the message suggests the nearest."""
+
+
+class NotImported(ValueError):
+    """A class by its path that a file names, and nobody has typed: reading does not import it."""
+
+
+@contextmanager
+def names_of_files(trust: bool = False) -> Iterator[None]:
+    """Let registries import no class for a name, as names come from files here; with `trust` they may, inside too."""
+    before = _NAMES.set("trusted" if trust or _NAMES.get() == "trusted" else "read")
+    try:
+        yield
+    finally:
+        _NAMES.reset(before)
+
+
+def take_not_imported() -> list[tuple[str, str]]:
+    """Return kind and name of each class that was not imported since the last call."""
+    found = list(_NOT_IMPORTED)
+    _NOT_IMPORTED.clear()
+    return found
 
 
 @dataclass(frozen=True)
@@ -209,6 +237,8 @@ class Registry(Generic[T]):
             if name in self._promised:
                 self._load_promised(self._promised[name])
             return name
+        if _NAMES.get() == "read" and (":" in name or name.endswith(".py")):
+            return self._typed_before(name)
         if user_file.is_file_path(name):
             return self._load_file(name)
         if ":" in name:
@@ -222,6 +252,12 @@ class Registry(Generic[T]):
                 f"{self.kind} {name!r}: which class of the file is not said; write FILE.py:CLASS; {self._in_file(name)}"
             )
         raise UnknownName(f"unknown {self.kind} {name!r}; {beside(self.kind, name)}{suggest(name, self._order)}")
+
+    def _typed_before(self, name: str) -> str:
+        if name not in self._by_path:
+            _NOT_IMPORTED[self.kind, name] = None
+            raise NotImported(f"the {self.kind} is {name}, which reading does not import; --trust does")
+        return name
 
     def _load_promised(self, module: str = "") -> None:
         """Load `module`, or all that register what was promised."""

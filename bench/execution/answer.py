@@ -30,6 +30,9 @@ class Answer:
     at_bound: list[str] = field(default_factory=list)
     parameter_names: list[str] | None = None
     parameter_values: list[float] | None = None
+    parameter_units: list[str] | None = None
+    parameter_starts: list[float] | None = None
+    parameter_truths: list[float | None] | None = None
     merit: Merit = field(default_factory=Merit)
     judged: Judged = field(default_factory=Judged)
 
@@ -83,11 +86,23 @@ def hits_of(problem: Any, gate: Evaluator, answer: Answer) -> tuple[list[int | N
 
 
 def _read(pair: Pair, x: Array) -> dict[str, Any]:
-    problem, names = pair.problem, pair.parameter_names
+    problem, parameters = pair.problem, pair.parameters
     values = np.asarray(problem.physical(x) if hasattr(problem, "physical") else x, float)
-    if values.shape != (len(names),):
-        raise TypeError(f"physical(x) returned shape {values.shape} for {len(names)} parameters")
-    return {**_placed(pair, x), "parameter_names": list(names), "parameter_values": values.tolist()}
+    if values.shape != (len(parameters),):
+        raise TypeError(f"physical(x) returned shape {values.shape} for {len(parameters)} parameters")
+    read = {"parameter_names": [each.name for each in parameters], "parameter_values": values.tolist()}
+    return {**_placed(pair, x), **read, **_declared(pair)}
+
+
+def _declared(pair: Pair) -> dict[str, Any]:
+    """Return what the problem says of its parameters, so that who reads the row need not build the problem."""
+    if getattr(pair.problem, "parameters", None) is None:
+        return {}
+    return {
+        "parameter_units": [each.unit for each in pair.parameters],
+        "parameter_starts": [float(each.start) for each in pair.parameters],
+        "parameter_truths": [None if each.true is None else float(each.true) for each in pair.parameters],
+    }
 
 
 def _placed(pair: Pair, x: Array) -> dict[str, Any]:

@@ -107,7 +107,8 @@ def _bare(
         **Merit().columns, targets=[], hits=[], hits_charged=[], wall_s=ending.wall_s, cpu_s=ending.cpu_s,
         started_at=datetime.now(UTC), schema_version=SCHEMA_VERSION, code_digest=code, traceback=ending.traceback,
         merit=None, unit="", minimum=None, problem_group="", judged_value=None, judged_evaluations=None,
-        outside_evaluations=None, tampering="", **provenance(),
+        outside_evaluations=None, tampering="", parameter_units=None, parameter_starts=None, parameter_truths=None,
+        chance=None, **provenance(),
     )  # fmt: skip
 
 

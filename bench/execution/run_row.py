@@ -104,6 +104,16 @@ class RunRow:
     problem_group: Annotated[
         str | None, Says("identity", "group of the suite that the problem declares; empty: none", added=True)
     ]
+    parameter_units: Annotated[
+        list[str] | None, Says("answer", "units of the parameters; null where the problem declares none", added=True)
+    ]
+    parameter_starts: Annotated[list[float] | None, Says("answer", "their values at the start", added=True)]
+    parameter_truths: Annotated[
+        list[float | None] | None, Says("answer", "their true values; null: not known", added=True)
+    ]
+    chance: Annotated[
+        bool | None, Says("identity", "whether another repetition can differ; null: not known", added=True)
+    ]
 
 
 @final

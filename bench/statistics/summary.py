@@ -23,6 +23,7 @@ from calibench.bench.statistics.priced import priced
 from calibench.bench.store.columns import Columns, floats, known, numbered, plain, true
 from calibench.bench.store.lists import lists_of
 from calibench.bench.store.options import parts, typed
+from calibench.core.registry import NotImported, names_of_files
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -223,7 +224,11 @@ def chances(runs: Columns, cells: ByCell) -> NDArray[np.bool_]:
         unlike = cells.sums(np.isnan(values)) > 0  # a run without a value is like no other
         found |= (cells.count > 1) & (unlike | (cells.least(values) < cells.most(values)))
     names = [plain(runs[name]) for name in (*METHOD, "start")]
-    return found | [not runs_once(*(str(column[i]) for column in names)) for i in cells.first.tolist()]
+    said = plain(runs["chance"]) if "chance" in runs else [None] * len(names[0])
+    return found | [
+        not runs_once(*(str(column[i]) for column in names)) if said[i] is None else bool(said[i])
+        for i in cells.first.tolist()
+    ]
 
 
 def has_chance(cell: pd.DataFrame) -> bool:
@@ -231,12 +236,25 @@ def has_chance(cell: pd.DataFrame) -> bool:
     return bool(chances(cell, by_number(np.zeros(len(cell), dtype=np.int64)))[0])
 
 
-@cache
 def runs_once(optimizer: str, options: str, start: str) -> bool:
-    """Tell whether a method, as rows name it, gives one answer however often it is run from this start."""
+    """Tell whether a method, as rows name it, gives one answer however often it is run from this start.
+
+    Of somebody's own that was not imported nothing is known.
+    """
+    try:
+        with names_of_files():
+            return _runs_once(optimizer, options, start)
+    except NotImported:
+        return False
+
+
+@cache
+def _runs_once(optimizer: str, options: str, start: str) -> bool:
     try:
         made = optimizers.make(optimizer, **given_options(optimizers.registry, optimizer, json.loads(options)))
-    except (Exception, SystemExit):  # somebody's own that is not here: nothing is known of it
+    except NotImported:
+        raise
+    except (Exception, SystemExit):  # options of another version, or whatever a class raises
         return False
     if not isinstance(getattr(made, "traits", None), optimizers.Traits):  # its row does not tell them
         return False

@@ -18,6 +18,7 @@ from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
 from calibench.bench.statistics.comparison import ranking
 from calibench.bench.statistics.summary import QUARTILES, quantiles, summary
 from calibench.bench.store.columns import floats
+from calibench.core.registry import NotImported, names_of_files
 from calibench.problems.base import Parameter, parameters_of
 
 PrintedValues = Callable[[str, Any], Mapping[str, float]]  # of a problem's name and the problem: parameter -> value
@@ -39,19 +40,26 @@ def problems_made_once() -> Iterator[None]:
 def problem_of(row: Mapping[str, Any] | pd.Series) -> Any:
     """Return the problem a row was made with.
 
-    Raises `ValueError` where it cannot be built again here: the class is elsewhere, or a file that it reads.
+    Raises `ValueError` where it cannot be built again here: its class is somebody's own, which reading does not import,
+    or a file that it reads is elsewhere.
     """
     key = (row["problem"], row["problem_options"])
     made = _MADE.get()
     if made is not None and key in made:
         return made[key]
     try:
-        problem = problems.make(key[0], **given_options(problems.registry, key[0], json.loads(key[1])))
+        with names_of_files():
+            problem = problems.make(key[0], **given_options(problems.registry, key[0], json.loads(key[1])))
+    except NotImported:
+        raise
     except (Exception, SystemExit) as error:  # a class of somebody's own may raise anything
         raise ValueError(f"problem {key[0]} cannot be built here: {type(error).__name__}: {error}") from error
     if made is not None:
         made[key] = problem
     return problem
+
+
+_OF_PARAMETERS = ("parameter_names", "parameter_units", "parameter_starts", "parameter_truths")
 
 
 def _nothing_printed(name: str, problem: Any) -> Mapping[str, float]:
@@ -67,7 +75,8 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = _nothing_prin
     """
     rows = []
     known: dict[tuple[str, str], tuple[Sequence[Parameter], Mapping[str, float]]] = {}
-    answered = runs[[*CELL, "parameter_values"]][runs["parameter_values"].notna()]
+    told = [name for name in _OF_PARAMETERS if name in runs]
+    answered = runs[[*CELL, "parameter_values", *told]][runs["parameter_values"].notna()]
     cells = by_cell(answered)
     keys = answered.iloc[cells.first][CELL].itertuples(index=False)
     listed = answered["parameter_values"].tolist()  # one by one each is a new array
@@ -75,7 +84,7 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = _nothing_prin
         names = dict(zip(CELL, key, strict=True))
         named = (names["problem"], names["problem_options"])
         if named not in known:
-            known[named] = _parameters(names, printed_values)
+            known[named] = _parameters(answered.iloc[int(cells.first[number])], printed_values)
         parameters, printed = known[named]
         if not parameters:
             continue
@@ -97,16 +106,29 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = _nothing_prin
 
 
 def _parameters(
-    names: Mapping[str, Any], printed_values: PrintedValues
+    row: Mapping[str, Any] | pd.Series, printed_values: PrintedValues
 ) -> tuple[Sequence[Parameter], Mapping[str, float]]:
-    """Return the parameters of a problem and what is printed of them; none of one that cannot be built here."""
+    """Return the parameters of a problem and what is printed of them; of somebody's own as the row tells them."""
+    if row["problem"] not in problems.registry:
+        return parameters_in(row), {}
     try:
-        problem = problem_of(names)
-    except ValueError:  # a user's own problem
-        return (), {}
+        problem = problem_of(row)
+    except ValueError:  # a file that it reads is not here
+        return parameters_in(row), {}
     if getattr(problem, "parameters", None) is None:
         return (), {}
-    return parameters_of(problem), printed_values(str(names["problem"]), problem)
+    return parameters_of(problem), printed_values(str(row["problem"]), problem)
+
+
+def parameters_in(row: Mapping[str, Any] | pd.Series) -> tuple[Parameter, ...]:
+    """Return the parameters that a row tells of: those that its problem declares; none of an earlier version's row."""
+    told = [row.get(name) for name in _OF_PARAMETERS]
+    if any(not isinstance(column, Iterable) for column in told):
+        return ()
+    return tuple(
+        Parameter(name, unit, start, float("-inf"), float("inf"), None if true is None or true != true else true)
+        for name, unit, start, true in zip(*told, strict=True)
+    )
 
 
 def overview(

@@ -41,6 +41,7 @@ from calibench.bench.store.arrays import (
 )
 from calibench.bench.store.files.atomic_file import temporary_name, write_whole
 from calibench.bench.store.files.journal import Record
+from calibench.bench.store.files.seal import sealed_writer
 from calibench.bench.store.schema import PART_SCHEMA, POINT, RUNS_SCHEMA, TRACE, TRACES_SCHEMA, with_all
 from calibench.bench.store.tables import ORDER, RUNS, TRACES, Tables, metadata
 
@@ -341,8 +342,9 @@ def _write(folder: Path, sources: Sequence[Source]) -> None:
 
     def write_both(traces_file: Any) -> None:
         with (
-            pq.ParquetWriter(new_runs, runs_schema, compression="zstd") as runs_out,
-            pq.ParquetWriter(traces_file, traces_schema, compression="zstd") as traces_out,
+            open(new_runs, "wb") as runs_file,
+            sealed_writer(runs_file, runs_schema) as runs_out,
+            sealed_writer(traces_file, traces_schema) as traces_out,
         ):
             for begin in range(0, len(order), _CHUNK):
                 rows, traces = _merged(sources, whose[begin : begin + _CHUNK])

@@ -34,7 +34,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from calibench.bench.execution.merit import offered
 from calibench.bench.execution.run import Run
@@ -54,6 +53,7 @@ from calibench.bench.store.files.journal import (
     journals_in,
 )
 from calibench.bench.store.files.lock import HOLDER, LOCK, SOFT_LOCK, locked
+from calibench.bench.store.files.seal import sealed_writer
 from calibench.bench.store.hits import PROBLEM, columns_for, declared_levels, hit_tables
 from calibench.bench.store.manifest import StoreError, new_manifest, read_manifest, studies_in, write_manifest
 from calibench.bench.store.options import OF_OPTIONS, with_options
@@ -141,7 +141,7 @@ class ResultStore:
         """Write ``hits.parquet``, what `hits` returns, some thousand runs at a time; return its path."""
 
         def write(file: Any) -> None:
-            with pq.ParquetWriter(file, HITS_SCHEMA.with_metadata(metadata()), compression="zstd") as out:
+            with sealed_writer(file, HITS_SCHEMA.with_metadata(metadata())) as out:
                 for table in self._hit_tables(levels):
                     out.write_table(cast_table(table, HITS_SCHEMA.with_metadata(metadata())))
 

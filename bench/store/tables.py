@@ -1,17 +1,18 @@
 """The two tables of a study, ``runs.parquet`` and ``traces.parquet``: read with care, written whole.
 
 Read is only what this store wrote for this study: our columns with their types, each run once, all of one study and of
-a version that is known. Anything else is refused, named and left alone. The tables are replaced one after the other; a
-kill in between leaves them unlike, which the mark that both hold tells.
+a version that is known, and as it was written, which its seal tells (`bench.store.files.seal`). Anything else is
+refused, named by row and column where a value is one that no run can have (`bench.store.damage`), and left alone. The
+tables are replaced one after the other; a kill in between leaves them unlike, which the mark that both hold tells.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import Any, BinaryIO, final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -20,14 +21,18 @@ from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.store.arrays import array_of, count_distinct, empty_table, unique
 from calibench.bench.store.files.atomic_file import write_whole
+from calibench.bench.store.files.seal import SEALED, is_whole, sealed_writer
 from calibench.bench.store.manifest import READABLE, StoreError
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, is_ours, with_all
+from calibench.core.words import shortened
 
 RUNS, TRACES, HITS = "runs.parquet", "traces.parquet", "hits.parquet"
 _PIECE = 1 << 18  # points of traces that are read at a time
 ORDER = ("problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id")
 _KEY = b"calibench"  # of the metadata
-_CHECKED = ("run_id", "study", "schema_version", "evaluations")
+_READ_ALWAYS = ("run_id", "study", "schema_version", "evaluations")
+_LEFT = "it is left alone: put back a copy, or delete both tables and run again"
+_CHECKED: dict[Path, list[tuple[int, int, int] | None]] = {}  # folders whose tables were found right, and their files
 
 
 @final
@@ -40,7 +45,7 @@ class Tables:
 
     def runs(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Return the rows (of `columns`), checked; none where there is no table."""
-        wanted = None if columns is None else list(dict.fromkeys([*columns, *_CHECKED]))
+        wanted = None if columns is None else list(dict.fromkeys([*columns, *_READ_ALWAYS]))
         table = self._read(RUNS, RUNS_SCHEMA, wanted)
         self._check(table)
         return table if columns is None else table.select(list(columns))
@@ -57,7 +62,7 @@ class Tables:
 
     def complete(self) -> set[str]:
         """Return the ids of the runs whose row and trace are both there."""
-        rows = self.runs(_CHECKED)
+        rows = self.runs(_READ_ALWAYS)
         ids = rows["run_id"].to_pylist()
         if not ids or self.are_one_pair():
             return set(ids)
@@ -71,7 +76,44 @@ class Tables:
         return marks[0] is not None and marks[0] == marks[1]
 
     def open(self, name: str) -> pq.ParquetFile | None:
-        """Return a table as a file, its columns checked; None where it is missing."""
+        """Return a table as a file; None where it is missing. Both tables are checked: one is not read without both."""
+        files = {each: self._opened(each) for each in (RUNS, TRACES)}
+        place, state = self.folder.absolute(), self._state()
+        if _CHECKED.get(place) != state:
+            self._check_whole(files)
+            _CHECKED[place] = state
+        return files[name]
+
+    def _state(self) -> list[tuple[int, int, int] | None]:
+        """Return by what the two files, once they were checked, are known again."""
+        paths = [self.folder / name for name in (RUNS, TRACES)]
+        found = [path.stat() if path.exists() else None for path in paths]
+        return [None if one is None else (one.st_ino, one.st_size, one.st_mtime_ns) for one in found]
+
+    def _check_whole(self, files: Mapping[str, pq.ParquetFile | None]) -> None:
+        """Refuse a table that is not as it was written; one of an earlier version, without a seal, if it has damage."""
+        there = {name: file for name, file in files.items() if file is not None}
+        sealed = [name for name, file in there.items() if _statements(file).get(SEALED)]
+        changed = [name for name in sealed if not is_whole(self.folder / name)]
+        if not changed and len(sealed) == len(there):
+            return
+        tables = {RUNS: empty_table(RUNS_SCHEMA), TRACES: empty_table(TRACES_SCHEMA)}
+        for name, file in there.items():
+            tables[name] = self._content(name, file, tables[name].schema)
+        self._check(tables[RUNS])
+        from calibench.bench.store.damage import first_damage  # of no use for tables that are whole
+
+        found = first_damage(tables[RUNS], tables[TRACES], whole=bool(changed))
+        if found is not None:
+            where = f"row {found.row} (run {found.run}), column {found.column}"
+            value = shortened(json.dumps(found.value, default=str))
+            raise StoreError(
+                f"{self.folder / (TRACES if found.in_traces else RUNS)}: {where}: {value} {found.rule}; {_LEFT}"
+            )
+        if changed:
+            raise StoreError(f"{self.folder / changed[0]}: was changed after bench wrote it; {_LEFT}")
+
+    def _opened(self, name: str) -> pq.ParquetFile | None:
         path = self.folder / name
         if not path.exists():
             return None
@@ -87,6 +129,11 @@ class Tables:
         if file is None:
             chosen = schema if columns is None else pa.schema([schema.field(column) for column in columns])
             return empty_table(chosen)
+        return self._content(name, file, schema, columns)
+
+    def _content(
+        self, name: str, file: pq.ParquetFile, schema: pa.Schema, columns: Sequence[str] | None = None
+    ) -> pa.Table:
         try:
             found = file.schema_arrow
             wanted = [column for column in columns or schema.names if column in found.names]
@@ -100,8 +147,7 @@ class Tables:
 
     def _mark(self, name: str) -> str | None:
         file = self.open(name)
-        told = (file.schema_arrow.metadata or {}).get(_KEY) if file is not None else None
-        return None if told is None else json.loads(told).get("pair")
+        return None if file is None else _statements(file).get("pair")
 
     def _check_columns(self, path: Path, found: pa.Schema, schema: pa.Schema) -> None:
         if not is_ours(found, schema) or _KEY not in (found.metadata or {}):
@@ -135,13 +181,24 @@ class Tables:
 def write_table(table: pa.Table, path: Path, pair: str | None = None) -> None:
     """Write a table whole, with where it comes from as metadata."""
     told = metadata(pair)
-    write_whole(path, lambda file: pq.write_table(table.replace_schema_metadata(told), file, compression="zstd"))
+
+    def write(file: BinaryIO) -> None:
+        with sealed_writer(file, table.schema.with_metadata(told)) as out:
+            out.write_table(table.replace_schema_metadata(told))
+
+    write_whole(path, write)
 
 
 def metadata(pair: str | None = None) -> dict[str, str]:
     """Return the metadata of a table; tables of one collection hold the same `pair`."""
-    told: dict[str, Any] = provenance() | {"schema_version": SCHEMA_VERSION, "pair": pair}
+    told: dict[str, Any] = provenance() | {"schema_version": SCHEMA_VERSION, "pair": pair, SEALED: True}
     return {_KEY.decode(): json.dumps(told)}
+
+
+def _statements(file: pq.ParquetFile) -> dict[str, Any]:
+    """Return what a table of ours says of itself in its metadata."""
+    told: dict[str, Any] = json.loads(file.schema_arrow.metadata[_KEY])
+    return told
 
 
 def _fits(found: pa.DataType, wanted: pa.DataType) -> bool:

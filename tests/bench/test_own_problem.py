@@ -20,6 +20,7 @@ from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.costs import costs_of
 from calibench.problems import Parameter
 from calibench.problems.base import coordinates_of, parameters_of
+from tests.bench.earlier_version import as_earlier
 
 
 class Well:
@@ -262,7 +263,7 @@ def test_rows_from_before_these_columns_are_read_with_nulls(tmp_path):
     store.collect()
     path = store.folder / "runs.parquet"
     new = ["merit", "unit", "minimum", "judged_value", "judged_evaluations"]
-    pq.write_table(pq.read_table(path).drop_columns(new), path)
+    as_earlier(path, new)
     runs = store.runs()
     assert runs[new].isna().all(axis=None)
     assert stats.summary(runs)["best_median"].tolist() == runs["best_value"].tolist()

@@ -43,7 +43,10 @@ _LONG = 40  # rows of a summary that are still printed
 _REASONS = 3  # methods whose values were not finite that are named
 _SHORT = 12  # rows that are printed of a longer one
 _WIDE = 100  # letters of an error in the list of failures, at least: as many as the terminal has room for
-_UNTOLD = ("traceback", "best_x", "at_bound", "parameter_names", "parameter_values")  # what no summary looks at
+_UNTOLD = (
+    "traceback", "best_x", "at_bound", "parameter_names", "parameter_values", "parameter_units", "parameter_starts",
+    "parameter_truths",
+)  # fmt: skip  # what no summary looks at
 _TOLD = [column.name for column in COLUMNS if column.group != "origin" and column.name not in _UNTOLD]
 
 

@@ -6,8 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import final
 
-from calibench.bench.execution.request.checks import Array, Start, check_numbers, check_target, starting_point
+from calibench.bench.execution.request.checks import (
+    Array,
+    Start,
+    check_numbers,
+    check_target,
+    repetitions_of,
+    starting_point,
+)
 from calibench.bench.execution.request.pair import Pair
+from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.provenance.run_id import run_id
 
 
@@ -33,6 +41,13 @@ class Asked:
         start = self.first if self.start == "given" else self.start
         pair = self.pair
         return run_id(pair.problem_key, pair.optimizer_key, self.budget, self.repetition, start, self.target)
+
+    @property
+    def can_differ(self) -> bool:
+        """Tell whether another repetition can differ from this one."""
+        start: Start = "random" if self.start == "random" else "nominal"
+        noisy = is_stochastic(self.pair.problem)
+        return len(repetitions_of(self.pair.optimizer, start, range(2), noisy)) > 1
 
 
 def read_asked(

@@ -27,7 +27,7 @@ from calibench.bench.provenance.run_id import (
     name_of,
     options_of,
 )
-from calibench.problems.base import Array, coordinates_of, parameters_of
+from calibench.problems.base import Array, Parameter, coordinates_of, parameters_of
 
 _MADE: dict[str, Pair] = {}
 _MOST = 64  # pairs that a process remembers; a pack is of few
@@ -64,9 +64,9 @@ class Pair:
     compiled: bool = False
 
     @cached_property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Return the names of the physical parameters."""
-        return tuple(parameter.name for parameter in parameters_of(self.problem))
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the physical parameters."""
+        return parameters_of(self.problem)
 
     @cached_property
     def box(self) -> tuple[Array, Array, Array, Array]:

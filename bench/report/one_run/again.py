@@ -10,7 +10,7 @@ from typing import Any
 
 from calibench import optimizers, problems
 from calibench.bench.provenance.run_id import UNSEEN, chosen_options, given_options
-from calibench.core.registry import Registry
+from calibench.core.registry import NotImported, Registry, names_of_files
 
 _PLAIN = re.compile(r"[A-Za-z_][\w./:+-]*")
 _BEFORE_QUOTE = re.compile(r"\\+(?='|\Z)")  # where Hydra takes two backslashes for one; elsewhere each is itself
@@ -20,7 +20,8 @@ _WORDS = {"true", "false", "null", "nan", "inf"}
 def again_command(row: Mapping[str, Any]) -> str | None:
     """Return the `bench run` command of this very run: the same run id, the same seed.
 
-    None where no command can say it: an object made in Python, a start of one's own, or published results.
+    None where no command can say it: an object made in Python, a start of one's own, or published results. Raises
+    `NotImported` where a class of somebody's own would say which options it was given, and is not imported.
     """
     options = {of: json.loads(row[f"{of}_options"]) for of in ("problem", "optimizer")}
     if row["start"] not in ("nominal", "random") or "published" in options["optimizer"]:
@@ -30,9 +31,13 @@ def again_command(row: Mapping[str, Any]) -> str | None:
         if not _is_named(row[of], registry) or any(UNSEEN in str(value) for value in options[of].values()):
             return None
         words.append(f"{of}={row[of]}")
-        chosen = chosen_options(registry, row[of], given_options(registry, row[of], options[of]))
         try:
-            registry.check(row[of], chosen)
+            with names_of_files():
+                registry.options(row[of])
+                chosen = chosen_options(registry, row[of], given_options(registry, row[of], options[of]))
+                registry.check(row[of], chosen)
+        except NotImported:
+            raise
         except ValueError:  # a function or an object, for which the row has a word and no command has
             return None
         words += [f"{of}.{key}={value_text(value)}" for key, value in sorted(chosen.items())]

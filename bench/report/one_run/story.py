@@ -12,8 +12,9 @@ from calibench import problems
 from calibench.bench.report.one_run.again import again_command
 from calibench.bench.report.one_run.curve import curve_lines, curve_of
 from calibench.bench.report.one_run.found import Found
-from calibench.bench.statistics.tables import problem_of
+from calibench.bench.statistics.tables import parameters_in, problem_of
 from calibench.core.counted import plain
+from calibench.core.registry import NotImported
 from calibench.problems.base import Parameter, parameters_of
 
 _TARGETS = 12  # that are listed
@@ -31,9 +32,11 @@ def show_run(found: Found) -> str:
     if isinstance(row["traceback"], str) and row["traceback"]:
         lines += ["", "the last frames:", row["traceback"].rstrip()]
     lines += _parameters(row)
-    command = again_command(row)
-    lines += ["", "again      " + (command or "not by a command: what it ran was made in Python, or published")]
-    return "\n".join(lines)
+    try:
+        command = again_command(row) or "not by a command: what it ran was made in Python, or published"
+    except NotImported:
+        command = "told with --trust alone"
+    return "\n".join([*lines, "", f"again      {command}"])
 
 
 def _asked(row: Mapping[str, Any]) -> list[str]:
@@ -146,8 +149,8 @@ def _known(row: Mapping[str, Any]) -> tuple[dict[str, Parameter], dict[str, floa
     try:
         problem = problem_of(row)
         parameters = {p.name: p for p in parameters_of(problem)}
-    except (ValueError, AttributeError):  # somebody's own that is not here, or has no parameters
-        return {}, {}, []
+    except (ValueError, AttributeError):  # somebody's own, or without parameters
+        return {p.name: p for p in parameters_in(row)}, {}, []
     try:
         found = problems.identify(problem, np.array(row["best_x"], dtype=float))
     except (ValueError, AttributeError, ArithmeticError):  # without a Jacobian nothing is said

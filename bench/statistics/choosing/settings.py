@@ -33,6 +33,7 @@ from calibench.bench.statistics.targets import references
 from calibench.bench.store.options import parts
 from calibench.core.counted import counted
 from calibench.core.options import suggest
+from calibench.core.registry import names_of_files
 
 Array = NDArray[np.float64]
 By = Literal["value", "goal"]
@@ -199,9 +200,10 @@ def _is_default(optimizer: str, text: str, texts: list[str]) -> bool:
 
 
 def _own_defaults(optimizer: str) -> dict[str, str]:
-    """Return the defaults of a class of somebody's own, as JSON; nothing where it is not here."""
+    """Return the defaults of a class of somebody's own, as JSON; nothing where it is not here, or not imported."""
     try:
-        declared = optimizers.registry.options(optimizer)
+        with names_of_files():
+            declared = optimizers.registry.options(optimizer)
         plainly = {key: plain(option.default) for key, option in declared.items() if not option.required}
     except (Exception, SystemExit):  # whatever its module raises
         return {}
