@@ -36,6 +36,10 @@ class TimeUp(Stop):
     """The allowed time has passed."""
 
 
+class ObjectiveFailed(Stop):
+    """The objective has raised an exception, which the run's row tells; nothing more is asked of it."""
+
+
 class Objective(Protocol):
     """The questions an optimiser may ask: values, residuals, derivatives, the box, and the rest of the budget.
 

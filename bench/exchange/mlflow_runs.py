@@ -29,9 +29,9 @@ _BATCH = 900  # metrics in a request; MLflow takes 1000 entities
 _LONGEST = 5000  # characters of a parameter or tag; MLflow's limits are 6000 and more
 _ASKED = ("problem", "optimizer", "dimension", "start", "budget", "target", "repetition", "seed", "data_id")
 _FOUND = (
-    "best_value", "evaluations", "jacobian_evaluations", "charged", "non_finite", "restarts", "wall_s", "cpu_s",
-    "kmrmse", "kmrmse_aligned", "parameter_error_mm", "parameter_error_rad", "parameter_error_mm_aligned",
-    "parameter_error_rad_aligned", "judged_value",
+    "best_value", "evaluations", "jacobian_evaluations", "charged", "non_finite", "non_finite_slopes",
+    "restarts", "wall_s", "cpu_s", "kmrmse", "kmrmse_aligned", "parameter_error_mm", "parameter_error_rad",
+    "parameter_error_mm_aligned", "parameter_error_rad_aligned", "judged_value",
 )  # fmt: skip
 _SAID = (
     "status", "stop_reason", "error_type", "error", "library", "library_version", "code_digest", "git_commit", "unit",

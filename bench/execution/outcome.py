@@ -13,6 +13,7 @@ from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.frames import frames_of
 from calibench.bench.gate.stop_reason import StopReason
 from calibench.bench.gate.time_limit import BEFORE, Ending, text_of
+from calibench.core.counted import counted
 
 
 def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
@@ -60,14 +61,23 @@ def check_merit(problem: Any) -> Ending | None:
 
 
 def with_an_answer(gate: Evaluator, ending: Ending) -> Ending:
-    """Return the ending; it is a failure where no point was asked for, or no value was finite."""
-    if ending.error_type or gate.stopped == "timeout" or gate.best_x is not None:
+    """Return the ending: a failure where nothing was asked, no value was finite, or the last slopes were not.
+
+    The last: a search that ends by itself by a Jacobian with slopes that were read as 0 has found no minimum.
+    """
+    if ending.error_type or gate.stopped == "timeout":
         return ending
     if gate.charged == 0:
         why = f": the budget of {gate.budget} is below its first step" if gate.stopped == "budget" else ""
         return replace(ending, error_type="NoEvaluation", error=f"the optimizer made no evaluation{why}")
-    said = f"none of {gate.evaluations} values was finite" if gate.evaluations else "no value was asked for"
-    return replace(ending, error_type="NoFiniteValue", error=said)
+    if gate.best_x is None:
+        said = f"none of {gate.evaluations} values was finite" if gate.evaluations else "no value was asked for"
+        return replace(ending, error_type="NoFiniteValue", error=said)
+    if gate.unknown_slopes and stop_reason_of(gate, ending) == "converged":
+        slopes = counted(gate.unknown_slopes, "slope")
+        said = f"it stopped by itself where its last Jacobian had {slopes} not finite, read as 0: that is no minimum"
+        return replace(ending, error_type="NonFiniteSlopes", error=said)
+    return ending
 
 
 def status_of(gate: Evaluator, ending: Ending) -> str:

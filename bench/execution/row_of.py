@@ -71,6 +71,7 @@ def row_of(asked: Asked, gate: Evaluator, answer: Answer, ending: Ending, began:
         wall_s=ending.wall_s,
         cpu_s=ending.cpu_s,
         started_at=began,
+        non_finite_slopes=gate.non_finite_slopes,
         code_digest=pair.code,
         schema_version=SCHEMA_VERSION,
         **provenance(),

@@ -114,6 +114,9 @@ class RunRow:
     chance: Annotated[
         bool | None, Says("identity", "whether another repetition can differ; null: not known", added=True)
     ]
+    non_finite_slopes: Annotated[
+        int | None, Says("cost", "entries of Jacobians that were not finite, and read as 0", added=True)
+    ]
 
 
 @final

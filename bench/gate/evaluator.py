@@ -2,7 +2,9 @@
 
 One evaluation is one pass over all samples, whether it returns residuals or their sum. One Jacobian is charged
 `dimension`. A call that would bring ``charged = evaluations + dimension * jacobian_evaluations`` above the budget is
-refused. Values that are not finite are worst, and counted.
+refused. Values that are not finite are worst, and counted; slopes that are not finite are read as 0, and counted. The
+first exception of the problem is kept in `raised`, and every later call is refused: a library that swallows exceptions
+goes no further, and the row tells what the problem raised.
 
 Several threads may call it at once, and every call is counted. CPython changes threads at calls and backward jumps
 only, so nothing is called between reading the count and writing it; all other changes are made under a lock. A process
@@ -18,7 +20,7 @@ from functools import cache
 from math import inf
 from threading import RLock
 from time import perf_counter
-from typing import Any, final
+from typing import Any, NoReturn, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +28,7 @@ from numpy.typing import NDArray
 from calibench.bench.gate.calls import Calls, calls_of
 from calibench.bench.gate.guard.open_gates import opened
 from calibench.bench.gate.stop_reason import ByGate
-from calibench.optimizers.base import BudgetExhausted, TargetReached, TimeUp
+from calibench.optimizers.base import BudgetExhausted, ObjectiveFailed, Stop, TargetReached, TimeUp
 
 __all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]
 
@@ -38,7 +40,8 @@ _EVERY_IMPROVEMENT_UNTIL = 64  # evaluations; later ones must gain a tenth to be
 _GAIN = 0.1
 _STATE = (
     "attempts", "batch_evaluations", "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged",
-    "jacobian_evaluations", "non_finite", "outside_evaluations", "residual_evaluations", "restarts", "stopped", "trace",
+    "jacobian_evaluations", "non_finite", "non_finite_slopes", "outside_evaluations", "residual_evaluations",
+    "restarts", "stopped", "trace", "unknown_slopes",
 )  # fmt: skip
 _ARRAY = np.ndarray
 _NONE, _NOT_FINITE = -1, -2  # results of the scan of a batch besides an index
@@ -54,16 +57,18 @@ class Evaluator:
     `targets` are levels whose first crossing is kept in `hits`; reaching `target` ends the run. `restart_seed` is where
     the points come from at which an optimiser begins again; no optimiser has a part in it. An optimiser is handed a
     `bench.gate.face` of it. `outside_evaluations` counts where somebody looks (`bench.gate.box`), else it is None;
-    `attempts` names what was tried at the counters.
+    `attempts` names what was tried at the counters. `unknown_slopes` are those of the last Jacobian that were not
+    finite.
     """
 
     __slots__ = (
         "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_closed", "_deadline", "_fixed", "_forked",
         "_function", "_jacobian", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_publish", "_residuals",
-        "_restart_rng", "_restart_seed", "_scan", "_traced", "attempts", "batch_evaluations", "best_evaluation",
-        "best_value", "best_x", "budget", "dimension", "earlier", "evaluations", "has_jacobian", "has_residuals",
-        "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "outside_evaluations",
-        "residual_evaluations", "restarts", "start", "stopped", "target", "targets", "trace", "upper",
+        "_restart_rng", "_restart_seed", "_rows", "_scan", "_traced", "attempts", "batch_evaluations",
+        "best_evaluation", "best_value", "best_x", "budget", "dimension", "earlier", "evaluations", "has_jacobian",
+        "has_residuals", "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "non_finite_slopes",
+        "outside_evaluations", "raised", "residual_evaluations", "restarts", "start", "stopped", "target", "targets",
+        "trace", "unknown_slopes", "upper",
     )  # fmt: skip
 
     def __init__(
@@ -100,6 +105,9 @@ class Evaluator:
         self.hits: list[int | None] = [None] * len(self.targets)
         self.hits_charged: list[int | None] = [None] * len(self.targets)
         self.evaluations = self.jacobian_evaluations = self.non_finite = self.restarts = 0
+        self.non_finite_slopes = self.unknown_slopes = 0
+        self._rows: int | None = None  # of the residuals, when they have been asked
+        self.raised: BaseException | None = None
         self.batch_evaluations = self.residual_evaluations = 0  # evaluations of these kinds cost another time each
         self.best_value, self.best_evaluation = inf, 0
         self.best_x: Array | None = None
@@ -146,8 +154,8 @@ class Evaluator:
                 n = gate._admit()
             try:
                 value: float = function(x, fixed)
-            except Exception:  # a kernel refuses what is not an array as it takes it
-                value = again(x)
+            except BaseException as error:
+                value = gate._ask_again(again, x, error)
             if gate.best_value <= value < inf:  # as nearly all are
                 return value
             if -inf < value < gate.best_value:
@@ -167,7 +175,10 @@ class Evaluator:
             if n < self._next_event:  # as nearly always
                 self.evaluations = n
                 self.batch_evaluations += shape[0]
-                values: Array = function(points)
+                try:
+                    values: Array = function(points)
+                except BaseException as error:
+                    self._fail(error)
                 found = self._scan(values, self.best_value)
                 return values if found == _NONE else self._take(points, values, found, n - shape[0])
         return self._ask(function, points)
@@ -191,7 +202,10 @@ class Evaluator:
             if n < self._next_event:
                 self.evaluations = n
                 self.batch_evaluations += shape[0]
-                values: Array = below(points, limits)
+                try:
+                    values: Array = below(points, limits)
+                except BaseException as error:
+                    self._fail(error)
                 found = self._scan(values, self.best_value)
                 return values if found == _NONE else self._take(points, values, found, n - shape[0])
         return self._ask(lambda some: below(some, limits[: len(some)]), points)
@@ -231,7 +245,10 @@ class Evaluator:
             self.evaluations += allowed  # before the call, so that a call which raises is charged, too
             self.batch_evaluations += allowed
             n = self.evaluations
-        values: Array = function(points[:allowed])
+        try:
+            values: Array = function(points[:allowed])
+        except BaseException as error:
+            self._fail(error)
         with self._lock:
             values = self._take(points, values, self._scan(values, self.best_value), n - allowed)
             self._pass_marks(n)
@@ -248,7 +265,11 @@ class Evaluator:
         else:
             n = self._admit()
         self.residual_evaluations += 1
-        r: Array = self._residuals(x)
+        try:
+            r: Array = self._residuals(x)
+        except BaseException as error:
+            self._fail(error)
+        self._rows = len(r)
         value = float(r.dot(r))
         if value < self.best_value:
             self._improve(n, value, x)
@@ -258,7 +279,7 @@ class Evaluator:
         return r
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivative of the residuals at x, shape (m, dim), for `dimension` evaluations."""
+        """Return the derivative of the residuals at x, shape (m, dim), for `dimension` evaluations; 0 if not finite."""
         with self._lock:
             self._hold()
             if self.stopped == "target":
@@ -271,7 +292,17 @@ class Evaluator:
             if self._publish is not None:
                 self._publish(self, self.evaluations)
             self._schedule()
-        slopes: Array = self._jacobian(x)
+        try:
+            slopes: Array = self._jacobian(x)
+            self._check_shape(slopes)
+        except BaseException as error:
+            self._fail(error)
+        self.unknown_slopes = slopes.size - int(np.count_nonzero(np.isfinite(slopes)))
+        if self.unknown_slopes:
+            with self._lock:
+                self.non_finite_slopes += self.unknown_slopes
+                if self._publish is not None:
+                    self._publish(self, self.evaluations)
         return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
 
     def restart(self) -> Array:
@@ -381,6 +412,31 @@ class Evaluator:
     def __deepcopy__(self, _memo: object) -> Evaluator:
         return self  # pygmo copies what it is given; the count must stay one
 
+    def _ask_again(self, again: Callable[[Array], float], x: Array, error: BaseException) -> float:
+        """Return the value at x by the slow way, as a kernel refuses what is not an array as it takes it."""
+        try:
+            if isinstance(error, Exception):
+                return again(x)
+        except BaseException as raised:
+            error = raised
+        return self._fail(error)
+
+    def _check_shape(self, slopes: Array) -> None:
+        rows, columns = self._rows, self.dimension
+        if slopes.ndim != 2 or slopes.shape[1] != columns or (rows is not None and len(slopes) != rows):
+            needed = f"({'m' if rows is None else rows}, {columns})"
+            raise ValueError(
+                f"jacobian(x) has shape {slopes.shape}; {needed} is needed: a row a residual, a column a parameter"
+            )
+
+    def _fail(self, error: BaseException) -> NoReturn:
+        """Raise what the problem raised, and keep the first such: it ends the run, whoever swallows it."""
+        if not isinstance(error, Stop):
+            with self._lock:
+                self.raised = error if self.raised is None else self.raised
+                self._next_event = 0
+        raise error
+
     def _admit(self) -> int:
         """Return the number of the next evaluation, after what is due before it; raise `Stop` where there is none."""
         with self._lock:
@@ -413,6 +469,8 @@ class Evaluator:
             raise RuntimeError("the objective cannot be called in a forked process: nothing would count it")
         if self._closed:
             raise BudgetExhausted("this run is over")
+        if self.raised is not None:
+            raise ObjectiveFailed(f"the objective has raised {type(self.raised).__name__}") from self.raised
 
     def _look_at_the_clock(self) -> None:
         if self._deadline < inf and perf_counter() > self._deadline:
@@ -429,7 +487,9 @@ class Evaluator:
     def _schedule(self) -> None:
         last = self.budget - self.dimension * self.jacobian_evaluations
         self._next_event = (
-            0 if self._publish is not None or self._closed or self.stopped == "target" else min(self._mark, last) + 1
+            0
+            if self._publish is not None or self._closed or self.stopped == "target" or self.raised is not None
+            else min(self._mark, last) + 1
         )  # watched: each call is one
 
     def _pass_marks(self, n: int) -> None:

@@ -26,7 +26,8 @@ from calibench.problems.base import Array
 
 NUMBERS = (
     "batch_evaluations", "best_evaluation", "best_value", "charged", "evaluations", "jacobian_evaluations",
-    "non_finite", "outside_evaluations", "remaining", "residual_evaluations", "restarts", "stopped",
+    "non_finite", "non_finite_slopes", "outside_evaluations", "remaining", "residual_evaluations", "restarts",
+    "stopped",
 )  # fmt: skip
 COPIES = ("best_x", "hits", "hits_charged", "trace")
 FIXED = ("budget", "dimension", "has_jacobian", "has_residuals", "lower", "start", "target", "targets", "upper")

@@ -21,7 +21,6 @@ from typing import Any, final
 import numpy as np
 
 from calibench.bench.gate.box import doors_of, looks, watched_doors_of
-from calibench.bench.gate.costly.replayed import ReplayDiffers
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.face import face_of, own_face_of
 from calibench.bench.gate.frames import frames_of
@@ -36,7 +35,7 @@ GRACE = 2.0  # seconds for the gate to end the run by itself
 STALL_LIMIT = 60.0  # seconds without an evaluation, after which an optimiser that may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
-_HEAD = 15
+_HEAD = 16
 _ATTEMPTS = 64  # numbers of eight letters, for the names of what was tried
 _PASSED = "the time limit has passed"
 _DIED = "the process of this run ended"
@@ -69,6 +68,7 @@ def run_here(
 ) -> Ending:
     """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error.
 
+    What the problem raised, the gate has kept, whatever the optimiser made of it. `KeyboardInterrupt` is raised again.
     The optimiser gets a face of the gate. One that is not this package's is held back from looking behind it, and what
     it tries at the gate or at the `problem`'s class is noted. `begin` is done as the clock starts; the search is made
     within `around`.
@@ -85,17 +85,18 @@ def run_here(
                 optimizer.minimize(objective, rng)
         except Stop:
             pass
-        except KeyboardInterrupt:
-            raise
         except BaseException as caught:  # a failure of foreign code becomes a row, and the sweep goes on
-            if gate.stopped is None or isinstance(caught, ReplayDiffers):  # some back ends replace our exception
+            if gate.stopped is None or isinstance(caught, KeyboardInterrupt):  # some back ends replace our exception
                 error = caught
         earlier_wall, earlier_cpu = gate.earlier
         wall = perf_counter() - wall + earlier_wall
         cpu = process_time() + _children_cpu() - cpu + earlier_cpu
     gate.close()
+    error = error if gate.raised is None else gate.raised
     if error is None:
         return Ending("", "", wall, cpu)
+    if isinstance(error, KeyboardInterrupt):
+        raise error
     return Ending(type(error).__name__, text_of(error), wall, cpu, frames_of(error))
 
 
@@ -128,9 +129,11 @@ def run_watched(
     def work(theirs: Sender) -> None:
         gate.adopt()
         mirror.deadline = perf_counter() + allowed
-        broken = first()
-        if broken is None:
-            broken = run_here(optimizer, gate, rng, problem, begin, around)
+        try:
+            broken = first() or run_here(optimizer, gate, rng, problem, begin, around)
+        except KeyboardInterrupt as stop:  # by the user's code: the terminal's is for the parent
+            theirs.send(KeyboardInterrupt(text_of(stop)))
+            return
         sys.stdout.flush()  # what the run has printed; the answer ends this process
         theirs.send((gate.state(), broken))
 
@@ -147,6 +150,8 @@ def run_watched(
         except EOFError:
             why, answer = _DIED, None
     ending: Ending
+    if isinstance(answer, KeyboardInterrupt):
+        raise answer
     if answer is not None:
         state, ending = answer
         gate.restore(state)
@@ -228,7 +233,7 @@ class Mirror:
     @property
     def earlier(self) -> tuple[float, float]:
         """Return the seconds, wall and processor, that the run took before the child continued it."""
-        wall, cpu = self._head[13:].tolist()
+        wall, cpu = self._head[13:15].tolist()
         return wall, cpu
 
     @property
@@ -266,7 +271,8 @@ class Mirror:
         self._head[8] = gate.deadline  # which goes on while what is known from before is replayed
         self._head[9:11] = gate.batch_evaluations, gate.residual_evaluations
         self._head[12] = nan if gate.outside_evaluations is None else gate.outside_evaluations
-        self._head[13:] = gate.earlier
+        self._head[13:15] = gate.earlier
+        self._head[15] = gate.non_finite_slopes
         if gate.attempts:
             told = "\0".join(gate.attempts).encode()[: self._attempts.size]
             self._attempts[: len(told)] = np.frombuffer(told, dtype=np.uint8)
@@ -284,6 +290,8 @@ class Mirror:
             "batch_evaluations": int(self._head[9]),
             "residual_evaluations": int(self._head[10]),
             "non_finite": int(non_finite),
+            "non_finite_slopes": int(self._head[15]),
+            "unknown_slopes": 0,  # asked where a search ended by itself
             "outside_evaluations": None if outside != outside else int(outside),
             "attempts": bytes(self._attempts).rstrip(b"\0").decode(errors="ignore").split("\0") if tried else [],
             "restarts": int(restarts),

@@ -146,6 +146,6 @@ def _work(
                 pass
     except (EOFError, ConnectionError):  # the parent is gone
         raise
-    except Exception as error:  # no run raises; a full disk, say
+    except (Exception, KeyboardInterrupt) as error:  # a full disk, say, or what a user's code raised to end it all
         with suppress(Exception):
             theirs.send(error)

@@ -90,33 +90,36 @@ class NLopt:
         caught: list[BaseException | None] = []  # why it was asked to stop; None: it lost its way
         size: list[float] = []
 
-        def stop(reason: BaseException | None) -> float:
+        def stop(gradient: Array, reason: BaseException | None) -> float:
             caught.append(reason)
-            search.force_stop()
+            if size:  # GN_ORIG_DIRECT crashes where it is stopped by its first value: the next call stops it
+                search.force_stop()
+            gradient[:] = 0.0
             return _LARGEST
 
         def function(u: Array, gradient: Array) -> float:
-            if caught:  # some go on calling after they were asked to stop
-                gradient[:] = 0.0
-                return _LARGEST
-            norm = u.dot(u)
-            if norm != norm:  # COBYLA at the rounding floor asks for NaN: there is nothing to evaluate
-                return stop(None)
-            x = lower + u * width
-            x = x.clip(objective.lower, objective.upper) if clipped else x  # np.clip takes twice as long
             try:
+                if caught:  # some go on calling after they were asked to stop
+                    search.force_stop()
+                    gradient[:] = 0.0
+                    return _LARGEST
+                norm = u.dot(u)
+                if norm != norm:  # COBYLA at the rounding floor asks for NaN: there is nothing to evaluate
+                    return stop(gradient, None)
+                x = lower + u * width
+                x = x.clip(objective.lower, objective.upper) if clipped else x  # np.clip takes twice as long
                 if gradient.size:
                     value, slope = value_and_gradient(objective, x)
                 else:
                     value = objective(x)
-            except BaseException as error:  # anything: raised again below, outside NLopt
-                return stop(error)
-            if not size:
-                scaled = self.options["scale_value"] and np.isfinite(value) and value
-                size.append(abs(value) if scaled else 1.0)
-            if gradient.size:
-                gradient[:] = np.nan_to_num(slope * width / size[0], posinf=0.0, neginf=0.0)
-            return min(value / size[0], _LARGEST)
+                if not size:
+                    scaled = self.options["scale_value"] and np.isfinite(value) and value
+                    size.append(abs(value) if scaled else 1.0)
+                if gradient.size:
+                    gradient[:] = np.nan_to_num(slope * width / size[0], posinf=0.0, neginf=0.0)
+                return min(value / size[0], _LARGEST)
+            except BaseException as error:  # anything, Ctrl-C too: raised again below, outside NLopt
+                return stop(gradient, error)
 
         search.set_min_objective(function)
         try:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, final
+from typing import Any, ClassVar, TypeVar, final
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from calibench.optimizers.pygmo.population_sizes import RULES, members, most_mem
 
 # (the module pygmo, the objective, the number of members) -> pygmo's algorithm object
 Build = Callable[[Any, Objective, int], Any]
+T = TypeVar("T")
 
 
 @final
@@ -103,12 +104,17 @@ class Pygmo:
             else:
                 first = pygmo.population(problem, size=size, seed=seed)
             algorithm.evolve(first)
+            if fitness.caught is not None:  # ipopt swallows what a callback raises
+                raise fitness.caught
 
         return with_restarts(evolve, objective, restarts=not self.traits.self_terminating)
 
 
 class _Fitness:
-    """The objective in pygmo's words. pygmo copies its problem; our copy is itself, as the objective's is."""
+    """The objective in pygmo's words. pygmo copies its problem; our copy is itself, as the objective's is.
+
+    `caught` is the first exception that came through it, Ctrl-C too, as not every method of pygmo lets it pass.
+    """
 
     def __init__(self, objective: Objective, scaled: bool, has_gradient: bool) -> None:
         self._objective = objective
@@ -118,8 +124,29 @@ class _Fitness:
         self._width = np.where(width > 0, width, 1.0) if scaled else np.ones(objective.dimension)
         self._origin = objective.lower if scaled else np.zeros(objective.dimension)
         self._size = 0.0
+        self.caught: BaseException | None = None
 
     def fitness(self, u: Array) -> list[float]:
+        return self._ask(self._value, u)
+
+    def batch_fitness(self, flat: Array) -> Array:
+        """Return the values of points laid end to end; only where the search is not scaled."""
+        return self._ask(self._values, flat)
+
+    def gradient(self, u: Array) -> Array:
+        return self._ask(self._gradient, u)
+
+    def _ask(self, function: Callable[[Array], T], u: Array) -> T:
+        """Return ``function(u)``, unless something has been raised before."""
+        try:
+            if self.caught is not None:
+                raise self.caught
+            return function(u)
+        except BaseException as error:
+            self.caught = error
+            raise
+
+    def _value(self, u: Array) -> list[float]:
         x = self._outside(u)
         value = self._objective(x) if self._slope is None else self._slope.value(x)
         if not self._scaled:
@@ -128,11 +155,10 @@ class _Fitness:
             self._size = abs(value) if np.isfinite(value) and value else 1.0
         return [value / self._size]
 
-    def batch_fitness(self, flat: Array) -> Array:
-        """Return the values of points laid end to end; only where the search is not scaled."""
+    def _values(self, flat: Array) -> Array:
         return self._objective.batch(self._outside(flat.reshape(-1, self._objective.dimension)))
 
-    def gradient(self, u: Array) -> Array:
+    def _gradient(self, u: Array) -> Array:
         assert self._slope is not None
         slope = self._slope.gradient(self._outside(u)) * self._width / (self._size or 1.0)
         return np.nan_to_num(slope, posinf=0.0, neginf=0.0)

@@ -221,7 +221,8 @@ def test_a_batch_that_raises_is_paid_for():
         def batch(self, points):
             raise ZeroDivisionError
 
-    assert bench.execute(Broken(), Stubborn(), budget=35).evaluations == 35
+    run = bench.execute(Broken(), Stubborn(), budget=35)
+    assert (run.status, run.error_type, run.evaluations) == ("failed", "ZeroDivisionError", 10)
 
 
 def test_a_random_start_in_an_open_box_is_refused():

@@ -159,18 +159,22 @@ def _print_lost(lost: Collection[str], request: Request) -> None:
 
 
 def _print_not_finite(rows: pa.Table) -> None:
-    """Print how many values were not finite, and of which methods on which problems."""
-    bad, all_of = numbers(rows["non_finite"]), numbers(rows["evaluations"])
-    if not bad.any():
-        return
-    where = Counter[str]()
-    for count, problem, optimizer in zip(
-        bad.tolist(), rows["problem"].to_pylist(), rows["optimizer"].to_pylist(), strict=True
+    """Print how many values and slopes were not finite, and of which methods on which problems."""
+    for column, what in (
+        ("non_finite", f"of {numbers(rows['evaluations']).sum()} values were not finite (NaN or infinite)"),
+        ("non_finite_slopes", "entries of Jacobians were not finite (NaN or infinite), and read as 0"),
     ):
-        where[f"{optimizer} on {problem}"] += count
-    told = [f"{count} of {name}" for name, count in where.most_common(_REASONS) if count]
-    more = f" and {len(+where) - len(told)} more" if len(+where) > len(told) else ""
-    print(f"{bad.sum()} of {all_of.sum()} values were not finite (NaN or infinite): {', '.join(told)}{more}")
+        bad = numbers(rows[column])
+        if not bad.any():
+            continue
+        where = Counter[str]()
+        for count, problem, optimizer in zip(
+            bad.tolist(), rows["problem"].to_pylist(), rows["optimizer"].to_pylist(), strict=True
+        ):
+            where[f"{optimizer} on {problem}"] += count
+        told = [f"{count} of {name}" for name, count in where.most_common(_REASONS) if count]
+        more = f" and {len(+where) - len(told)} more" if len(+where) > len(told) else ""
+        print(f"{bad.sum()} {what}: {', '.join(told)}{more}")
 
 
 def _print_outside(rows: pa.Table) -> None:

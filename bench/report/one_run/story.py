@@ -64,6 +64,8 @@ def _ended(row: Mapping[str, Any]) -> list[str]:
         lines.append(f"restarts   {_whole(row['restarts'])}")
     if _is_told(row["non_finite"]) and row["non_finite"]:
         lines.append(f"not finite {_whole(row['non_finite'])} of the values")
+    if _is_told(row["non_finite_slopes"]) and row["non_finite_slopes"]:
+        lines.append(f"not finite {_whole(row['non_finite_slopes'])} entries of Jacobians, read as 0")
     return lines
 
 
