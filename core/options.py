@@ -18,7 +18,7 @@ from itertools import islice
 from numbers import Number, Real
 from os import PathLike
 from pathlib import PurePath
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Optional, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,14 +44,19 @@ class Option:
         return self.default is None and not self.required
 
     @property
+    def annotation(self) -> Any:
+        """Return its type, and None beside it where that is the default."""
+        return Optional[self.type] if self.is_none else self.type  # noqa: UP045 - a quoted annotation knows no |
+
+    @property
     def takes_none(self) -> bool:
         """Return whether None is a value of its own here."""
-        return self.is_none or self.type is Any or type(None) in get_args(_written_out(self.type))
+        return self.is_none or self.type is Any or type(None) in get_args(written_out(self.type))
 
     @property
     def fields(self) -> dict[str, Option]:
         """Return the options inside it, where it is a dataclass; their defaults are those of its own default."""
-        kind = _dataclass_of(self.type) or _dataclass_of(type(self.default))
+        kind = dataclass_of(self.type) or dataclass_of(type(self.default))
         inside = {} if kind is None else declared_options(kind)
         if type(self.default) is not kind:
             return inside
@@ -134,7 +139,7 @@ def _letters(name: str) -> str:
 
 def coerce(label: str, value: Any, kind: Any) -> Any:
     """Return `value` in the type `kind`, where that loses nothing (1e4 is an integer); else raise `ValueError`."""
-    kind = _written_out(kind)
+    kind = written_out(kind)
     origin, args = get_origin(kind), get_args(kind)
     if kind is Any:
         return value
@@ -146,7 +151,7 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
             if str(choice) == told or (choice == value and not isinstance(value, bool)):
                 return choice
         raise ValueError(f"{label}={shown(value)}: {suggest(told, [str(a) for a in args])}")
-    if origin in _LISTS or kind in _LISTS:
+    if origin in LISTS or kind in LISTS:
         return _coerce_list(label, value, origin or kind, args)
     if origin in (Mapping, dict):
         if not isinstance(value, Mapping):
@@ -208,7 +213,7 @@ def _is_no_such_thing(value: Any, kind: Any) -> bool:
         return "__call__" in vars(kind) and not callable(value)
 
 
-_LISTS = (tuple, list, Sequence, np.ndarray)
+LISTS = (tuple, list, Sequence, np.ndarray)
 
 
 def _coerce_list(label: str, value: Any, kind: Any, args: tuple[Any, ...]) -> Any:
@@ -284,9 +289,9 @@ def _coerce_dataclass(label: str, value: Any, kind: type) -> Any:
         raise ValueError(f"{label}={shown(given)}: {error}") from error
 
 
-def _dataclass_of(kind: Any) -> Any:
+def dataclass_of(kind: Any) -> Any:
     """Return the dataclass that is annotated, alone or as one of several types; None where there is none."""
-    kind = _written_out(kind)
+    kind = written_out(kind)
     kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
     return next((each for each in kinds if isinstance(each, type) and is_dataclass(each)), None)
 
@@ -343,16 +348,18 @@ def shown(value: Any, inside: int = 0) -> str:
         return "a number of thousands of digits"
 
 
-def _written_out(kind: Any) -> Any:
-    """Return what a `type` statement stands for (Python 3.12); NumPy's NDArray is one from 2.5 on."""
+def written_out(kind: Any) -> Any:
+    """Return what a `type` statement (Python 3.12; NumPy's NDArray is one from 2.5 on) or a `NewType` stands for."""
     alias: Any = getattr(typing, "TypeAliasType", ())
+    while isinstance(kind, typing.NewType):
+        kind = kind.__supertype__
     while isinstance(kind, alias) or isinstance(get_origin(kind), alias):
         kind = kind.__value__ if isinstance(kind, alias) else get_origin(kind).__value__[get_args(kind)]
     return kind
 
 
 def _type_name(kind: Any) -> str:
-    kind = _written_out(kind)
+    kind = written_out(kind)
     origin, args = get_origin(kind), get_args(kind)
     if origin is Literal:
         return "|".join(str(choice) for choice in args)
@@ -360,7 +367,7 @@ def _type_name(kind: Any) -> str:
         return " or ".join(_type_name(arg) for arg in args)
     if np.ndarray in (origin, kind):
         return "list of numbers"
-    if origin in _LISTS:
+    if origin in LISTS:
         return "list of " + " and ".join(_type_name(arg) for arg in args if arg is not Ellipsis)
     if isinstance(kind, type) and issubclass(kind, Enum):
         return "|".join(member.name for member in kind)

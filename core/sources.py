@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import blake2b
+from importlib.util import find_spec
 from os.path import isfile
 from pathlib import Path
 from typing import Any, final
@@ -122,6 +123,18 @@ def _reached(file: Path) -> frozenset[Path]:
                     leads[one, root] = _files_of(one, root)
                 left += leads[one, root]
     return frozenset(found)
+
+
+def hidden_beside(file: Path, root: Path) -> dict[str, Path]:
+    """Return what `file` imports from its own folder by name, if Python or a package has a module of that name too."""
+    tops = {one.module for one in _source(file).imports}
+    found = {top: _search(top, root) for top in tops if top and "." not in top and _is_installed(top, root)}
+    return {top: beside for top, beside in found.items() if beside is not None and not is_ours(beside)}
+
+
+def is_home(folder: str) -> bool:
+    """Tell whether `folder` is where this package lies, and what Python imports it from."""
+    return Path(folder).resolve() == _HOME
 
 
 def name_at_home(file: Path) -> str | None:
@@ -332,11 +345,18 @@ def _find(name: str, root: Path) -> Path | None:
 
 
 def _is_installed(top: str, root: Path) -> bool:
-    """Tell whether the package or module `top` is installed, or Python's own, and none of the name lies in `root`."""
-    if _begins_in(root, top):
-        return False
-    file = file_of(top)
+    """Tell whether the package or module `top` is installed, or Python's own: those stand before the folder `root`."""
+    file = file_of(top) or (_origin(top) if _begins_in(root, top) else None)
     return top in sys.stdlib_module_names if file is None else not is_local(file)
+
+
+def _origin(top: str) -> Path | None:
+    """Return the file of a module that is not loaded; None where it has none, or there is no such module."""
+    try:
+        spec = None if top in sys.modules else find_spec(top)
+    except (ImportError, ValueError):
+        return None
+    return _resolved(spec.origin) if spec is not None and spec.origin is not None else None
 
 
 def _is_hidden(name: str, root: Path) -> bool:

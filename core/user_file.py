@@ -2,7 +2,9 @@
 
 A file is named in rows as it would be imported: by its file name, and inside a package (folders with ``__init__.py``)
 by its path from the top of the package. So the name depends neither on the folder one stands in nor on the machine.
-The folder from which it is imported goes on `sys.path`, as Python does for a script: its neighbours can be imported.
+The folder from which it is imported goes to the end of `sys.path`: its neighbours can be imported, and of a name that
+Python or an installed package has too, theirs is taken, since they import it as well. A neighbour of such a name that
+the file means (it has what the file takes from it) is refused.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import ast
 import importlib
 import importlib.util
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +22,7 @@ from types import ModuleType
 
 from calibench.core import sources
 
+_SAFE, _OURS = "PYTHONSAFEPATH", "calibench"
 _LOADED: dict[Path, ModuleType] = {}
 _KEPT: list[None] = []  # not empty: what is loaded is kept, whatever has become of its file
 
@@ -70,13 +74,36 @@ def load(file: Path) -> ModuleType:
         sources.forget(files)
     root = str(sources.root_of(file))
     if root not in sys.path:
-        sys.path.insert(0, root)
+        sys.path.append(root)
     importlib.invalidate_caches()
+    _check_hidden(file)
     with no_bytecode():
         module = _import(file)
     _check_neighbours(file)
     _LOADED[file] = module
     return module
+
+
+def put_last(folder: str) -> None:
+    """Let the modules in `folder` be imported after all others of their names; our own folder stays where it is."""
+    if not sources.is_home(folder):
+        sys.path[:] = [entry for entry in sys.path if entry not in ("", folder)] + [folder]
+
+
+@contextmanager
+def safe_children() -> Iterator[None]:
+    """Let Python processes that are begun here not look first in the working folder, until they call `as_usual`."""
+    os.environ.setdefault(_SAFE, _OURS)
+    try:
+        yield
+    finally:
+        as_usual()
+
+
+def as_usual() -> None:
+    """Let what this process begins look first beside its own script, as Python does."""
+    if os.environ.get(_SAFE) == _OURS:
+        del os.environ[_SAFE]
 
 
 @contextmanager
@@ -130,6 +157,49 @@ def _leads_to(name: str, file: Path) -> bool:
     except (ImportError, ValueError, AttributeError):
         return False
     return spec is not None and spec.origin is not None and Path(spec.origin).resolve() == file
+
+
+def _check_hidden(file: Path) -> None:
+    """Refuse where a file imports a name that Python or a package has too, and means the file beside it."""
+    for path in sources.closure(file):
+        root = sources.root_of(path)
+        for name, beside in sources.hidden_beside(path, root).items():
+            tree, other = _parsed(path), _parsed(beside)
+            both = sorted(_taken(tree, name) & _defined(other)) if tree and other else []
+            if both:
+                raise ImportError(
+                    f"{path.name} takes {both[0]} from {name}, which is {beside} beside it, and also a module of "
+                    "Python or of an installed package; rename the file"
+                )
+
+
+def _parsed(file: Path) -> ast.Module | None:
+    try:
+        return ast.parse(file.read_bytes())
+    except (OSError, SyntaxError, ValueError):
+        return None
+
+
+def _taken(tree: ast.Module, module: str) -> set[str]:
+    """Return the names that a source takes from `module`, by from-imports or with a point."""
+    taken: set[str] = set()
+    called: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module == module and not node.level:
+            taken |= {one.name for one in node.names}
+        elif isinstance(node, ast.Import):
+            called |= {one.asname or one.name for one in node.names if one.name == module}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in called:
+            taken.add(node.attr)
+    return taken
+
+
+def _defined(tree: ast.Module) -> set[str]:
+    """Return the names that a source defines at its top, not those that it imports."""
+    named = {n.name for n in tree.body if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)}
+    stored = (n for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store))
+    return named | {n.id for n in stored}
 
 
 def _check_neighbours(file: Path) -> None:

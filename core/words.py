@@ -11,12 +11,14 @@ import json
 import re
 import shlex
 from collections.abc import Mapping
+from typing import TextIO
 
 LONGEST_WORD = 100_000  # characters; Linux passes no word above 131 072 bytes
 DEEPEST = 30  # brackets inside brackets: no option needs more than 3; Hydra's parser gives up at some 90
 _MARGIN = 40  # characters of a long text that a message shows from its end
 _SHOWN = 300  # characters of it in all
 _LONGEST_LINE = 8_000  # characters of a message: the longest list of choices has half of that
+_STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\u202a-\u202e\u2066-\u2069]")  # also text's direction
 _QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 
 
@@ -52,6 +54,22 @@ def depth(text: str) -> int:
         now = now + 1 if bracket in "[({" else max(0, now - 1)
         deepest = max(deepest, now)
     return deepest
+
+
+def print_plain(
+    *values: object, sep: str = " ", end: str = "\n", file: TextIO | None = None, flush: bool = False
+) -> None:
+    """Print as `print` does, with `printable` text: what names, rows and errors hold does not steer a terminal."""
+    print(printable(sep.join(map(str, values))), end=end, file=file, flush=flush)
+
+
+def printable(text: str) -> str:
+    """Return `text` with control characters as Python writes them, but for ends of lines and tabulators.
+
+    >>> print(printable(chr(27) + "[31m red"))
+    \\x1b[31m red
+    """
+    return _STEERING.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 def one_line(text: str) -> str:

@@ -18,8 +18,9 @@ from calibench.bench.calibration.readings import Index, read_readings
 from calibench.bench.calibration.request import check_description
 from calibench.bench.calibration.start import started
 from calibench.bench.measured.renamed import pairs_of
-from calibench.bench.sweep.words.pairs import json_or_text, read_pairs
+from calibench.bench.sweep.words.pairs import read_pairs
 from calibench.bench.sweep.words.values import RequestError
+from calibench.core.annotated import read_option
 from calibench.core.options import coerce
 from calibench.problems.arm.chains.chain import Chain, ChainJoint
 from calibench.problems.arm.chains.dh_arm import DhArm
@@ -93,7 +94,7 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
             "plan.n= is missing: how many poses to propose, such as plan.n=12; data=FILE alone tells what these "
             "readings could show"
         )
-    count = coerce("plan.n", json_or_text(given["plan.n"]), int)
+    count = read_option("plan.n", given["plan.n"], int)
     if not 1 <= count <= _MOST:
         raise RequestError(f"plan.n={count}: from 1 to {_MOST} poses are needed")
     observe = given.get("machine.observe", "")
@@ -103,9 +104,7 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
             "postures as the arm can reach in each, and places far apart"
         )
     chain, table = _described(given)
-    rng = np.random.default_rng(
-        np.random.SeedSequence([coerce("plan.seed", json_or_text(given.get("plan.seed", "0")), int), 7])
-    )
+    rng = np.random.default_rng(np.random.SeedSequence([read_option("plan.seed", given.get("plan.seed", "0"), int), 7]))
     fit, notes = _measured(given, chain, table, observe) if "data" in given else (None, ())
     usual = (0.05, 0.0005) if fit is None else fit.model.sigma
     sigma = _noise(given, "plan.sigma", usual[0], "mm")
@@ -141,7 +140,7 @@ def planned(words: Sequence[str]) -> tuple[Planned, Path | None]:
 
 def _noise(given: Mapping[str, str], key: str, usual: float, unit: str) -> float:
     """Return the noise of a reading to come, as it is stated, or the usual one."""
-    found = coerce(key, json_or_text(given[key]), float) if key in given else usual
+    found = read_option(key, given[key], float) if key in given else usual
     if found <= 0:
         raise RequestError(f"{key}={found:g}: the noise of a reading [{unit}], above 0, is needed")
     return found
@@ -206,7 +205,7 @@ def _model(
     """Return a model with the observations of the measurement to come, and the parameters at which it is linearised."""
     if fit is not None:
         return replace(fit.model, sigma=(sigma, turned)), fit.p
-    target = coerce("plan.target", json_or_text(given.get("plan.target", "[0,100,100]")), tuple[float, float, float])
+    target = read_option("plan.target", given.get("plan.target", "[0,100,100]"), tuple[float, float, float])
     tool = np.eye(4)
     tool[:3, 3] = target
     turns = np.zeros((0, 3, 3)) if observe == "pose" else None
@@ -255,7 +254,7 @@ def _random(
 def _box(given: Mapping[str, str]) -> Array | None:
     if "plan.box" not in given:
         return None
-    box = np.array(coerce("plan.box", json_or_text(given["plan.box"]), tuple[float, ...]))
+    box = np.array(read_option("plan.box", given["plan.box"], tuple[float, ...]))
     if box.shape != (6,) or (box[::2] >= box[1::2]).any():
         raise RequestError(
             f"plan.box={given['plan.box']}: x0,x1,y0,y1,z0,z1 [mm] in the base, each pair rising, is needed"

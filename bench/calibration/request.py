@@ -10,8 +10,9 @@ from typing import Any, Literal, final
 from calibench.bench.calibration.model import KNOWN_TO
 from calibench.bench.calibration.readings import OBSERVED
 from calibench.bench.measured.renamed import pairs_of
-from calibench.bench.sweep.words.pairs import json_or_text, read_pairs
-from calibench.bench.sweep.words.values import RequestError
+from calibench.bench.sweep.words.pairs import read_pairs
+from calibench.bench.sweep.words.values import RequestError, check_study
+from calibench.core.annotated import read_option
 from calibench.core.options import coerce, suggest
 
 Level = Literal["auto", "frames", "zeros", "geometry", "gains"]
@@ -91,19 +92,18 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
     if observe and observe not in OBSERVED:
         raise RequestError(f"machine.observe={observe}: {suggest(observe, OBSERVED)}")
     study = given.get("study", "calibrate")
-    if study in ("", ".", "..") or "/" in study or not study.isprintable():
-        raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
-    distance = coerce("distance", json_or_text(given.get("distance", "0")), float)
+    check_study(study)
+    distance = read_option("distance", given.get("distance", "0"), float)
     if distance < 0:
         raise RequestError(
             f"distance={distance:g}: how far the two sockets of a place are apart [mm], above 0, is needed"
         )
-    known_to = coerce("sigma_distance", json_or_text(given.get("sigma_distance", str(KNOWN_TO))), float)
+    known_to = read_option("sigma_distance", given.get("sigma_distance", str(KNOWN_TO)), float)
     if not known_to > 0:
         raise RequestError(f"sigma_distance={known_to:g}: how well distance= is known [mm], above 0, is needed")
     if "sigma_distance" in given and not distance:
         raise RequestError("sigma_distance= says how well distance= is known; state distance= too, or leave it out")
-    resamples = coerce("resamples", json_or_text(given.get("resamples", "200")), int)
+    resamples = read_option("resamples", given.get("resamples", "200"), int)
     if not 20 <= resamples <= _MOST_RESAMPLES:
         raise RequestError(f"resamples={resamples}: from 20 to {_MOST_RESAMPLES} draws are needed")
     stated: dict[str, Any] = {key: pairs_of(key, given[key]) for key in ("columns", "units") if key in given}
@@ -111,7 +111,7 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
         Path(urdf).expanduser() if urdf else None, given["data"], given.get("machine.tip", ""),
         given.get("machine.base", ""), observe, stated, given.get("rotation", ""), distance, known_to,
         coerce("level", given.get("level", "auto"), Level),
-        coerce("limits", json_or_text(given.get("limits", "true")), bool), resamples,
-        coerce("page", json_or_text(given.get("page", "true")), bool),
+        read_option("limits", given.get("limits", "true"), bool), resamples,
+        read_option("page", given.get("page", "true"), bool),
         Path(given.get("results", "results")).expanduser() / study, Path(dh).expanduser() if dh else None, convention,
     )  # fmt: skip

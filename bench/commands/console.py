@@ -16,6 +16,7 @@ from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.comparison.ranking import order_of
 from calibench.bench.statistics.names.labels import several, titles_of_problems
 from calibench.bench.statistics.summary import names_of_methods, runs_once
+from calibench.core.words import print_plain as print
 
 _LISTED = 8  # of what was left out of a fit: more are counted
 

@@ -9,6 +9,7 @@ from typing import Any
 from calibench.bench.commands.arguments import split_flags
 from calibench.core.options import suggest
 from calibench.core.registry import about
+from calibench.core.words import print_plain as print
 
 
 def run(argv: list[str]) -> int:

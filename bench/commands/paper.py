@@ -10,6 +10,7 @@ from calibench.bench.sweep.progress import progress
 from calibench.bench.sweep.words.pairs import read_pairs
 from calibench.bench.sweep.words.values import read_budget, read_seeds
 from calibench.core.counted import counted, plain
+from calibench.core.words import print_plain as print
 
 _DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "processes", "to": ""}
 

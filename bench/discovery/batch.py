@@ -24,6 +24,7 @@ from calibench.bench.gate.frames import place_of, text_of
 from calibench.bench.measured.sources import Source, sources
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import digest
+from calibench.core.user_file import as_usual, safe_children
 from calibench.core.words import one_line
 from calibench.discrepancy import DataError, MeasuredData, Report
 
@@ -60,7 +61,8 @@ def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]
             from joblib import Parallel, delayed
 
             jobs = (delayed(task.search)(source, tuple(sys.path)) for source in listed)
-            yield from Parallel(n_jobs=request.workers, backend="loky", return_as="generator")(jobs)
+            with safe_children():
+                yield from Parallel(n_jobs=request.workers, backend="loky", return_as="generator")(jobs)
     finally:
         if request.folder.is_dir():
             store.collect()
@@ -78,6 +80,7 @@ class _Task:
 
     def search(self, source: Source, path: Sequence[str]) -> Outcome:
         """Search one set and write what came of it. `path` lets a worker import the user's own machine."""
+        as_usual()
         sys.path[:] = list(dict.fromkeys([*sys.path, *path]))
         request, data_id = self.request, source.data_id
         case_id = digest(source.case, data_id, request.options, search_digest(request.build_machine()))

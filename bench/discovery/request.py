@@ -9,9 +9,9 @@ from typing import Any, Literal, final
 
 from calibench.bench.measured.renamed import pairs_of
 from calibench.bench.provenance.run_id import canonical
-from calibench.bench.sweep.words.pairs import json_or_text
-from calibench.bench.sweep.words.values import RequestError, read_workers
-from calibench.core.options import coerce, suggest
+from calibench.bench.sweep.words.values import RequestError, check_study, read_workers
+from calibench.core.annotated import read_option, read_word
+from calibench.core.options import Option, coerce, declared_options, suggest
 from calibench.discrepancy.checks.machine import refuse_no_machine
 from calibench.discrepancy.model.description import Stated
 from calibench.discrepancy.model.machine import Machine
@@ -51,8 +51,7 @@ def read_discover(words: Sequence[str]) -> DiscoverRequest:
     """Return the search that `words` ask for. Raises `RequestError` or `ValueError`."""
     given, stated, options = _parted(words, _PLAIN)
     study, pages = given.get("study", "discover"), given.get("pages", "auto")
-    if study in ("", ".", "..") or "/" in study or not study.isprintable() or len(study.encode()) > 200:
-        raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
+    check_study(study)
     return DiscoverRequest(
         machine=given["machine"],
         machine_options=options,
@@ -90,14 +89,16 @@ class DesignRequest:
 
 def read_design(words: Sequence[str]) -> DesignRequest:
     """Return the question that `words` ask. Raises `RequestError` or `ValueError`."""
-    of_plan = [word.removeprefix("plan.") for word in words if word.startswith("plan.")]
+    plan_words = [word.removeprefix("plan.") for word in words if word.startswith("plan.")]
     others = [word for word in words if not word.startswith("plan.")]
     given, stated, options = _parted(others, _DESIGN)
     if ("data" in given) == ("plan" in given):
         raise RequestError("one of data=FILE and plan=NAME is needed")
-    pairs = [word.partition("=") for word in of_plan]
-    further = coerce("next", json_or_text(given.get("next", "4")), int)
-    size = coerce("size", json_or_text(given.get("size", "1")), float)
+    plan = description_of(given["machine"]).plan
+    declared = declared_options(plan) if plan else {}
+    of_plan = _read({key: text for key, _, text in (word.partition("=") for word in plan_words)}, declared)
+    further = read_option("next", given.get("next", "4"), int)
+    size = read_option("size", given.get("size", "1"), float)
     if not 0 <= further <= 50:
         raise RequestError(f"next={further}: a number of readings from 0 to 50 is needed")
     if not 1 / _LARGEST_SIZE <= size <= _LARGEST_SIZE:
@@ -107,7 +108,7 @@ def read_design(words: Sequence[str]) -> DesignRequest:
         raise RequestError(f"rivals={rivals[0]}: two or more names are needed, with a comma between them")
     return DesignRequest(
         given["machine"], options, given.get("data", ""), given.get("plan", ""),
-        {key: json_or_text(value) for key, _, value in pairs}, stated, size,
+        of_plan, stated, size,
         rivals, further,
     )  # fmt: skip
 
@@ -123,7 +124,7 @@ def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str
     """Return plain arguments, what is stated of the data, and the machine's options."""
     given: dict[str, str] = {}
     stated: dict[str, Any] = {}
-    options: dict[str, Any] = {}
+    typed: dict[str, str] = {}
     known, seen = stated_keys(), set()
     for word in words:
         key, equals, value = word.partition("=")
@@ -139,20 +140,20 @@ def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str
         if key in plain:
             given[key] = value
         elif key in known:
-            stated[key] = json_or_text(value)
+            stated[key] = read_word(value)
         elif key in _OF_COLUMNS:
             stated[key] = pairs_of(key, value)
         elif key.startswith("data.") and key != "data.":
-            stated[key.removeprefix("data.")] = json_or_text(value)
+            stated[key.removeprefix("data.")] = read_word(value)
         elif key.startswith("machine."):
-            options[key.removeprefix("machine.")] = json_or_text(value)
+            typed[key.removeprefix("machine.")] = value
         else:
             machine = next((other.removeprefix("machine=") for other in words if other.startswith("machine=")), "")
             own = [one.key for one in description_of(machine).stated] or known
             choices = [*plain, *own, *_OF_COLUMNS, "machine.OPTION"]
             raise RequestError(f"unknown argument {key!r}; {_of_the_machine(key, machine) or suggest(key, choices)}")
     machine = _needed(given, "machine", f"a machine; {suggest('', machines.names())}")
-    machines.options(machine)
+    options = _read(typed, machines.options(machine))
     machines.check(machine, options)
     read = {one.key: one for one in description_of(machine).stated} or known  # one that declares none may read any
     for key, value in stated.items():
@@ -162,6 +163,11 @@ def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str
         if key in read:
             _check_stated(read[key], value)
     return given, stated, options
+
+
+def _read(typed: Mapping[str, str], declared: Mapping[str, Option]) -> dict[str, Any]:
+    """Return the values of options, each read as it is annotated."""
+    return {key: read_word(text, declared[key].annotation if key in declared else Any) for key, text in typed.items()}
 
 
 def _of_the_machine(key: str, machine: str) -> str:
@@ -194,7 +200,7 @@ def _workers(given: Mapping[str, str]) -> int:
     choices = ("serial", "processes", "joblib")
     if execution not in choices:
         raise RequestError(f"execution={execution}: {suggest(execution, choices)}")
-    n_jobs = read_workers(json_or_text(given.get("execution.n_jobs", "-1")))
+    n_jobs = read_workers(read_word(given.get("execution.n_jobs", "-1"), int))
     if execution == "serial" and "execution.n_jobs" in given:
         raise RequestError("execution.n_jobs: execution=serial is one process; add execution=processes")
     return 1 if execution == "serial" else n_jobs

@@ -6,12 +6,12 @@ numbers are in, where the file does not say it, or not in a way that is understo
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from calibench.bench.measured.found import Found
+from calibench.core.annotated import read_word
 from calibench.core.options import suggest
 from calibench.core.tables.csv_table import heads
 from calibench.core.tables.units import is_unit
@@ -20,7 +20,9 @@ from calibench.discrepancy.registries import description_of
 
 
 def pairs_of(key: str, value: Any) -> dict[str, str]:
-    """Return what `columns=` or `units=` states, name -> word: a mapping, JSON, or name:word with commas between.
+    """Return what `columns=` or `units=` states, name -> word: a mapping, or name:word with commas between.
+
+    A shell, YAML and JSON leave it with and without quotation marks and braces.
 
     >>> pairs_of("columns", "enc_1:Winkel 1,enc_2:Winkel 2")
     {'enc_1': 'Winkel 1', 'enc_2': 'Winkel 2'}
@@ -30,18 +32,12 @@ def pairs_of(key: str, value: Any) -> dict[str, str]:
     Raises `DataError` for anything else.
     """
     example = '{"x": "Weg X"}' if key == "columns" else '{"x": "mm"}'
+    said = value
     if isinstance(value, str):
-        try:
-            value = json.loads(value)
-        except ValueError:
-            # a shell takes quotation marks away
-            bare = value[1:-1] if value[:1] == "{" and value[-1:] == "}" else value
-            parts = [part.partition(":") for part in bare.split(",")]
-            if any(not (name.strip() and word.strip()) for name, _, word in parts):
-                raise DataError(f"{key}={value}: names with words are needed, such as {key}={example}") from None
-            value = {name.strip(): word.strip() for name, _, word in parts}
+        word = value.strip()
+        value = read_word(word if word[:1] == "{" else f"{{{word}}}", dict[str, str])
     if not isinstance(value, Mapping) or not all(isinstance(w, str) and n and w for n, w in value.items()):
-        raise DataError(f"{key}={value}: names with words are needed, such as {key}={example}")
+        raise DataError(f"{key}={said}: names with words are needed, such as {key}={example}")
     return {str(name): word for name, word in value.items()}
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 
 import pandas as pd
@@ -21,7 +22,7 @@ _SHOWN = 6  # keys of a group
 
 def read_ledger(path: Path) -> pd.DataFrame:
     """Return a ledger by what its rows are: paper and key, of an erratum place and quantity."""
-    table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
+    table = pd.read_parquet(BytesIO(path.read_bytes())) if path.suffix == ".parquet" else pd.read_csv(path)
     said = table["place"] + ": " + table["quantity"]
     name = said.where(table["key"].str.startswith("erratum."), table["key"])
     return table.assign(name=table["paper"] + " " + name).set_index("name")

@@ -45,8 +45,7 @@ def write_parquet(rows: Sequence[Row], path: Path) -> Path:
 def write_csv(rows: Sequence[Row], path: Path) -> Path:
     """Write the ledger as CSV, empty where there is no number, and return the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    pyarrow.csv.write_csv(to_table(rows), path)
-    return path
+    return write_whole(path, lambda file: pyarrow.csv.write_csv(to_table(rows), file))
 
 
 def _cells(row: Row) -> dict[str, object]:

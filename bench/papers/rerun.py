@@ -22,6 +22,7 @@ from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import Report, carry_out
 from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.studies import study_preset
+from calibench.core.words import print_plain as print
 
 
 class Paper(Protocol):

@@ -16,6 +16,7 @@ from typing import Any, BinaryIO, final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pyarrow.fs import LocalFileSystem
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
@@ -33,6 +34,13 @@ _KEY = b"calibench"  # of the metadata
 _READ_ALWAYS = ("run_id", "study", "schema_version", "evaluations")
 _LEFT = "it is left alone: put back a copy, or delete both tables and run again"
 _CHECKED: dict[Path, list[tuple[int, int, int] | None]] = {}  # folders whose tables were found right, and their files
+
+
+def parquet_file(path: Path) -> pq.ParquetFile:
+    """Return the Parquet file of that name on this machine: ``lab:1`` and ``s3://x`` are folders, no addresses."""
+    return pq.ParquetFile(
+        path.absolute(), filesystem=LocalFileSystem()
+    )  # and not read_table, which loads pyarrow.dataset
 
 
 @final
@@ -118,7 +126,7 @@ class Tables:
         if not path.exists():
             return None
         try:
-            file = pq.ParquetFile(path)  # and not read_table, which loads pyarrow.dataset
+            file = parquet_file(path)
         except (OSError, pa.ArrowException) as error:
             raise self._unreadable(path, error) from None
         self._check_columns(path, file.schema_arrow, RUNS_SCHEMA if name == RUNS else TRACES_SCHEMA)

@@ -34,9 +34,10 @@ from calibench.bench.sweep.words.composition import (
     plain,
     registry_of,
 )
-from calibench.bench.sweep.words.hydra_overrides import MOST_VALUES, in_ascii, last_value, values_of
+from calibench.bench.sweep.words.hydra_overrides import MOST_VALUES, as_annotated, in_ascii, last_value, values_of
 from calibench.bench.sweep.words.plain_words import PlainOverride
 from calibench.bench.sweep.words.values import RequestError
+from calibench.core.annotated import as_typed
 from calibench.core.options import shown, suggest
 from calibench.core.registry import UnknownName, beside, suggest_or_own
 
@@ -98,9 +99,7 @@ def members_of(kind: str, overrides: list[Any]) -> list[Member]:
             for prefix in (f"{kind}.", *(f"{own}.{name}." for name in {choice, classes.get(choice, choice)}))
             if o.key_or_group.startswith(prefix)
         ]
-        for option, _ in options:
-            registry.option(name, option)
-        lists = [values_of(o) for _, o in options]
+        lists = [values_of(as_annotated(o, registry.option(name, option).annotation)) for option, o in options]
         if len(members) + math.prod(map(len, lists)) > MOST_VALUES:
             raise RequestError(f"these are more than {MOST_VALUES} settings of {kind}s; ask for part of them at a time")
         for values in itertools.product(*lists):
@@ -109,7 +108,8 @@ def members_of(kind: str, overrides: list[Any]) -> list[Member]:
             composed = dict(compose_texts([f"{kind}={entered(choice)}", *given])[kind])
             composed.pop(REGISTERED)
             asked = {option.partition(".")[0] for option, _ in typed}
-            chosen = _chosen_options(kind, choice, name, composed, asked)
+            written = {option: o.input_line.partition("=")[2] for option, o in options if not o.is_sweep_override()}
+            chosen = _chosen_options(kind, choice, name, composed, asked, written)
             members.append(_member(kind, name, chosen, globbed[choice]))
     return members
 
@@ -127,9 +127,12 @@ def _nothing_named(kind: str, overrides: list[Any]) -> str:
     return f"{kind}=NAME is missing{prepared}, {some}"
 
 
-def _chosen_options(kind: str, choice: str, name: str, composed: Mapping[str, Any], asked: set[str]) -> dict[str, Any]:
+def _chosen_options(
+    kind: str, choice: str, name: str, composed: Mapping[str, Any], asked: set[str], written: Mapping[str, str]
+) -> dict[str, Any]:
     """Return the options that a member is built with: those required, and those that differ from their defaults.
 
+    `written` has those of one value as they were typed, for messages.
     Raises `RequestError` where a required one is missing, `ValueError` for a value that its option does not take.
     """
     registry = registry_of(kind)
@@ -146,7 +149,13 @@ def _chosen_options(kind: str, choice: str, name: str, composed: Mapping[str, An
             said = f"{choice}.{option}={composed[option]}"
             raise RequestError(f"{said}: true or false is needed; a word, whatever it says, counts as true")
     needed = {k: v for k, v in composed.items() if k in asked or declared[k].required}
-    registry.check(name, needed)  # also what equals the default, as true does 1.0
+    try:
+        registry.check(name, needed)  # also what equals the default, as true does 1.0
+    except ValueError as error:
+        message = str(error)
+        for option, text in written.items():
+            message = as_typed(message, f"{registry.told_name(name)}.{option}", composed.get(option), text)
+        raise RequestError(message) from error
     return {k: v for k, v in composed.items() if declared[k].required or v != plain(declared[k].default)}
 
 

@@ -17,6 +17,8 @@ from textwrap import shorten
 from calibench.bench.execution.in_progress.running import Running, read_running
 from calibench.bench.sweep.carry_out import Report
 from calibench.core.counted import counted
+from calibench.core.words import print_plain as print
+from calibench.core.words import printable
 
 _LOOK = 2.0  # seconds between two looks at the runs in progress, for the bar
 _LOG = 10.0  # seconds between two lines of a log
@@ -53,12 +55,14 @@ def progress(folder: Path | None = None) -> Iterator[Report]:
         task = bar.add_task("")
 
         def report(done: int, of: int, label: str) -> None:
-            bar.update(task, completed=done, total=of, description=label[:60])
+            bar.update(task, completed=done, total=of, description=printable(label[:60]))
 
         def running(found: list[Running]) -> None:
-            bar.update(task, description=found[0].line() + (f" (and {len(found) - 1} more)" if found[1:] else ""))
+            bar.update(
+                task, description=printable(found[0].line() + (f" (and {len(found) - 1} more)" if found[1:] else ""))
+            )
             for line in hints.new(found):
-                bar.console.print(line)
+                bar.console.print(printable(line))
 
         hints = _Hints()
         with _looking(folder, _LOOK, running):

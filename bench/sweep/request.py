@@ -41,6 +41,7 @@ from calibench.bench.sweep.words.hydra_overrides import (
 from calibench.bench.sweep.words.values import (
     RequestError,
     check_runs,
+    check_study,
     read_budget,
     read_replay,
     read_seeds,
@@ -50,6 +51,7 @@ from calibench.bench.sweep.words.values import (
     read_target,
     read_time_limit,
 )
+from calibench.core.annotated import as_typed
 
 
 @final
@@ -81,6 +83,19 @@ _Skipped = dict[str, dict[str, list[str]]]  # problem -> what is needed -> who n
 def read_request(arguments: Sequence[str], multirun: bool) -> Request:
     """Return the runs that `arguments` (Hydra overrides) ask for. Raises `RequestError` or `ValueError`."""
     study, sweeps, once = _sweeps(arguments, multirun)
+    try:
+        return _request_of(study, sweeps, once)
+    except RequestError as error:
+        message = str(error)
+        for o in (o for sweep in sweeps for o in sweep if not o.is_sweep_override()):
+            message = as_typed(
+                message, o.key_or_group, getattr(o.value(), "text", o.value()), o.input_line.partition("=")[2]
+            )
+        raise RequestError(message) from error
+
+
+def _request_of(study: str, sweeps: list[list[Any]], once: list[Any]) -> Request:
+    """Return the runs of all sweeps."""
     settings = compose(once)
     time_limit = read_time_limit(settings["time_limit"])
     inner = read_execution(settings["execution"]).inner
@@ -143,8 +158,7 @@ def _sweeps(arguments: Sequence[str], multirun: bool) -> tuple[str, list[list[An
     preset = study_preset(study)
     if is_study_file(study):
         study = Path(study).stem
-    if study in ("", ".", "..") or "/" in study or not study.isprintable() or len(study.encode()) > 200:
-        raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
+    check_study(study)
     if preset is None:
         sweeps = [overrides]
         if not multirun:

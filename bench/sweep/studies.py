@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from calibench.bench.sweep.words.composition import CONF
+from calibench.bench.sweep.words.hydra_overrides import quoted_text
 from calibench.bench.sweep.words.values import RequestError
 
 
@@ -23,17 +24,9 @@ def study_preset(name: str) -> dict[str, Any] | None:
     path = Path(name).expanduser() if is_study_file(name) else CONF / "study" / f"{name}.yaml"
     if not is_study_file(name) and ("/" in name or not path.is_file()):
         return None
-    from omegaconf import OmegaConf
-    from yaml import YAMLError
-
-    try:
-        preset: Any = OmegaConf.to_container(OmegaConf.load(path))
-    except FileNotFoundError:
-        raise RequestError(f"study={name}: there is no file {path}{_near_file(path)}") from None
-    except (OSError, ValueError, YAMLError) as error:
-        raise RequestError(f"study={name}: cannot be read: {' '.join(str(error).split())}") from None
-    sweeps = preset.get("sweeps") if isinstance(preset, dict) else None
-    near = difflib.get_close_matches("sweeps", preset, n=1) if sweeps is None and isinstance(preset, dict) else []
+    preset = _read(name, path)
+    sweeps = preset.get("sweeps")
+    near = difflib.get_close_matches("sweeps", preset, n=1) if sweeps is None else []
     if near:
         raise RequestError(f"study={name}: {near[0]}: did you mean sweeps?")
     if not isinstance(sweeps, list) or not sweeps or not all(_is_words(sweep) for sweep in sweeps):
@@ -41,9 +34,7 @@ def study_preset(name: str) -> dict[str, Any] | None:
             f"study={name}: sweeps: a list of lists of words KEY=VALUE is needed, such as - [problem=full12, "
             'optimizer=de]; a word with a comma stands in quotes: "optimizer=lm,de"'
         )
-    found = {
-        key: value if key in ("description", "sweeps") else _word(name, key, value) for key, value in preset.items()
-    }
+    found = dict(preset)
     if is_study_file(name) and path.parent != Path():
         found |= {key: _beside(path.parent, found[key]) for key in _CLASSES & {*found}}
         found["sweeps"] = [[_word_beside(path.parent, word) for word in sweep] for sweep in sweeps]
@@ -62,17 +53,83 @@ def _near_file(path: Path) -> str:
     return f"; did you mean {path.with_name(near[0])}?" if near else ""
 
 
-def _word(name: str, key: str, value: Any) -> Any:
+def _read(name: str, path: Path) -> dict[str, Any]:
+    """Return what stands in a YAML file, each value as the word that a command line would have."""
+    from yaml import BaseLoader, YAMLError, compose
+
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise RequestError(f"study={name}: has {path.stat().st_size} bytes; a study has at most {_LARGEST}")
+        root = compose(path.read_text(encoding="utf-8"), BaseLoader)
+    except FileNotFoundError:
+        raise RequestError(f"study={name}: there is no file {path}{_near_file(path)}") from None
+    except RecursionError:
+        raise RequestError(f"study={name}: cannot be read: lists stand in lists, hundreds deep") from None
+    except (OSError, UnicodeDecodeError, YAMLError) as error:
+        raise RequestError(f"study={name}: cannot be read: {' '.join(str(error).split())}") from None
+    if root is None or root.id != "mapping":
+        return {}
+    if _size(root, {}) > _MOST_NODES:
+        raise RequestError(f"study={name}: its aliases stand for more than {_MOST_NODES} values; write them out")
+    return _top(name, root)
+
+
+def _top(name: str, root: Any) -> dict[str, Any]:
+    """Return what stands under each key of a study: a word, and under sweeps and description as it is."""
+    found: dict[str, Any] = {}
+    for key, node in root.value:
+        if key.id != "scalar" or key.value in found:
+            raise RequestError(f"study={name}: line {key.start_mark.line + 1}: each key is one word, and stands once")
+        found[key.value] = _raw(node) if key.value in ("description", "sweeps") else _word(name, key.value, node)
+    return found
+
+
+def _size(node: Any, known: dict[int, int]) -> int:
+    """Return how many values a node stands for, those of its aliases counted each time; one in itself has no end."""
+    if id(node) not in known:
+        known[id(node)] = _MOST_NODES + 1  # while its own values are counted
+        inside = [node.value] if isinstance(node.value, str) else node.value
+        parts = [part for one in inside for part in (one if isinstance(one, tuple) else (one,))]
+        known[id(node)] = 1 + sum(0 if isinstance(part, str) else _size(part, known) for part in parts)
+    return known[id(node)]
+
+
+def _raw(node: Any) -> Any:
+    """Return a node of YAML with its scalars as they were typed."""
+    if isinstance(node.value, str):
+        return node.value
+    if node.id == "sequence":
+        return [_raw(item) for item in node.value]
+    return {str(key.value): _raw(value) for key, value in node.value}
+
+
+def _word(name: str, key: str, node: Any) -> str:
     """Return what stands after ``key:`` as a word: YAML's null is null, a list of what no list can be is a sweep."""
-    if isinstance(value, dict):
-        raise RequestError(
-            f"study={name}: {key}: one value is needed; write {key}.{next(iter(value), 'OPTION')}: VALUE"
-        )
-    if isinstance(value, list) and key in _SINGLE:
-        return ",".join(map(str, value))
-    return "null" if value is None else value
+    if node.id == "mapping" and "." not in key:
+        first = node.value[0][0].value if node.value else "OPTION"
+        raise RequestError(f"study={name}: {key}: one value is needed; write {key}.{first}: VALUE")
+    if node.id == "sequence" and key in _SINGLE:
+        return ",".join(str(_raw(item)) for item in node.value)
+    return _written(node) if node.id != "scalar" or _is_null(node) else str(node.value)
 
 
+def _written(node: Any) -> str:
+    """Return a node of YAML in Hydra's grammar: in quotes what is in quotes there, or would be something else."""
+    if node.id == "mapping":
+        return "{" + ",".join(f"{quoted_text(str(key.value))}:{_written(value)}" for key, value in node.value) + "}"
+    if node.id == "sequence":
+        return "[" + ",".join(map(_written, node.value)) + "]"
+    if _is_null(node):
+        return "null"
+    return str(node.value) if node.style is None and _PLAIN.fullmatch(node.value) else quoted_text(node.value)
+
+
+def _is_null(node: Any) -> bool:
+    return node.style is None and node.value in ("", "~", "null", "Null", "NULL")
+
+
+_LARGEST, _MOST_NODES = 250_000, 100_000  # bytes, of which YAML reads some in a microsecond, and values
+_PLAIN = re.compile(r"[\w.+-]+", re.ASCII)
 _CLASSES = {"problem", "optimizer"}
 _SINGLE = {*_CLASSES, "budget", "start", "target"}
 _FILE = re.compile(r"(?<![\w./~-])[\w.-][\w ./+-]*\.py(?=:)")  # relative, in a list or alone

@@ -13,7 +13,7 @@ import os
 import signal
 import warnings
 from collections.abc import Callable, Iterable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from time import monotonic
@@ -21,6 +21,7 @@ from typing import Any, final
 
 from calibench.bench.gate.processes.forked_worker import CAN_FORK
 from calibench.bench.gate.processes.process_group import become_worker, end_family, exit_of
+from calibench.core.user_file import as_usual, safe_children
 
 _LATE = 60.0  # seconds beyond its time limit after which a run is ended with its process
 
@@ -55,7 +56,8 @@ class Child:
         self._process = context.Process(target=_live, args=(theirs, inherited, os.getpid(), self._work, self._given))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads: the child uses none of them
-            self._process.start()
+            with nullcontext() if CAN_FORK else safe_children():
+                self._process.start()
         theirs.close()
 
     def send(self, what: object) -> None:
@@ -106,6 +108,7 @@ def _live(
     theirs: Connection, inherited: Iterable[Connection], parent: int, work: Callable[..., None], given: tuple[Any, ...]
 ) -> None:
     """Do the work of a child, from its first breath to its last."""
+    as_usual()
     become_worker(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -16,16 +16,20 @@ from calibench.discrepancy.model.machine import Formulation, Machine, Quantities
 from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.problems.base import Array
-from calibench.testing._law import Checks, checks_of, require
+from calibench.testing._law import TIME_LIMIT, Checks, checks_of, keep_all, require
 
 _DIFFERENCE = 1e-5
 _SAME = 1e-9  # of a change: sums of fewer numbers round otherwise
 
 
-def check_effect(effect: Effect | EffectFamily, machine: Machine, data: MeasuredData) -> None:
-    """Raise `AssertionError`, one line, for the first law that `effect` breaks on readings `data` of `machine`."""
-    for _, check in effect_checks(effect, machine, data):
-        check()
+def check_effect(
+    effect: Effect | EffectFamily, machine: Machine, data: MeasuredData, *, time_limit: float = TIME_LIMIT
+) -> None:
+    """Raise `AssertionError`, one line, for the first law that `effect` breaks on readings `data` of `machine`.
+
+    It has `time_limit` seconds for all of them, and a gigabyte: what takes longer or more breaks the law that is tried.
+    """
+    keep_all(lambda: effect_checks(effect, machine, data), time_limit)
 
 
 def effect_checks(effect: Effect | EffectFamily, machine: Machine, data: MeasuredData) -> Checks:

@@ -11,16 +11,18 @@ from calibench.discrepancy.model.measured.data import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.registries import description_of
 from calibench.problems.base import Array
-from calibench.testing._law import Checks, checks_of, require
+from calibench.testing._law import TIME_LIMIT, Checks, checks_of, keep_all, require
 
 _STEPS = 10.0 ** np.arange(-9, -2)  # of central differences, in parts of a quantity's size
 _UNSEEN = 1e-7  # of the largest singular value: a direction of the parameters that moves no constraint
 
 
-def check_machine(machine: Machine, data: MeasuredData) -> None:
-    """Raise `AssertionError`, one line, for the first law that `machine` breaks on `data`, a set of its readings."""
-    for _, check in machine_checks(machine, data):
-        check()
+def check_machine(machine: Machine, data: MeasuredData, *, time_limit: float = TIME_LIMIT) -> None:
+    """Raise `AssertionError`, one line, for the first law that `machine` breaks on `data`, a set of its readings.
+
+    It has `time_limit` seconds for all of them, and a gigabyte: what takes longer or more breaks the law that is tried.
+    """
+    keep_all(lambda: machine_checks(machine, data), time_limit)
 
 
 def machine_checks(machine: Machine, data: MeasuredData) -> Checks:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from calibench.optimizers.base import Traits
-from calibench.testing._law import Checks, checks_of, require
+from calibench.testing._law import TIME_LIMIT, Checks, checks_of, keep_all, require
 from calibench.testing.book import Account, Deaf, account_of, taken
 
 BUDGETS = (1, 7, 50)
@@ -20,10 +20,12 @@ LONG = 600  # evaluations, after which a method shows what it does late
 Make = Callable[[], Any]
 
 
-def check_optimizer(make: Make) -> None:
-    """Raise `AssertionError`, one line, for the first law that the optimisers of `make` break."""
-    for _, check in optimizer_checks(make):
-        check()
+def check_optimizer(make: Make, *, time_limit: float = TIME_LIMIT) -> None:
+    """Raise `AssertionError`, one line, for the first law that the optimisers of `make` break.
+
+    It has `time_limit` seconds for all of them, and a gigabyte: what takes longer or more breaks the law that is tried.
+    """
+    keep_all(lambda: optimizer_checks(make), time_limit)
 
 
 def optimizer_checks(make: Make) -> Checks:

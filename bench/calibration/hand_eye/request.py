@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any, Literal, final
 
 from calibench.bench.measured.renamed import pairs_of
-from calibench.bench.sweep.words.pairs import json_or_text, read_pairs
-from calibench.bench.sweep.words.values import RequestError
+from calibench.bench.sweep.words.pairs import read_pairs
+from calibench.bench.sweep.words.values import RequestError, check_study
+from calibench.core.annotated import read_option
 from calibench.core.options import coerce, suggest
 
 Mounting = Literal["eye_in_hand", "eye_to_hand"]
@@ -54,13 +55,12 @@ def read_hand_eye(words: Sequence[str]) -> HandEyeRequest:
     if not given.get("data"):
         raise RequestError("data= is missing: a file of poses of flange and board, such as data=pairs.csv")
     study = given.get("study", "hand_eye")
-    if study in ("", ".", "..") or "/" in study or not study.isprintable():
-        raise RequestError(f"study={study:.40}: the name of one folder inside results= is needed")
-    noise = {key: coerce(key, json_or_text(given.get(key, "0")), float) for key in ("sigma", "sigma_rotation")}
+    check_study(study)
+    noise = {key: read_option(key, given.get(key, "0"), float) for key in ("sigma", "sigma_rotation")}
     for key, unit in (("sigma", "mm"), ("sigma_rotation", "rad")):
         if key in given and not 0 < noise[key] < float("inf"):
             raise RequestError(f"{key}={given[key]}: the noise of the board's pose [{unit}], above 0, is needed")
-    scale = coerce("board_scale", json_or_text(given.get("board_scale", "1")), float)
+    scale = read_option("board_scale", given.get("board_scale", "1"), float)
     if not 0 < scale < float("inf"):
         raise RequestError(
             f"board_scale={given['board_scale']}: the board's true size over that which the camera was told, above 0, "

@@ -12,6 +12,7 @@ from calibench.bench.calibration.request import read_calibrate
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_end, print_table
 from calibench.core.counted import plain
+from calibench.core.words import print_plain as print
 
 
 def run(argv: list[str]) -> int:

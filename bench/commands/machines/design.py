@@ -15,6 +15,8 @@ from calibench.bench.discovery.design import Designed, designed
 from calibench.bench.discovery.page.limits import smallest, untested_lines
 from calibench.bench.discovery.page.quantity import share
 from calibench.bench.discovery.request import read_design
+from calibench.core.words import print_plain as print
+from calibench.core.words import printable
 from calibench.discrepancy.labels import effect_label
 
 _WIDTH = 120  # of tables that go to a file
@@ -66,7 +68,9 @@ def _print_candidates(console: Console, answer: Designed, machine: str) -> None:
     for sight in answer.design.candidates:
         seen = smallest(sight.minimum_detectable, sight.unit) if sight.visible else "invisible"
         group = str(sight.group + 1) if sizes.get(sight.group, 0) > 1 else ""
-        table.add_row(effect_label(machine, sight.family, sight.target), share(sight.visible_fraction), seen, group)
+        table.add_row(
+            printable(effect_label(machine, sight.family, sight.target)), share(sight.visible_fraction), seen, group
+        )
     console.print(table)
 
 

@@ -11,6 +11,7 @@ from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_table
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.core.counted import plain
+from calibench.core.words import print_plain as print
 
 _STEPS = (0, 5, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200)
 

@@ -18,6 +18,7 @@ from calibench.bench.discovery.page.words import (
     unnamed_sentences,
 )
 from calibench.bench.discovery.request import read_discover
+from calibench.core.words import print_plain as print
 
 
 def run(argv: list[str]) -> int:

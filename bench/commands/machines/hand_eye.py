@@ -11,6 +11,7 @@ from calibench.bench.calibration.hand_eye.request import read_hand_eye
 from calibench.bench.calibration.hand_eye.result import HandEye, Left
 from calibench.bench.commands.console import print_end, print_table
 from calibench.core.counted import plain
+from calibench.core.words import print_plain as print
 
 
 def run(words: list[str], as_json: bool) -> int:

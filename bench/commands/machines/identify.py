@@ -8,6 +8,7 @@ from calibench.bench.sweep.request import build_member
 from calibench.bench.sweep.words.pairs import read_pairs
 from calibench.core.counted import plain
 from calibench.core.options import coerce, shown
+from calibench.core.words import print_plain as print
 from calibench.problems import identify
 
 

@@ -15,6 +15,7 @@ from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.words.pairs import read_pairs
 from calibench.core.counted import counted, plain
 from calibench.core.options import suggest
+from calibench.core.words import print_plain as print
 
 _KNOWN = {"optimizer": "de", "by": "value", "over": "instances", "budget": "2000", "start": "random"}
 _LONG = 12  # settings that are listed

@@ -17,6 +17,7 @@ from calibench.bench.store.runs import ResultStore
 from calibench.core import user_file
 from calibench.core.counted import counted, plain
 from calibench.core.options import suggest
+from calibench.core.words import print_plain as print
 from calibench.core.words import shortened
 
 _ORDERS = ("goal", "value", "charged")

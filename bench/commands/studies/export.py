@@ -10,6 +10,7 @@ from calibench.bench.commands.arguments import split_flags, split_to
 from calibench.bench.exchange.folders import require_free, write_folder
 from calibench.bench.exchange.studies import Study, read_study
 from calibench.core.options import suggest
+from calibench.core.words import print_plain as print
 
 _FOLDERS = {
     "coco": "coco:write_coco",

@@ -13,6 +13,7 @@ from calibench.bench.exchange.published.ioh import read_ioh
 from calibench.bench.exchange.published.study import PublishedRun, write_study
 from calibench.core.counted import counted
 from calibench.core.options import suggest
+from calibench.core.words import print_plain as print
 
 _FORMATS: dict[str, Callable[[Path], list[PublishedRun]]] = {"coco": read_coco, "ioh": read_ioh}
 _EXAMPLE = "bench import coco BIPOP-CMA-ES --to results/bipop"

@@ -34,6 +34,7 @@ from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.stale import Way, find_stale
 from calibench.core import collector
 from calibench.core.counted import counted, plural, span
+from calibench.core.words import print_plain as print
 
 if TYPE_CHECKING:
     import pyarrow as pa

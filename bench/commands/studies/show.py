@@ -9,6 +9,7 @@ from calibench.bench.commands.console import print_json
 from calibench.bench.report.one_run.found import find_run
 from calibench.bench.report.one_run.story import show_run
 from calibench.bench.sweep.words.pairs import read_pairs
+from calibench.core.words import print_plain as print
 
 
 def run(argv: list[str]) -> int:

@@ -11,6 +11,8 @@ from calibench.bench.execution.in_progress.running import read_running
 from calibench.bench.statistics.progress import Reason, SweepProgress, sweep_progress
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted, plain, plural, span
+from calibench.core.words import print_plain as print
+from calibench.core.words import printable
 
 _EVERY = 2.0  # seconds between two looks
 _CELLS = 20  # of which what is left is listed
@@ -88,7 +90,7 @@ def _watch(store: ResultStore, progress: SweepProgress) -> SweepProgress:
     with Live(console=Console(), transient=True, auto_refresh=False) as live:
         while progress.to_do and idle < 2:
             idle = 0 if progress.pace > 0 else idle + 1
-            live.update("\n".join(lines_of(store, progress)), refresh=True)
+            live.update(printable("\n".join(lines_of(store, progress))), refresh=True)
             time.sleep(_EVERY)
             progress = sweep_progress(store)
     return progress

@@ -19,6 +19,7 @@ from calibench.bench.statistics.names.labels import problem_titles
 from calibench.bench.store.merge import merge
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted
+from calibench.core.words import print_plain as print
 
 
 def collect(argv: list[str]) -> int:

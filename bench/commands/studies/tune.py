@@ -16,6 +16,7 @@ from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.tuner.space import Tuning, read_tuning
 from calibench.bench.sweep.tuner.trials import Trial, check_optuna, first_request, trials
 from calibench.core.counted import counted
+from calibench.core.words import print_plain as print
 
 Carry = Callable[[Request, str], Outcome]  # a request, and the command that the manifest keeps
 

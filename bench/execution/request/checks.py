@@ -148,10 +148,10 @@ def starting_point(problem: Any, start: Start | Array | None, key: Any, repetiti
         if point.shape != lower.shape:
             raise ValueError(f"start has shape {point.shape}, the problem {lower.shape}")
         _check_inside(name_of(problem), point, lower, upper)
-        return "given", point
+        return "given", point.clip(lower, upper)
     chosen = preferred_start(problem, start)
     if chosen == "nominal":
-        return chosen, np.array(problem.start, dtype=float)
+        return chosen, np.array(problem.start, dtype=float).clip(lower, upper)
     if chosen != "random":
         raise ValueError(f"start={chosen}: choices: nominal, random")
     if not np.isfinite(upper - lower).all():
@@ -169,7 +169,8 @@ def _named(thing: Any) -> str:
 
 
 def _check_inside(who: str, start: Array, lower: Array, upper: Array) -> None:
-    outside = np.flatnonzero(~((lower <= start) & (start <= upper)))
+    """Raise `ValueError` for a start beyond a bound by more than one rounding: `starting_point` puts that right."""
+    outside = np.flatnonzero(~((np.nextafter(lower, -np.inf) <= start) & (start <= np.nextafter(upper, np.inf))))
     if outside.size:
         i = int(outside[0])
         raise ValueError(f"problem {who}: start[{i}]={start[i]:g} lies outside its box {lower[i]:g} .. {upper[i]:g}")

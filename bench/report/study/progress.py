@@ -7,6 +7,9 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from calibench.core.words import print_plain as print
+from calibench.core.words import printable
+
 Tell = Callable[[int, int, str], None]
 _SOON = 2.0  # seconds, within which nothing is told to a file
 _EVERY = 5.0  # seconds between two lines
@@ -28,7 +31,7 @@ def report_progress() -> Iterator[Tell]:
     columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("")
-        yield lambda done, of, what: bar.update(task, completed=done, total=of, description=what[:60])
+        yield lambda done, of, what: bar.update(task, completed=done, total=of, description=printable(what[:60]))
 
 
 def _lines() -> Tell:

@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 
 import pandas as pd
-import pyarrow.parquet as pq
 
 from calibench.bench.report.shared.drawn import Drawings
 from calibench.bench.report.study import figures
@@ -24,6 +23,7 @@ from calibench.bench.store.files.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import to_pandas
+from calibench.bench.store.tables import parquet_file
 from calibench.bench.sweep.studies import study_preset
 
 _STEPS = 4  # besides the figures
@@ -55,7 +55,7 @@ def _written(store: ResultStore, additions: Additions, tell: Tell, summary: pd.D
     costs = manifest.get("costs", [])
     tell(1, _STEPS, "when each run reached each target")
     written = [store.write_hits(levels_of(runs))]
-    hits = to_pandas(pq.read_table(written[0]))
+    hits = to_pandas(parquet_file(written[0]).read())
     tell(2, _STEPS, "the tables")
     summary = stats.summary(runs, costs) if summary is None else summary
     drawn = with_looks(runs, summary)

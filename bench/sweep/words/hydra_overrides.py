@@ -14,6 +14,7 @@ from unicodedata import normalize
 
 from calibench.bench.sweep.words.plain_words import PlainOverride, plain_override
 from calibench.bench.sweep.words.values import RequestError
+from calibench.core.annotated import field_type, inside, is_text, item_type, pair_of, parts_of, unquoted
 from calibench.core.options import suggest
 from calibench.core.words import check_word, shortened
 
@@ -23,6 +24,8 @@ MOST_VALUES = 10_000  # of one list or range: each is composed and built, in a h
 _LONGEST_PARSED = 20_000  # characters: Hydra's parser takes up to two seconds for them
 # 0:10 and paths are no Hydra grammar
 _AS_TEXT = ("seeds", "results", "study", "shard", "execution.address", "problem.readings")
+_CHOICE = re.compile(r"\s*choice\s*\((.*)\)\s*", re.DOTALL)  # a list, whose quotes Hydra takes away
+_BARE = re.compile(r"[\w.+-]+", re.ASCII)  # what its grammar can take for a number, a truth value or null
 _FOREIGN = re.compile(
     r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*"|[^,\[\]{}()'"\\]*[^\x00-\x7f][^,\[\]{}()'"\\]*"""
 )  # what stands in quotes, or text with a sign beyond ASCII
@@ -66,6 +69,47 @@ def products(overrides: list[Any]) -> Iterator[list[str]]:
     """Yield every choice of one value for each override, as text."""
     for values in itertools.product(*(values_of(o) for o in overrides)):
         yield [f"{o.key_or_group}={value}" for o, value in zip(overrides, values, strict=True)]
+
+
+def as_annotated(override: Any, kind: Any) -> Any:
+    """Return an override of an option of type `kind` with its texts as they were typed: 1.10 is no number there."""
+    key, _, value = override.input_line.partition("=")
+    if isinstance(override, PlainOverride) and override.value() == value:
+        return override
+    written = in_quotes(value, kind)
+    if written == value:
+        return override
+    plainly = plain_override(override.input_line, True) if written == f"'{value}'" else None
+    return plainly or replace(_override(f"{key}={written}"), key_or_group=key, input_line=override.input_line)
+
+
+def in_quotes(text: str, kind: Any) -> str:
+    """Return a value of type `kind` in Hydra's grammar: in quotes what is text there, names as its mappings have them.
+
+    >>> in_quotes("1.1,1.10", str), in_quotes("[1.10,2]", tuple[str, int]), in_quotes("1.10", float)
+    ("'1.1','1.10'", "['1.10',2]", '1.10')
+    """
+    found = _CHOICE.fullmatch(text)
+    return ",".join(_in_quotes(part, kind) for part in parts_of(found[1] if found else text)) or text
+
+
+def _in_quotes(text: str, kind: Any) -> str:
+    word = text.strip()
+    begin, _, end = text.partition(word) if word else ("", "", "")
+    if (held := inside(word, "[")) is not None:
+        items = [_in_quotes(part, item_type(kind, i)) for i, part in enumerate(parts_of(held))]
+        return f"{begin}[{','.join(items)}]{end}"
+    if (held := inside(word, "{")) is not None:
+        pairs = [pair_of(part) for part in parts_of(held)]
+        named = [(unquoted(pair[0].strip()), pair[1]) for pair in pairs if pair is not None]
+        told = [f"{_as_key(name)}:{_in_quotes(value, field_type(kind, name))}" for name, value in named]
+        return text if None in pairs else f"{begin}{{{','.join(told)}}}{end}"
+    return f"{begin}'{word}'{end}" if _BARE.fullmatch(word) and is_text(kind, word) else text
+
+
+def _as_key(name: str) -> str:
+    """Return the name of a mapping as Hydra's grammar takes it: signs that it does not know by their numbers."""
+    return re.sub(r"^\d|[^\w]|^(?=(null|true|false|nan|inf)$).", _by_number, name, flags=re.ASCII | re.IGNORECASE)
 
 
 def values_of(override: Any) -> list[Any]:
@@ -156,7 +200,7 @@ def _override(argument: str) -> Any:
         key, _, value = argument.partition("=")
         raise RequestError(
             f"{shortened(argument)}: the value cannot be read: brackets, braces and quotes must match and commas part "
-            f'something; text that holds such characters stands in quotes: "{key}={shortened(_text(value))}"'
+            f'something; text that holds such characters stands in quotes: "{key}={shortened(quoted_text(value))}"'
         ) from None
 
 
@@ -166,10 +210,11 @@ def _quoted(argument: str) -> str:
         readable = re.sub(
             r"[^\w.]|[.]{2,}", "_", key, flags=re.ASCII
         )  # a path of a class or file is no key of Hydra's grammar
+        value = in_quotes(value, Any) if "{" in value else value
         return f"{readable}={_FOREIGN.sub(_quoted_foreign, value)}"
     if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":
         value = value[1:-1]
-    return f"{key}={_text(value)}"
+    return f"{key}={quoted_text(value)}"
 
 
 def _quoted_foreign(found: re.Match[str]) -> str:
@@ -181,7 +226,7 @@ def _quoted_foreign(found: re.Match[str]) -> str:
     begin = f"{key[1]}{in_ascii(key[2])}{key[3]}" if key else ""
     rest = text[key.end() if key else 0 :]
     bare = rest.strip()
-    return begin + (rest if bare.isascii() else rest.replace(bare, _text(bare), 1))
+    return begin + (rest if bare.isascii() else rest.replace(bare, quoted_text(bare), 1))
 
 
 def in_ascii(name: str) -> str:
@@ -190,10 +235,14 @@ def in_ascii(name: str) -> str:
     >>> in_ascii("Δt")
     '__u394__t'
     """
-    return re.sub(r"[^\x00-\x7f]", lambda letter: f"__u{ord(letter[0]):x}__", normalize("NFKC", name))
+    return re.sub(r"[^\x00-\x7f]", _by_number, normalize("NFKC", name))
 
 
-def _text(value: str) -> str:
+def _by_number(letter: re.Match[str]) -> str:
+    return f"__u{ord(letter[0]):x}__"
+
+
+def quoted_text(value: str) -> str:
     """Return `value` as Hydra's quoted text that stands for it to the letter: no escape, no interpolation."""
     value = re.sub(r"(\\*)\$\{", r"\1\1\\${", value)  # OmegaConf reads 2 n + 1 backslashes there as n and a plain ${
     return "'" + re.sub(r"(\\*)('|$)", lambda m: 2 * m[1] + ("\\'" if m[2] else ""), value) + "'"

@@ -1,15 +1,10 @@
-"""KEY=VALUE words of a verb that Hydra does not compose: read once, and each value as JSON has it."""
+"""KEY=VALUE words of a verb that Hydra does not compose, each once; `core.annotated` reads what they say."""
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from calibench.core.options import suggest
-
-_POINT = re.compile(r"(?<![\w.])\.(?=\d)")  # of .05, which JSON does not know
 
 
 def read_pairs(verb: str, words: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:
@@ -28,17 +23,3 @@ def read_pairs(verb: str, words: Iterable[str], known: Mapping[str, str]) -> dic
             raise ValueError(f"{verb}: {key} is given twice ({given[key]} and {value}); give it once")
         given[key] = value
     return given
-
-
-def json_or_text(text: str) -> Any:
-    """Return a value as JSON has it, or with numbers that begin with a point, or the text.
-
-    >>> json_or_text("[1, 2]"), json_or_text("-.05"), json_or_text("mm")
-    ([1, 2], -0.05, 'mm')
-    """
-    for written in (text, _POINT.sub("0.", text)):
-        try:
-            return json.loads(written)
-        except ValueError:
-            pass
-    return text

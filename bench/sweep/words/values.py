@@ -11,6 +11,7 @@ from calibench.core.options import LARGEST_WHOLE, coerce, shown, suggest
 
 MOST_RUNS = 1_000_000  # of one command: planning them takes .6 GB and a minute
 MOST_WORKERS = 1024  # processes on one machine: each has its own Python
+LONGEST_NAME = 200  # bytes: file systems take 255, and files beside a folder add to its name
 _REPETITIONS = {"ci": 5, "paper": 10}
 
 
@@ -68,6 +69,15 @@ def check_runs(count: int) -> None:
         raise RequestError(
             f"these are {count} runs or more, and one command plans at most {MOST_RUNS}; ask for part of the seeds "
             "at a time (seeds=A:B), into the same study"
+        )
+
+
+def check_study(name: str) -> None:
+    """Raise `RequestError` for a `study=` that names no folder inside another."""
+    plain = name.isprintable() and "/" not in name and name not in ("", ".", "..")
+    if not plain or len(name.encode(errors="replace")) > LONGEST_NAME:
+        raise RequestError(
+            f"study={name:.40}: the name of one folder inside results=, of at most {LONGEST_NAME} bytes, is needed"
         )
 
 

@@ -64,7 +64,7 @@ class LocalWorkers:
                 process.wait()
 
     def _start(self) -> tuple[subprocess.Popen[bytes], float]:
-        command = [sys.executable, "-c", _ENTER.format(path=sys.path), self._address, self._scratch]
+        command = [sys.executable, "-P", "-c", _ENTER.format(path=sys.path), self._address, self._scratch]
         return subprocess.Popen(command, stdin=subprocess.PIPE, process_group=_APART), monotonic()
 
 

@@ -27,6 +27,7 @@ from calibench.bench.workers.dask.home import home_of
 from calibench.bench.workers.dask.inbox import Inbox, Keeper
 from calibench.bench.workers.packs import Job, Pack, Packs
 from calibench.bench.workers.worker import Notice
+from calibench.core.words import print_plain as print
 
 Lost = Callable[[Job, str, str], Run]  # (job, status, why) -> the row of a run whose worker was lost too often
 _LOOK = 0.5  # seconds between two looks at who is there

@@ -157,7 +157,7 @@ class _Seat:
         ours, theirs = socket.socketpair()
         enter = _ENTER.format(path=sys.path, descriptor=theirs.fileno())
         self._process = subprocess.Popen(
-            [sys.executable, "-c", enter], env={**os.environ, **_ONE_THREAD}, pass_fds=(theirs.fileno(),),
+            [sys.executable, "-P", "-c", enter], env={**os.environ, **_ONE_THREAD}, pass_fds=(theirs.fileno(),),
             stdin=subprocess.DEVNULL, process_group=0,
         )  # fmt: skip
         theirs.close()
