@@ -14,14 +14,13 @@ from calibench.bench.calibration.report.diff import changes_of_tip, origins_of
 from calibench.bench.calibration.report.result import Change
 from calibench.bench.calibration.report.urdf_text import calibrated
 from calibench.bench.calibration.request import CalibrateRequest
-from calibench.core.tables.data_file import LARGEST_TEXT, read_whole
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.chains.dh import FORMS
 from calibench.problems.arm.chains.dh_file import DhError, read_dh, text_of_dh
 from calibench.problems.arm.chains.dh_table import DhTable
 from calibench.problems.arm.chains.dh_urdf import urdf_of_dh
-from calibench.problems.arm.chains.urdf import Robot, parse_urdf
+from calibench.problems.arm.chains.urdf import Robot, parse_urdf, urdf_text
 from calibench.problems.base import Array
 
 Written = Mapping[str, tuple[str, bytes]]  # what a file is -> its name and content
@@ -60,7 +59,7 @@ def described_by(request: CalibrateRequest) -> Described:
     """
     if request.dh is None:
         assert request.urdf is not None
-        text = _urdf_text(request.urdf)
+        text = urdf_text(request.urdf)
         robot = parse_urdf(text, str(request.urdf), "machine.")
         return OfUrdf(request.urdf, text, robot, robot.chain(request.base, request.tip), request.tip)
     try:
@@ -76,13 +75,6 @@ def table_told(arm: Described, data: Table, request: CalibrateRequest) -> str:
     """Return with which one change of the arm's table the readings fit, where they do not as it stands; else ""."""
     found = "" if arm.table is None else error_of_table(arm.table, data, request)
     return f"{arm.path.name}: the readings fit the arm {found}" if found else ""
-
-
-def _urdf_text(path: Path) -> bytes:
-    try:
-        return read_whole(path, LARGEST_TEXT)
-    except OSError as error:
-        raise ValueError(f"urdf={path}: cannot be read: {error.strerror or error}") from None
 
 
 def _fits(request: CalibrateRequest, convention: str) -> bool:

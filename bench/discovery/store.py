@@ -21,6 +21,7 @@ from calibench.bench.provenance.environment import provenance
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.bench.store.manifest import DISCOVERY, StoreError, is_discovery
 from calibench.bench.store.schema import to_pandas
+from calibench.core.nested_text import json_of
 from calibench.core.plain import finite
 from calibench.discrepancy.report import Gap
 
@@ -174,6 +175,6 @@ def _write_json(value: Mapping[str, Any], path: Path) -> Path:
 
 def _read(path: Path) -> SearchRecord | None:
     try:
-        return SearchRecord.from_dict(json.loads(path.read_text(encoding="utf-8")))
+        return SearchRecord.from_dict(json_of(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None  # no record, or one that another version or a hand has spoilt: the case is searched again

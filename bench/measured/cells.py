@@ -88,10 +88,14 @@ def like_numbers(column: Any) -> str:
 
 def as_words(name: str, words: Sequence[str]) -> Any:
     """Return a column of words as an array, whose cells are all as wide as the widest; raise `DataError` beyond it."""
-    widest = max(map(len, words), default=0)
-    if widest * len(words) > MOST_LETTERS:
-        raise DataError(f"column {name}: a cell has {widest} characters; words are needed, or leave the column out")
+    check_letters(name, max(map(len, words), default=0), len(words))
     return np.array(words, dtype=str)
+
+
+def check_letters(name: str, widest: int, rows: int) -> None:
+    """Raise `DataError` for a column whose words, each as wide as the widest, would take too much room."""
+    if widest * rows > MOST_LETTERS:
+        raise DataError(f"column {name}: a cell has {widest} characters; words are needed, or leave the column out")
 
 
 def _holds_numbers(name: str) -> bool:

@@ -24,7 +24,7 @@ from calibench.bench.measured.cells import as_words
 from calibench.bench.measured.csv_columns import csv_lines, of_table, read_csv
 from calibench.bench.measured.found import Found
 from calibench.bench.measured.matlab_table import read_matlab
-from calibench.bench.measured.parquet_table import table_of
+from calibench.bench.measured.parquet_table import is_text, table_of
 from calibench.bench.measured.renamed import of_part, pairs_of, renamed
 from calibench.bench.measured.units import factor, units_of
 from calibench.bench.store.files.atomic_file import write_whole
@@ -199,7 +199,7 @@ def _as_numpy(name: str, column: pa.ChunkedArray) -> Any:
     kind = column.type
     if pa.types.is_dictionary(kind):
         column, kind = column.cast(kind.value_type), kind.value_type
-    if _is_text(kind):
+    if is_text(kind):
         column = column.cast(pa.large_string())
         return as_words(name, [value or "" for value in column.to_pylist()])
     if pa.types.is_boolean(kind):
@@ -211,11 +211,6 @@ def _as_numpy(name: str, column: pa.ChunkedArray) -> Any:
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind):
         return column.cast(pa.float64()).to_numpy().astype(float)  # what is missing is NaN
     raise DataError(f"column {name}: numbers, words or true and false are needed, it holds {kind}")
-
-
-def _is_text(kind: pa.DataType) -> bool:
-    told = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
-    return any(is_it(kind) for is_it in (*told, pa.types.is_binary, pa.types.is_large_binary))
 
 
 def _in_base_units(

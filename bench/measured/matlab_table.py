@@ -1,13 +1,17 @@
 """The variables of a MATLAB file as a table: vectors of one length, or a matrix beside a list of its columns' names.
 
-The variables of a struct are its fields. What a file says of the shapes of its variables is looked at before they are
-read. Files of version 7.3 are HDF5 and not read: MATLAB saves others with `save('-v7', ...)`.
+The variables of a struct are its fields. What a file says of its variables is looked at before SciPy reads them: it
+unpacks what is packed, makes room for any shape that is stated, and calls itself for each cell inside a cell, which a
+hundred kilobytes can state more often than the process bears. Files of version 7.3 are HDF5 and not read: MATLAB saves
+others with `save('-v7', ...)`.
 """
 
 from __future__ import annotations
 
 import io
+import struct
 import warnings
+import zlib
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -18,11 +22,16 @@ from scipy.io import loadmat, whosmat
 from calibench.bench.measured.cells import as_words
 from calibench.bench.measured.found import Found
 from calibench.core.tables.csv_table import heads
-from calibench.core.tables.data_file import LARGEST_TEXT, MOST_NUMBERS, check_columns, read_whole
+from calibench.core.tables.data_file import LARGEST_TEXT, MEGABYTE, MOST_NUMBERS, check_columns, read_whole
+from calibench.core.words import shortened
 from calibench.discrepancy import DataError
 from calibench.discrepancy.model.measured.data import UNREAD
 
 _SMALLER = "take part of the readings or of the columns"
+_LARGEST_UNPACKED = 200 * MEGABYTE
+_MOST_SIDES = 32  # of an array, to NumPy 1
+_DEEPEST = 10  # arrays inside arrays: a list of words inside a struct is 3
+_HEAD, _PACKED, _SHAPE, _ARRAY = 128, 15, 5, 14  # bytes before the first element; kinds of elements
 
 
 def read_matlab(path: Path, text: Collection[str]) -> Found:
@@ -34,6 +43,7 @@ def read_matlab(path: Path, text: Collection[str]) -> Found:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            _check_elements(content)
             count = sum(int(np.prod(shape)) for _, shape, _ in whosmat(file))
             if count > MOST_NUMBERS:
                 raise DataError(f"has {count} numbers, and at most {MOST_NUMBERS} are read; {_SMALLER}")
@@ -51,6 +61,56 @@ def read_matlab(path: Path, text: Collection[str]) -> Found:
     check_columns(len(names))
     plain = {name: _plain(name, column, name in text) for name, column in zip(names, columns.values(), strict=True)}
     return Found(plain, units, "", notes)
+
+
+def _check_elements(content: bytes) -> None:
+    """Raise `DataError` for variables that unpack to too much, state too much, or stand too deep in each other.
+
+    A file of version 5 (also 6 and 7) is a row of elements: kind, length, content, of which an array has its flags,
+    its shape, its name and then its values, or further arrays. Source: MathWorks,
+    MAT-File Format, 2024, chapter 1.
+    """
+    order = {b"IM": "<", b"MI": ">"}.get(content[_HEAD - 2 : _HEAD])
+    if order is None:
+        return  # version 4, which packs and nests nothing
+    unpacked, at = 0, _HEAD
+    while at + 8 <= len(content):
+        kind, size = struct.unpack_from(f"{order}II", content, at)
+        at, inside = at + 8 + size, content[at : at + 8 + size]
+        if kind == _PACKED:
+            inside = zlib.decompressobj().decompress(inside[8:], _LARGEST_UNPACKED - unpacked + 1)
+            unpacked += len(inside)
+            if unpacked > _LARGEST_UNPACKED:
+                most = _LARGEST_UNPACKED // MEGABYTE
+                raise DataError(f"unpacks to more than {most} MB, and no more are read; {_SMALLER}")
+        _check_arrays(inside, order)
+
+
+def _check_arrays(content: bytes, order: str) -> None:
+    left = [(0, len(content), 0)]
+    while left:
+        at, end, deep = left.pop()
+        first = True
+        while at + 8 <= end:
+            kind, size = struct.unpack_from(f"{order}II", content, at)
+            if kind >> 16:  # kind and length in one word, and the content in the other
+                at += 8
+                continue
+            inside, at = at + 8, at + 8 + size + -size % 8
+            if kind == _ARRAY:
+                if deep == _DEEPEST:
+                    raise DataError(
+                        f"has arrays more than {_DEEPEST} deep in each other; write the columns by themselves"
+                    )
+                left.append((inside, min(inside + size, end), deep + 1))
+            elif kind == _SHAPE and first and deep:
+                shape = np.frombuffer(content, f"{order}i4", min(size, end - inside) // 4, inside)
+                count = np.prod(shape, dtype=float)
+                if len(shape) > _MOST_SIDES or shape.min(initial=0) < 0:
+                    raise DataError(f"has an array of the shape {shortened(str(shape.tolist()))}, which is none")
+                if count > MOST_NUMBERS:
+                    raise DataError(f"has {count:.0f} numbers, and at most {MOST_NUMBERS} are read; {_SMALLER}")
+                first = False
 
 
 def _fields(variables: dict[str, Any]) -> dict[str, Any]:

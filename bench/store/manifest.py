@@ -9,6 +9,7 @@ from typing import Any
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.store.files.atomic_file import write_whole
+from calibench.core.nested_text import json_of
 from calibench.core.options import suggest
 
 KIND = "calibench study"
@@ -30,13 +31,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if not folder.is_dir():
         raise StoreError(f"{folder}: there is no such study folder{_near(folder.parent, folder.name)}")
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest = json_of(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise StoreError(
             f"{folder}: has no manifest.json, so it is no study of ours; take another folder{_near(folder)}"
         ) from None
-    except RecursionError:
-        raise StoreError(f"{path}: cannot be read: it is nested too deep") from None
     except (OSError, ValueError) as error:
         raise StoreError(f"{path}: cannot be read: {error}") from None
     if _is_of_a_discovery(manifest):
@@ -95,8 +94,8 @@ def studies_in(parent: Path) -> list[Path]:
 def is_discovery(folder: Path) -> bool:
     """Tell whether `folder` holds a study of `bench discover`."""
     try:
-        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        manifest = json_of((folder / "manifest.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
         return False
     return _is_of_a_discovery(manifest)
 

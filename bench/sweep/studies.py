@@ -13,6 +13,8 @@ from typing import Any
 from calibench.bench.sweep.words.composition import CONF
 from calibench.bench.sweep.words.hydra_overrides import quoted_text
 from calibench.bench.sweep.words.values import RequestError
+from calibench.core.nested_text import LARGEST_YAML, check_yaml
+from calibench.core.tables.data_file import read_whole, text_of
 
 
 def study_preset(name: str) -> dict[str, Any] | None:
@@ -49,7 +51,7 @@ def near_study(name: str) -> str:
 
 
 def _near_file(path: Path) -> str:
-    near = difflib.get_close_matches(path.name, [p.name for p in sorted(path.parent.glob("*.y*ml"))], n=1)
+    near = difflib.get_close_matches(path.name, [p.name for p in sorted(path.parent.glob("*.y*ml")) if p.exists()], n=1)
     return f"; did you mean {path.with_name(near[0])}?" if near else ""
 
 
@@ -58,19 +60,15 @@ def _read(name: str, path: Path) -> dict[str, Any]:
     from yaml import BaseLoader, YAMLError, compose
 
     try:
-        if path.stat().st_size > _LARGEST:
-            raise RequestError(f"study={name}: has {path.stat().st_size} bytes; a study has at most {_LARGEST}")
-        root = compose(path.read_text(encoding="utf-8"), BaseLoader)
+        text = text_of(read_whole(path, LARGEST_YAML))
+        check_yaml(text)
+        root = compose(text, BaseLoader)
     except FileNotFoundError:
         raise RequestError(f"study={name}: there is no file {path}{_near_file(path)}") from None
-    except RecursionError:
-        raise RequestError(f"study={name}: cannot be read: lists stand in lists, hundreds deep") from None
-    except (OSError, UnicodeDecodeError, YAMLError) as error:
+    except (OSError, ValueError, YAMLError) as error:
         raise RequestError(f"study={name}: cannot be read: {' '.join(str(error).split())}") from None
     if root is None or root.id != "mapping":
         return {}
-    if _size(root, {}) > _MOST_NODES:
-        raise RequestError(f"study={name}: its aliases stand for more than {_MOST_NODES} values; write them out")
     return _top(name, root)
 
 
@@ -82,16 +80,6 @@ def _top(name: str, root: Any) -> dict[str, Any]:
             raise RequestError(f"study={name}: line {key.start_mark.line + 1}: each key is one word, and stands once")
         found[key.value] = _raw(node) if key.value in ("description", "sweeps") else _word(name, key.value, node)
     return found
-
-
-def _size(node: Any, known: dict[int, int]) -> int:
-    """Return how many values a node stands for, those of its aliases counted each time; one in itself has no end."""
-    if id(node) not in known:
-        known[id(node)] = _MOST_NODES + 1  # while its own values are counted
-        inside = [node.value] if isinstance(node.value, str) else node.value
-        parts = [part for one in inside for part in (one if isinstance(one, tuple) else (one,))]
-        known[id(node)] = 1 + sum(0 if isinstance(part, str) else _size(part, known) for part in parts)
-    return known[id(node)]
 
 
 def _raw(node: Any) -> Any:
@@ -128,7 +116,6 @@ def _is_null(node: Any) -> bool:
     return node.style is None and node.value in ("", "~", "null", "Null", "NULL")
 
 
-_LARGEST, _MOST_NODES = 250_000, 100_000  # bytes, of which YAML reads some in a microsecond, and values
 _PLAIN = re.compile(r"[\w.+-]+", re.ASCII)
 _CLASSES = {"problem", "optimizer"}
 _SINGLE = {*_CLASSES, "budget", "start", "target"}

@@ -46,7 +46,7 @@ def read_whole(path: str | Path, largest: int, way_out: str = "") -> bytes:
         if before.st_size > largest:
             more = f"; {way_out}" if way_out else ""
             raise ValueError(
-                f"has {before.st_size / MEGABYTE:.0f} MB, and at most {largest / MEGABYTE:g} MB are read{more}"
+                f"has {round(before.st_size / MEGABYTE, 1):g} MB, and at most {largest / MEGABYTE:g} MB are read{more}"
             )
         parts: list[bytes] = []
         while part := file.read(before.st_size + 1 - sum(map(len, parts))):
@@ -74,7 +74,7 @@ def text_of(content: bytes) -> str:
     if len(ended) > 1 and len(ended) == text.count("\0") and len(ended) + 1 >= len(text.split()):
         text = text.replace("\0", "")
     if "\0" in text:
-        raise ValueError("the file holds NUL bytes and is no text that could be CSV")
+        raise ValueError("the file holds NUL bytes and is no text")
     return text
 
 
@@ -90,7 +90,7 @@ def _decoded(content: bytes) -> str:
     except UnicodeDecodeError:
         text = "\x01"
     if _CONTROL.search(text):  # five bytes of 256 are nothing in cp1252: what is no text rarely goes without them
-        raise ValueError("the file is no text (UTF-8, UTF-16 with its mark, or cp1252) that could be CSV")
+        raise ValueError("the file is no text (UTF-8, UTF-16 with its mark, or cp1252)")
     return text
 
 

@@ -110,6 +110,10 @@ HOSTILE = {
         lambda path: written(path, b"PAR1" + bytes(9_000_000) + (9_000_000).to_bytes(4, "little") + b"PAR1"),
         "9 MB that tell of its columns, and at most 8 MB",
     ),
+    "word.parquet": (
+        lambda path: table(path, {"split": pa.array(["x" * 10**5] * 2000).dictionary_encode()}), "has 100000 characters"
+    ),
+    "list.in.parquet": (lambda path: table(path, {"enc_1": [np.zeros(10**8, np.int8)]}), "it holds list"),
     "many.parquet": (lambda path: table(path, {"enc_1": np.zeros(60_000_000, np.int8)}), "60000000 rows of 1 columns"),
     "deep.csv": (lambda path: written(path, f"# measured_data: {DEEP}\nenc_1\n1\n"), "100000 deep in each other"),
     "deep.parquet": (lambda path: with_metadata(path, DEEP), "100000 deep in each other"),
@@ -162,6 +166,47 @@ def test_readings_of_a_problem_pass_the_same_door(problem, name):
     assert code == 2
     assert told in line
     assert line.count("\n") == 1
+
+
+STUDY = "problem: full11\nsweeps:\n  - [optimizer=de]\n"
+ALIASES = "a0: &a0 [x, x, x]\n" + "".join(f"a{k}: &a{k} [{', '.join(9 * [f'*a{k - 1}'])}]\n" for k in range(1, 10))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (STUDY + ALIASES, "more than 100000 characters with its aliases written out"),
+        (STUDY + ALIASES.replace("[", "{k: [").replace("]", "]}"), "with its aliases written out"),
+        (STUDY + "a: &a [*a]\n", "the alias *a stands inside of what it names"),
+        (STUDY + "a: &a 1\nb: &a {c: *a}\n", "the alias *a stands inside of what it names"),
+        (STUDY + "a: " + "[" * 1000 + "]" * 1000, "more than 30 deep in each other"),
+        (STUDY + "a: " + "{a: " * 1000 + "}" * 1000, "more than 30 deep in each other"),
+        (STUDY + f"a: {'x' * 20_000}\n", "a word has 20000 characters"),
+        (STUDY + "# \n" * 100_000, "and at most 0.1 MB are read"),
+        (STUDY + "\0", "holds NUL bytes"),
+    ],
+)
+def test_a_study_that_no_parser_could_finish_is_one_line(text, told):
+    written("mine.yaml", text)
+    with at_most(MEMORY):
+        code, line = said("run", "study=mine.yaml")
+    assert (code, line.count("\n")) == (2, 1)
+    assert line.startswith("bench: study=mine.yaml: cannot be read: ")
+    assert told in line
+
+
+def test_a_study_with_an_alias_is_read():
+    written("mine.yaml", "budget: &few 20\nseeds: 1\nproblem: full11\nsweeps:\n  - [&de optimizer=de]\n  - [*de]\n")
+    assert said("run", "study=mine.yaml", "--dry-run")[0] == 0
+
+
+@pytest.mark.parametrize("kind", ["coco", "ioh"])
+def test_a_pipe_in_a_published_folder_is_told(kind):
+    os.mkdir("published")
+    os.mkfifo({"coco": "published/f1.info", "ioh": "published/f1.json"}[kind])
+    code, line = said("import", kind, "published", "--to", "out")
+    assert (code, line.count("\n")) == (2, 1)
+    assert "is a pipe, and a file is needed" in line
 
 
 @pytest.mark.parametrize("verb", ["discover", "design"])

@@ -70,6 +70,38 @@ def test_two_arms_are_listed_for_a_choice():
         parse_urdf(text, option="problem.").chain("b", "a")
 
 
+def test_a_joint_that_follows_a_follower_follows_the_joint_that_is_read():
+    echo = joint("echo", "b", "c", inside='<axis xyz="0 0 1"/><mimic joint="swing" multiplier="2" offset=".1"/>')
+    last = joint("last", "c", "d", inside='<axis xyz="0 0 1"/><mimic joint="echo" multiplier="-3" offset=".2"/>')
+    chain = parse_urdf(robot(joint("swing", "a", "b"), echo, last)).chain()
+    assert chain.driven == ("swing",)
+    assert chain.positions(np.array([[0.5]])) == pytest.approx(np.array([[0.5, 1.1, -3.1]]))
+
+
+@pytest.mark.parametrize("circle", ["j", "jk", "jkl"])
+def test_a_circle_of_mimics_is_refused(circle):
+    inside = '<axis xyz="0 0 1"/><mimic joint="{}"/>'
+    ends = zip("abc", "bcd", "jkl", strict=True)
+    after = dict(zip(circle, circle[1:] + circle[0], strict=True))
+    joints = [joint(name, a, b, inside=inside.format(after[name]) if name in after else "") for a, b, name in ends]
+    with pytest.raises(UrdfError, match="mimics 'j', which follows it: a circle; leave out one <mimic>"):
+        parse_urdf(robot(*joints)).chain()
+
+
+def test_more_links_than_an_arm_has_are_refused_before_they_are_looked_at():
+    links = [f"l{k}" for k in range(20_000)]
+    text = robot(*(joint(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(19_999)), links=links)
+    with pytest.raises(UrdfError, match="has 20000 links, and at most 2000 are read; give the arm alone"):
+        parse_urdf(text)
+
+
+@pytest.mark.parametrize("device", ["/dev/zero", "/dev/urandom"])
+def test_a_urdf_that_never_ends_is_refused(tmp_path, device):
+    (tmp_path / "arm.urdf").symlink_to(device)
+    with pytest.raises(UrdfError, match=r"arm\.urdf: is a device, and a file is needed"):
+        read_urdf(tmp_path / "arm.urdf")
+
+
 def test_a_mimic_of_a_joint_that_is_not_there_is_told():
     text = robot(joint("j", "a", "b", inside='<mimic joint="jay"/>'), joint("jaw", "b", "c"), links="abc")
     with pytest.raises(UrdfError, match=r"joint 'j' mimics 'jay', which is no joint of it; did you mean 'jaw'"):
@@ -100,6 +132,10 @@ def test_a_mimic_of_a_joint_that_is_not_there_is_told():
         (robot(joint("j", "a", "b", inside='<limit lower="1" upper="-1"/>'), links="ab"), "lower=1 above upper=-1"),
         (robot('<joint name="j" type="revolute"><child link="b"/></joint>', links="ab"), "has no <parent link="),
         (robot(joint("j", "a", "b", inside='<origin quat_xyzw="0 0 0 0"/>'), links="ab"), "0 0 0 0 is no rotation"),
+        (robot(joint("j", "a", "b", inside='<axis xyz="1e300 0 0"/>'), links="ab"), "'1e300 0 0' is above 1e"),
+        ('<!DOCTYPE robot [<!ENTITY e "ha">]><robot name="&e;"/>', "declares entities"),
+        (b'<?xml version="1.0" encoding="klingon"?><robot/>', "no URDF, as it is not XML"),
+        (robot(joint("j", "a", "b"), links="ab").encode("utf-16"), "holds NUL bytes, as UTF-16 does; save it as UTF-8"),
     ],
 )
 def test_what_is_no_arm_is_refused_in_one_line(text, said):

@@ -7,7 +7,6 @@ two objectives have no value to compare and are refused.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator
 from math import inf, isfinite
@@ -16,7 +15,8 @@ from typing import Any
 
 from calibench.bench.exchange.coco import NOT_FINITE, TOLD
 from calibench.bench.exchange.published.problem_names import of_coco
-from calibench.bench.exchange.published.study import PublishedRun
+from calibench.bench.exchange.published.study import PublishedRun, text_of_file
+from calibench.core.nested_text import json_of
 
 _PAIR = re.compile(r"\s*([^,=]+?)\s*=\s*(\".*?\"|'.*?'|[^,]+)\s*(?=,|$)")
 _RUN = re.compile(r"(\d+):(\d+)\|(\S+)")
@@ -34,7 +34,7 @@ def read_coco(folder: Path) -> list[PublishedRun]:
         raise ValueError(f"import coco: {folder} has no .info file; name the folder of unpacked COCO data")
     runs: list[PublishedRun] = []
     for path in found:
-        lines = [line for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+        lines = [line for line in text_of_file("coco", path).splitlines() if line.strip()]
         header: dict[str, str] = {}
         told: dict[str, Any] = {}
         for line in lines:
@@ -53,7 +53,7 @@ def read_coco(folder: Path) -> list[PublishedRun]:
 
 def _told(line: str, path: Path) -> dict[str, Any]:
     try:
-        told = json.loads(line.removeprefix(TOLD))
+        told = json_of(line.removeprefix(TOLD))
     except ValueError:
         raise ValueError(f"import coco: {path}: its comment {line[:40]!r} is damaged") from None
     return told if isinstance(told, dict) else {}
@@ -117,7 +117,7 @@ def _curves(path: Path, header: dict[str, str]) -> list[tuple[float, list[tuple[
 def _read(path: Path, header: dict[str, str]) -> list[tuple[float, list[tuple[int, float]]]]:
     curves: list[tuple[float, list[tuple[int, float]]]] = []
     begun = False
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+    for number, line in enumerate(text_of_file("coco", path).splitlines(), 1):
         if line.startswith("%"):
             if not begun:
                 said = _MINIMUM.search(line)

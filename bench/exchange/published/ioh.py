@@ -6,7 +6,6 @@ it is, and whether its minimum is known.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from math import inf, isfinite
@@ -15,7 +14,8 @@ from typing import Any
 
 from calibench.bench.exchange.ioh import KEY
 from calibench.bench.exchange.published.problem_names import Named, of_ioh
-from calibench.bench.exchange.published.study import PublishedRun
+from calibench.bench.exchange.published.study import PublishedRun, text_of_file
+from calibench.core.nested_text import json_of
 
 _KEPT = ("start", "budget", "library", "library_version", "unit")  # of what a description of ours says
 
@@ -27,9 +27,10 @@ def read_ioh(folder: Path) -> list[PublishedRun]:
     """
     runs: list[PublishedRun] = []
     for path in sorted(folder.rglob("*.json")):
+        text = text_of_file("ioh", path)
         try:
-            description = json.loads(path.read_text(encoding="utf-8"))
-        except (ValueError, RecursionError):
+            description = json_of(text)
+        except ValueError:
             raise ValueError(f"import ioh: {path}: is not JSON") from None
         if isinstance(description, dict) and {"scenarios", "function_id", "algorithm"} <= description.keys():
             try:
@@ -102,7 +103,7 @@ def _curves(path: Path) -> list[list[tuple[int, float]]]:
         raise ValueError(f"import ioh: {path}: is named in a description and is not there")
     curves: list[list[tuple[int, float]]] = []
     best, at, before = inf, 1, 0
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    for number, line in enumerate(text_of_file("ioh", path).splitlines(), 1):
         columns = line.split()
         if not columns:
             continue

@@ -22,7 +22,16 @@ from calibench.bench.execution.run_row import COLUMNS, SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, digest
 from calibench.bench.store.runs import ResultStore
+from calibench.core.tables.data_file import LARGEST_TEXT, read_whole, text_of
 from calibench.problems.suites.gaps import COCO_GAPS
+
+
+def text_of_file(of: str, path: Path) -> str:
+    """Return the text of one file of a published folder. Raises `ValueError` for what is no such file."""
+    try:
+        return text_of(read_whole(path, LARGEST_TEXT))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"import {of}: {path}: {error}") from None
 
 
 @final

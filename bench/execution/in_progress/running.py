@@ -17,6 +17,7 @@ from typing import Any, final
 from calibench.bench.execution.in_progress.progress import Progress, Publish
 from calibench.bench.gate.processes.process_group import is_gone
 from calibench.core.counted import grouped, plain, span
+from calibench.core.nested_text import json_of
 
 _QUIET = 10.0  # seconds without an evaluation from which on no end is foreseen
 SILENT = 600.0  # seconds without an evaluation from which on it is told
@@ -124,7 +125,7 @@ def remove_gone(folder: Path | str) -> None:
 def _read(path: Path) -> Progress | None:
     """Return what a file says; None where it has just gone, or is none of ours."""
     try:
-        told: Progress = json.loads(path.read_text(encoding="utf-8"))
+        told: Progress = json_of(path.read_text(encoding="utf-8"))
         running_of(told)
         return told if isinstance(told["pid"], int) else None
     except (OSError, ValueError, KeyError, TypeError):

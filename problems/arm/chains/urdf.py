@@ -6,8 +6,8 @@ the URDF specification, wiki.ros.org/urdf/XML (link, joint), and for `quat_xyzw`
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,12 +16,17 @@ from typing import final
 import numpy as np
 
 from calibench.core.options import suggest
+from calibench.core.tables.data_file import MEGABYTE, read_whole
+from calibench.core.words import shortened
 from calibench.problems.arm.chains.chain import Chain, ChainError, ChainJoint, Kind, Mimic
 from calibench.problems.arm.chains.rigid import quaternion, rpy, shift
 from calibench.problems.base import Array
 
 _MM = 1000.0
 _LONGEST = 1e5  # mm, of all links of an arm together
+_HUGE = 1e9  # of any number but a limit, which is written as 1e308 where there is none
+_LARGEST = 20 * MEGABYTE  # that of a humanoid has .2
+_MOST_LINKS = 2_000  # and as many joints: a hall of ten robots has 500
 _KINDS: dict[str, Kind] = {"revolute": "rotary", "continuous": "rotary", "prismatic": "sliding"}
 _MOVING = (*_KINDS, "floating", "planar")
 
@@ -107,17 +112,11 @@ class Robot:
                     f"{self.source}: joint {joint.name!r} is {joint.type}; only revolute, continuous, prismatic and "
                     f"fixed joints make an arm; take {self.option}base={joint.child}"
                 )
-            known = [one.name for one in self.joints]
-            if joint.mimic and joint.mimic.joint not in known:
-                raise UrdfError(
-                    f"{self.source}: joint {joint.name!r} mimics {joint.mimic.joint!r}, which is no joint of it; "
-                    f"{suggest(joint.mimic.joint, known)}"
-                )
             mass, centre = self._carried(joint.child, {step.name for step in path})
             joints.append(
                 ChainJoint(
-                    joint.name, _KINDS[joint.type], held, joint.axis, joint.lower, joint.upper, joint.mimic, mass,
-                    centre, joint.child,
+                    joint.name, _KINDS[joint.type], held, joint.axis, joint.lower, joint.upper,
+                    self._followed(joint), mass, centre, joint.child,
                 )
             )  # fmt: skip
             held = np.eye(4)
@@ -134,6 +133,26 @@ class Robot:
                 "like mm; divide each xyz by 1000"
             )
         return made
+
+    def _followed(self, joint: Joint) -> Mimic | None:
+        """Return which joint that is read `joint` follows, through those that follow others; None where none."""
+        known = {one.name: one for one in self.joints}
+        found, at, passed, scale = None, joint, {joint.name}, 1.0
+        while at.mimic is not None:
+            of = at.mimic.joint
+            if of not in known:
+                raise UrdfError(
+                    f"{self.source}: joint {at.name!r} mimics {of!r}, which is no joint of it; {suggest(of, known)}"
+                )
+            if of in passed:
+                raise UrdfError(
+                    f"{self.source}: joint {at.name!r} mimics {of!r}, which follows it: a circle; leave out one <mimic>"
+                )
+            found = Mimic(of, scale * at.mimic.gain, scale * at.mimic.offset + (found.offset if found else 0.0))
+            scale = found.gain
+            passed.add(of)
+            at = known[of]
+        return found
 
     def _path(self, base: str, tip: str) -> list[Joint]:
         """Return the joints from `base` to `tip`."""
@@ -206,27 +225,40 @@ def read_urdf(path: str | Path, option: str = "") -> Robot:
     `option` is what its user writes before base= and tip=.
     """
     path = Path(path)
+    return parse_urdf(urdf_text(path), path.name, option)
+
+
+def urdf_text(path: Path) -> bytes:
+    """Return what a URDF file holds. Raises `UrdfError` for what is no file, or too large a one."""
     try:
-        text = path.read_bytes()
+        return read_whole(path, _LARGEST, "give the URDF of the arm alone")
     except OSError as problem:
-        raise UrdfError(f"{path}: cannot be read ({problem.strerror or problem})") from problem
-    return parse_urdf(text, path.name, option)
+        raise UrdfError(f"urdf={path}: cannot be read: {problem.strerror or problem}") from None
+    except ValueError as problem:
+        raise UrdfError(f"urdf={path}: {problem}") from None
 
 
 def parse_urdf(text: str | bytes, source: str = "the URDF", option: str = "") -> Robot:
     """Return the robot of a URDF's text; `source` is what error messages call it, `option` as in `read_urdf`."""
     plain = text if isinstance(text, str) else text.decode("utf-8", "replace")
+    if "\0" in plain:
+        raise UrdfError(f"{source}: holds NUL bytes, as UTF-16 does; save it as UTF-8")
+    if "<!ENTITY" in plain:
+        raise UrdfError(f"{source}: declares entities (<!ENTITY), which no URDF needs; write their text in their place")
     try:
         tree = ElementTree.fromstring(text)
-    except ElementTree.ParseError as problem:
+    except (ElementTree.ParseError, LookupError, ValueError) as problem:  # the latter of encodings
         if "xacro:" in plain:
             raise _unexpanded(source) from problem
         raise UrdfError(f"{source}: no URDF, as it is not XML ({problem}); give the .urdf file itself") from problem
     if tree.tag != "robot":
         raise UrdfError(f"{source}: no URDF, as it opens with <{tree.tag}> and not with <robot>")
-    plain = re.sub(r"<!--.*?-->", "", plain, flags=re.DOTALL)  # whose output tells that it was made by xacro
-    if "<xacro:" in plain or "${" in plain:
+    foreign = "{" if "<xacro:" in plain else "\0"  # what a tag of another namespace begins with; a comment says so too
+    if any(one.tag.startswith(foreign) or any("${" in word for word in one.attrib.values()) for one in tree.iter()):
         raise _unexpanded(source)
+    for kind in ("link", "joint"):
+        if (count := len(tree.findall(kind))) > _MOST_LINKS:
+            raise UrdfError(f"{source}: has {count} {kind}s, and at most {_MOST_LINKS} are read; give the arm alone")
     links = tuple(_link(each, source) for each in tree.findall("link"))
     joints = tuple(_joint(each, source) for each in tree.findall("joint"))
     robot = Robot(tree.get("name", "robot"), links, joints, source, option)
@@ -274,7 +306,7 @@ def _joint(element: ElementTree.Element, source: str) -> Joint:
         told = [limit.get("lower"), limit.get("upper")]
         for k, one in enumerate(told):
             if one is not None:
-                sides[k] = scale * float(_numbers(one, 1, f"{where}, limit")[0])
+                sides[k] = scale * float(_numbers(one, 1, f"{where}, limit", np.inf)[0])
         if sides[0] == sides[1] == 0.0 or (told[0] is None and told[1] is None):
             sides = [-np.inf, np.inf]  # both left out, or 0 and 0: how files say that nobody looked the limits up
         if sides[0] > sides[1]:
@@ -301,24 +333,26 @@ def _placement(origin: ElementTree.Element | None, where: str) -> Array:
     return np.asarray(shift(x, y, z) @ turned)
 
 
-def _numbers(text: str, count: int, where: str) -> Array:
+def _numbers(text: str, count: int, where: str, most: float = _HUGE) -> Array:
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
         values = np.array([np.nan])
     if len(values) != count or not np.isfinite(values).all():
-        raise UrdfError(f"{where}: {text!r} is not {count} number{'s' if count > 1 else ''}")
+        raise UrdfError(f"{where}: {shortened(text)!r} is not {count} number{'s' if count > 1 else ''}")
+    if np.abs(values).max() > most:
+        raise UrdfError(f"{where}: {shortened(text)!r} is above {most:g}, which no arm has")
     return values
 
 
 def _check_tree(robot: Robot) -> None:
     """Raise `UrdfError` where links and joints do not make one tree."""
-    source, names = robot.source, [link.name for link in robot.links]
+    source, names = robot.source, dict.fromkeys(link.name for link in robot.links)
     if not any(joint.moves for joint in robot.joints):
         raise UrdfError(f"{source}: no joint of it moves; give the whole arm's URDF")
-    for kind, all_names in (("links", names), ("joints", [joint.name for joint in robot.joints])):
-        twice = next((name for name in all_names if all_names.count(name) > 1), None)
-        if twice is not None:
+    for kind, all_of_kind in (("links", robot.links), ("joints", robot.joints)):
+        twice, count = max(Counter(one.name for one in all_of_kind).items(), key=lambda of: of[1], default=("", 0))
+        if count > 1:
             raise UrdfError(f"{source}: two {kind} are named {twice!r}; give each a name of its own")
     above: dict[str, Joint] = {}
     for joint in robot.joints:
