@@ -29,7 +29,14 @@ from calibench.bench.measured.renamed import of_part, pairs_of, renamed
 from calibench.bench.measured.units import factor, units_of
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.core.options import shown
-from calibench.core.tables.data_file import LARGEST_METADATA, LARGEST_PARQUET, LARGEST_TEXT, read_whole, text_of
+from calibench.core.tables.data_file import (
+    LARGEST_METADATA,
+    LARGEST_OWN,
+    LARGEST_PARQUET,
+    LARGEST_TEXT,
+    read_whole,
+    text_of,
+)
 from calibench.core.tables.excel_table import read_excel
 from calibench.core.tables.no_number import way_out
 from calibench.core.words import DEEPEST, depth
@@ -118,8 +125,8 @@ def _of_its_field(path: Path, machine: str) -> tuple[Found, dict[str, Any]] | No
     """
     formats, ending = description_of(machine).files, path.suffix.lower()
     if ending in formats:
-        return _foreign(formats[ending](text_of(read_whole(path, LARGEST_TEXT))))
-    if ending in ENDINGS or not formats:
+        return _foreign(formats[ending](text_of(read_whole(path, LARGEST_OWN))))
+    if ending in ENDINGS or not formats or path.stat().st_size > LARGEST_OWN:
         return None
     text = text_of(read_whole(path, LARGEST_TEXT))
     for own, read in formats.items():

@@ -12,6 +12,7 @@ import io
 import struct
 import warnings
 import zlib
+from collections import Counter
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from calibench.discrepancy import DataError
 from calibench.discrepancy.model.measured.data import UNREAD
 
 _SMALLER = "take part of the readings or of the columns"
-_LARGEST_UNPACKED = 200 * MEGABYTE
+_LARGEST_UNPACKED = 200 * MEGABYTE  # twice the most numbers, and words
 _MOST_SIDES = 32  # of an array, to NumPy 1
 _DEEPEST = 10  # arrays inside arrays: a list of words inside a struct is 3
 _HEAD, _PACKED, _SHAPE, _ARRAY = 128, 15, 5, 14  # bytes before the first element; kinds of elements
@@ -44,9 +45,13 @@ def read_matlab(path: Path, text: Collection[str]) -> Found:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             _check_elements(content)
-            count = sum(int(np.prod(shape)) for _, shape, _ in whosmat(file))
+            stated = whosmat(file)
+            count = sum(int(np.prod(shape)) for _, shape, _ in stated)
             if count > MOST_NUMBERS:
                 raise DataError(f"has {count} numbers, and at most {MOST_NUMBERS} are read; {_SMALLER}")
+            twice = next((name for name, times in Counter(name for name, *_ in stated).items() if times > 1), None)
+            if twice is not None:
+                raise DataError(f"column {twice} is there twice; give each a name of its own")
             file.seek(0)
             variables = loadmat(file, squeeze_me=True, struct_as_record=True, chars_as_strings=True)
     except (DataError, MemoryError):

@@ -204,9 +204,12 @@ def metadata(pair: str | None = None) -> dict[str, str]:
 
 
 def _statements(file: pq.ParquetFile) -> dict[str, Any]:
-    """Return what a table of ours says of itself in its metadata."""
-    told: dict[str, Any] = json.loads(file.schema_arrow.metadata[_KEY])
-    return told
+    """Return what a table of ours says of itself in its metadata; where that was damaged, that it was sealed."""
+    try:
+        told = json.loads(file.schema_arrow.metadata[_KEY])
+    except ValueError:
+        told = None
+    return told if isinstance(told, dict) else {SEALED: True}
 
 
 def _fits(found: pa.DataType, wanted: pa.DataType) -> bool:

@@ -15,10 +15,11 @@ from pathlib import Path
 
 MEGABYTE = 1_000_000
 LARGEST_TEXT = 100 * MEGABYTE  # of a CSV file: one of the most cells has 80 MB where each has 20 digits
+LARGEST_OWN = 10 * MEGABYTE  # of a format of a machine's own field, such as printer.cfg: a night of pointing has .1
 LARGEST_PARQUET = 500 * MEGABYTE  # five times that, and compressed besides
 MOST_COLUMNS = 2_000  # a machine's readings have some 50; each column of numbers is one more that may explain the gap
 MOST_CELLS = 4_000_000  # of a CSV file: they take 6 to 25 s, and .5 to 1.7 GB, as each is a text before it is a number
-MOST_NUMBERS = 50_000_000  # of a Parquet file: 400 MB
+MOST_NUMBERS = 10_000_000  # of a Parquet or MATLAB file: 80 MB, and a search holds them some five times
 LONGEST_FOOTER = 8 * MEGABYTE  # of a Parquet file: of 2000 columns it has .4 MB a row group
 LARGEST_UNPACKED = 1_000 * MEGABYTE  # of a Parquet file, as its footer states
 LARGEST_METADATA = 1 * MEGABYTE  # of the JSON that states machine, noise and nominal values: it has some hundred bytes

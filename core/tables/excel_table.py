@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from calibench.core.tables.csv_table import Table, header_row, table_of
-from calibench.core.tables.data_file import LARGEST_TEXT, MEGABYTE, MOST_CELLS, MOST_COLUMNS, check_columns, read_whole
+from calibench.core.tables.data_file import LARGEST_TEXT, MEGABYTE, MOST_CELLS, check_columns, read_whole
 
 _LARGEST_UNPACKED = 400 * MEGABYTE  # of a sheet's XML: the most cells have some 40 to 80 bytes each
+_MOST_TIMES, _SMALL = 100, 10 * MEGABYTE  # as it is packed: sheets unpack to 5 to 20 times; a small one may to more
 _SMALLER = "save it as CSV or Parquet, or take part of the readings"
 
 
@@ -37,6 +38,11 @@ def read_excel(path: Path) -> tuple[Table, tuple[str, ...]]:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as packed:
             unpacked = sum(part.file_size for part in packed.infolist())
+        if unpacked > max(_SMALL, _MOST_TIMES * len(content)):
+            raise ExcelError(
+                f"unpacks to {unpacked // len(content)} times its size, and no sheet of readings to more than "
+                f"{_MOST_TIMES}; {_SMALLER}"
+            )
         if unpacked > _LARGEST_UNPACKED:
             most = _LARGEST_UNPACKED // MEGABYTE
             raise ExcelError(f"unpacks to {unpacked / MEGABYTE:.0f} MB, and at most {most} MB are read; {_SMALLER}")
@@ -73,8 +79,9 @@ def _rows(sheet: Any) -> list[tuple[int, tuple[str, ...]]]:
     """Return the rows that hold something, with their numbers, as text."""
     rows: list[tuple[int, tuple[str, ...]]] = []
     cells = 0
-    for number, row in enumerate(sheet.iter_rows(max_col=MOST_COLUMNS + 1, values_only=True), start=1):
-        cells += len(row)
+    sheet.reset_dimensions()  # what the file says of its width: each row is as wide as its own last cell
+    for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
+        cells += max(1, len(row))  # a row that is not there costs time too
         if cells > MOST_CELLS:
             raise ExcelError(f"has more than {MOST_CELLS} cells, and no more are read; {_SMALLER}")
         told = tuple(_text(cell) for cell in row)

@@ -347,6 +347,15 @@ def test_one_bit_of_a_table_is_noticed(every_kind, tmp_path):
             ResultStore(tmp_path / "study").runs()
 
 
+@pytest.mark.parametrize("said", ["", "[", "[1]", "null"])
+def test_statements_that_were_damaged_are_an_edit(every_kind, tmp_path, said):
+    shutil.copytree(every_kind.folder, tmp_path / "study")
+    path = tmp_path / "study/traces.parquet"
+    pq.write_table(pq.read_table(path).replace_schema_metadata({"calibench": said}), path)
+    with pytest.raises(StoreError, match=r"traces\.parquet: was changed after bench wrote it"):
+        ResultStore(tmp_path / "study").runs()
+
+
 def test_a_table_is_sealed_as_it_gets_its_name_and_other_readers_do_not_see_it(every_kind):
     for name in ("runs.parquet", "traces.parquet"):
         path = every_kind.folder / name

@@ -61,6 +61,13 @@ def test_a_sheet_of_excel_is_a_table(tmp_path):
     assert "sheet Sheet is read, and not notes" in data.notes
 
 
+def test_a_long_sheet_is_read_to_its_end(tmp_path):
+    rows = [[0.1 * k, 0.2, 0.3, *[""] * (k == 7)] for k in range(2500)]
+    data = read_measured(book(tmp_path / "run.xlsx", ["enc_1", "enc_2", "enc_3"], *rows), "gpm2002")
+    assert len(data) == 2500
+    assert data["enc_1"][-1] == pytest.approx(249.9)
+
+
 def test_a_sheet_tells_of_a_header_that_comes_again_as_text_does(tmp_path):
     rows = [["enc_1", "x"], [1.5, 2], ["enc_1", "x"], [2.5, None]]
     sheet = read_measured(book(tmp_path / "run.xlsx", *rows), "two_link")
@@ -97,6 +104,14 @@ def test_a_sheet_that_unpacks_to_too_much_is_not_unpacked(tmp_path, monkeypatch)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
         packed.writestr("xl/worksheets/sheet1.xml", b" " * 3_000_000)
     with pytest.raises(DataError, match="unpacks to 3 MB, and at most 1 MB are read"):
+        read_measured(path, "two_link")
+
+
+def test_a_sheet_of_zeros_is_told_by_how_much_it_is_packed(tmp_path):
+    path = tmp_path / "run.xlsx"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as packed:
+        packed.writestr("xl/sharedStrings.xml", bytes(11_000_000))
+    with pytest.raises(DataError, match=r"unpacks to \d+ times its size, and no sheet of readings to more than 100"):
         read_measured(path, "two_link")
 
 
@@ -174,6 +189,14 @@ def test_what_matlab_packed_is_looked_at_before_it_is_read(inside, said, tmp_pat
     with pytest.raises(DataError, match=said) as caught:
         read_measured(path, "gpm2002")
     assert "\n" not in str(caught.value)
+
+
+def test_a_variable_that_is_there_twice_is_told(tmp_path):
+    savemat(tmp_path / "run.mat", {"enc_1": np.arange(3.0)})
+    content = (tmp_path / "run.mat").read_bytes()
+    (tmp_path / "run.mat").write_bytes(content + content[128:])
+    with pytest.raises(DataError, match="column enc_1 is there twice; give each a name of its own"):
+        read_measured(tmp_path / "run.mat", "gpm2002")
 
 
 def test_a_matlab_file_of_too_many_numbers_is_not_read(tmp_path, monkeypatch):

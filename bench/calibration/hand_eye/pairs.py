@@ -140,6 +140,8 @@ def _pairs(table: Table, columns: Mapping[str, str], request: HandEyeRequest) ->
         more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
         said.append(f"{len(rows)} of {len(whole)} rows are without a value or not valid, and left out: "
                     f"{', '.join(rows[:5])}{more}")  # fmt: skip
+    if not whole.any():
+        raise DataError(f"no row has a value in every column that makes its poses: {', '.join(used)}")
     said += without_copies(table, values, whole, "number")
     other = replace(sides["flange"], other={"split": "split"} if "split" in table.columns else {})
     hold = held_back(table, other, whole)
@@ -263,7 +265,8 @@ def _of_length_one(table: Table, side: Matched, whole: Mask) -> Mask:
     """Return which rows hold a rotation, (n,): a quaternion of zeros is none. Refuse one of another length than 1."""
     if len(side.rotation) == 3:
         return whole
-    size = np.linalg.norm([np.asarray(table.columns[name], dtype=float) for name in side.rotation.values()], axis=0)
+    parts = [np.where(whole, np.asarray(table.columns[name], dtype=float), 0) for name in side.rotation.values()]
+    size = np.linalg.norm(parts, axis=0)
     seen = whole & (size > 0)
     wrong = np.flatnonzero(seen & (np.abs(size - 1) > _LENGTH))
     if len(wrong):

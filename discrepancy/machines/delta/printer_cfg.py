@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from configparser import Error, RawConfigParser
-from math import isfinite, radians
+from math import radians
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ _SECTION = re.compile(r"^\s*\[\s*([^\]]+?)\s*\]")
 _GEOMETRY = ("delta_radius", "angle", "arm_length", "position_endstop")
 _ANGLES = {"a": 210.0, "b": 330.0, "c": 90.0}  # Klipper's defaults [deg]
 _FULL_STEPS = 200.0
+_HUGE = 1e12  # steps, mm or degrees, of no printer
 
 Config = Mapping[str, Mapping[str, str]]
 
@@ -67,7 +68,8 @@ def _parsed(text: str) -> dict[str, dict[str, str]]:
     try:
         parser.read_string(text)
     except Error as error:
-        raise DataError(f"is no configuration that Klipper would read: {' '.join(str(error).split())}") from None
+        told = shortened(" ".join(str(error).split()))
+        raise DataError(f"is no configuration that Klipper would read: {told}") from None
     return {section: dict(parser.items(section)) for section in parser.sections()}
 
 
@@ -179,6 +181,6 @@ def _real(text: str, where: str) -> float:
         value = float(text)
     except ValueError:
         value = float("nan")
-    if not isfinite(value):
-        raise DataError(f"{where}: {shortened(text.strip())!r} is no number")
+    if not abs(value) < _HUGE:
+        raise DataError(f"{where}: {shortened(text.strip())!r} is no number of a printer")
     return value

@@ -81,7 +81,7 @@ def _known_columns(data: MeasuredData) -> MeasuredData:
         try:
             columns[name] = np.asarray(column, dtype=float)
         except (TypeError, ValueError):
-            raise DataError(f"{data.name}: column {name} holds {column[0]!r}: numbers are needed") from None
+            raise DataError(f"{data.name}: column {name} holds {str(column[0])!r}: numbers are needed") from None
     data = data.with_columns(columns)
     for name in data.columns:
         wanted = [known for known in _KNOWN if known not in data and _nearest(known, [name])]

@@ -21,6 +21,7 @@ behind the sidereal time are auxiliary readings (`aux_1`, `aux_2`, ...).
 from __future__ import annotations
 
 import re
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -171,9 +172,10 @@ def _seconds(sidereal: Array) -> Array:
 def _numbers(told: str) -> list[float] | None:
     """Return the numbers of a line, None for one that holds words."""
     try:
-        return [float(word) for word in told.split()]
+        numbers = [float(word) for word in told.split()]
     except ValueError:
         return None
+    return numbers if all(map(isfinite, numbers)) else None  # nan and inf are words
 
 
 def _latitude(told: str, line: int) -> float:
