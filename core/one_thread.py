@@ -31,11 +31,18 @@ def one_thread() -> Iterator[None]:
         return
     import scipy.linalg  # noqa: F401  its BLAS is another one than NumPy's, and must not come later with all threads
 
-    with _libraries().limit(limits=1, user_api="blas"):
+    with libraries().limit(limits=1, user_api="blas"):
         yield
 
 
-def _libraries() -> ThreadpoolController:
+def hold_new() -> None:
+    """Within `one_thread`, hold a BLAS at one thread too that was loaded since."""
+    if not any(name in os.environ for name in STATED):
+        for library in libraries().select(user_api="blas").lib_controllers:
+            library.set_num_threads(1)
+
+
+def libraries() -> ThreadpoolController:
     """Return the libraries that are loaded; to look for them takes a millisecond, so only after a further import."""
     from threadpoolctl import ThreadpoolController
 

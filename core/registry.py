@@ -276,7 +276,9 @@ class Registry(Generic[T]):
         for point in entry_points(group=self.group):
             before = set(self._order)
             try:
-                found = point.load()
+                from calibench.core.own_state import loaded_apart
+
+                found = loaded_apart(point.load, point.module)
                 if point.name in before or point.name not in self._factories:  # or it entered itself as it was loaded
                     self.register(point.name)(found)
             except Exception as error:  # another package's fault must not take our names away
@@ -287,10 +289,12 @@ class Registry(Generic[T]):
         """Remember the class or function at ``pkg.module:Class``; it can be made, but is not listed."""
         if path in self._by_path:
             return
+        from calibench.core.own_state import loaded_apart
+
         module_name, _, attribute = path.partition(":")
         try:
             with user_file.no_bytecode():
-                module = importlib.import_module(module_name)
+                module = loaded_apart(lambda: importlib.import_module(module_name))
         except Exception as error:  # whatever a user's module raises as it is loaded
             raise ValueError(f"cannot import {self.kind} {path!r}: {_told(error)}") from error
         sources.module_digest(module_name)  # of what was loaded, before the file is edited again

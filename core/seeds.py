@@ -40,14 +40,19 @@ def global_generators(sequence: np.random.SeedSequence) -> Iterator[None]:
     True
     """
     kept = random.getstate(), np.random.get_state()  # noqa: NPY002
-    words = sequence.generate_state(8)
-    random.seed(words.tobytes())
-    np.random.seed(words)  # noqa: NPY002
+    begin_generators(sequence)
     try:
         yield
     finally:
         random.setstate(kept[0])
         np.random.set_state(kept[1])  # noqa: NPY002
+
+
+def begin_generators(sequence: np.random.SeedSequence) -> None:
+    """Begin the generators of `random` and of ``np.random`` at `sequence`."""
+    words = sequence.generate_state(8)
+    random.seed(words.tobytes())
+    np.random.seed(words)  # noqa: NPY002
 
 
 def _halves(number: int) -> Iterator[int]:

@@ -59,6 +59,7 @@ def told_name(file: Path) -> str:
 def load(file: Path) -> ModuleType:
     """Return the module of `file`, loaded anew where it, or a local file it imports, has changed.
 
+    What the import sets in the process acts in runs of its classes alone (`core.own_state`).
     Raises `ImportError` where a module that it imports by name is another file's, and what the file itself raises.
     """
     known = _LOADED.get(file)
@@ -77,8 +78,10 @@ def load(file: Path) -> ModuleType:
         sys.path.append(root)
     importlib.invalidate_caches()
     _check_hidden(file)
+    from calibench.core.own_state import loaded_apart  # it needs NumPy, which most commands do without
+
     with no_bytecode():
-        module = _import(file)
+        module = loaded_apart(lambda: _import(file))
     _check_neighbours(file)
     _LOADED[file] = module
     return module

@@ -15,6 +15,7 @@ from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.frames import frames_of
 from calibench.bench.gate.processes.forked_worker import Lost, apart
 from calibench.bench.gate.time_limit import Ending, text_of
+from calibench.core import own_state
 
 Array = NDArray[np.float64]
 PATIENCE = 60.0  # seconds for judging an answer where a run is watched and has no limit of its own
@@ -47,7 +48,12 @@ def judged_apart(
     if x is None:
         return Answer(), ending
     try:
-        return apart(lambda: answer_of(pair, x, ending, repetition), PATIENCE if limit is None else limit)
+        answered, changes = apart(
+            lambda: own_state.with_changes(lambda: answer_of(pair, x, ending, repetition)),
+            PATIENCE if limit is None else limit,
+        )
+        own_state.note(changes)
+        return answered
     except Lost as lost:
         told = replace(ending, error_type=lost.error_type, error=f"{_JUDGING}{lost.error}", traceback=lost.traceback)
         return Answer(**_placed(pair, x)), ending if ending.error_type else told

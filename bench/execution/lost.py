@@ -108,7 +108,7 @@ def _bare(
         started_at=datetime.now(UTC), schema_version=SCHEMA_VERSION, code_digest=code, traceback=ending.traceback,
         merit=None, unit="", minimum=None, problem_group="", judged_value=None, judged_evaluations=None,
         outside_evaluations=None, tampering="", parameter_units=None, parameter_starts=None, parameter_truths=None,
-        chance=None, **provenance(),
+        chance=None, process_changes=[], **provenance(),
     )  # fmt: skip
 
 

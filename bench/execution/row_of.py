@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
 
 from calibench.bench.execution.answer import Answer, hits_of
@@ -14,7 +15,14 @@ from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import digest
 
 
-def row_of(asked: Asked, gate: Evaluator, answer: Answer, ending: Ending, began: datetime) -> RunRow:
+def row_of(
+    asked: Asked,
+    gate: Evaluator,
+    answer: Answer,
+    ending: Ending,
+    began: datetime,
+    process_changes: Sequence[str] = (),
+) -> RunRow:
     """Return the row: the request, the gate's counts, the meaning of the answer and how the run ended."""
     pair = asked.pair
     hits, hits_charged = hits_of(pair.problem, gate, answer)
@@ -47,6 +55,7 @@ def row_of(asked: Asked, gate: Evaluator, answer: Answer, ending: Ending, began:
         error=ending.error,
         traceback=ending.traceback,
         tampering="; ".join(gate.attempts),
+        process_changes=list(process_changes),
         best_value=gate.best_value,
         best_evaluation=gate.best_evaluation,
         best_x=None if gate.best_x is None else gate.best_x.tolist(),

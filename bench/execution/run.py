@@ -5,8 +5,8 @@ Converged, exhausted, on target or crashed: the row says which. Compilation happ
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -20,19 +20,23 @@ from calibench.bench.execution.in_progress.progress import followed
 from calibench.bench.execution.outcome import check_merit, compile_parts, with_an_answer
 from calibench.bench.execution.request.asked import Asked, read_asked
 from calibench.bench.execution.request.checks import Array, Start
-from calibench.bench.execution.request.pair import made_pair, pair_of
+from calibench.bench.execution.request.pair import built_by_foreign, made_pair, pair_of
 from calibench.bench.execution.row_of import row_of
 from calibench.bench.execution.run_row import RunRow
 from calibench.bench.execution.stochastic import seeded
 from calibench.bench.gate.evaluator import Evaluator, TracePoint
+from calibench.bench.gate.guard.foreign_code import is_foreign
 from calibench.bench.gate.guard.private_class import private_evaluator
 from calibench.bench.gate.time_limit import STALL_LIMIT, run_here, run_watched
 from calibench.bench.provenance.run_id import seed_sequence
-from calibench.core.one_thread import one_thread
-from calibench.core.seeds import global_generators
+from calibench.core.one_thread import hold_new, one_thread
+from calibench.core.own_state import Kept, kept
+from calibench.core.seeds import begin_generators, global_generators
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_BUILDING = seed_sequence("building", repetition=0)
 
 
 @final
@@ -57,11 +61,12 @@ class Spec:
 
     def execute(self, *, inner: int = 1, replay: ReplayFolder | None = None) -> Run:
         """Build problem and optimiser and run them; neither `inner` nor `replay` changes what the run is."""
-        pair = made_pair(self.problem, self.problem_options, self.optimizer, self.optimizer_options)
-        asked = read_asked(
-            pair, self.budget, self.repetition, start=self.start, target=self.target, time_limit=self.time_limit
-        )
-        return _run(asked, self.time_limit, inner, replay)
+        with one_thread(), _own_state(built_by_foreign(self.problem, self.optimizer)) as state:
+            pair = made_pair(self.problem, self.problem_options, self.optimizer, self.optimizer_options)
+            asked = read_asked(
+                pair, self.budget, self.repetition, start=self.start, target=self.target, time_limit=self.time_limit
+            )
+            return _run(asked, self.time_limit, inner, replay, state)
 
 
 @final
@@ -163,17 +168,37 @@ def execute(
     is ended after a minute without an evaluation.
     `inner` processes evaluate the batches of a method that has them; `replay` is where a run with costly evaluations
     writes its values down and, after a kill, goes on from (docs/costly.md).
+    What a class that is not this package's sets in the process (working folder, ``np.seterr``, warnings) is put back at
+    the end, and named in the row's ``process_changes``.
     Raises `ValueError` for a request that makes no sense; a run that has begun never raises, its row tells.
     """
-    pair = pair_of(problem, optimizer, problem_name, optimizer_name)
-    asked = read_asked(pair, budget, seed, start=start, target=target, time_limit=time_limit)
-    return _run(asked, time_limit, inner, replay)
+    foreign = [type(part).__module__ for part in (problem, optimizer) if is_foreign(part)]
+    with one_thread(), _own_state(foreign) as state:
+        pair = pair_of(problem, optimizer, problem_name, optimizer_name)
+        asked = read_asked(pair, budget, seed, start=start, target=target, time_limit=time_limit)
+        return _run(asked, time_limit, inner, replay, state)
 
 
-@one_thread()
-def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolder | None) -> Run:
-    """Make the run that is asked for."""
+@contextmanager
+def _own_state(foreign: Sequence[str]) -> Iterator[Kept | None]:
+    """Keep what the code of the `foreign` modules does in this process from later runs; ours changes nothing.
+
+    It begins with the same generators of `random` and ``np.random`` in every process.
+    """
+    if not foreign:
+        yield None
+        return
+    with kept(*foreign) as state, global_generators(_BUILDING):
+        yield state
+
+
+def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolder | None, state: Kept | None) -> Run:
+    """Make the run that is asked for; `state` is that of the process before, where foreign code takes part."""
     pair, repetition = asked.pair, asked.repetition
+    if state is not None:
+        hold_new()
+        shared = seed_sequence(pair.problem_word, pair.optimizer_word, "shared", repetition=repetition)
+        begin_generators(shared)  # our code draws from rng alone
     problem, optimizer = pair.problem, pair.optimizer
     check_inner(problem, optimizer, inner)
     check_replay(problem, replay)
@@ -193,9 +218,6 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
     )
     made_in = around(gate, searched, asked.run_id, pair.code, inner=inner, replay=replay, time_limit=time_limit)
     rng = np.random.default_rng(seed_sequence(pair.problem_word, pair.optimizer_word, repetition=repetition))
-    if pair.foreign_optimizer:  # ours draw from rng alone
-        shared = seed_sequence(pair.problem_word, pair.optimizer_word, "shared", repetition=repetition)
-        made_in = _within(made_in, global_generators(shared))
     began = datetime.now(UTC)
     with followed(asked, gate) as goes_on:
         if broken is not None:
@@ -210,10 +232,5 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
     ending = with_an_answer(gate, ending)
     judge = judged_apart if watched and pair.foreign_problem else answer_of
     answer, ending = judge(pair, gate.best_x, ending, repetition, time_limit)
-    return Run(row_of(asked, gate, answer, ending, began), tuple(gate.trace))
-
-
-@contextmanager
-def _within(outer: AbstractContextManager[Any], inner: AbstractContextManager[Any]) -> Iterator[None]:
-    with outer, inner:
-        yield
+    process_changes = [] if state is None else state.put_back()
+    return Run(row_of(asked, gate, answer, ending, began, process_changes), tuple(gate.trace))

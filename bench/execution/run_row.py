@@ -117,6 +117,9 @@ class RunRow:
     non_finite_slopes: Annotated[
         int | None, Says("cost", "entries of Jacobians that were not finite, and read as 0", added=True)
     ]
+    process_changes: Annotated[
+        list[str] | None, Says("ending", "what the run changed in its process, and was put back", added=True)
+    ]
 
 
 @final

@@ -29,6 +29,7 @@ from calibench.bench.gate.guard.foreign_code import held, is_foreign
 from calibench.bench.gate.processes.child_messages import Receiver, Sender
 from calibench.bench.gate.processes.forked_worker import CAN_FORK, forked
 from calibench.bench.gate.processes.process_group import exit_of
+from calibench.core import own_state
 from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself
@@ -130,12 +131,14 @@ def run_watched(
         gate.adopt()
         mirror.deadline = perf_counter() + allowed
         try:
-            broken = first() or run_here(optimizer, gate, rng, problem, begin, around)
+            ending, changes = own_state.with_changes(
+                lambda: first() or run_here(optimizer, gate, rng, problem, begin, around)
+            )
         except KeyboardInterrupt as stop:  # by the user's code: the terminal's is for the parent
             theirs.send(KeyboardInterrupt(text_of(stop)))
             return
         sys.stdout.flush()  # what the run has printed; the answer ends this process
-        theirs.send((gate.state(), broken))
+        theirs.send((gate.state(), ending, changes))
 
     if not CAN_FORK:
         return first() or _told(run_here(optimizer, gate, rng, problem, begin, around), gate)
@@ -153,8 +156,9 @@ def run_watched(
     if isinstance(answer, KeyboardInterrupt):
         raise answer
     if answer is not None:
-        state, ending = answer
+        state, ending, changes = answer
         gate.restore(state)
+        own_state.note(changes)
         return _told(ending, gate)
     gate.restore(mirror.read())
     earlier_wall, earlier_cpu = mirror.earlier

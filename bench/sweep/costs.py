@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench import problems
+from calibench.bench.execution.request.pair import foreign_modules
 from calibench.bench.execution.stochastic import is_stochastic, seeded
 from calibench.bench.gate.processes.child_messages import Receiver, Sender
 from calibench.bench.gate.processes.forked_worker import CAN_FORK, forked
@@ -25,6 +26,7 @@ from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, name_of, options_of
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.priced import KINDS, key_of_costs
+from calibench.core.own_state import kept
 
 if TYPE_CHECKING:
     from calibench.bench.execution.run import Spec
@@ -80,7 +82,8 @@ def seconds_a_call(
     unknown = []
     for key, spec in {problem_of(spec): spec for spec in specs}.items():
         try:
-            problem: Any = problems.make(spec.problem, **spec.problem_options)
+            with kept(*foreign_modules(problems.registry, spec.problem)):
+                problem: Any = problems.make(spec.problem, **spec.problem_options)
             names[key] = name_of(problem), canonical(options_of(problem)), getattr(problem, "data_id", "")
         except Exception:  # it cannot be built here: no record fits, and the child will find no cost either
             names[key] = "", "", ""
@@ -171,10 +174,11 @@ def _here(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record 
     """Yield the costs of each problem, measured in this process; None of one that is known or cannot be made."""
     for spec in specs:
         try:
-            problem, record = _begun(spec, done)
-            if record is not None:
-                record |= costs_of(problem, seconds=_share(specs))
-                record |= unlike(problem, record)
+            with kept(*foreign_modules(problems.registry, spec.problem)):
+                problem, record = _begun(spec, done)
+                if record is not None:
+                    record |= costs_of(problem, seconds=_share(specs))
+                    record |= unlike(problem, record)
             yield record
         except Exception:  # the rows of its runs will have the error
             yield None
@@ -198,12 +202,13 @@ def _in_a_child(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[R
     def work(theirs: Sender) -> None:
         for spec in specs:
             try:
-                problem, record = _begun(spec, done)
-                if record is not None:
-                    theirs.send(record)
-                    known = costs_of(problem, lambda kind, took: theirs.send({kind: took}), _share(specs))
-                    theirs.send(known)
-                    theirs.send(unlike(problem, known))
+                with kept(*foreign_modules(problems.registry, spec.problem)):
+                    problem, record = _begun(spec, done)
+                    if record is not None:
+                        theirs.send(record)
+                        known = costs_of(problem, lambda kind, took: theirs.send({kind: took}), _share(specs))
+                        theirs.send(known)
+                        theirs.send(unlike(problem, known))
             except Exception:  # the rows of its runs will have the error
                 pass
             theirs.send(None)

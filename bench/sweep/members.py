@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from json import dumps
 from typing import Any, final
 
+from calibench.bench.execution.request.pair import foreign_modules
 from calibench.bench.execution.request.probe import probe
 from calibench.bench.gate.processes.forked_worker import Lost
 from calibench.bench.gate.time_limit import text_of
@@ -39,6 +40,7 @@ from calibench.bench.sweep.words.plain_words import PlainOverride
 from calibench.bench.sweep.words.values import RequestError
 from calibench.core.annotated import as_typed
 from calibench.core.options import shown, suggest
+from calibench.core.own_state import kept
 from calibench.core.registry import UnknownName, beside, suggest_or_own
 
 _SHOWN = 8  # names of a long list where none was given
@@ -167,7 +169,9 @@ def _member(kind: str, name: str, chosen: dict[str, Any], globbed: bool) -> Memb
     if lost is not None:
         return _unbuilt(kind, name, chosen, globbed, lost)
     try:
-        built = registry.make(name, **chosen)
+        place = registry.place(name)  # found in any working folder
+        with kept(*foreign_modules(registry, place)):
+            built = registry.make(place, **chosen)
         key = key_of_problem(built, told) if kind == "problem" else key_of_optimizer(built, told)
     except ValueError:
         raise

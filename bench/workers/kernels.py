@@ -25,6 +25,7 @@ from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical
 from calibench.core.compilation.compiled import seen, unseen
 from calibench.core.compilation.compiler import load_compiler
+from calibench.core.own_state import kept
 from calibench.core.registry import Registry
 from calibench.core.sources import file_of, is_ours
 
@@ -34,8 +35,14 @@ Part = tuple[Registry[Any], str, Mapping[str, Any]]
 def load_kernels(specs: Iterable[Spec], fork: bool = True) -> None:
     """Load what the runs `specs` need of our own problems and methods; of a user's nothing: it may end a process.
 
-    What was never compiled is first compiled in as many processes as there are cores, if this one may `fork`.
+    What was never compiled is first compiled in as many processes as there are cores, if this one may `fork`. What the
+    libraries set in the process as they are loaded is put back: a user's run must not see which of ours are beside it.
     """
+    with kept():
+        _load(specs, fork)
+
+
+def _load(specs: Iterable[Spec], fork: bool) -> None:
     parts: dict[str, Part] = {}
     beside: dict[str, list[str]] = {}  # problem -> the optimisers that run on it
     for spec in specs:

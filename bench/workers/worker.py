@@ -11,9 +11,8 @@ from typing import final
 
 from calibench.bench.execution.costly import forget_replay
 from calibench.bench.execution.run import Run
-from calibench.bench.workers import limits
 from calibench.bench.workers.packs import Pack
-from calibench.core import user_file
+from calibench.core import own_state, user_file
 
 _TOLD_EVERY = 0.05  # seconds
 FOR_EVER = 1e9  # seconds: a time limit that only asks for a process of its own
@@ -33,7 +32,7 @@ def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list
     """Execute the runs of a pack in order; `keep` each, which took so many seconds, and `tell` of those that were kept.
 
     Short ones are told of together. A run that a worker was lost with is executed in a process of its own, which tells
-    what ends it. Returns False where no further run may be done in this process (`bench.workers.limits`): it is to end
+    what ends it. Returns False where no further run may be done in this process (`core.own_state`): it is to end
     at once, and the last run that was kept has not been told of, so that nobody gives it a pack meanwhile.
     """
     replay = pack.how.replay
@@ -41,7 +40,6 @@ def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list
         replay = None  # this machine does not share the folder
     ended: list[Notice] = []
     told_at = perf_counter()
-    before = limits.limits()
     with user_file.as_loaded():
         for job in pack.jobs:
             spec = replace(job.spec, time_limit=job.spec.time_limit or FOR_EVER) if pack.alone else job.spec
@@ -52,7 +50,7 @@ def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list
             if replay is not None:
                 forget_replay(replay.folder, job.run_id)
             ended.append(Notice(run.run_id, run.record.status, now - began))
-            if not limits.put_back(before):
+            if own_state.lasting():
                 tell(ended[:-1])
                 return False
             if now - told_at > _TOLD_EVERY or job is pack.jobs[-1]:

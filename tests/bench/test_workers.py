@@ -22,9 +22,9 @@ from calibench.bench.execution.request.asked import read_asked
 from calibench.bench.execution.request.pair import made_pair
 from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.workers import limits
 from calibench.bench.workers.packs import Job, Packs
 from calibench.bench.workers.pool import run_in_pool
+from calibench.core import own_state
 from tests.processes import alive, descendants, wait_for
 from tests.same_rows import rows
 
@@ -216,7 +216,7 @@ def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatc
 
 
 def test_a_worker_that_can_do_no_more_after_each_run_loses_none(tmp_path, monkeypatch):
-    monkeypatch.setattr(limits, "put_back", lambda before: False)
+    monkeypatch.setattr(own_state, "lasting", lambda: ["resource limits"])
     store = ResultStore(tmp_path / "left")
     store.open()
     specs = [Spec("sensor_zero", {}, "nlopt_GN_ESCH", {}, 10, repetition) for repetition in range(6)]

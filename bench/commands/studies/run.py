@@ -117,6 +117,7 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
             print(f"{counted(cells, 'cell')}{some}; the report has all")
         _print_not_finite(mine)
         _print_outside(mine)
+        _print_process_changes(mine)
     if way == "keep" and outcome.stale.other:
         print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
     lost = set(outcome.asked).difference(mine["run_id"].to_pylist())
@@ -194,6 +195,20 @@ def _print_outside(rows: pa.Table) -> None:
         print(
             f"{name} tried in {counted(count, 'run')} what no method may: {tampering}; the counts are true all the same"
         )
+
+
+def _print_process_changes(rows: pa.Table) -> None:
+    """Print what runs changed in their process, and of which methods and problems they were."""
+    changed = Counter[str]()
+    names = zip(*(rows[name].to_pylist() for name in ("problem", "optimizer", "process_changes")), strict=True)
+    for problem, optimizer, changes in names:
+        if changes:
+            changed[f"{', '.join(changes)} by {optimizer} on {problem}"] += 1
+    if changed:
+        told = [name for name, _ in changed.most_common(_REASONS)]
+        more = f"; and {len(changed) - len(told)} more (column process_changes)" if len(changed) > len(told) else ""
+        runs = counted(changed.total(), "run")
+        print(f"{runs} changed the state of the process, which was put back: {'; '.join(told)}{more}")
 
 
 def _asked_for(runs: pa.Table, outcome: Outcome) -> pa.Table:

@@ -14,6 +14,7 @@ from time import monotonic
 from typing import Any, final
 
 from calibench.bench.gate.guard.wall import walled
+from calibench.core.process_state import OWN_THREAD
 
 _IDLE = 10.0  # seconds for which the thread waits for something to look at
 
@@ -42,7 +43,7 @@ class _Pulse:
             self._looks[key] = (due, every, look)
             if not self._alive:
                 self._alive = True
-                threading.Thread(target=walled(self._beat), name="pulse", daemon=True).start()
+                threading.Thread(target=walled(self._beat), name=f"{OWN_THREAD}pulse", daemon=True).start()
             elif due < self._wakes:
                 self._change.notify()
         return key

@@ -17,7 +17,7 @@ from calibench import optimizers, problems
 from calibench.bench.execution.request.checks import check_pair
 from calibench.bench.execution.request.own_problem import group_of, minimum_of, unit_of
 from calibench.bench.execution.stochastic import is_stochastic
-from calibench.bench.gate.guard.foreign_code import is_foreign
+from calibench.bench.gate.guard.foreign_code import is_foreign, is_foreign_module
 from calibench.bench.provenance.code_digest import Library, code_digest, library_of
 from calibench.bench.provenance.run_id import (
     canonical,
@@ -27,6 +27,7 @@ from calibench.bench.provenance.run_id import (
     name_of,
     options_of,
 )
+from calibench.core.registry import Registry
 from calibench.problems.base import Array, Parameter, coordinates_of, parameters_of
 
 _MADE: dict[str, Pair] = {}
@@ -96,15 +97,32 @@ def pair_of(problem: Any, optimizer: Any, problem_name: str | None = None, optim
     )  # fmt: skip
 
 
+def foreign_modules(registry: Registry[Any], name: str) -> list[str]:
+    """Return the module, loaded, that builds the entry `name`, where it is not ours."""
+    factory = registry.factory(name)
+    module = getattr(factory, "func", factory).__module__
+    return [module] if is_foreign_module(module) else []
+
+
+def built_by_foreign(problem: str, optimizer: str) -> list[str]:
+    """Return the modules that build these two, of those that are not ours."""
+    return foreign_modules(problems.registry, problem) + foreign_modules(optimizers.registry, optimizer)
+
+
 def made_pair(
     problem: str, problem_options: Mapping[str, Any], optimizer: str, optimizer_options: Mapping[str, Any]
 ) -> Pair:
-    """Return the pair of these names and options; where both classes are ours, the one that was made before."""
+    """Return the pair of these names and options; where all its code is ours, the one that was made before."""
     key = repr((problem, sorted(problem_options.items()), optimizer, sorted(optimizer_options.items())))
     if key in _MADE:
         return _MADE[key]
     pair = pair_of(problems.make(problem, **problem_options), optimizers.make(optimizer, **optimizer_options))
-    if not (pair.foreign_problem or pair.foreign_optimizer or is_stochastic(pair.problem)):
+    if not (
+        pair.foreign_problem
+        or pair.foreign_optimizer
+        or is_stochastic(pair.problem)
+        or built_by_foreign(problem, optimizer)
+    ):
         if len(_MADE) >= _MOST:
             _MADE.clear()
         _MADE[key] = pair

@@ -47,7 +47,12 @@ _WATCHED = (
 
 def is_foreign(thing: Any) -> bool:
     """Tell whether the class of a problem or optimiser is not this package's."""
-    file = getattr(sys.modules.get(type(thing).__module__), "__file__", None)
+    return is_foreign_module(type(thing).__module__)
+
+
+def is_foreign_module(name: str) -> bool:
+    """Tell whether the module of this name is not this package's."""
+    file = getattr(sys.modules.get(name), "__file__", None)
     return not isinstance(file, str) or not _is_ours(file)
 
 

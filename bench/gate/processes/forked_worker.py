@@ -20,6 +20,7 @@ from typing import Any, TypeVar, final
 from calibench.bench.gate.frames import frames_of, text_of
 from calibench.bench.gate.processes.child_messages import Receiver, Sender
 from calibench.bench.gate.processes.process_group import become_worker, end_family, end_own_children, exit_of, prepare
+from calibench.core.process_state import OWN_THREAD
 
 T = TypeVar("T")
 CAN_FORK = "fork" in multiprocessing.get_all_start_methods()
@@ -106,7 +107,7 @@ def _in_child(work: Work, theirs: int, ours: int, parent_pipe: int, held: int, p
     become_worker(parent)
     os.close(ours)
     os.close(held)
-    threading.Thread(target=_follow, args=(parent_pipe,), daemon=True).start()
+    threading.Thread(target=_follow, name=f"{OWN_THREAD}follow", args=(parent_pipe,), daemon=True).start()
     code = 0
     try:
         work(Sender(theirs))

@@ -21,6 +21,7 @@ from typing import Any, final
 
 from calibench.bench.gate.costly.told_error import ToldError
 from calibench.bench.gate.processes.process_group import become_worker, end_family, end_own_children, exit_of, prepare
+from calibench.core.process_state import OWN_THREAD
 
 _LOOK = 0.5  # seconds after which a silent process is looked at: is it alive?
 Job = Any
@@ -187,7 +188,7 @@ def _live(
         os.close(held)
         for other in others:
             other.close()
-        threading.Thread(target=_follow, args=(parent_pipe,), daemon=True).start()
+        threading.Thread(target=_follow, name=f"{OWN_THREAD}follow", args=(parent_pipe,), daemon=True).start()
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # what this process has for them is not for us
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         _serve(work, ours)

@@ -60,6 +60,9 @@ def _ended(row: Mapping[str, Any]) -> list[str]:
         f"cost       {row['evaluations']} evaluations, {_whole(row['jacobian_evaluations'])} Jacobians: "
         f"{row['charged']} charged of {_whole(row['budget'])}{seconds}",
     ]
+    changes = row.get("process_changes")
+    if changes is not None and len(changes):
+        lines.append(f"process    {', '.join(changes)}: changed by the run, put back after it")
     if _is_told(row["restarts"]) and row["restarts"]:
         lines.append(f"restarts   {_whole(row['restarts'])}")
     if _is_told(row["non_finite"]) and row["non_finite"]:

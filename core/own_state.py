@@ -1,0 +1,310 @@
+"""What a run of foreign code sets in its process is its own: read before, put back after, and named for its row.
+
+A run of a user's class is made within ``kept()``. What still differs after the attempt to put it back, such as a thread
+that goes on, is `lasting`: the process should make no further run.
+
+What the *import* of a module sets comes once in a process. Yet it belongs to each run whose code imports that module,
+and to no other, or rows would depend on who came first. So it is taken off as soon as a user's file is loaded
+(`loaded_apart`), and put on in each run of its classes; and where a run comes to an ``import`` of a module that was
+loaded before, what the first import of that module set is set again. What an installed package sets as it is imported
+acts likewise and is not named: SciPy adds a filter of warnings. What our own code imports leaves no trace.
+``importlib.import_module`` within a run is not seen: what that sets is that run's.
+"""
+
+from __future__ import annotations
+
+import builtins
+import importlib.util
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar, final
+
+from calibench.core.process_state import KINDS, SLOW
+from calibench.core.sources import is_local
+
+T = TypeVar("T")
+_OURS = __name__.partition(".")[0]
+_State = dict[int, Any]  # number of a kind -> its value
+_Change = dict[int, tuple[Any, Any]]  # number of a kind -> what it was, and what it became
+_LASTING: list[tuple[int, Any]] = []  # number of a kind -> what it should be
+_IMPORT: list[Callable[..., ModuleType]] = []  # Python's own, while ours stands in its place
+
+
+@final
+@dataclass(frozen=True)
+class _Import:
+    """What the import of a module sets: first what the `packages` do that it imports, then what it does itself."""
+
+    packages: tuple[str, ...]
+    change: _Change
+    is_installed: bool
+
+
+_BY_IMPORT: dict[str, _Import] = {}  # of the modules whose import sets something
+
+
+@final
+class Kept:
+    """The state of the process as a run, or the import of a module, began; and what it has changed since."""
+
+    def __init__(self, first: int = 0) -> None:
+        self._before: _State = {number: KINDS[number].read() for number in range(first, len(KINDS))}
+        self._expected = dict(self._before)  # with what installed packages have set
+        self._process = os.getpid()
+        self._names: set[str] = set()
+        self._is_over = False
+        self.packages: list[str] = []
+        self.acted: set[str] = set()  # modules
+
+    @property
+    def names(self) -> list[str]:
+        """Return the names of what was found to be changed, in the order of the table."""
+        return [kind.name for kind in KINDS if kind.name in self._names]
+
+    def look(self) -> list[str]:
+        """Return the names of what has been changed since the beginning."""
+        self.note(KINDS[number].name for number in self.own_change())
+        return self.names
+
+    def note(self, names: Iterable[str]) -> None:
+        """Take over what was found to be changed in the child process that made a part of the run."""
+        self._names.update(names)
+
+    def put_back(self) -> list[str]:
+        """Put all back as it was, once, and return the names of what was changed since the beginning."""
+        if not self._is_over:
+            self._is_over = True
+            now = self._read()
+            self.note(KINDS[number].name for number in _change(self._expected, now))
+            change = _change(self._before, now)
+            self.undo(change)
+            for number, (was, _) in change.items():
+                if os.getpid() == self._process and not _is(number, was):
+                    _LASTING.append((number, was))
+        return self.names
+
+    def change(self) -> _Change:
+        """Return all that is otherwise than it was."""
+        return _change(self._before, self._read())
+
+    def own_change(self) -> _Change:
+        """Return it without what installed packages have set as they were imported."""
+        return _change(self._expected, self._read())
+
+    def undo(self, change: _Change) -> None:
+        """Put back what has changed."""
+        for number, (was, _) in change.items():
+            _put(number, was)
+
+    def _read(self) -> _State:
+        return {number: KINDS[number].read() for number in self._before}
+
+    def expect(self, package: str, change: _Change) -> None:
+        """Take what the import of an installed package sets as what should be."""
+        self.packages.append(package)
+        for number, (before, after) in change.items():
+            if number in self._expected:
+                self._expected[number] = KINDS[number].merged(before, after, self._expected[number])
+
+
+_UNDER_WAY: list[Kept] = []  # runs and imports, the innermost last
+
+
+@contextmanager
+def kept(*modules: str) -> Iterator[Kept]:
+    """Keep what is done in the block from all that comes after it; the imports of `modules` act in it.
+
+    >>> import decimal
+    >>> with kept() as state:
+    ...     decimal.getcontext().prec = 3
+    >>> state.names, decimal.getcontext().prec
+    (['decimal context'], 28)
+    """
+    run = Kept()
+    _UNDER_WAY.append(run)
+    try:
+        with _imports_seen():
+            for module in dict.fromkeys(modules):
+                _act(module)
+            yield run
+    finally:
+        _UNDER_WAY.remove(run)
+        run.put_back()
+
+
+def with_changes(work: Callable[[], T]) -> tuple[T, list[str]]:
+    """Return what `work` returns, and the names of what it has changed: of a part of a run, made by a child process."""
+    if not _UNDER_WAY:
+        return work(), []
+    part = Kept()
+    _UNDER_WAY.append(part)
+    return work(), part.look()
+
+
+def note(names: Iterable[str]) -> None:
+    """Note for the innermost run under way what its child process has changed."""
+    if _UNDER_WAY:
+        _UNDER_WAY[-1].note(names)
+
+
+def lasting() -> list[str]:
+    """Return the names of what runs of this process have changed and nothing could put back."""
+    _LASTING[:] = [(number, was) for number, was in _LASTING if not _is(number, was)]
+    return sorted({KINDS[number].name for number, _ in _LASTING})
+
+
+def loaded_apart(load: Callable[[], T], module: str = "") -> T:
+    """Return what `load` returns, with what the import sets taken off and kept for the runs of `module`.
+
+    Where that is not said, `load` returns the module.
+    """
+    loaded = set(sys.modules)
+    with _imports_seen(), _alone(Kept()) as this:
+        found = load()
+        name: str = module or found.__name__  # type: ignore[attr-defined]
+        if name not in loaded:  # no run has come to its import before
+            _remember([name], _Import(tuple(this.packages), this.own_change(), is_installed=False))
+        return found
+
+
+@contextmanager
+def _alone(this: Kept) -> Iterator[Kept]:
+    """Undo at the end of the block what it has changed, with no effect for the runs under way."""
+    others = _UNDER_WAY[:]
+    _UNDER_WAY[:] = [this]
+    try:
+        yield this
+    finally:
+        _UNDER_WAY[:] = others
+        this.undo(this.change())
+
+
+def _change(before: _State, now: _State) -> _Change:
+    return {number: (was, now[number]) for number, was in before.items() if not KINDS[number].same(was, now[number])}
+
+
+def _is(number: int, value: Any) -> bool:
+    return KINDS[number].same(value, KINDS[number].read())
+
+
+def _put(number: int, value: Any) -> None:
+    with suppress(Exception):  # what differs still is looked at
+        KINDS[number].put(value)
+
+
+def _remember(modules: Iterable[str], what: _Import) -> None:
+    for module in modules:
+        if what.change or what.packages:
+            _BY_IMPORT[module] = what
+        else:
+            _BY_IMPORT.pop(module, None)
+
+
+def _act(module: str) -> None:
+    """Set what the import of `module` sets, once a run."""
+    if not _UNDER_WAY or module in _UNDER_WAY[-1].acted or module not in _BY_IMPORT:
+        return
+    _UNDER_WAY[-1].acted.add(module)
+    what = _BY_IMPORT[module]
+    for package in what.packages:
+        _act(package)
+    for number, (before, after) in what.change.items():
+        _put(number, KINDS[number].merged(before, after, KINDS[number].read()))
+    if what.is_installed:
+        for one in _UNDER_WAY:
+            one.expect(module, what.change)
+
+
+@contextmanager
+def _imports_seen() -> Iterator[None]:
+    """See each ``import`` of the block: what it sets is remembered, and set again by the next of the same module."""
+    if _IMPORT:
+        yield
+        return
+    _IMPORT.append(builtins.__import__)
+    builtins.__import__ = _import
+    try:
+        yield
+    finally:
+        builtins.__import__ = _IMPORT.pop()
+
+
+def _import(
+    name: str,
+    globals: Mapping[str, object] | None = None,
+    locals: Mapping[str, object] | None = None,
+    fromlist: Sequence[str] | None = (),
+    level: int = 0,
+) -> ModuleType:
+    original = _IMPORT[0] if _IMPORT else importlib.__import__
+    by_ours = globals is not None and str(globals.get("__name__")).partition(".")[0] == _OURS
+    whole = _whole_name(name, globals, level)
+    if _is_loaded(whole, fromlist or ()):
+        if _BY_IMPORT and not by_ours:
+            for module in _asked(whole, fromlist or ()):
+                _act(module)
+        return original(name, globals, locals, fromlist, level)
+    loaded, this = set(sys.modules), Kept(SLOW)
+    if by_ours:
+        with _alone(this):
+            try:
+                return original(name, globals, locals, fromlist, level)
+            finally:
+                _ended(this, whole, _asked(whole, fromlist or ()), loaded)
+    _UNDER_WAY.append(this)
+    try:
+        return original(name, globals, locals, fromlist, level)
+    finally:
+        _UNDER_WAY.remove(this)
+        _ended(this, whole, _asked(whole, fromlist or ()), loaded)
+
+
+def _ended(this: Kept, whole: str, asked: Iterable[str], loaded: set[str]) -> None:
+    """Remember what an import, which has ended, has set."""
+    new = [module for module in asked if module in sys.modules and module not in loaded]
+    installed = not _is_users(getattr(sys.modules.get(whole), "__file__", None))
+    change = this.change() if installed else this.own_change()
+    _remember(new, _Import(() if installed else tuple(this.packages), change, installed))
+    if installed and change:
+        for one in _UNDER_WAY:
+            one.expect(whole, change)
+
+
+@cache
+def _is_users(file: str | None) -> bool:
+    return file is not None and is_local(Path(file).resolve())
+
+
+def _asked(whole: str, names: Sequence[str]) -> list[str]:
+    """Return the modules that an import asks for: a module's packages, itself, and what may be its parts.
+
+    >>> _asked("a.b", ["c"])
+    ['a', 'a.b', 'a.b.c']
+    """
+    parts = whole.split(".")
+    return [".".join(parts[: end + 1]) for end in range(len(parts))] + [f"{whole}.{name}" for name in names]
+
+
+def _is_loaded(module: str, names: Sequence[str]) -> bool:
+    """Tell whether ``from module import names`` loads nothing; a package that loads its parts when asked may do so."""
+    if module not in sys.modules:
+        return False
+    known = vars(sys.modules[module])
+    return all(name in known or name == "*" or f"{module}.{name}" in sys.modules for name in names)
+
+
+def _whole_name(name: str, where: Mapping[str, object] | None, level: int) -> str:
+    if not level:
+        return name
+    known = where or {}
+    package = known.get("__package__") or str(known.get("__name__", "")).rpartition(".")[0]
+    try:
+        return importlib.util.resolve_name("." * level + name, str(package))
+    except ImportError:  # Python says so itself
+        return name
