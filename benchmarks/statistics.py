@@ -14,6 +14,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
+from calibench.bench.statistics.comparison.best import LEVEL, Method, Side, rivals_of
+from calibench.bench.statistics.comparison.score import order_of
 from calibench.bench.statistics.comparison.two_methods import two_methods
 from calibench.bench.statistics.comparison.two_studies import verdicts
 from calibench.bench.statistics.fixed_target.ert_interval import RESAMPLES, ert_interval, weights
@@ -33,12 +35,14 @@ def main(arguments: Sequence[str]) -> None:
     """Measure coverage and false positives, print every batch and what they come to."""
     parser = argparse.ArgumentParser(prog="benchmarks statistics", description=__doc__)
     parser.add_argument("--studies", type=int, default=1000, help="studies a batch")
-    parser.add_argument("--only", choices=("coverage", "false-positives"), help="one of both; else both")
+    parser.add_argument("--only", choices=("coverage", "false-positives", "best"), help="one of them; else all")
     chosen = parser.parse_args(arguments)
-    if chosen.only != "false-positives":
+    if chosen.only in (None, "coverage"):
         tell_coverage(pd.DataFrame(coverage(chosen.studies)))
-    if chosen.only != "coverage":
+    if chosen.only in (None, "false-positives"):
         list(false_positives(chosen.studies))
+    if chosen.only in (None, "best"):
+        list(best_of_many(chosen.studies))
 
 
 def coverage(studies: int) -> Iterator[dict[str, Any]]:
@@ -150,3 +154,90 @@ def _scores(rng: np.random.Generator, n: int, target: bool, ties: bool) -> Array
     costs = rng.integers(10, 20 if ties else 10**6, size=n)
     reached = rng.random(n) < 2 / 3
     return np.column_stack([np.where(reached, costs, np.inf), np.where(reached, 0.0, values)])
+
+
+def best_of_many(studies: int, settings: Sequence[int] | None = None) -> Iterator[tuple[str, float, float, float]]:
+    """Yield of each setting how often the best is called better than one that it is not, and than all, and by how many.
+
+    Costs are lognormal, the medians of the methods stand `apart` times each other; every second method has no chance in
+    it, its cost is its median. Beside it the rule of all pairs: each p-value times the pairs of methods and the tasks.
+    """
+    for number in range(len(_MANY)) if settings is None else settings:
+        methods, tasks, seeds, apart, fixed, start = _MANY[number]
+        seed = SEED + 20_000 + number
+        title = f"{methods} methods ({fixed} without chance), {tasks} problems, {seeds} seeds, {start} start, x {apart}"
+        print(f"seed {seed}: {title}", end=": ", flush=True)
+        rng = np.random.default_rng(seed)
+        false = decided = old_false = old_decided = 0
+        share = old_share = 0.0
+        for _ in range(studies):
+            study = [_sides(rng, methods, seeds, apart, fixed, start) for _ in range(tasks)]
+            names = list(study[0])
+            standing = np.mean([_medians(sides) for sides in study], axis=0)
+            order = [names[i] for i in np.argsort(standing, kind="stable")]
+            first = order[0]
+            worse = {
+                rival.method for rival in rivals_of(study, pd.DataFrame(), first, order[1:]) if rival.verdict == "worse"
+            }
+            by_pairs = {rival for rival in order[1:] if _by_all_pairs(study, first, rival)}
+            not_better = {name for name in names if apart == 1.0 or int(name[0]) < int(first[0])}
+            false += bool(worse & not_better)
+            old_false += bool(by_pairs & not_better)
+            decided += len(worse) == methods - 1
+            old_decided += len(by_pairs) == methods - 1
+            share += len(worse) / (methods - 1) / studies
+            old_share += len(by_pairs) / (methods - 1) / studies
+        print(
+            f"false 'better' in {false / studies:.3f} of {studies} studies (all pairs {old_false / studies:.3f}); "
+            f"better than all in {decided / studies:.3f} ({old_decided / studies:.3f}), than {share:.3f} of the others "
+            f"({old_share:.3f})",
+            flush=True,
+        )
+        yield title, false / studies, decided / studies, share
+
+
+def _sides(
+    rng: np.random.Generator, methods: int, seeds: int, apart: float, fixed: int, start: str
+) -> dict[Method, Side]:
+    """Return drawn costs to a goal as the sides of one task; the first `fixed` of every second method are medians."""
+    own = rng.normal(0, 0.5, seeds) if start == "random" else np.zeros(seeds)  # of each start, shared by all methods
+    found = {}
+    for i in range(methods):
+        chance = not (i % 2 == 1 and i // 2 < fixed)
+        middle = 1000.0 * apart**i
+        costs = middle * np.exp(own + rng.normal(0, 0.6, seeds)) if chance else np.array([middle])
+        costs = np.rint(costs)
+        found[str(i), "{}"] = Side(
+            scores=np.column_stack([costs, np.zeros(len(costs))]),
+            repetitions=tuple(range(len(costs))),
+            chance=chance,
+            shared=start == "random",
+            paid=costs,
+            won=np.ones(len(costs)),
+        )
+    return found
+
+
+def _medians(sides: dict[Method, Side]) -> Array:
+    medians = np.array([np.median(side.paid) for side in sides.values()])
+    return order_of(np.column_stack([medians, np.zeros(len(medians))]))
+
+
+def _by_all_pairs(study: Sequence[dict[Method, Side]], first: Method, rival: Method) -> bool:
+    """Tell what the rule of all pairs says: surely better on one task at least, surely worse on none."""
+    methods = len(study[0])
+    signs = []
+    for sides in study:
+        a, b = sides[first], sides[rival]
+        found = two_methods(a.scores, b.scores, a.repetitions == b.repetitions, a.chance or b.chance)
+        sure = found.test == "fact" or found.p * methods * (methods - 1) / 2 * len(study) <= LEVEL
+        signs.append(-found.ahead if sure else 0)
+    return max(signs) > 0 and min(signs) >= 0
+
+
+_MANY = (
+    (2, 1, 15, 1.0, 0, "nominal"), (2, 1, 15, 1.0, 1, "nominal"), (6, 1, 15, 1.0, 0, "nominal"),
+    (6, 3, 10, 1.0, 2, "nominal"), (6, 3, 10, 1.0, 0, "random"), (20, 2, 15, 1.0, 6, "nominal"),
+    (6, 1, 15, 1.3, 2, "nominal"), (6, 3, 10, 1.3, 2, "nominal"), (6, 3, 10, 1.3, 0, "random"),
+    (6, 1, 15, 2.5, 2, "nominal"), (20, 2, 15, 1.5, 6, "nominal"), (20, 1, 5, 2.0, 6, "nominal"),
+)  # methods, problems, seeds, how many times the cost of the one before, methods without chance, start  # fmt: skip

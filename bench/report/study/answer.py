@@ -1,35 +1,29 @@
-"""The answer of a study in three sentences: which method is best, how sure that is, and what was compared.
+"""The answer of a study in three sentences: which method is best, how sure that is and by how much, what was compared.
 
-The best over all tasks is who reaches the goal in most runs, then who stands first in the mean (`ranking.methods`). It
-is called better than another where a test of their runs says so on one problem at least, and the opposite on none;
-from `_MANY` problems on the problems themselves are the pairs, and the repetitions say nothing more. As the best is
-chosen by the same runs that are tested, each p-value is multiplied by the number of all pairs of methods and problems.
+The best over all tasks is who reaches the goal in most runs, then who stands first in the mean (`ranking.methods`);
+only a method that was run on every task can be it. Against each other one it is compared on the tasks that both have
+(`bench.statistics.comparison.best`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, final
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from calibench.bench.report.study.lost import lost_of
-from calibench.bench.statistics.cells import METHOD, PROBLEM, TASK
+from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.comparison import ranking
-from calibench.bench.statistics.comparison.score import scores
-from calibench.bench.statistics.comparison.two_methods import two_methods
-from calibench.bench.statistics.summary import goals_of, has_chance, outside_box, success_interval
+from calibench.bench.statistics.comparison.best import MANY, Method, Rival, against_each
+from calibench.bench.statistics.lowest_seen import COLUMN
+from calibench.bench.statistics.summary import outside_box, success_interval
 from calibench.core.counted import counted
 
-LEVEL = 0.05
-_MANY = 10  # problems from which on they, not the repetitions, are what is drawn at random
 _NAMED = 4  # methods named one by one
 _FEW = 2  # methods that were run on fewer problems that are named
-Array = NDArray[np.float64]
-Method = tuple[str, str]  # an optimiser and its options
 Verdict = Literal["decided", "undecided", "alone"]
 
 
@@ -44,57 +38,126 @@ class Answer:
     compared: str
 
 
-def answer(runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series) -> Answer:
+def answer(
+    runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series, remaining: Mapping[int, int] | None = None
+) -> Answer:
     """Return the answer of these runs; `cells` is their summary, `names` what each run's method is called.
 
-    Where budgets differ, it is the answer at the largest; published runs tell none, and are answered where there are no
-    others.
+    `remaining` counts the runs that are planned and not done, by budget. The answer is at the largest budget at which
+    none is, or where there is no such budget, at the largest of all, and then it decides nothing. Published runs
+    tell no budget, and are answered where there are no others.
     """
     compared = _compared(runs)
-    most = runs["budget"].max()
-    told = not pd.isna(most)
+    remaining = {budget: count for budget, count in (remaining or {}).items() if count}
+    budgets = sorted(set(runs["budget"].dropna()))
+    finished = [budget for budget in budgets if budget not in remaining]
+    most = (finished or budgets)[-1] if budgets else np.nan
+    cut = remaining.get(int(most), 0) if budgets else 0
+    told = bool(budgets)
     runs, cells = (table[(table["budget"] == most) if told else table["budget"].isna()] for table in (runs, cells))
     within = f"Within {_spaced(most)} evaluations a run" if told else "Of published runs, which tell no budget"
     called = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
-    order = [tuple(pair) for pair in ranking.methods(cells)[METHOD].itertuples(index=False)]
-    first, rivals = order[0], order[1:]
-    best = _best(cells, called, first, within) + _outside(runs, first)
-    if not rivals:
+    order = _order(cells)
+    first, others = order[0], order[1:]
+    goal = "the lowest value seen (to rounding)" if _is_lowest_seen(runs) else "the goal"
+    best = _best(cells, called, first, within, goal) + _outside(runs, first)
+    if cut:
+        done = len(runs)
+        share = f"{_spaced(done)} of {_spaced(done + cut)} planned runs are done"
+        return Answer("undecided", best, f"The sweep is not finished ({share}): nothing is decided yet.", compared)
+    if not others:
         return Answer("alone", best, "There is one method: nothing is compared with it.", compared)
     if not np.isfinite(cells["best_median"]).any() and not cells["reached"].sum():
         return Answer(
             "undecided", best, "No method found a value in most of its runs: they are not compared.", compared
         )
-    wins, losses, tasks = _against(runs, cells, first, rivals)
-    shared = _shared(cells, first)
-    better = [pair for pair in rivals if wins[pair] and not losses[pair]]
-    open_ = [called[pair] for pair in rivals if pair not in better]
-    test = (
-        f"signed-rank tests over the {shared} problems"
-        if tasks >= _MANY
-        else f"rank tests of the runs on {'each of ' if shared > 1 else ''}{counted(shared, 'problem')}"
-    )
-    more = ", corrected for all pairs of methods, 5 % level"
-    if not open_:
-        sure = f"It is better than {'the other method' if len(rivals) == 1 else f'each of the {len(rivals)} others'}: "
-        return Answer("decided", best, f"{sure}{test}{more}.", compared)
-    few = [pair for pair in rivals if losses[pair]]
-    why = (
-        f"{_listed([called[pair] for pair in few])} {'is' if len(few) == 1 else 'are'} better on some problems"
-        if few
-        else _too_few(runs, len(order), tasks) or "the runs are too few or too alike to tell"
-    )
-    sure = (
-        f"Whether it is the best is undecided: it is not told apart from {_listed(open_)} ({why}); "
-        f"it is better than {len(better)} of {counted(len(rivals), 'other method')} ({test}{more})."
-    )
-    return Answer("undecided", best, sure, compared)
+    rivals = against_each(runs, cells, first, others)
+    verdict, sure = _sure(rivals, called)
+    return Answer(verdict, best, sure, compared)
 
 
-def _shared(cells: pd.DataFrame, first: Method) -> int:
-    """Return on how many problems the best method and any other were run."""
-    own = (cells["optimizer"] == first[0]) & (cells["optimizer_options"] == first[1])
-    return len(cells.loc[own, TASK].drop_duplicates().merge(cells.loc[~own, TASK].drop_duplicates(), on=TASK))
+def _is_lowest_seen(runs: pd.DataFrame) -> bool:
+    """Tell whether every goal of these runs is that of `bench.statistics.lowest_seen`."""
+    return COLUMN in runs and bool(runs[COLUMN].all())
+
+
+def _order(cells: pd.DataFrame) -> list[Method]:
+    """Return the methods, best first; those that were not run on every task stand behind those that were."""
+    ranked = ranking.methods(cells)
+    whole = ranked.loc[ranked["tasks"] == ranked["of_tasks"], METHOD]
+    among = ranking.methods(cells.merge(whole, on=METHOD)) if len(whole) else ranked
+    listed = [tuple(pair) for table in (among, ranked) for pair in table[METHOD].itertuples(index=False)]
+    return list(dict.fromkeys(listed))
+
+
+def _sure(rivals: Sequence[Rival], called: Mapping[Method, str]) -> tuple[Literal["decided", "undecided"], str]:
+    """Return the verdict on the best method, and the sentence on it."""
+    worse = [rival for rival in rivals if rival.verdict == "worse"]
+    somewhere = [called[rival.method] for rival in rivals if rival.verdict == "better somewhere"]
+    apart = [called[rival.method] for rival in rivals if rival.verdict == "not compared"]
+    open_ = [called[rival.method] for rival in rivals if rival.verdict == "open"]
+    how = _how(rivals)
+    if len(worse) == len(rivals):
+        others = "the other method" if len(rivals) == 1 else f"each of the {len(rivals)} others"
+        return "decided", f"It is better than {others} ({how}).{_lead(rivals, called)}"
+    reasons = [f"{_listed(open_)} {'is' if len(open_) == 1 else 'are'} not told apart from it"] if open_ else []
+    reasons += (
+        [f"{_listed(somewhere)} {'is' if len(somewhere) == 1 else 'are'} better on some problem"] if somewhere else []
+    )
+    reasons += [f"{_listed(apart)} {'shares' if len(apart) == 1 else 'share'} no problem with it"] if apart else []
+    enough = max((rival.enough for rival in rivals if rival.verdict == "open"), default=0)
+    what = "problems" if max(rival.tasks for rival in rivals) >= MANY else "seeds"
+    more = f" So few runs cannot decide, whatever they hold: it takes {enough} {what} or more." if enough else ""
+    better = f"It is better than {len(worse)} of {counted(len(rivals), 'other method')}; " if worse else ""
+    told = "; ".join(reasons)
+    return "undecided", (
+        f"{better}{told if better else told[:1].upper() + told[1:]} ({how}).{more}{_lead(rivals, called)}"
+    )
+
+
+def _how(rivals: Sequence[Rival]) -> str:
+    """Return how the best was compared: by tests, or by facts alone."""
+    tested = sum(rival.chance for rival in rivals)
+    if not tested:
+        return "no chance has a part in these runs: what differs, differs"
+    tasks = max(rival.tasks for rival in rivals)
+    test = f"signed-rank tests over {tasks} problems" if tasks >= MANY else "exact tests of the runs"
+    facts = len(rivals) - tested
+    beside = f", {facts} of them by facts without chance" if facts else ""
+    return f"{test}{beside}, corrected for {counted(tested, 'comparison')} and for choosing the best, 5 % level"
+
+
+def _lead(rivals: Sequence[Rival], called: Mapping[Method, str]) -> str:
+    """Return a sentence on how much the next method is behind, where both reach goals."""
+    known = [rival for rival in rivals if rival.ratio.tasks]
+    if not known:
+        return ""
+    next_ = known[0]
+    ratio = next_.ratio
+    interval = f" (95 % interval {_times(ratio.low)} to {_times(ratio.high)})" if ratio.high > ratio.low else ""
+    pooled = f", pooled over {ratio.tasks} problems" if ratio.tasks > 1 else ""
+    never = f", and never reaches the goal of {counted(ratio.never, 'other problem')}" if ratio.never else ""
+    return (
+        f" The next, {called[next_.method]}, needs {_times(ratio.value)} times the evaluations to the goal{interval}"
+        f"{pooled}{never}."
+    )
+
+
+def _times(value: float) -> str:
+    """Return a ratio as text.
+
+    >>> [_times(value) for value in (0.123, 1.0, 2.345, 17.2, 12345.0, float("inf"))]
+    ['0.12', '1.0', '2.3', '17', '12345', 'any number']
+    """
+    return (
+        "any number"
+        if value == np.inf
+        else f"{value:.2f}"
+        if value < 1
+        else f"{value:.1f}"
+        if value < 10
+        else f"{value:.0f}"
+    )
 
 
 def _better_on_fewer(every: pd.DataFrame, called: dict[Method, str], problems: int, share: float) -> str:
@@ -119,7 +182,7 @@ def _outside(runs: pd.DataFrame, first: Method) -> str:
     return f" {_spaced(outside)} of its {counted(len(mine), 'answer')} {lie} outside the box." if outside else ""
 
 
-def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within: str) -> str:
+def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within: str, aim: str) -> str:
     mine = cells[(cells["optimizer"] == first[0]) & (cells["optimizer_options"] == first[1])]
     known = mine[mine["goal"].notna()]
     every = cells[cells["goal"].notna()]
@@ -147,93 +210,10 @@ def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within:
     soonest = f", after {_spaced(float(cost.median()))} evaluations (median over the problems)" if len(cost) else ""
     interval = f"; 95 % interval {_percent(low)} to {_percent(high)}" if known["success_low"].notna().any() else ""
     return (
-        f"{within}, {called[first]} reaches the goal most: in {_spaced(won)} of {counted(total, 'run')} "
+        f"{within}, {called[first]} reaches {aim} most: in {_spaced(won)} of {counted(total, 'run')} "
         f"({_percent(won / total)}{interval}) on "
         f"{counted(problems, 'problem')}{soonest}.{_better_on_fewer(every, called, problems, won / total)}"
     )
-
-
-def _against(
-    runs: pd.DataFrame, cells: pd.DataFrame, first: Method, rivals: list[Method]
-) -> tuple[dict[Method, int], dict[Method, int], int]:
-    """Return of each rival on how many problems `first` is surely better, and surely worse, and the number of these."""
-    wins, losses = dict.fromkeys(rivals, 0), dict.fromkeys(rivals, 0)
-    pairs = (len(rivals) + 1) * len(rivals) // 2
-    tasks = len(cells[TASK].drop_duplicates())
-    if tasks >= _MANY:
-        table = cells.assign(place=ranking.places(cells))
-        place = table.pivot_table(index=TASK, columns=METHOD, values="place", dropna=False, observed=True)
-        for rival in rivals:
-            both = place[[first, rival]].dropna().to_numpy(dtype=float)
-            ours, theirs = (np.column_stack([side, np.zeros(len(both))]) for side in both.T)
-            told = _sign(ours, theirs, True, True, pairs)
-            wins[rival] += told > 0
-            losses[rival] += told < 0
-        return wins, losses, tasks
-    for sides in _tasks(runs):
-        if first not in sides:
-            continue
-        for rival in rivals:
-            if rival in sides:
-                told = _told_apart(sides[first], sides[rival], pairs * tasks)
-                wins[rival] += told > 0
-                losses[rival] += told < 0
-    return wins, losses, tasks
-
-
-def _too_few(runs: pd.DataFrame, methods: int, tasks: int) -> str:
-    """Return how many pairs a decision takes, where so few cannot bring one, whatever they hold; else an empty text."""
-    each = runs.groupby([*TASK[:-1], *METHOD], dropna=False)["repetition"].nunique()
-    many, times = tasks >= _MANY, methods * (methods - 1) // 2 * (1 if tasks >= _MANY else tasks)
-    if not many and each.min() != each.max():
-        return ""  # not all are pairs
-    found, needed = tasks if many else int(each.max()), 1
-    while 2.0 ** (1 - needed) * times > LEVEL:  # the least p of a signed-rank test of so many pairs
-        needed += 1
-    if found >= needed:
-        return ""
-    where = "" if many else f" on {counted(tasks, 'problem')}"
-    return (
-        f"{counted(found, 'problem' if many else 'seed')} cannot tell {methods} methods apart{where}, whatever they "
-        f"hold; it takes {needed} or more"
-    )
-
-
-def _told_apart(ours: _Side, theirs: _Side, times: int) -> int:
-    paired = ours.repetitions == theirs.repetitions and len(set(ours.repetitions)) == len(ours.repetitions)
-    return _sign(ours.scores, theirs.scores, paired, ours.chance or theirs.chance, times)
-
-
-def _sign(ours: Array, theirs: Array, paired: bool, chance: bool, times: int) -> int:
-    """Return 1 where the first scores, shape (n, 2), are surely better, -1 where worse, else 0."""
-    if min(len(ours), len(theirs)) < 2 and chance:
-        return 0  # one run gives no interval
-    found = two_methods(ours, theirs, paired, chance)
-    if found.test != "fact" and not found.p * times <= LEVEL:  # a p of NaN tells nothing either
-        return 0
-    return -found.ahead
-
-
-@final
-@dataclass(frozen=True)
-class _Side:
-    """The runs of one method on one task, by repetition: those of the same number share data and start."""
-
-    scores: Array
-    repetitions: list[int]
-    chance: bool
-
-
-def _tasks(runs: pd.DataFrame) -> Iterator[dict[Method, _Side]]:
-    """Yield the methods on each task."""
-    ordered = runs.assign(goal=goals_of(runs)).sort_values("repetition", kind="stable").reset_index(drop=True)
-    every = scores(ordered)
-    told = ordered.drop(columns=["targets", "hits", "hits_charged"], errors="ignore")  # lists are slow to slice
-    for _, task in told.groupby(TASK, sort=False, dropna=False):
-        yield {
-            (str(pair[0]), str(pair[1])): _Side(every[mine.index], mine["repetition"].tolist(), has_chance(mine))
-            for pair, mine in task.groupby(METHOD, sort=False)
-        }
 
 
 def _compared(runs: pd.DataFrame) -> str:

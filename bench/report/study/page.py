@@ -34,6 +34,7 @@ from calibench.bench.report.study.html_tables import number
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.comparison.many_methods import Ranked
+from calibench.bench.statistics.lowest_seen import COLUMN, with_lowest_seen
 from calibench.bench.statistics.names.labels import in_order, method_labels
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.priced import key_of_costs, priced
@@ -105,6 +106,8 @@ class StudyPage:
         groups = problems_of(self.runs.drop(columns=_UNTOLD, errors="ignore"))
         money = bool(priced(self.runs, self._costs).notna().any())
         cells = stats.summary(self.runs, self._costs) if self.summary.empty else self.summary
+        judged = with_lowest_seen(self.runs, self.traces)
+        first = answer(judged, stats.summary(judged) if judged[COLUMN].any() else cells, names)
         panels = [
             Panel(title, error, anchor(title), mine, optimum_of(mine))
             for title, group in groups.items()
@@ -129,7 +132,7 @@ class StudyPage:
             numbers=as_json(explored(panels, self.traces, self.hits, cells, name)),
             head=study_summary.headline(
                 self.runs, len(groups), self.manifest.get("planned", {}), self._in_other_shards(),
-                self.about, answer(self.runs, cells, names), condition=not self.identifiability.empty, money=money,
+                self.about, first, condition=not self.identifiability.empty, money=money,
             ),
             contents=study_summary.contents(panels, names, cells),
             links=self._links(),

@@ -3,8 +3,8 @@
 Pairs (the same repetition of the same problem: the same data and start) are tested by Wilcoxon's signed-rank test on
 the differences of their ranks among all runs of both: where nothing differs, a pair may be exchanged, which only turns
 the sign of its difference. Runs without partners are tested by Mann and Whitney's test. Both look at the order of runs
-alone (`score`). The p-values are exact, ties and all, of up to 60 pairs, and of runs without partners where SciPy has
-an exact way; else they are by SciPy's normal approximation with its correction for ties.
+alone (`score`). The p-values are exact, ties and all, of up to 60 pairs and of up to 80 runs without partners; beyond
+they are by SciPy's normal approximation with its correction for ties.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from calibench.bench.statistics.comparison.score import order_of
 
 Array = NDArray[np.float64]
 _MOST_PAIRS = 60  # whose exchanges are all counted
-_EXACT = 5000  # exchanges of unpaired runs that are gone through one by one
+_MOST_RUNS = 80  # of both sides, whose exchanges are all counted
 Test = Literal["signed-rank", "Mann-Whitney", "equal", "fact", "none"]
 
 
@@ -67,36 +67,60 @@ def two_methods(first: Array, second: Array, paired: bool, chance: bool = True) 
     ranks = order_of(np.concatenate([first, second]))
     if paired:
         difference = ranks[n:] - ranks[:n]
-        p, way = _signed_rank(difference)
-        ahead = ahead if ahead == -way else 0  # a higher rank is behind
+        above, below = signed_rank_tails(difference)
+        ahead = ahead if ahead == int(np.sign(above - below)) else 0  # a higher rank is behind
+        p = min(1.0, 2 * min(above, below))
         return Tested("signed-rank", (n, m), pairs, p, min(1.0, 2.0 ** (1 - n)), _sign(difference), effect, ahead)
     least = min(1.0, 2.0 / comb(n + m, n))
-    return Tested("Mann-Whitney", (n, m), 0, _mann_whitney(ranks[:n], ranks[n:]), least, nothing, effect, ahead)
+    p = min(1.0, 2 * min(rank_sum_tails(ranks[:n], ranks[n:])))
+    return Tested("Mann-Whitney", (n, m), 0, p, least, nothing, effect, ahead)
 
 
-def _signed_rank(difference: Array) -> tuple[float, int]:
-    """Return the two-sided p of Wilcoxon's signed-rank test, shape (n,), and the sign to which the differences lean.
+def signed_rank_tails(difference: Array) -> tuple[float, float]:
+    """Return the one-sided p of Wilcoxon's signed-rank test that differences, shape (n,), are above 0, and below.
 
-    Pairs that are alike are left out.
-
-    SciPy's exact distribution is for differences without ties, and those of ranks are full of them. Twice the sum of
-    the ranks that are above 0 is a sum of independent whole numbers, each there or not: its distribution is a product
-    of polynomials.
+    Pairs that are alike are left out. SciPy's exact distribution is for differences without ties, and those of ranks
+    are full of them. Twice the sum of the ranks that are above 0 is a sum of independent whole numbers, each there or
+    not: its distribution is a product of polynomials.
     """
     from scipy.stats import rankdata, wilcoxon
 
     apart = difference[difference != 0]
     if not apart.size:
-        return 1.0, 0
+        return 1.0, 1.0
+    if len(apart) > _MOST_PAIRS:
+        above, below = (wilcoxon(apart, method="approx", alternative=way).pvalue for way in ("greater", "less"))
+        return float(above), float(below)
     twice = np.rint(2 * rankdata(np.abs(apart))).astype(int)
     seen, whole = int(twice[apart > 0].sum()), int(twice.sum())
-    way = int(np.sign(2 * seen - whole))
-    if len(apart) > _MOST_PAIRS:
-        return float(wilcoxon(apart, method="approx").pvalue), way
     ways = np.ones(1)
     for rank in twice.tolist():
         ways = np.convolve(ways, np.concatenate([[0.5], np.zeros(rank - 1), [0.5]]))
-    return float(min(1.0, 2 * ways[: min(seen, whole - seen) + 1].sum())), way
+    return float(ways[: whole - seen + 1].sum()), float(ways[: seen + 1].sum())
+
+
+def rank_sum_tails(first: Array, second: Array) -> tuple[float, float]:
+    """Return the one-sided p of Wilcoxon, Mann and Whitney's test that the ranks `first` are below `second`, and above.
+
+    Shapes (n,) and (m,). Up to `_MOST_RUNS` runs in all every exchange is counted, ties and all: the number of ways to
+    choose k of the ranks with sum s, rank by rank. Beyond, SciPy's normal approximation.
+    """
+    from scipy.stats import mannwhitneyu, rankdata
+
+    n = len(first)
+    both = np.concatenate([first, second])
+    if len(np.unique(both)) == 1:
+        return 1.0, 1.0
+    if len(both) > _MOST_RUNS:
+        below, above = (mannwhitneyu(first, second, alternative=way).pvalue for way in ("less", "greater"))
+        return float(below), float(above)
+    twice = np.rint(2 * rankdata(both)).astype(int)
+    ways = np.zeros((n + 1, int(np.sort(twice)[-n:].sum()) + 1))
+    ways[0, 0] = 1.0
+    for rank in twice.tolist():
+        ways[1:, rank:] += ways[:-1, : ways.shape[1] - rank].copy()
+    share, seen = ways[n] / ways[n].sum(), int(twice[:n].sum())
+    return float(share[: seen + 1].sum()), float(share[seen:].sum())
 
 
 def _sign(difference: Array) -> float:
@@ -105,22 +129,3 @@ def _sign(difference: Array) -> float:
 
     apart = difference[difference != 0]
     return float(binomtest(int((apart > 0).sum()), len(apart)).pvalue) if apart.size else 1.0
-
-
-def _mann_whitney(first: Array, second: Array) -> float:
-    """Return the two-sided p of Mann and Whitney's test."""
-    from scipy.stats import PermutationMethod, mannwhitneyu
-
-    n, m = len(first), len(second)
-    if len(np.unique(np.concatenate([first, second]))) == 1:
-        return 1.0
-    if min(n, m) == 1:  # SciPy refuses one run: each of all runs is as likely to be that one
-        alone, whole = (first[0] if n == 1 else second[0]), np.concatenate([first, second])
-        return float(min(1.0, 2 * min((whole <= alone).mean(), (whole >= alone).mean())))
-    if comb(n + m, n) <= _EXACT:
-        found = mannwhitneyu(first, second, method=PermutationMethod(n_resamples=_EXACT))
-    elif len(np.unique(np.concatenate([first, second]))) == n + m and max(n, m) <= 20:
-        found = mannwhitneyu(first, second, method="exact")
-    else:
-        found = mannwhitneyu(first, second, method="asymptotic")
-    return float(found.pvalue)
