@@ -8,10 +8,10 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from calibench._checkout import one_module
+from calibench.core.lazy import loader, public_names
 
 if TYPE_CHECKING:
     from calibench.bench.discovery.schema import report_schema
@@ -28,26 +28,21 @@ __all__ = [
 ]  # fmt: skip
 
 _HOMES = {
-    "BudgetExhausted": "calibench.bench.gate.evaluator",
-    "Evaluator": "calibench.bench.gate.evaluator",
-    "ReplayFolder": "calibench.bench.execution.costly",
-    "ResultStore": "calibench.bench.store.runs",
-    "Run": "calibench.bench.execution.run",
-    "Spec": "calibench.bench.execution.run",
-    "execute": "calibench.bench.execution.run",
-    "forget_replay": "calibench.bench.execution.costly",
-    "publishing": "calibench.bench.execution.in_progress.progress",
-    "read_measured": "calibench.bench.measured",
-    "report_schema": "calibench.bench.discovery.schema",
-    "write_measured": "calibench.bench.measured",
+    "BudgetExhausted": "gate.evaluator",
+    "Evaluator": "gate.evaluator",
+    "ReplayFolder": "execution.costly",
+    "ResultStore": "store.runs",
+    "Run": "execution.run",
+    "Spec": "execution.run",
+    "execute": "execution.run",
+    "forget_replay": "execution.costly",
+    "publishing": "execution.in_progress.progress",
+    "read_measured": "measured",
+    "report_schema": "discovery.schema",
+    "write_measured": "measured",
 }
 
 
-def __getattr__(name: str) -> Any:
-    """Load a public name when it is first asked for: ``bench list`` must not wait for Arrow."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'bench' has no attribute {name!r}")
-    return getattr(import_module(_HOMES[name]), name)
-
-
+__getattr__ = loader("calibench.bench", _HOMES)  # `bench list` must not wait for Arrow
+__dir__ = public_names(__all__)
 one_module(__name__)

@@ -22,9 +22,9 @@ ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "docs" / "images" / "rooms.svg"
 PAGE = ROOT / "docs" / "architecture.md"
 BEGIN, END = "<!-- made by python -m benchmarks.architecture -->", "<!-- end of what is made -->"
-PACKAGES = ("testing", "bench", "discrepancy", "problems", "optimizers", "core")
+PACKAGES = ("plot", "testing", "bench", "discrepancy", "problems", "optimizers", "core")
 _WIDE, _HIGH, _GAP, _DROP = 122, 30, 16, 34  # of a box, and between boxes and rows, in px
-_COLOURS = ("#f2e6ff", "#e3eefc", "#e4f5e9", "#fff3d6", "#fdeae4", "#eeeeee")
+_COLOURS = ("#fbe3ef", "#f2e6ff", "#e3eefc", "#e4f5e9", "#fff3d6", "#fdeae4", "#eeeeee")
 Imports = dict[str, tuple[str, ...]]
 
 
@@ -196,7 +196,7 @@ def files_listed() -> str:
         for folder in sorted({path.parent for path in every}):
             lines = "\n".join(f"- `{path.name}`: {_told(path)}" for path in sorted(every) if path.parent == folder)
             shown = folder.relative_to(ROOT)
-            shown = shown if top.name == "testing" or top.parent == ROOT else shown.relative_to("calibench")
+            shown = shown if top.name in ("plot", "testing") or top.parent == ROOT else shown.relative_to("calibench")
             own = folder / "__init__.py"
             what = f": {_first_sentence(own)}" if own.exists() else ""
             head = f'<details markdown="1"><summary><code>{shown}/</code>{_as_html(what)}</summary>'

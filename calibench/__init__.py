@@ -12,13 +12,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from calibench import bench, discrepancy, optimizers, problems, testing
+    from calibench import bench, discrepancy, optimizers, plot, problems, testing
     from calibench.bench.discovery.from_python import discover
     from calibench.bench.execution.run import execute
     from calibench.bench.store.runs import ResultStore
     from calibench.bench.sweep.from_python import sweep
 
-__all__ = ["ResultStore", "bench", "discover", "discrepancy", "execute", "optimizers", "problems", "sweep", "testing"]
+__all__ = [
+    "ResultStore",
+    "bench",
+    "discover",
+    "discrepancy",
+    "execute",
+    "optimizers",
+    "plot",
+    "problems",
+    "sweep",
+    "testing",
+]
 
 _HOMES = {
     "ResultStore": "calibench.bench.store.runs",
@@ -42,4 +53,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted(__all__)

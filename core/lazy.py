@@ -1,10 +1,22 @@
-"""Public names of a package that are loaded when they are first asked for: a start pays for what it uses."""
+"""Public names of a package: loaded when they are first asked for, so that a start pays for what it uses, and listed.
+
+`dir()` of a package, and so the tab key, shows what its ``__all__`` says and no import of its own.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
 from typing import Any
+
+
+def public_names(names: Collection[str]) -> Callable[[], list[str]]:
+    """Return a ``__dir__`` for a package whose ``__all__`` is `names`.
+
+    >>> public_names(["make", "arm"])()
+    ['arm', 'make']
+    """
+    return lambda: sorted(names)
 
 
 def loader(package: str, homes: Mapping[str, str], modules: Collection[str] = ()) -> Callable[[str], Any]:

@@ -9,6 +9,7 @@ machine and an effect of one's own (`Cause` and `Linear` are their former names)
 from __future__ import annotations
 
 from calibench._checkout import one_module
+from calibench.core.lazy import public_names
 from calibench.discrepancy import machines as machines
 from calibench.discrepancy.explain import explain
 from calibench.discrepancy.model.description import Description
@@ -34,4 +35,5 @@ __all__ = [
     "Prediction", "Report", "Roles", "Sensor", "Thresholds", "describe", "explain", "needs", "number",
 ]  # fmt: skip
 
+__dir__ = public_names(__all__)
 one_module(__name__)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from math import nan
+from math import isfinite, nan
 from typing import Any, Literal, final, get_args
 
 import numpy as np
 
+from calibench.core.html_table import html_table
 from calibench.core.plain import finite
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.model.effect import Untestable
@@ -232,7 +233,7 @@ class Fitted:
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Report:
     """The verdict on one set of data.
 
@@ -299,6 +300,31 @@ class Report:
             readings = MeasuredData({name: np.atleast_1d(c) for name, c in readings.items()}, self.machine)
         with np.errstate(invalid="ignore"):  # what is not known of a row makes its prediction NaN
             return predicted_at(at.model, at.best, at.fit.covariance(), plain.best, readings, made)
+
+    def __repr__(self) -> str:
+        """Return the verdict in a line; `to_dict()` has everything."""
+        effects = "".join(f" {', '.join(finding.effect for finding in self.findings)}" if self.findings else "")
+        gap = self.gap
+        error = f"; error {gap.held_out_before:.2f}" if isfinite(gap.held_out_before) else ""
+        error += f" to {gap.held_out_after:.2f}" if error and isfinite(gap.held_out_after) else ""
+        error += f" times the noise, {gap.noise_floor:.2f} is noise alone" if error else ""
+        return f"<report of {self.case} on {self.machine}: {self.verdict}{effects}{error}>"
+
+    def _repr_html_(self) -> str:
+        """Return the verdict and the findings, as a notebook shows them."""
+        rows = [
+            (
+                f.effect,
+                a.value,
+                a.unit,
+                a.ci95[0],
+                a.ci95[1],
+                ", ".join(r.effect for r in f.set if r.effect != f.effect),
+            )
+            for f in self.findings
+            for a in (f.amplitude,)
+        ]
+        return html_table(repr(self).strip("<>"), ("effect", "size", "unit", "95 % from", "to", "or"), rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain values, as `discover --json` prints it; NaN and infinity become None."""

@@ -8,7 +8,7 @@
 from typing import TYPE_CHECKING
 
 from calibench._checkout import one_module
-from calibench.core.lazy import loader
+from calibench.core.lazy import loader, public_names
 from calibench.optimizers.base import (
     BudgetExhausted,
     Objective,
@@ -60,8 +60,5 @@ __all__ = [
 __getattr__ = loader("calibench.optimizers", {}, _MODULES)  # a start loads the optimisers that it asks for
 
 
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, *_MODULES})
-
-
+__dir__ = public_names(__all__)
 one_module(__name__)

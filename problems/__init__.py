@@ -9,7 +9,7 @@
 from typing import TYPE_CHECKING
 
 from calibench._checkout import one_module
-from calibench.core.lazy import loader
+from calibench.core.lazy import loader, public_names
 from calibench.problems.arm import arm, arm_panda, arm_ur10  # at once: a function and its module share a name
 from calibench.problems.base import Calibration, Parameter, Problem, registry
 
@@ -86,8 +86,5 @@ _MODULES = ("covariance", "delta", "fitting", "identifiability", "orthoglide", "
 __getattr__ = loader("calibench.problems", _HOMES, _MODULES)  # a start loads the problems that it asks for
 
 
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
-
-
+__dir__ = public_names(__all__)
 one_module(__name__)

@@ -13,6 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.counted import counted
+from calibench.core.html_table import html_table
+from calibench.core.options import shown
 from calibench.core.registry import Registry
 
 Array = NDArray[np.float64]
@@ -129,6 +132,18 @@ def _named(problem: Any, attribute: str, own: bool) -> tuple[Parameter, ...]:
     if twice is not None:
         raise ValueError(f"{attribute}: {twice!r} is named twice")
     return tuple(found)
+
+
+def line_of(problem: Calibration) -> str:
+    """Return a problem in a line: its name, its options and how many parameters there are."""
+    told = "".join(f" {key}={shown(value)}" for key, value in problem.options.items() if value is not None)
+    return f"<problem {problem.name}{told}: {counted(len(problem.lower), 'parameter')}>"
+
+
+def table_of(problem: Calibration) -> str:
+    """Return a problem as a notebook shows it: its line, and a table of its parameters."""
+    rows = [(p.name, p.unit, p.start, p.lower, p.upper, p.true) for p in parameters_of(problem)]
+    return html_table(line_of(problem).strip("<>"), ("parameter", "unit", "start", "lower", "upper", "true"), rows)
 
 
 registry: Registry[Problem] = Registry(kind="problem", group="calibench.problems")

@@ -23,7 +23,7 @@ from calibench.bench.calibration.judged import FOLDS, HeldOut, crossed_out, pred
 from calibench.bench.calibration.model import ArmModel, model_of
 from calibench.bench.calibration.readings import Index, Mask, Readings, joints_beside, poses_of, read_readings
 from calibench.bench.calibration.report.diff import changes_of, placement, undetermined_of
-from calibench.bench.calibration.report.parts import by_joint, by_region, drawn_of
+from calibench.bench.calibration.report.parts import by_joint, by_region, drawn_of, over_joints
 from calibench.bench.calibration.report.result import Calibration, Error, Wild
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.start import DOUBTFUL, started
@@ -88,7 +88,7 @@ def calibrate(request: CalibrateRequest) -> tuple[Calibration, Written, Readings
             len(readings), int(train.sum()), _folds_told(model, readings), chosen, levels, changes,
             undetermined_of(fit, draws), _wild(fit, model, wild, readings), by_region(drawn),
             by_joint(drawn), _frames(fit), (fit.model.sigma[0], fit.model.sigma[1]), tuple(dict.fromkeys(notes)),
-            perf_counter() - began, {}, drawn,
+            perf_counter() - began, {}, drawn, over_joints(drawn),
         ),
         written,
         readings,

@@ -29,6 +29,7 @@ from calibench.bench.gate.guard.foreign_code import is_foreign
 from calibench.bench.gate.guard.private_class import private_evaluator
 from calibench.bench.gate.time_limit import STALL_LIMIT, run_here, run_watched
 from calibench.bench.provenance.run_id import seed_sequence
+from calibench.core.html_table import html_table
 from calibench.core.one_thread import hold_new, one_thread
 from calibench.core.own_state import Kept, kept
 from calibench.core.seeds import begin_generators, global_generators
@@ -135,6 +136,13 @@ class Run:
             f"<run {told.run_id} of {told.optimizer} on {told.problem}: {told.charged} of {told.budget} charged, "
             f"best {told.best_value:.6g}{unit}, {told.status} ({told.stop_reason}){why}>"
         )
+
+    def _repr_html_(self) -> str:
+        """Return the run and its answer, as a notebook shows them."""
+        told = self.record
+        values = told.best_x or [] if told.parameter_values is None else told.parameter_values
+        names = told.parameter_names or [f"x{i}" for i in range(len(values))]
+        return html_table(repr(self).strip("<>"), ("parameter", "value"), list(zip(names, values)))
 
     @property
     def trace(self) -> pd.DataFrame:

@@ -59,6 +59,8 @@ from calibench.bench.store.manifest import StoreError, new_manifest, read_manife
 from calibench.bench.store.options import OF_OPTIONS, with_options
 from calibench.bench.store.schema import HITS_SCHEMA, PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
 from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, metadata, write_table
+from calibench.core.counted import counted
+from calibench.core.html_table import html_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,6 +68,8 @@ if TYPE_CHECKING:
 _OK = scalar_of("ok", pa.string())
 _BEGUN = {FOLDER, LOCK, SOFT_LOCK, HOLDER}  # what may stand in a folder before its manifest
 _UNDER_LOCK = ("manifest.json", RUNS, TRACES, PIECE)  # files that only who holds the lock writes
+_SHOWN = ("problem", "optimizer", "start", "budget")
+FOLDER_OF = "folder"  # the key of `attrs` under which a table of runs says where its traces are
 
 
 @final
@@ -92,6 +96,23 @@ class ResultStore:
         self._journal: tuple[int, Journal] | None = None  # of this process, which forks
         self._unseen: set[tuple[str, str]] = set()  # names and options that were warned of
 
+    def __repr__(self) -> str:
+        return f"<store {self.folder}>"
+
+    def _repr_html_(self) -> str:
+        """Return what stands in the folder, as a notebook shows it: a row for each problem and method."""
+        try:
+            found = self.runs([*_SHOWN, "status", "charged", "best_value"], options=True)
+        except StoreError as error:
+            return html_table(str(error), (), ())
+        names = [str(name) for name in found if name not in ("status", "charged", "best_value")]
+        rows: list[list[object]] = []
+        for _, mine in found.groupby(names, sort=False, dropna=False):
+            lost = int((mine["status"] != "ok").sum())
+            rows.append([*mine[names].iloc[0], len(mine), lost, mine["charged"].median(), mine["best_value"].median()])
+        title = f"store {self.folder}: {counted(len(found), 'finished run')}"
+        return html_table(title, (*names, "runs", "failed", "charged, median", "best, median"), rows)
+
     @property
     def is_begun(self) -> bool:
         """Tell whether the folder has a manifest: else nothing was planned there, or it holds other things."""
@@ -114,6 +135,7 @@ class ResultStore:
         read = [*asked, *(name for name in OF_OPTIONS if name not in asked)] if asked is not None and options else asked
         found = to_pandas(self.rows(read))
         found = offered(found) if columns is None else found
+        found.attrs[FOLDER_OF] = str(self.folder.resolve())
         if not options:
             return found
         told = with_options(found)

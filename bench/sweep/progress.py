@@ -1,4 +1,4 @@
-"""Progress of a sweep: a bar on a terminal, plain lines elsewhere; between them the runs that are in progress.
+"""Progress of a sweep: a bar on a terminal and in a notebook, plain lines elsewhere; with the runs in progress.
 
 A thread reads the folder of the study every few seconds, where workers, here or elsewhere, write how far long runs are
 (`bench.execution.in_progress.running`).
@@ -11,8 +11,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from html import escape
+from importlib import import_module
 from pathlib import Path
 from textwrap import shorten
+from typing import Any
 
 from calibench.bench.execution.in_progress.running import Running, read_running
 from calibench.bench.sweep.carry_out import Report
@@ -23,12 +26,19 @@ from calibench.core.words import printable
 _LOOK = 2.0  # seconds between two looks at the runs in progress, for the bar
 _LOG = 10.0  # seconds between two lines of a log
 _WIDE = 120  # letters of a cell in a line of a log
+_AGAIN = 0.2  # seconds between two looks of the bar in a notebook
 _LINES = 4  # runs in progress that a log tells of at a time
 
 
 @contextmanager
 def progress(folder: Path | None = None) -> Iterator[Report]:
     """Yield a report(done, of, label) to call as runs end; of the study in `folder` runs in progress are told too."""
+    notebook = _display()
+    if notebook is not None:
+        bar_there = _NotebookBar(notebook)
+        with _looking(folder, _LOOK, bar_there.running):
+            yield bar_there.report
+        return
     if not sys.stderr.isatty():
         log = _Log()
         with _looking(folder, _LOG, log.running):
@@ -67,6 +77,49 @@ def progress(folder: Path | None = None) -> Iterator[Report]:
         hints = _Hints()
         with _looking(folder, _LOOK, running):
             yield report
+
+
+def _display() -> Callable[..., Any] | None:
+    """Return what shows an object in the notebook that this process serves; None where it serves none."""
+    python = sys.modules.get("IPython")
+    shell = None if python is None else python.get_ipython()
+    if type(shell).__name__ != "ZMQInteractiveShell":  # that of a terminal has a terminal's bar
+        return None
+    display: Callable[..., Any] = import_module("IPython.display").display
+    return display
+
+
+class _NotebookBar:
+    """A bar in the output of a cell, which stays there: HTML alone, so that no widgets are needed."""
+
+    def __init__(self, display: Callable[..., Any]) -> None:
+        self._began, self._seconds, self._shown_at = time.monotonic(), 0.0, 0.0
+        self._done, self._of, self._label = 0, 0, ""
+        self._hints, self._silent = _Hints(), list[str]()
+        self._handle = display(self, display_id=True)
+
+    def report(self, done: int, of: int, label: str) -> None:
+        self._done, self._of, self._label = done, of, label
+        if done >= of or time.monotonic() - self._shown_at > _AGAIN:
+            self._show()
+
+    def running(self, found: list[Running]) -> None:
+        self._label = found[0].line() + (f" (and {len(found) - 1} more)" if found[1:] else "")
+        self._silent += self._hints.new(found)
+        self._show()
+
+    def _show(self) -> None:
+        self._shown_at = time.monotonic()
+        self._seconds = self._shown_at - self._began
+        self._handle.update(self)
+
+    def __repr__(self) -> str:
+        return f"{self._done}/{counted(self._of, 'run')}, {self._seconds:.1f} s"
+
+    def _repr_html_(self) -> str:
+        last = "" if self._done >= self._of else f", {escape(shorten(self._label, _WIDE, placeholder=' …'))}"
+        bar = f'<progress value="{self._done}" max="{max(self._of, 1)}" style="width:20em"></progress>'
+        return "<br>".join([f"{bar} {self!r}{last}", *map(escape, self._silent)])
 
 
 class _Log:

@@ -17,6 +17,7 @@ whose first argument is what is checked. The project holds all that it ships to 
 
 from __future__ import annotations
 
+from calibench.core.lazy import public_names
 from calibench.testing.effect import EFFECT_LAWS, FAMILY_LAWS, check_effect, effect_checks
 from calibench.testing.machine import MACHINE_LAWS, check_machine, machine_checks
 from calibench.testing.optimizer import OPTIMIZER_LAWS, check_optimizer, optimizer_checks
@@ -26,3 +27,4 @@ __all__ = [
     "EFFECT_LAWS", "FAMILY_LAWS", "MACHINE_LAWS", "OPTIMIZER_LAWS", "PROBLEM_LAWS", "check_effect", "check_machine",
     "check_optimizer", "check_problem", "effect_checks", "machine_checks", "optimizer_checks", "problem_checks",
 ]  # fmt: skip
+__dir__ = public_names(__all__)

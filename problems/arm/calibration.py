@@ -19,7 +19,7 @@ from calibench.problems.arm.chains.kinematics import nominal, parameter_names
 from calibench.problems.arm.compiled.packing import constants
 from calibench.problems.arm.gauge import observability, reach
 from calibench.problems.arm.readings import GAP, Readings
-from calibench.problems.base import Array, Parameter, frozen
+from calibench.problems.base import Array, Parameter, frozen, line_of, table_of
 from calibench.problems.compiled_problem import CompiledProblem
 from calibench.problems.fitting import fit
 from calibench.problems.noise_floor import least_in_box, levels, value_of_noise
@@ -56,6 +56,9 @@ class ArmCalibration:
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance", "dh", "convention")
     typical_noise: ClassVar[float] = 0.02  # mm: a laser tracker
+
+    __repr__ = line_of
+    _repr_html_ = table_of
 
     def __post_init__(self) -> None:
         # imported here, because listing the names must not load the compiler

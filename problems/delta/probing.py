@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
-from calibench.problems.base import Array, Parameter
+from calibench.problems.base import Array, Parameter, line_of, table_of
 from calibench.problems.compiled_problem import CompiledProblem
 from calibench.problems.delta.instances import ANGLES, FINEST, WEIGHT, DeltaInstance, Machine
 from calibench.problems.delta.plans import Places, travels
@@ -47,6 +47,9 @@ class DeltaProbing:
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)
     typical_noise: ClassVar[float] = 0.02  # mm: a switch probe
+
+    __repr__ = line_of
+    _repr_html_ = table_of
 
     def __post_init__(self) -> None:
         # Here, as listing the names must not load the compiler.

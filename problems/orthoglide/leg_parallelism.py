@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, final
 import numpy as np
 
 from calibench.problems import constants
-from calibench.problems.base import Array, Parameter, frozen
+from calibench.problems.base import Array, Parameter, frozen, line_of, table_of
 from calibench.problems.compiled_problem import CompiledProblem
 from calibench.problems.fitting import fit
 from calibench.problems.noise_floor import least_in_box, levels, value_of_noise
@@ -49,6 +49,9 @@ class Orthoglide:
     side_effect_free: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)  # options that rows name only where they were chosen
+
+    __repr__ = line_of
+    _repr_html_ = table_of
 
     @property
     def typical_noise(self) -> float:

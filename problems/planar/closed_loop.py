@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from calibench.core.compilation.compiled import exact
 from calibench.problems import constants
-from calibench.problems.base import Array, Parameter, frozen
+from calibench.problems.base import Array, Parameter, frozen, line_of, table_of
 from calibench.problems.compiled_problem import CompiledProblem
 from calibench.problems.noise_floor import least_in_box, levels, value_of_noise
 from calibench.problems.planar.compiled.exact_calls import REFUSED, ExactCalls
@@ -60,6 +60,9 @@ class Planar:
     side_effect_free: ClassVar[bool] = True  # or leaves its arguments alone and returns floats: the gate need not look
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)  # options that rows name only where they were chosen
+
+    __repr__ = line_of
+    _repr_html_ = table_of
 
     def __post_init__(self) -> None:
         # Here, as listing the names must not load the compiler.

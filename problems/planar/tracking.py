@@ -23,7 +23,7 @@ from typing import Any, ClassVar, Literal, final
 import numpy as np
 
 from calibench.problems import constants
-from calibench.problems.base import Array, Parameter, frozen, registry
+from calibench.problems.base import Array, Parameter, frozen, line_of, registry, table_of
 from calibench.problems.compiled_problem import CompiledProblem
 from calibench.problems.instances import check_instance, refuse_drawn
 from calibench.problems.noise_floor import least_in_box, levels, value_of_noise
@@ -69,6 +69,9 @@ class Tracking:
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance",)  # options that rows name only where they were chosen
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
+
+    __repr__ = line_of
+    _repr_html_ = table_of
 
     def __post_init__(self) -> None:
         from calibench.problems.planar.compiled import (  # here, as listing the names must not load the compiler

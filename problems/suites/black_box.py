@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Literal, Protocol, final
 
 import numpy as np
 
-from calibench.problems.base import Array, registry
+from calibench.problems.base import Array, line_of, registry, table_of
 from calibench.problems.candidates import vector, vectors
 
 
@@ -55,6 +55,9 @@ class BlackBox:
 
     side_effect_free: ClassVar[bool] = True
     splits_batches: ClassVar[bool] = True
+
+    __repr__ = line_of
+    _repr_html_ = table_of
 
     def __call__(self, x: Array) -> float:
         """Return the value of the candidate x, shape (dim,): one call of the library."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from calibench.bench.calibration.report.page.figures import joint_chart
+from calibench.bench.calibration.report.parts import over_joints
 from calibench.bench.calibration.report.result import Drawn
 from calibench.bench.cli import main
 from calibench.bench.discovery.page.words import headline
@@ -171,13 +172,12 @@ def test_no_error_over_a_joint_is_cut_off_by_the_joints_before_it():
     rng = np.random.default_rng(0)
     joints = rng.uniform(-1, 1, (60, 2))
     before = np.where(joints[:, 1] > 0.5, 9.0, 1.0)  # what the first joint's bins average, the second's show
-    figure, table = joint_chart(
-        Drawn(joints, ("first", "second"), ("°", "mm"), np.zeros((60, 3)), before, 0.1 * before)
-    )
-    assert [axes.get_title("left") for axes in figure.axes] == ["first [°]", "second [mm]"]
-    for axes in figure.axes:
-        assert axes.get_ylim()[0] == 0
-        assert axes.get_ylim()[1] > table["before"].max()
+    drawn = Drawn(joints, ("first", "second"), ("°", "mm"), np.zeros((60, 3)), before, 0.1 * before)
+    figure, table = joint_chart(over_joints(drawn))
+    (axes,) = figure.axes
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["first\n-1 to 1 °", "second\n-1 to 1 mm"]
+    assert axes.get_ylim()[0] == 0
+    assert axes.get_ylim()[1] > table["before"].max()
 
 
 @pytest.mark.slow

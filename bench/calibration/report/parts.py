@@ -8,12 +8,13 @@ import numpy as np
 
 from calibench.bench.calibration.judged import rms
 from calibench.bench.calibration.readings import Mask
-from calibench.bench.calibration.report.result import Drawn, Part
+from calibench.bench.calibration.report.result import Drawn, OverJoint, Part
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array
 
 _FEWEST = 5  # fewest poses of a part that is reported
 _RANGES = 4
+_DRAWN = 12  # ranges of a joint in a drawing
 
 
 def by_region(drawn: Drawn) -> tuple[Part, ...]:
@@ -46,6 +47,20 @@ def by_joint(drawn: Drawn) -> tuple[Part, ...]:
             there = (values >= low) & ((values < high) | (high == edges[-1]))
             found.append(_part(f"{name} {low:.0f} to {high:.0f} {drawn.units[k]}", drawn, there))
     return tuple(part for part in found if part.poses >= _FEWEST)
+
+
+def over_joints(drawn: Drawn) -> tuple[OverJoint, ...]:
+    """Return the error over the place of each joint, in ranges of as many poses: what is drawn of it."""
+    known = np.isfinite(drawn.before) & np.isfinite(drawn.after)
+    before, after = drawn.before[known], drawn.after[known]
+    found = []
+    for name, unit, values in zip(drawn.names, drawn.units, drawn.joints[known].T):
+        for part in np.array_split(np.argsort(values, kind="stable"), min(_DRAWN, max(1, len(values) // _FEWEST))):
+            if len(part):
+                own = values[part]
+                place = (float(own.mean()), float(own.min()), float(own.max()))
+                found.append(OverJoint(name, unit, *place, rms(before[part]), rms(after[part]), len(part)))
+    return tuple(found)
 
 
 def _part(words: str, drawn: Drawn, there: Mask) -> Part:

@@ -73,6 +73,21 @@ class Part:
 
 @final
 @dataclass(frozen=True)
+class OverJoint:
+    """The error where a joint stands about `at`, between `low` and `high` [`unit`]: rms before and after [mm]."""
+
+    joint: str
+    unit: str
+    at: float
+    low: float
+    high: float
+    before: float
+    after: float
+    poses: int
+
+
+@final
+@dataclass(frozen=True)
 class Wild:
     """A wild reading, which the fit did not use: where it stands in the file, and its error [mm]."""
 
@@ -129,6 +144,7 @@ class Calibration:
     seconds: float = nan
     files: Mapping[str, str] = field(default_factory=dict)
     drawn: Drawn | None = None
+    over_joints: tuple[OverJoint, ...] = ()
 
     @property
     def before(self) -> Error:
@@ -156,5 +172,5 @@ class Calibration:
 
 _TOLD = (
     "observed", "base", "tip", "joints", "poses", "fitted", "folds", "chosen", "levels", "changes",
-    "undetermined", "wild", "regions", "by_joint", "frames", "scatter", "notes", "files", "seconds",
+    "undetermined", "wild", "regions", "by_joint", "over_joints", "frames", "scatter", "notes", "files", "seconds",
 )  # fmt: skip

@@ -13,6 +13,7 @@ from textwrap import fill
 import numpy as np
 import pandas as pd
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibench.bench.discovery.page.series import Residuals, Series, Workspace
@@ -23,6 +24,7 @@ from calibench.discrepancy.report import Gap, Place, Report
 from calibench.problems.base import Array
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
+_BEFORE_DARK, _AFTER_DARK = "#7a3500", "#003f63"  # of means among the dots of both
 _SHOWN = 10  # candidates of which a bar is drawn
 _NAME = 34  # letters in a line of a candidate's name
 _LINE = 0.155  # inches of a line of it
@@ -155,13 +157,20 @@ def residual_chart(residuals: Residuals) -> Drawing:
 
     Faint dots are the readings of largest weight; the line joins means of many readings, bars are two standard errors.
     """
-    table = pd.DataFrame(
-        {"value": residuals.values, "before": residuals.before, "after": residuals.after, "weight": residuals.weight}
-    )
-    table = table[np.isfinite(table.to_numpy()).all(axis=1) & (table["weight"] > 0).to_numpy()]
-    few = table["value"].nunique() <= _FEW
-    table = table[table["weight"] >= _KNOWING * table["weight"].quantile(0.9)]  # rows of another kind hardly know it
-    binned = _binned(table, few)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(7.2, 3.0), layout="constrained")
+        without, with_it = figure.subplots(1, 2, sharex=True, sharey=True)
+        binned = draw_residuals(without, with_it, residuals)
+        with_it.set_ylabel("")
+        for axes, title in ((without, "model without"), (with_it, "model with")):
+            axes.set_title(fill(f"{title} {residuals.effect}", 44), fontsize=9, loc="left")
+    return figure, binned
+
+
+def draw_residuals(without: Axes, with_it: Axes, residuals: Residuals) -> pd.DataFrame:
+    """Draw what is implied without the effect and with it, on two axes of one scale or on one; return the means."""
+    table = _known(residuals)
+    binned, few = means_of(residuals), _has_few(residuals)
     sure = table[table["weight"] >= table["weight"].quantile(0.25)]
     some = sure.iloc[:: max(1, len(sure) // _DOTS)]
     typical = float(1 / np.sqrt(table["weight"].median())) if len(table) else 1.0
@@ -169,58 +178,104 @@ def residual_chart(residuals: Residuals) -> Drawing:
     reach = max(3 * typical, 1.1 * float(ends.max().max()), *_far(some))
     gap = float(np.diff(np.unique(table["value"])).min()) if few and table["value"].nunique() > 1 else 1.0
     spread = gap * 0.12 * np.sin(2.4 * np.arange(len(some)))  # so that dots at one value do not hide each other
-    with rc_context(STYLE):
-        figure = Figure(figsize=(7.2, 3.0), layout="constrained")
-        panels = np.atleast_1d(figure.subplots(1, 2, sharex=True, sharey=True))
-        titles = ("model without", "model with")
-        for axes, when, title, colour in zip(panels, ("before", "after"), titles, (_BEFORE, _AFTER)):
-            axes.axhspan(-typical, typical, color="0.92", zorder=0)
-            across = some["value"] + (spread if few else 0.0)
-            many = len(some) > _VECTOR
-            axes.plot(across, some[when], ".", color=colour, ms=4, alpha=0.55, mec="none", rasterized=many)
-            for side, mark in ((1, "^"), (-1, "v")):  # what lies beyond the frame is seen to
-                beyond = side * some[when] > reach
-                edge = np.full(beyond.sum(), 0.97 * side * reach)
-                axes.plot(across[beyond], edge, mark, color=colour, ms=3.5, mec="none")
-            line = "o" if few else "-o"
-            errors = 2 * binned["standard_error"]
-            axes.errorbar(binned["value"], binned[when], errors, fmt=line, color="black", ms=3.5, lw=1.2, elinewidth=1)
-            axes.set_title(fill(f"{title} {residuals.effect}", 44), fontsize=9, loc="left")
-            axes.set_xlabel(residuals.label)
-            if few and _beside(binned["value"].to_numpy()):
-                axes.set_xticks(binned["value"])
-        panels[0].set(ylabel=residuals.error, ylim=(-reach, reach))
-    return figure, binned
+    overlaid = without is with_it
+    for axes in dict.fromkeys((without, with_it)):
+        axes.axhspan(-typical, typical, color="0.92", zorder=0)
+        axes.set(xlabel=residuals.label, ylabel=residuals.error, ylim=(-reach, reach))
+        if few and _beside(binned["value"].to_numpy()):
+            axes.set_xticks(binned["value"])
+    for axes, when, colour, edge in (
+        (without, "before", _BEFORE, _BEFORE_DARK), (with_it, "after", _AFTER, _AFTER_DARK),
+    ):  # fmt: skip
+        beside = 0.0 if not (overlaid and few) else (-0.16 if when == "before" else 0.16) * gap
+        across = some["value"] + beside + (spread if few else 0.0)
+        many = len(some) > _VECTOR
+        axes.plot(across, some[when], ".", color=colour, ms=4, alpha=0.55, mec="none", rasterized=many)
+        for side, mark in ((1, "^"), (-1, "v")):  # what lies beyond the frame is seen to
+            beyond = side * some[when] > reach
+            at = np.full(beyond.sum(), 0.97 * side * reach)
+            axes.plot(across[beyond], at, mark, color=colour, ms=3.5, mec="none")
+        mark = "s" if overlaid and when == "before" else "o"
+        errors, line = 2 * binned["standard_error"], mark if few else f"-{mark}"
+        dark = edge if overlaid else "black"
+        axes.errorbar(
+            binned["value"] + beside,
+            binned[when],
+            errors,
+            fmt=line,
+            color=dark,
+            ms=3.5,
+            lw=1.2,
+            elinewidth=1,
+            label=when,
+        )
+    return binned
+
+
+def means_of(residuals: Residuals) -> pd.DataFrame:
+    """Return the means that are drawn: value, before, after, standard_error, readings."""
+    return _binned(_known(residuals), _has_few(residuals))
+
+
+def _all_known(residuals: Residuals) -> pd.DataFrame:
+    table = pd.DataFrame(
+        {"value": residuals.values, "before": residuals.before, "after": residuals.after, "weight": residuals.weight}
+    )
+    known: pd.DataFrame = table[np.isfinite(table.to_numpy()).all(axis=1) & (table["weight"] > 0).to_numpy()]
+    return known
+
+
+def _known(residuals: Residuals) -> pd.DataFrame:
+    """Return the readings that know the quantity: rows of another kind hardly do."""
+    table = _all_known(residuals)
+    return table.loc[table["weight"] >= _KNOWING * table["weight"].quantile(0.9)]
+
+
+def _has_few(residuals: Residuals) -> bool:
+    return bool(_all_known(residuals)["value"].nunique() <= _FEW)
 
 
 def gap_chart(gap: Gap, names: tuple[str, str], noise: str = "the stated noise", floor: bool = True) -> Drawing:
     """Draw the rms error on unseen readings, by `names`, in `noise`; with `floor`, what noise alone leaves."""
+    table = gap_of(gap, names)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(4.9, 1.05 + 0.42 * len(table)), layout="constrained")
+        draw_gap(figure.subplots(), table, noise, floor)
+    return figure, table
+
+
+def gap_of(gap: Gap, names: tuple[str, str]) -> pd.DataFrame:
+    """Return the rms on unseen readings: model, rms, low, high (95 %), noise_floor; one row where nothing was added."""
     (low, high), before, after = gap.held_out_ci95, gap.held_out_before, gap.held_out_after
     added = np.isfinite(after) and after != before
     rows = [(names[0], before, np.nan, np.nan), (names[1], after, low, high)] if added else [
         ("as it is", before, low, high)
     ]  # fmt: skip
-    table = pd.DataFrame(rows, columns=["model", "rms", "low", "high"]).assign(noise_floor=gap.noise_floor)
-    with rc_context(STYLE):
-        figure = Figure(figsize=(4.9, 1.05 + 0.42 * len(table)), layout="constrained")
-        axes = figure.subplots()
-        for y, ((_, rms, left, right), colour) in enumerate(zip(rows[::-1], (_AFTER, _BEFORE)[-len(rows) :])):
-            axes.barh(y, rms, color=colour, height=0.5)
-            if np.isfinite(left):
-                axes.plot([left, right], [y, y], color="black", lw=1.6, marker="|", ms=9)
-            ends = f" ({left:.2f} to {right:.2f})" if np.isfinite(left) else ""
-            axes.annotate(f"{rms:.2f}{ends}", (max(rms, float(np.nan_to_num(right))), y), (6, 0),
-                          textcoords="offset points", va="center", fontsize=8, zorder=4,
-                          bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
-        if floor:
-            axes.axvline(gap.noise_floor, color="black", ls="--", lw=1.2)
-            axes.annotate(f"best possible {gap.noise_floor:.2f}", (gap.noise_floor, 1), (3, 2), va="bottom",
-                          xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip
-        axes.set_yticks(range(len(rows)), [fill(model, 22) for model, *_ in rows[::-1]], fontsize=8)
-        axes.set(xlabel=f"rms error on unseen readings [{noise.removeprefix('the ')}]", xlim=(0, None))
-        axes.margins(x=0.12)
-        axes.grid(axis="y", visible=False)
-    return figure, table
+    return pd.DataFrame(rows, columns=["model", "rms", "low", "high"]).assign(noise_floor=gap.noise_floor)
+
+
+def draw_gap(axes: Axes, table: pd.DataFrame, noise: str, floor: bool) -> None:
+    """Draw the bars of `gap_of`."""
+    rows = table.iloc[::-1]
+    for y, (rms, left, right, colour) in enumerate(
+        zip(rows["rms"], rows["low"], rows["high"], (_AFTER, _BEFORE)[-len(rows) :])
+    ):
+        axes.barh(y, rms, color=colour, height=0.5)
+        if np.isfinite(left):
+            axes.plot([left, right], [y, y], color="black", lw=1.6, marker="|", ms=9)
+        ends = f" ({left:.2f} to {right:.2f})" if np.isfinite(left) else ""
+        axes.annotate(f"{rms:.2f}{ends}", (max(rms, float(np.nan_to_num(right))), y), (6, 0),
+                      textcoords="offset points", va="center", fontsize=8, zorder=4,
+                      bbox={"fc": "white", "ec": "none", "pad": 0.6})  # fmt: skip
+    if floor:
+        best = float(table["noise_floor"].iloc[0])
+        axes.axvline(best, color="black", ls="--", lw=1.2)
+        axes.annotate(f"best possible {best:.2f}", (best, 1), (3, 2), va="bottom",
+                      xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)  # fmt: skip
+    axes.set_yticks(range(len(rows)), [fill(model, 22) for model in rows["model"]], fontsize=8)
+    axes.set(xlabel=f"rms error on unseen readings [{noise.removeprefix('the ')}]", xlim=(0, None))
+    axes.margins(x=0.12)
+    axes.grid(axis="y", visible=False)
 
 
 def _beside(values: Array) -> bool:

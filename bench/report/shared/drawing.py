@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any, final
 
 import pandas as pd
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
@@ -42,6 +46,62 @@ def entitle(figure: Figure, text: str) -> None:
     """Write the title over a figure, in as many lines as its width needs."""
     across = int(figure.get_figwidth() * 72 / (0.58 * _TITLE))  # letters of this size, somewhat wider than the mean one
     figure.suptitle(textwrap.fill(text, across), fontsize=_TITLE)
+
+
+def look_of(number: int) -> dict[str, Any]:
+    """Return colour and line style of the method of this number; the styles differ where the colours come again."""
+    return {
+        "color": COLOURS[number % len(COLOURS)],
+        "linestyle": DASHES[(number + number // len(COLOURS)) % len(DASHES)],
+    }
+
+
+def others(count: int) -> str:
+    """Return the name of the methods without a colour."""
+    return f"{count} other{'s' if count > 1 else ''}"
+
+
+def put_legend(figure: Figure, panels: Iterable[Axes]) -> None:
+    """Put one legend of all panels at the right of a figure of ours."""
+    handles: dict[str, Any] = {}
+    for axes in panels:
+        handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    if handles:
+        figure.legend(handles.values(), handles.keys(), loc="outside right center", fontsize=8)
+
+
+def figure_of(axes: Axes) -> Figure:
+    """Return the figure that the axes are in."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    return figure
+
+
+def explain_lines(axes: Axes, **options: Any) -> None:
+    """Put the legend of axes that were given beside them where the figure makes room by itself, else into them."""
+    beside = figure_of(axes).get_layout_engine() is not None
+    place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)} if beside else {"loc": "best"}
+    axes.legend(**{"fontsize": 7.5, "framealpha": 0.85, "frameon": not beside} | place | options)
+
+
+@final
+class _Shown(Axes):
+    """The axes of a figure of its own: what a notebook shows of them is the picture of the figure."""
+
+    def _repr_png_(self) -> bytes:
+        written = BytesIO()
+        figure_of(self).savefig(written, format="png", dpi=110)
+        return written.getvalue()
+
+
+@contextmanager
+def axes_in(ax: Axes | None, width: float, height: float, style: Any = STYLE) -> Iterator[Axes]:
+    """Yield `ax`, in the caller's style, or the axes of a new figure in ours; pyplot knows nothing of either."""
+    if ax is not None:
+        yield ax
+        return
+    with rc_context(style):
+        yield Figure(figsize=(width, height), layout="constrained").add_subplot(axes_class=_Shown)
 
 
 def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:

@@ -10,12 +10,23 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
 from calibench.bench.provenance.run_id import digest
-from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing, entitle
+from calibench.bench.report.shared.drawing import (
+    COLOURS,
+    STYLE,
+    Drawing,
+    entitle,
+    figure_of,
+    look_of,
+    others,
+    put_legend,
+)
 from calibench.bench.report.study.additions import Additions, Mark, figures_for, marks_for
 from calibench.bench.report.study.critical_difference import critical_difference
 from calibench.bench.report.study.explored.curves import bands
@@ -71,7 +82,7 @@ def drawable(
             yield f"target_{label}", partial(target_chart, group, title=title, marks=marks_for(additions, group))
     methods, tasks = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
     seen = len(runs[CELL].drop_duplicates()) <= _SEEN
-    if seen and (methods > _FIELD or (methods > 1 and tasks > _FIELD)):
+    if seen and tasks > 1 and (methods > _FIELD or (methods > 1 and tasks > _FIELD)):  # one column is a table
         yield "overview", partial(overview, runs)
     ranked = ranked_over_tasks(runs) if ranked is None else ranked
     if ranked is not None and not ranked.refused:
@@ -102,12 +113,8 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
     """
     errors = sorted(set(errors_of(runs)))
     runs = runs.assign(method=method_labels(runs))
-    methods = list(dict.fromkeys(runs["method"]))
-    named = methods
-    if len(methods) > _FIELD:  # the best are named, the others are a grey background
-        named = _best_first(runs)[: _FIELD - 2]
+    named = named_methods(runs)
     looks = looks_of(runs, named)
-    begun = set(traces["run_id"])
     numbers = []
     with rc_context(STYLE):
         room = 1.0 + 0.068 * max(map(len, named))  # of the legend's widest name
@@ -115,39 +122,62 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
         panels = np.atleast_1d(figure.subplots(1, len(errors), sharex=True))
         for axes, error in zip(panels, errors, strict=True):
             mine = runs[errors_of(runs) == error]
-            known = optimum_of(mine)
-            last = max(10.0, float(mine["charged"].max()))
-            at = np.unique(np.round(np.geomspace(1, last, 240)))
-            counts = mine["method"].value_counts()
-            below: list[NDArray[np.float64]] = []  # lower quartiles
-            found = bands(mine.assign(cell=mine["method"].map(methods.index)).reset_index(drop=True), traces, at)
-            for method in sorted(methods, key=lambda m: m in named):
-                if begun.isdisjoint(mine.loc[mine["method"] == method, "run_id"]):
-                    continue
-                band = _drawn_band(found[methods.index(method)], at, int(counts[method]), known)
-                numbers.append(band.assign(error=error, method=method))
-                if method not in named:
-                    label = f"{len(methods) - len(named)} others"
-                    axes.plot(band["charged"], band["median"], color="0.75", lw=0.7, label=label)
-                    continue
-                i = looks[method]
-                colour, dash = COLOURS[i % len(COLOURS)], DASHES[(i + i // len(COLOURS)) % len(DASHES)]
-                below.append(band["q1"][band["median"].notna()].to_numpy(dtype=float))
-                axes.fill_between(band["charged"], band["q1"], band["q3"], color=colour, alpha=0.18, linewidth=0)
-                axes.plot(band["charged"], band["median"], color=colour, linestyle=dash, label=method)
-            if known.floor:
-                axes.axhline(known.floor, color="0.35", linestyle=":", linewidth=1)
-                axes.annotate(
-                    known.floor_text, (0.02, known.floor), (0, 3), xycoords=("axes fraction", "data"),
-                    textcoords="offset points", **_NOTE,
-                )  # fmt: skip
-            _scale_axes(axes, known, below, last)
-        handles: dict[str, Any] = {}
-        for axes in panels:
-            handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-        figure.legend(handles.values(), handles.keys(), loc="outside right center", fontsize=8)
-        entitle(figure, f"{title}: {_spread_told(runs)}" if title else "")
-    return figure, pd.concat(numbers, ignore_index=True) if numbers else pd.DataFrame()
+            drawn = convergence_bands(mine, traces)
+            draw_convergence(axes, drawn, optimum_of(mine), named, looks)
+            numbers.append(drawn.assign(error=error))
+        put_legend(figure, panels)
+        entitle(figure, f"{title}: {spread_told(runs)}" if title else "")
+    return figure, pd.concat(numbers, ignore_index=True)
+
+
+def named_methods(runs: pd.DataFrame) -> list[str]:
+    """Return the methods (column `method`) that have a colour: all, or of a field the best, before a grey rest."""
+    methods = list(dict.fromkeys(runs["method"]))
+    return methods if len(methods) <= _FIELD else _best_first(runs)[: _FIELD - 2]
+
+
+def convergence_bands(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
+    """Return the band of each method (column `method`) on one problem: method, charged, q1, median, q3, runs.
+
+    Values are above f* where `optimum_of` says so. A method of whose runs no trace is there has no row.
+    """
+    known = optimum_of(runs)
+    at = np.unique(np.round(np.geomspace(1, max(10.0, float(runs["charged"].max())), 240)))
+    methods = list(dict.fromkeys(runs["method"]))
+    found = bands(runs.assign(cell=runs["method"].map(methods.index)).reset_index(drop=True), traces, at)
+    begun = set(traces["run_id"])
+    drawn = [pd.DataFrame(columns=["method", "charged", "q1", "median", "q3", "runs"])]
+    for i, method in enumerate(methods):
+        ids = runs.loc[runs["method"] == method, "run_id"]
+        if not begun.isdisjoint(ids):
+            band = _drawn_band(found[i], at, len(ids), known)
+            band.insert(0, "method", method)
+            drawn.append(band)
+    return pd.concat(drawn[1:] or drawn, ignore_index=True)
+
+
+def draw_convergence(
+    axes: Axes, drawn: pd.DataFrame, known: Optimum, named: Sequence[str], looks: Mapping[str, int]
+) -> None:
+    """Draw the bands of `convergence_bands`: those of the `named` methods in their looks, the others grey."""
+    methods = list(dict.fromkeys(drawn["method"]))
+    below: list[NDArray[np.float64]] = []  # lower quartiles
+    for method in sorted(methods, key=lambda m: m in named):
+        band = drawn[drawn["method"] == method]
+        if method not in named:
+            axes.plot(band["charged"], band["median"], color="0.75", lw=0.7, label=others(len(methods) - len(named)))
+            continue
+        look = look_of(looks[method])
+        below.append(band["q1"][band["median"].notna()].to_numpy(dtype=float))
+        axes.fill_between(band["charged"], band["q1"], band["q3"], color=look["color"], alpha=0.18, linewidth=0)
+        axes.plot(band["charged"], band["median"], label=method, **look)
+    if known.floor:
+        axes.axhline(known.floor, color="0.35", linestyle=":", linewidth=1)
+        axes.annotate(
+            known.floor_text, (0.02, known.floor), (0, 3), xycoords=("axes fraction", "data"),
+            textcoords="offset points", **_NOTE,
+        )  # fmt: skip
+    _scale_axes(axes, known, below, max([10.0, *drawn["charged"]]))
 
 
 def _drawn_band(quartiles: NDArray[np.float64], at: NDArray[np.float64], runs: int, known: Optimum) -> pd.DataFrame:
@@ -204,7 +234,7 @@ _LARGEST_POWER = 308.3
 _TICKS = 8
 
 
-def _spread_told(runs: pd.DataFrame) -> str:
+def spread_told(runs: pd.DataFrame) -> str:
     """Return in words what a band shows: the runs of a cell, whether each has as many, or one alone."""
     counts = runs.groupby(CELL, dropna=False).size()
     fewest, most = int(counts.min()), int(counts.max())
@@ -286,51 +316,83 @@ def overview(runs: pd.DataFrame) -> Drawing:
     budgets or targets, each is a row of its own. "stops": may end by its own test with budget left; "restarts": begins
     again there.
     """
+    table = field_of(runs)
+    order, columns = list(dict.fromkeys(table["method"])), columns_of(table)
+    halves = 1 if len(order) <= 40 or len(columns) > _FIELD else 2
+    rows = -(-len(order) // halves)
+    width, height = field_size(order, columns, rows)
+    with rc_context(STYLE | FIELD_STYLE):
+        figure = Figure(figsize=(0.9 + halves * width, height), layout="constrained")
+        panels = np.atleast_1d(figure.subplots(1, halves))
+        for i, axes in enumerate(panels):
+            image = draw_field(axes, table, order[i * rows : (i + 1) * rows], columns, rows)
+        put_scale(image, panels, rows)
+        entitle(figure, field_title(table))
+    return figure, table
+
+
+FIELD_STYLE: Any = {"axes.grid": False}
+
+
+def field_of(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return `tables.overview` of these runs, and what is drawn of it: method, ends, column."""
     table = tables.overview(runs)
     named = table.rename(columns={"options": "optimizer_options"})
     ends, spoken = endings(named), {"": "", "stops": " · stops", "restarts": " · restarts"}
     plain = method_labels(named).str.replace(r" \(restarts=True\)|restarts=True, |, restarts=True", "", regex=True)
-    table = table.assign(method=plain + ends.map(spoken), ends=ends, column=_columns(named))
-    order, columns = list(dict.fromkeys(table["method"])), sorted(dict.fromkeys(table["column"]), key=_by_length(table))
+    return table.assign(method=plain + ends.map(spoken), ends=ends, column=_columns(named))
+
+
+def columns_of(table: pd.DataFrame) -> list[str]:
+    """Return the columns of a drawing of `field_of`, those of few parameters first."""
+    return sorted(dict.fromkeys(table["column"]), key=_by_length(table))
+
+
+def field_title(table: pd.DataFrame) -> str:
+    """Return what is drawn of `field_of`, in words."""
+    known = "runs at the goal" if table["goal"].notna().any() else "no goal is known"
+    return f"{counted(table['method'].nunique(), 'method')}, {_range(table['budget'])} evaluations: {known}"
+
+
+def field_size(order: Sequence[str], columns: Sequence[str], rows: int) -> tuple[float, float]:
+    """Return width and height of a panel of `rows` methods [inches]."""
+    upright = len(columns) > _FIELD  # names of columns
+    tall = 0.06 * max(map(len, columns)) if upright else 0.0
+    beside = max(2.1, 0.3 + 0.054 * max(map(len, order)))  # names of methods
+    return beside + (0.36 if upright else 0.85) * len(columns), 1.4 + max(0.185 * rows, 1.2) + tall
+
+
+def draw_field(axes: Axes, table: pd.DataFrame, methods: Sequence[str], columns: Sequence[str], rows: int) -> AxesImage:
+    """Draw a row for each of the `methods` of `field_of`, in the height of `rows`; return the image of the places."""
     cells = {(row["method"], row["column"]): row for row in table.to_dict("records")}
     most = table.groupby("column")["place"].max()
-    halves = 1 if len(order) <= 40 or len(columns) > _FIELD else 2
-    rows = -(-len(order) // halves)
-    wide = 0.85 if len(columns) <= _FIELD else 0.36
-    tall = 0.0 if len(columns) <= _FIELD else 0.06 * max(map(len, columns))  # of the names, which then stand upright
-    with rc_context(STYLE | {"axes.grid": False}):
-        beside = max(2.1, 0.3 + 0.054 * max(map(len, order)))  # the names
-        size = (0.9 + halves * (beside + wide * len(columns)), 1.4 + max(0.185 * rows, 1.2) + tall)
-        figure = Figure(figsize=size, layout="constrained")
-        panels = np.atleast_1d(figure.subplots(1, halves))
-        for i, axes in enumerate(panels):
-            names = order[i * rows : (i + 1) * rows]
-            grid = np.full((rows, len(columns)), np.nan)
-            for y, name in enumerate(names):
-                for x, column in enumerate(columns):
-                    cell = cells.get((name, column))
-                    if cell is None:
-                        axes.text(x, y, "–", ha="center", va="center", fontsize=6.5, color="0.5")
-                        continue
-                    grid[y, x] = (cell["place"] - 1) / max(most[column] - 1, 1)
-                    shade = "white" if grid[y, x] < 0.45 else "black"
-                    axes.text(x, y, _told(cell), ha="center", va="center", fontsize=6.5, color=shade)
-            image = axes.imshow(grid, aspect="auto", cmap="cividis", vmin=0, vmax=1)
-            axes.set_yticks(range(len(names)), names, fontsize=7)
-            upright = len(columns) > _FIELD
-            said = columns if upright else [column.replace(" ", "\n") for column in columns]
-            axes.set_xticks(range(len(columns)), said, fontsize=7, rotation=90 if upright else 0)
-            axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
-            axes.set_ylim(rows - 0.5, -0.5)
-            for spine in axes.spines.values():
-                spine.set_visible(False)
-        bar = figure.colorbar(
-            image, ax=panels, label="place on the problem", shrink=0.8 if rows < 12 else 0.4, aspect=30
-        )
-        bar.set_ticks([0, 1], labels=["first", "last"])
-        known = "runs at the goal" if table["goal"].notna().any() else "no goal is known"
-        entitle(figure, f"{counted(len(order), 'method')}, {_range(table['budget'])} evaluations: {known}")
-    return figure, table
+    grid = np.full((rows, len(columns)), np.nan)
+    for y, name in enumerate(methods):
+        for x, column in enumerate(columns):
+            cell = cells.get((name, column))
+            if cell is None:
+                axes.text(x, y, "–", ha="center", va="center", fontsize=6.5, color="0.5")
+                continue
+            grid[y, x] = (cell["place"] - 1) / max(most[column] - 1, 1)
+            shade = "white" if grid[y, x] < 0.45 else "black"
+            axes.text(x, y, _told(cell), ha="center", va="center", fontsize=6.5, color=shade)
+    image = axes.imshow(grid, aspect="auto", cmap="cividis", vmin=0, vmax=1)
+    axes.set_yticks(range(len(methods)), methods, fontsize=7)
+    upright = len(columns) > _FIELD
+    said = columns if upright else [column.replace(" ", "\n") for column in columns]
+    axes.set_xticks(range(len(columns)), said, fontsize=7, rotation=90 if upright else 0)
+    axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
+    axes.set_ylim(rows - 0.5, -0.5)
+    axes.spines[:].set_visible(False)
+    return image
+
+
+def put_scale(image: AxesImage, panels: Any, rows: int) -> None:
+    """Put the scale of colours of `draw_field` beside its panels."""
+    bar = figure_of(image.axes).colorbar(image, ax=panels, shrink=0.8 if rows < 12 else 0.4, aspect=30)
+    bar.set_label("place on the problem", fontsize=8)
+    bar.set_ticks([0, 1], labels=["first", "last"], fontsize=8)
+    bar.ax.invert_yaxis()
 
 
 def _columns(table: pd.DataFrame) -> pd.Series:

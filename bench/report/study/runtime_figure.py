@@ -1,22 +1,25 @@
-"""The figure of how fast targets fall: runtime ECDF of every method over the problems of a group, or over all."""
+"""The figures of how fast targets fall: runtime ECDF of every method over some problems, and performance profiles."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 
 import numpy as np
 import pandas as pd
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibench.bench.provenance.run_id import digest
-from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing, entitle
+from calibench.bench.report.shared.drawing import STYLE, Drawing, entitle, look_of, others, put_legend
 from calibench.bench.report.study.figures import Drawable, file_name
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
-from calibench.bench.statistics.names.labels import method_labels
+from calibench.bench.statistics.fixed_target.profiles import performance_profile
+from calibench.bench.statistics.names.labels import method_labels, settings_told
 from calibench.bench.statistics.names.order import looks_of
-from calibench.bench.statistics.runtime import ecdf
+from calibench.bench.statistics.runtime import ecdf, ert
+from calibench.bench.statistics.summary import method_names
 from calibench.core.counted import counted
 
 _NAMED = 12  # methods that get a colour; the others are a grey background
@@ -53,29 +56,75 @@ def runtime_ecdf(runs: pd.DataFrame, hits: pd.DataFrame, title: str = "") -> Dra
 
     `hits` are of one quantity. A problem counts as much as any other.
     """
-    numbers = ecdf(hits, runs)
-    keys = [*METHOD, *SETTING]
-    labels = method_labels(runs)
-    called = runs[keys].assign(method=labels).drop_duplicates().rename(columns={"target": "target_value"})
-    numbers = numbers.merge(called, on=[*METHOD, "start", "budget", "target_value"], how="left")
-    ends = numbers.groupby("method", sort=False)["share"].last().sort_values(ascending=False, kind="stable")
-    looks = looks_of(runs.assign(method=labels), list(ends.index))
+    numbers = ecdf_of(runs, hits)
     with rc_context(STYLE):
-        figure = Figure(figsize=(4.4 + 0.068 * max(map(len, ends.index)), 3.7), layout="constrained")
+        figure = Figure(figsize=(share_width(numbers), 3.7), layout="constrained")
         axes = figure.subplots()
-        for i, method in reversed(list(enumerate(ends.index))):
-            mine = numbers[numbers["method"] == method]
-            named, k = i < _NAMED, looks[method]
-            look = (
-                {"color": COLOURS[k % len(COLOURS)], "linestyle": DASHES[(k + k // len(COLOURS)) % len(DASHES)]}
-                if named
-                else {"color": "0.8", "lw": 0.7}
-            )
-            axes.step(mine["cost"], mine["share"], where="post", label=method if named else None, **look)
-        axes.set(xscale="log", ylim=(0, 1), xlabel="charged evaluations", ylabel="share of (run, target) pairs")
-        handles, names = axes.get_legend_handles_labels()
-        if handles:
-            figure.legend(handles[::-1], names[::-1], loc="outside right center", fontsize=8)
+        draw_ecdf(axes, numbers, runs)
+        put_legend(figure, [axes])
         count = hits["target"].nunique()
         entitle(figure, f"{title}: {counted(count, 'target')} above the best value" if title else "")
-    return figure, numbers.assign(share=np.asarray(numbers["share"], dtype=float))
+    return figure, numbers
+
+
+def ecdf_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
+    """Return `runtime.ecdf` of hits of one quantity, with the name of each row's method (`method_labels`)."""
+    runs = runs.copy(deep=False)
+    for _, mine in runs.groupby(METHOD, sort=False):  # a method whose start each problem decides is one
+        told = settings_told(mine)
+        for column in SETTING:
+            if column not in told:
+                runs.loc[mine.index, column] = mine[column].iloc[0]
+    numbers = ecdf(hits, runs)
+    called = runs[[*METHOD, *SETTING]].assign(method=method_labels(runs)).drop_duplicates()
+    called = called.rename(columns={"target": "target_value"})
+    numbers = numbers.merge(called, on=[*METHOD, "start", "budget", "target_value"], how="left")
+    return numbers.assign(share=np.asarray(numbers["share"], dtype=float))
+
+
+def draw_ecdf(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame) -> None:
+    """Draw the lines of `ecdf_of`."""
+    _draw_shares(axes, numbers, "cost", looks_of(runs.assign(method=method_labels(runs)), _best_first(numbers, "cost")))
+    axes.set(xlabel="charged evaluations", ylabel="share of (run, target) pairs")
+
+
+def profile_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
+    """Return `performance_profile` of hits of one quantity, with the name of each row's method."""
+    steps = performance_profile(ert(hits, runs, intervals=False))
+    called = dict(zip(zip(*(runs[key] for key in METHOD)), method_names(runs)))
+    return steps.assign(method=[called[pair] for pair in zip(*(steps[key] for key in METHOD))])
+
+
+def draw_profile(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame) -> None:
+    """Draw the lines of `profile_of`."""
+    _draw_shares(
+        axes, numbers, "ratio", looks_of(runs.assign(method=method_names(runs)), _best_first(numbers, "ratio"))
+    )
+    axes.set(xlabel="expected running time over the least of any method", ylabel="share of (problem, target) pairs")
+    axes.set_xlim(left=1)
+
+
+def share_width(numbers: pd.DataFrame) -> float:
+    """Return the width of a figure of these methods' shares with their names beside it [inches]."""
+    return 4.4 + 0.068 * max(map(len, numbers["method"]), default=0)
+
+
+def _best_first(numbers: pd.DataFrame, over: str) -> list[str]:
+    """Return the methods by the share at which they end, of equal ones first what has half of it earliest."""
+    ends = numbers.groupby("method", sort=False)["share"].max()
+    half = numbers[numbers["share"] >= numbers["method"].map(ends) / 2].groupby("method", sort=False)[over].min()
+    order = pd.DataFrame({"share": -ends, "half": half}).sort_values(["share", "half"], kind="stable")
+    return [str(method) for method in order.index]
+
+
+def _draw_shares(axes: Axes, numbers: pd.DataFrame, over: str, looks: Mapping[str, int]) -> None:
+    """Draw the share of each method over a column, as steps; the best have a colour, and are named in their order."""
+    order = _best_first(numbers, over)
+    most = float(numbers[over][np.isfinite(numbers[over])].max())  # where all lines end
+    for i, method in enumerate(order):
+        mine, named = numbers[(numbers["method"] == method) & np.isfinite(numbers[over])], i < _NAMED
+        look = look_of(looks[method]) if named else {"color": "0.8", "lw": 0.7}
+        label = method if named else others(len(order) - _NAMED) if i == _NAMED else None
+        at, share = [1.0, *mine[over], most], [0.0, *mine["share"], mine["share"].max() if len(mine) else 0.0]
+        axes.step(at, share, where="post", label=label, zorder=2.5 - 0.001 * i, **look)
+    axes.set(xscale="log", ylim=(0, 1.02))

@@ -110,11 +110,21 @@ def several(table: Columns) -> list[str]:
     return [column for column in SETTING if len(set(plain(table[column]))) > 1]
 
 
+def settings_told(mine: pd.DataFrame) -> list[str]:
+    """Return which of start, budget and target differ on one problem: what a problem itself decides is no choice."""
+    named = [column for column in PROBLEM if column in mine]  # a table that names none is of one
+    problems_here = len(mine[named].drop_duplicates()) if named else 1
+    return [column for column in SETTING if len(mine[[*named, column]].drop_duplicates()) > problems_here]
+
+
 def method_labels(table: pd.DataFrame) -> pd.Series:
-    """Return what each row's method is called, with the start, budget and target in which its own rows here differ."""
+    """Return what each row's method is called, with the start, budget and target of which it has several here.
+
+    What differs only from problem to problem, such as the start that each prefers, makes no second method.
+    """
     labels = method_names(table)
-    for _, mine in table[[*METHOD, *SETTING]].groupby(METHOD, sort=False):
-        told = several(mine)
+    for _, mine in table.groupby(METHOD, sort=False):
+        told = settings_told(mine)
         for key, same in mine.groupby(told, dropna=False) if told else [((), mine)]:
             said = [setting_text(column, value) for column, value in zip(told, key, strict=True)]
             labels.loc[same.index] = [", ".join([name, *said]) for name in labels.loc[same.index]]

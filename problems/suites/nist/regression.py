@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
-from calibench.problems.base import Array, Parameter, frozen, registry
+from calibench.problems.base import Array, Parameter, frozen, line_of, registry, table_of
 from calibench.problems.candidates import vector, vectors
 from calibench.problems.suites.nist.models import MODELS, Model
 from calibench.problems.suites.nist.tables import Table, table
@@ -52,6 +52,9 @@ class NistRegression:
     name: ClassVar[str] = "nist"
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "unit of y"
+
+    __repr__ = line_of
+    _repr_html_ = table_of
 
     @property
     def typical_noise(self) -> float:

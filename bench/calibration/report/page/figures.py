@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 
 import numpy as np
 import pandas as pd
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from calibench.bench.calibration.report.result import Calibration, Drawn
+from calibench.bench.calibration.report.result import Calibration, Drawn, OverJoint
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
-_BINS = 12
-_ACROSS = 3  # joints in a row
 
 
 def calibration_figures(found: Calibration) -> Iterator[tuple[str, Drawing]]:
@@ -22,7 +22,8 @@ def calibration_figures(found: Calibration) -> Iterator[tuple[str, Drawing]]:
     if found.drawn is not None:
         yield "errors", error_chart(found.drawn)
         yield "workspace", workspace_chart(found.drawn)
-        yield "joints", joint_chart(found.drawn)
+    if found.over_joints:
+        yield "joints", joint_chart(found.over_joints)
 
 
 def error_chart(drawn: Drawn) -> Drawing:
@@ -61,40 +62,37 @@ def workspace_chart(drawn: Drawn) -> Drawing:
     return figure, table
 
 
-def joint_chart(drawn: Drawn) -> Drawing:
+def joint_chart(over_joints: Sequence[OverJoint]) -> Drawing:
     """Draw the rms error over the angle or the way of each joint, before and after."""
-    rows = -(-len(drawn.names) // _ACROSS)
-    found = []
+    table = pd.DataFrame([asdict(one) for one in over_joints])
     with rc_context(STYLE):
-        figure = Figure(figsize=(7.2, 0.4 + 1.75 * rows), layout="constrained")
-        panels = np.atleast_1d(figure.subplots(rows, min(_ACROSS, len(drawn.names)), sharey=True)).ravel()
-        for k, name in enumerate(drawn.names):
-            told = _over(drawn, k)
-            panels[k].plot(told["at"], told["before"], "--o", color=_BEFORE, ms=3, lw=1.2)
-            panels[k].plot(told["at"], told["after"], "-o", color=_AFTER, ms=3, lw=1.2)
-            panels[k].set_title(f"{name} [{drawn.units[k]}]", fontsize=8, loc="left")
-            found.append(told.assign(joint=name))
-        for axes in panels[len(drawn.names) :]:
-            axes.set_visible(False)
-        for axes in panels[::_ACROSS]:
-            axes.set_ylabel("rms [mm]", fontsize=8)
-        panels[0].set_ylim(0, None)  # of all: to set it before the last is drawn would cut what is larger there
-    return figure, pd.concat(found, ignore_index=True)
+        figure = Figure(figsize=joints_size(table), layout="constrained")
+        axes = figure.subplots()
+        draw_joints(axes, table)
+        figure.legend(loc="outside upper right", ncols=2)
+    return figure, table
 
 
-def _over(drawn: Drawn, k: int) -> pd.DataFrame:
-    """Return the rms before and after in bins of as many poses of joint k, over its mean there [deg or mm]."""
-    values = drawn.joints[:, k]
-    known = np.isfinite(drawn.before) & np.isfinite(drawn.after)
-    bins = np.array_split(np.argsort(values[known], kind="stable"), min(_BINS, max(1, int(known.sum()) // 5)))
-    rows = [
-        (
-            float(values[known][part].mean()),
-            float(np.sqrt((drawn.before[known][part] ** 2).mean())),
-            float(np.sqrt((drawn.after[known][part] ** 2).mean())),
-            len(part),
-        )
-        for part in bins
-        if len(part)
-    ]
-    return pd.DataFrame(rows, columns=["at", "before", "after", "poses"])
+def joints_size(table: pd.DataFrame) -> tuple[float, float]:
+    """Return width and height of the drawing of all joints [inches]."""
+    return max(4.6, 0.8 + 1.05 * table["joint"].nunique()), 3.0
+
+
+def draw_joints(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw the rows of `OverJoint`: the joints side by side, each from its least to its largest place."""
+    names = list(dict.fromkeys(table["joint"]))
+    told = []
+    for k, name in enumerate(names):
+        mine = table[table["joint"] == name]
+        low, high = mine["low"].min(), mine["high"].max()
+        across = k + 0.08 + 0.84 * (mine["at"] - low) / max(high - low, 1e-300)
+        for when, colour, line in (("before", _BEFORE, "--s"), ("after", _AFTER, "-o")):
+            axes.plot(across, mine[when], line, color=colour, ms=3, lw=1.2, label=None if k else when)
+        if k:
+            axes.axvline(k, color="0.8", lw=0.8)
+        told.append(f"{name}\n{low:.0f} to {high:.0f} {mine['unit'].iloc[0]}")
+    axes.set_xticks(np.arange(len(names)) + 0.5, told, fontsize=7.5)
+    axes.tick_params(axis="x", length=0)
+    axes.grid(axis="x", visible=False)
+    axes.set(xlim=(0, len(names)), ylabel="rms error [mm]")
+    axes.set_ylim(bottom=0)

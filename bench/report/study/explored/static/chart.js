@@ -51,7 +51,7 @@ function chart(place, told) {
       // uPlot looks for a step between ticks among its own, finds none for 1e299, and then leaves out all labels
       ...(log ? { incrs: (_, i, low, high) => [high - low], splits: (_, i, low, high) => steps(low, high, most), filter: (_, splits) => splits } : { space: 46 }) });
     plot = new uPlot({
-      width, height: Math.round(Math.min(340, Math.max(230, width * 0.55))), legend: { show: false }, padding: [10, 14, 0, 0],
+      width, height: Math.round(Math.min(340, Math.max(230, width * 0.55))), legend: { show: false }, padding: [10, 24, 0, 0],
       cursor: { drag: { setScale: false, x: false, y: false }, focus: { prox: 24 }, points: { size: 7 } }, focus: { alpha: 0.35 },
       scales: {
         x: { time: false, distr: asked.xLog ? 3 : 1, dir: asked.reversed ? -1 : 1, range: ends(asked.x, asked.xLog) },

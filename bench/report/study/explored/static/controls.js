@@ -8,7 +8,7 @@ function choice(kind, title, items, mark) {
       else state[kind].delete(i);
       changed();
     } });
-    return { item, i, input, label: make("label", { title: item.options || item.title || null }, input, mark ? make("span", { class: "mark" }) : null, make("span", {}, item.name || item.title)) };
+    return { item, i, input, label: make("label", { title: item.options || item.title || null }, input, mark ? make("span", { class: "mark" }) : null, parted(item.name || item.title)) };
   });
   const list = make("div", { class: "list" }, ...boxes.map((box) => box.label));
   const count = make("output", { class: "why" });

@@ -113,11 +113,11 @@ function costTable(problems, all, showAll) {
   const methods = shown("methods").filter((m) => problems.some((p) => cell(p, m) !== undefined));
   const some = all ? problems : problems.slice(0, ROWS);
   const head = make("tr", {}, make("th", { scope: "col" }, "problem"),
-    ...methods.map((m) => make("th", { scope: "col", class: "n" }, swatch(m), ` ${data.methods[m].name}`)));
+    ...methods.map((m) => make("th", { scope: "col", class: "n" }, swatch(m), " ", parted(data.methods[m].name))));
   const rows = some.map((p) => {
     const costs = methods.map((m) => cost(cell(p, m)));
     const best = Math.min(...costs.map((one) => one.key));
-    return make("tr", {}, make("th", { scope: "row" }, data.problems[p].title), ...costs.map((one) => make("td", { class: "n", "data-sort": one.key },
+    return make("tr", {}, make("th", { scope: "row" }, parted(data.problems[p].title)), ...costs.map((one) => make("td", { class: "n", "data-sort": one.key },
       make(one.won && one.key === best ? "b" : "span", { class: one.won ? null : "never" }, one.told), one.range ? make("small", {}, one.range) : null,
       one.more ? make("small", { class: "under" }, one.more) : null)));
   });
@@ -132,7 +132,7 @@ function costTable(problems, all, showAll) {
 function problemTable(problem) {
   const rows = shown("methods").map((m) => [m, cell(problem, m)]).filter(([, c]) => c !== undefined).map(([m, c]) => {
     const one = cost(c);
-    return make("tr", {}, make("th", { scope: "row" }, swatch(m), ` ${data.methods[m].name}`),
+    return make("tr", {}, make("th", { scope: "row" }, swatch(m), " ", parted(data.methods[m].name)),
       make("td", { class: "n", "data-sort": one.key }, make("span", { class: one.won ? null : "never" }, one.told), one.range ? make("small", {}, one.range) : null),
       make("td", { class: "n", "data-sort": one.won === undefined ? 1 : -one.won / data.cells.runs[c] }, ...(one.more || "–").split(" · ").map((part, i) => make(i ? "small" : "span", { class: i ? "under" : null }, part))));
   });
@@ -153,7 +153,7 @@ function methodTable(problems) {
     const every = cells.filter((c) => (q.reached[c][state.target] || 0) === data.cells.runs[c]).length;
     const failed = problems.map((p) => cell(p, m)).filter((c) => c !== undefined).reduce((sum, c) => sum + data.cells.failed[c], 0);
     const share = q.share ? shares(m, problems, q).at(-1) : null;
-    return make("tr", {}, make("th", { scope: "row" }, swatch(m), ` ${data.methods[m].name}`),
+    return make("tr", {}, make("th", { scope: "row" }, swatch(m), " ", parted(data.methods[m].name)),
       make("td", { class: "n", "data-sort": runs ? -won / runs : 1 }, runs ? `${won}/${runs}` : "–", runs ? make("small", { class: "under" }, percent(won / runs)) : null),
       make("td", { class: "n", "data-sort": -every }, `${every}/${problems.length}`),
       ...(q.share ? [make("td", { class: "n", "data-sort": share == null ? 1 : -share }, share == null ? "–" : percent(share))] : []),
@@ -171,7 +171,7 @@ function finalTable(problem) {
   const rows = shown("methods").map((m) => [m, cell(problem, m)]).filter(([, c]) => c !== undefined).map(([m, c]) => {
     const { median, q1, q3, runs, failed, seconds } = data.cells;
     const number = (v) => make("td", { class: "n", "data-sort": v == null ? Infinity : v }, text(v));
-    return make("tr", {}, make("th", { scope: "row" }, swatch(m), ` ${data.methods[m].name}`), number(median[c]), number(q1[c]), number(q3[c]),
+    return make("tr", {}, make("th", { scope: "row" }, swatch(m), " ", parted(data.methods[m].name)), number(median[c]), number(q1[c]), number(q3[c]),
       number(runs[c]), number(failed[c]), number(seconds[c]));
   });
   const heads = ["method", "best, median", "lower quartile", "upper quartile", "runs", "failed or out of time", "seconds, median"];

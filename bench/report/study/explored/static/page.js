@@ -7,7 +7,7 @@ function suite(place) {
   const success = make("div", {});
   const table = make("div", {});
   let all = false;
-  place.append(title, what, make("div", { class: "two" }, make("figure", {}, make("figcaption", {}, "Runtime ECDF: how much was reached within how many evaluations"), curve), success), table);
+  place.append(title, what, make("div", { class: "charts" }, make("figure", {}, make("figcaption", {}, "Runtime ECDF: how much was reached within how many evaluations"), curve)), success, table);
   const draw = chart(curve, () => ecdf(shown("problems"), title.textContent));
   function told() {
     const problems = shown("problems");
@@ -23,7 +23,7 @@ function suite(place) {
     what.textContent = `Every problem counts the same; one where a method was not run counts as not reached by it. Targets of the curve: ${q.share || !data.quantities.some((one) => one.share) ? q.name : data.quantities.find((one) => one.share).name}${q.share && q.unit ? ` [${q.unit}]` : ""}.`;
     draw();
     success.replaceChildren(methodTable(problems));
-    table.replaceChildren(...costTable(problems, all, () => { all = true; told(); }));
+    if (data.problems.length > 1) table.replaceChildren(...costTable(problems, all, () => { all = true; told(); }));
   }
   listeners.push(told);
 }
@@ -47,7 +47,7 @@ function problemCharts(section, places) {
       const table = make("div", {});
       const final = make("div", {});
       if (places.length > 1) place.append(make("h3", {}, data.problems[p].title));
-      place.append(make("div", { class: "two" }, ...charts.map((one) => one.figure), table), final);
+      place.append(make("div", { class: "charts" }, ...charts.map((one) => one.figure)), table, final);
       return () => {
         place.hidden = !state.problems.has(p);
         for (const one of charts) one.draw();

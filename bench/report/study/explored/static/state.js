@@ -32,6 +32,11 @@ function shown(kind) {
   return [...state[kind]].sort((a, b) => a - b);
 }
 
+// A name that breaks after an underscore and nowhere else, while there is room for its longest part.
+function parted(name) {
+  return make("span", {}, ...name.split(/(?<=_)/).flatMap((part, i) => (i ? [make("wbr"), part] : [part])));
+}
+
 // Make an element: make("p", {class: "why"}, "text", otherElement). Text is never read as HTML.
 function make(tag, given = {}, ...inside) {
   const element = document.createElement(tag);
