@@ -21,7 +21,7 @@ from calibench.optimizers.base import (
 )
 
 if TYPE_CHECKING:
-    from calibench.optimizers import fmincon, least_squares, nlopt, own, pygmo  # noqa: F401
+    from calibench.optimizers import fmincon, least_squares, nlopt, own, pygmo, scipy  # noqa: F401
 
 _NLOPT = """
     GN_DIRECT GN_DIRECT_L GN_DIRECT_L_RAND GN_DIRECT_NOSCAL GN_DIRECT_L_NOSCAL GN_DIRECT_L_RAND_NOSCAL GN_ORIG_DIRECT
@@ -34,10 +34,15 @@ _PYGMO = """
     de sade de1220 pso pso_gen sga bee_colony gaco gwo cmaes xnes ihs
     compass_search simulated_annealing sea ipopt mbh
 """
-_MODULES = ("own", "fmincon", "least_squares", "nlopt", "pygmo")
+_SCIPY = """
+    nelder_mead powell cg bfgs l_bfgs_b tnc cobyla cobyqa slsqp trust_constr newton_cg trust_ncg
+    trust_exact dogleg differential_evolution dual_annealing basinhopping shgo direct brute
+"""
+_MODULES = ("own", "fmincon", "least_squares", "scipy", "nlopt", "pygmo")
 registry.promise("calibench.optimizers.own", "de", "ga", "nine_point", "pso")
 registry.promise("calibench.optimizers.fmincon", "fmincon")
 registry.promise("calibench.optimizers.least_squares", "lm", "trf", "dogbox")
+registry.promise("calibench.optimizers.scipy", *(f"scipy_{one}" for one in _SCIPY.split()))
 registry.promise("calibench.optimizers.nlopt", *(f"nlopt_{one}" for one in _NLOPT.split()))
 registry.promise("calibench.optimizers.pygmo", *(f"pygmo_{one}" for one in _PYGMO.split()))
 

@@ -43,8 +43,9 @@ class ObjectiveFailed(Stop):
 class Objective(Protocol):
     """The questions an optimiser may ask: values, residuals, derivatives, the box, and the rest of the budget.
 
-    Shapes: x (dim,), ``batch(points)`` (k,) of points (k, dim), ``residuals(x)`` (m,), ``jacobian(x)`` (m, dim).
-    `residuals` and `jacobian` exist where `has_residuals` and `has_jacobian` say so. A Jacobian costs `dimension`.
+    Shapes: x (dim,), ``batch(points)`` (k,) of points (k, dim), ``residuals(x)`` (m,), ``jacobian(x)`` (m, dim),
+    ``gradient(x)`` (dim,). `residuals`, `jacobian` and `gradient` exist where `has_residuals`, `has_jacobian` and
+    `has_gradient` say so, and ``value_and_gradient(x)`` with the last. A Jacobian or gradient costs `dimension`.
     ``restart()`` notes that the optimiser begins again and returns a random point to begin at, shape (dim,): the k-th
     one is the same for every method on the same problem, data and repetition. An optimiser with a better point ignores
     it. ``batch_below(points, limits)`` is `batch` for optimisers that only need the values below their `limits`: those
@@ -58,6 +59,7 @@ class Objective(Protocol):
     dimension: int
     has_residuals: bool
     has_jacobian: bool
+    has_gradient: bool
 
     @property
     def remaining(self) -> int: ...
@@ -66,6 +68,8 @@ class Objective(Protocol):
     def batch_below(self, points: Array, limits: Array, /) -> Array: ...
     def residuals(self, x: Array, /) -> Array: ...
     def jacobian(self, x: Array, /) -> Array: ...
+    def gradient(self, x: Array, /) -> Array: ...
+    def value_and_gradient(self, x: Array, /) -> tuple[float, Array]: ...
     def restart(self) -> Array: ...
 
 

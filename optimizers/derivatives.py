@@ -1,4 +1,4 @@
-"""Gradients: analytic where the objective has a Jacobian, else differences that are charged to the budget."""
+"""Gradients: analytic where the objective has a gradient or a Jacobian, else differences that are charged."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ _UNDEFINED = 1e199  # residuals that are not finite come back as 1e100, and this
 
 
 def value_and_gradient(objective: Objective, x: Array) -> tuple[float, Array]:
-    """Return f(x) and its gradient, shape (dim,): 2 J^T r, or forward differences that step into the box.
+    """Return f(x) and its gradient, shape (dim,): its own, 2 J^T r, or forward differences that step into the box.
 
-    A Jacobian is charged `dimension` evaluations and so are the differences. Where a Jacobian is no longer affordable
-    the differences spend what is left, one evaluation at a time.
+    A gradient or Jacobian is charged `dimension` evaluations and so are the differences. Where that is no longer
+    affordable the differences spend what is left, one evaluation at a time.
     """
-    if objective.has_residuals and objective.has_jacobian and objective.remaining > objective.dimension:
-        r = objective.residuals(x)
-        return float(r @ r), 2.0 * (objective.jacobian(x).T @ r)
+    if objective.remaining > objective.dimension:
+        if objective.has_gradient:
+            return objective.value_and_gradient(x)
+        if objective.has_residuals and objective.has_jacobian:
+            r = objective.residuals(x)
+            return float(r @ r), 2.0 * (objective.jacobian(x).T @ r)
     value = objective(x)
     return value, forward_differences(objective, x, value)
 
@@ -83,17 +86,24 @@ def differences(
 class Memoized:
     """The value and the gradient of an objective, where one point is one pass of each however often it is asked.
 
-    With `analytic`, on an objective that has residuals and a Jacobian, a value is a pass of residuals, and the gradient
-    at the same point reuses it. Otherwise the gradient is differences of `kind`. `count` is the evaluations so far.
+    With `analytic`, the gradient is the objective's own; or, where that has residuals and a Jacobian, a value is a pass
+    of residuals, and the gradient at the same point reuses it. Otherwise the gradient is differences of `kind`, inside
+    the box unless the method is not `bounded`. `count` is the evaluations so far.
     """
 
-    def __init__(self, objective: Objective, analytic: bool, kind: Literal["forward", "central"]) -> None:
+    def __init__(
+        self, objective: Objective, analytic: bool, kind: Literal["forward", "central"], bounded: bool = True
+    ) -> None:
         self.count = 0
         self._objective, self._kind = objective, kind
-        self._analytic = analytic and objective.has_residuals and objective.has_jacobian
+        self._own = analytic and objective.has_gradient
+        self._analytic = analytic and not self._own and objective.has_residuals and objective.has_jacobian
+        self._lower = objective.lower if bounded else np.full(objective.dimension, -np.inf)
+        self._upper = objective.upper if bounded else np.full(objective.dimension, np.inf)
         self._x: Array | None = None
         self._value = np.inf
         self._r: Array | None = None
+        self._J: tuple[Array, Array] | None = None
 
     def value(self, x: Array) -> float:
         """Return f(x); infinite where it is not defined."""
@@ -110,14 +120,30 @@ class Memoized:
 
         Where a Jacobian is no longer affordable, differences spend what is left. `steps` are those of `differences`.
         """
-        value, gate = self.value(x), self._objective
+        gate = self._objective
+        if self._own and gate.remaining >= gate.dimension:
+            return gate.gradient(x)
+        value = self.value(x)
         if self._r is not None and gate.remaining >= gate.dimension:
-            slopes: Array = 2.0 * (gate.jacobian(x).T @ self._r)
+            self._J = x.copy(), gate.jacobian(x)
+            slopes: Array = 2.0 * (self._J[1].T @ self._r)
             return slopes
         width = gate.upper - gate.lower
         size = np.where(np.isfinite(width), width, np.maximum(np.abs(x), 1.0))
-        paid = differences(self._counted, x, value, gate.lower, gate.upper, size, self._kind, steps)
+        paid = differences(self._counted, x, value, self._lower, self._upper, size, self._kind, steps)
         return np.nan_to_num(paid, posinf=0.0, neginf=0.0)
+
+    def curvature(self, x: Array) -> Array | None:
+        """Return Gauss and Newton's 2 J^T J at x, shape (dim, dim), where the value is that of residuals; else None.
+
+        It costs nothing where the gradient at x came last.
+        """
+        if not self._analytic:
+            return None
+        if self._J is None or not np.array_equal(x, self._J[0]):
+            self._J = x.copy(), self._objective.jacobian(x)
+        curvature: Array = 2.0 * (self._J[1].T @ self._J[1])
+        return curvature
 
     def _counted(self, x: Array) -> float:
         self.count += 1

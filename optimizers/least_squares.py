@@ -17,6 +17,7 @@ import numpy as np
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 
 Scale = Literal["box", "jac", "unit"]
+Loss = Literal["linear", "soft_l1", "huber", "cauchy", "arctan"]
 
 
 @registry.register("lm")
@@ -79,17 +80,25 @@ class LevenbergMarquardt:
 @final
 @dataclass(frozen=True)
 class TrustRegionReflective:
-    """Trust region reflective: bounded (Branch, Coleman, Li 1999)."""
+    """Trust region reflective: bounded (Branch, Coleman, Li 1999).
+
+    With a `loss` it searches the least sum of f_scale^2 rho((r / f_scale)^2), in which residuals above `f_scale`, in
+    their own unit, count less. The run's value stays r @ r, of which that answer is not the minimum.
+    """
 
     x_scale: Scale = "box"
     tolerance: float = 1e-15
     restarts: bool = False
+    loss: Loss = "linear"
+    f_scale: float = 1.0
 
     name: ClassVar[str] = "trf"
     library: ClassVar[str] = "scipy"
 
     def __post_init__(self) -> None:
         _check_tolerance(self.name, self.tolerance)
+        if not 0 < self.f_scale < np.inf:
+            raise ValueError(f"{self.name}.f_scale={self.f_scale:g}: must be above 0 (in the unit of the residuals)")
 
     @property
     def traits(self) -> Traits:
@@ -102,24 +111,32 @@ class TrustRegionReflective:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
-        return _minimize("trf", self.x_scale, self.tolerance, self.restarts, objective)
+        return _minimize("trf", self, objective)
 
 
 @registry.register("dogbox")
 @final
 @dataclass(frozen=True)
 class Dogbox:
-    """Dogleg in a rectangular trust region: bounded (Voglis, Lagaris 2004)."""
+    """Dogleg in a rectangular trust region: bounded (Voglis, Lagaris 2004).
+
+    With a `loss` it searches the least sum of f_scale^2 rho((r / f_scale)^2), in which residuals above `f_scale`, in
+    their own unit, count less. The run's value stays r @ r, of which that answer is not the minimum.
+    """
 
     x_scale: Scale = "box"
     tolerance: float = 1e-15
     restarts: bool = False
+    loss: Loss = "linear"
+    f_scale: float = 1.0
 
     name: ClassVar[str] = "dogbox"
     library: ClassVar[str] = "scipy"
 
     def __post_init__(self) -> None:
         _check_tolerance(self.name, self.tolerance)
+        if not 0 < self.f_scale < np.inf:
+            raise ValueError(f"{self.name}.f_scale={self.f_scale:g}: must be above 0 (in the unit of the residuals)")
 
     @property
     def traits(self) -> Traits:
@@ -132,7 +149,7 @@ class Dogbox:
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
-        return _minimize("dogbox", self.x_scale, self.tolerance, self.restarts, objective)
+        return _minimize("dogbox", self, objective)
 
 
 def _check_tolerance(name: str, tolerance: float) -> None:
@@ -156,11 +173,7 @@ _MINPACK_FACTOR = 100.0
 
 
 def _minimize(
-    method: Literal["trf", "dogbox"],
-    x_scale: Scale,
-    tolerance: float,
-    restarts: bool,
-    objective: Objective,
+    method: Literal["trf", "dogbox"], options: TrustRegionReflective | Dogbox, objective: Objective
 ) -> Reason:
     from scipy.optimize import least_squares
 
@@ -182,7 +195,7 @@ def _minimize(
             every = objective.jacobian(whole(y))
             return every if free.all() else every[:, free]
 
-        scale: Any = {"box": _box_width(objective, start)[free], "jac": "jac", "unit": 1.0}[x_scale]
+        scale: Any = {"box": _box_width(objective, start)[free], "jac": "jac", "unit": 1.0}[options.x_scale]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # overflow far outside the box is a refused step
             least_squares(
@@ -192,13 +205,15 @@ def _minimize(
                 bounds=(objective.lower[free], objective.upper[free]),
                 method=method,
                 x_scale=scale,
-                ftol=tolerance,
-                xtol=tolerance,
+                ftol=options.tolerance,
+                xtol=options.tolerance,
                 gtol=None,  # absolute: it would end a search of small residuals early
+                loss=options.loss,
+                f_scale=options.f_scale,
                 max_nfev=objective.remaining + 1,  # the wall is the objective's, not SciPy's default
             )
 
-    return with_restarts(descend, objective, restarts)
+    return with_restarts(descend, objective, options.restarts)
 
 
 def _box_width(objective: Objective, start: Array) -> Array:

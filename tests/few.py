@@ -26,7 +26,7 @@ def one_of_each(methods: Iterable[str]) -> list[Any]:
     seen: set[tuple[str, str]] = set()
     marked = []
     for name in methods:
-        library = name.partition("_")[0] if name.startswith(("nlopt_", "pygmo_")) else name
+        library = name.partition("_")[0] if name.startswith(("nlopt_", "pygmo_", "scipy_")) else name
         told = (library, str(optimizers.make(name).traits))
         marked.append(_slow(name) if told in seen else name)
         seen.add(told)

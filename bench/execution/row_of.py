@@ -45,6 +45,8 @@ def row_of(
         batch_evaluations=gate.batch_evaluations,
         residual_evaluations=gate.residual_evaluations,
         jacobian_evaluations=gate.jacobian_evaluations,
+        gradient_evaluations=gate.gradient_evaluations,
+        joint_evaluations=gate.joint_evaluations,
         charged=gate.charged,
         non_finite=gate.non_finite,
         outside_evaluations=gate.outside_evaluations,

@@ -48,7 +48,7 @@ class RunRow:
     budget: Annotated[int, Says("identity", "the most that may be charged")]
     target: Annotated[float | None, Says("identity", "value that ends the run; null: none")]
     evaluations: Annotated[int, Says("cost", "passes over all samples, however they were used")]
-    jacobian_evaluations: Annotated[int, Says("cost", "derivatives of the residuals")]
+    jacobian_evaluations: Annotated[int, Says("cost", "derivatives of the residuals or of the value")]
     charged: Annotated[int, Says("cost", "evaluations + dimension x jacobian_evaluations")]
     non_finite: Annotated[int, Says("cost", "values that were not finite")]
     batch_evaluations: Annotated[int | None, Says("cost", "of the evaluations those in batches", added=True)]
@@ -119,6 +119,12 @@ class RunRow:
     ]
     process_changes: Annotated[
         list[str] | None, Says("ending", "what the run changed in its process, and was put back", added=True)
+    ]
+    gradient_evaluations: Annotated[
+        int | None, Says("cost", "of the jacobian_evaluations those of the value", added=True)
+    ]
+    joint_evaluations: Annotated[
+        int | None, Says("cost", "of the evaluations those that gave their gradient too", added=True)
     ]
 
 

@@ -29,11 +29,16 @@ class Doors:
     batch_below: Callable[[Any, Any], Array]
     residuals: Callable[[Any], Array]
     jacobian: Callable[[Any], Array]
+    gradient: Callable[[Any], Array]
+    value_and_gradient: Callable[[Any], tuple[float, Array]]
 
 
 def doors_of(gate: Evaluator) -> Doors:
     """Return the gate's own calls."""
-    return Doors(gate.single_call(), gate.batch, gate.batch_below, gate.residuals, gate.jacobian)
+    return Doors(
+        gate.single_call(), gate.batch, gate.batch_below, gate.residuals, gate.jacobian, gate.gradient,
+        gate.value_and_gradient,
+    )  # fmt: skip
 
 
 def watched_doors_of(gate: Evaluator) -> Doors:
@@ -84,6 +89,8 @@ def watched_doors_of(gate: Evaluator) -> Doors:
         lambda points, limits: batch_below(looked_at_all(points), np.array(limits, dtype=np.float64)),
         lambda x: residuals(look(x)),
         lambda x: jacobian(point(x)),
+        lambda x: gate.gradient(point(x)),
+        lambda x: gate.value_and_gradient(look(x)),
     )
 
 

@@ -24,7 +24,8 @@ class Calls:
     """The calls of a problem; None where it has no such method.
 
     ``value(x, fixed)`` is one number; where that raises, ``again(x)`` is asked for the number or the error to tell.
-    ``batch(points)`` and ``below(points, limits)`` give shape (k,), ``residuals(x)`` (m,), ``jacobian(x)`` (m, dim).
+    ``batch(points)`` and ``below(points, limits)`` give shape (k,), ``residuals(x)`` (m,), ``jacobian(x)`` (m, dim),
+    ``gradient(x)`` (dim,), ``joint(x)`` (1 + dim,): the value and then its gradient.
     ``ahead(points)`` tells which points will be asked for next, one by one, so that a pool of processes may begin.
     """
 
@@ -35,6 +36,8 @@ class Calls:
     below: Any
     residuals: Any
     jacobian: Any
+    gradient: Any = None
+    joint: Any = None
     ahead: Any = None
 
     def one(self, x: Array) -> float:
@@ -52,14 +55,18 @@ def calls_of(problem: Any) -> Calls:
     batch, below, residuals, jacobian = (
         getattr(problem, name, None) for name in ("batch", "batch_below", "residuals", "jacobian")
     )
+    both, gradient = (getattr(problem, name, None) for name in ("value_and_gradient", "gradient"))
+    joint = both and _joint(both)
+    gradient = _slopes(gradient) if gradient else joint and (lambda x: joint(x)[1:])
     if getattr(problem, "side_effect_free", False):
         kernel = getattr(problem, "kernel", None)  # the compiled kernel itself: 30 ns less a call
         value, fixed = kernel or (lambda x, _: ask(x), None)
-        return Calls(value, fixed, ask if kernel else raise_again, batch, below, residuals, jacobian)
+        again = ask if kernel else raise_again
+        return Calls(value, fixed, again, batch, below, residuals, jacobian, gradient, joint)
     checked = _number(ask)
     return Calls(
         lambda x, _: checked(x), None, raise_again, batch and _numbers(batch), below and _numbers(below),
-        residuals and _vector(residuals), jacobian and _matrix(jacobian),
+        residuals and _vector(residuals), jacobian and _matrix(jacobian), gradient, joint,
     )  # fmt: skip
 
 
@@ -106,6 +113,34 @@ def _vector(function: Any) -> Any:
 def _matrix(function: Any) -> Any:
     """Return `function`, x -> derivatives of the residuals, likewise; the gate, which knows m, checks its shape."""
     return lambda x: _own(function(np.array(x, dtype=np.float64)))
+
+
+def _slopes(function: Any) -> Any:
+    """Return `function`, x -> gradient, likewise: float64 of shape (dim,), of the gate's own."""
+
+    def on_a_copy(x: Array) -> Array:
+        return _checked_slopes(function(np.array(x, dtype=np.float64)), "gradient", len(x))
+
+    return on_a_copy
+
+
+def _joint(function: Any) -> Any:
+    """Return `function`, x -> (value, gradient), likewise, as one array of shape (1 + dim,)."""
+
+    def on_a_copy(x: Array) -> Array:
+        pair = function(np.array(x, dtype=np.float64))
+        if not isinstance(pair, tuple | list) or len(pair) != 2:
+            raise TypeError(f"value_and_gradient returned {type(pair).__name__}: a value and an array are needed")
+        return np.append(_as_float(pair[0]), _checked_slopes(pair[1], "value_and_gradient", len(x)))
+
+    return on_a_copy
+
+
+def _checked_slopes(values: Any, name: str, dimension: int) -> Array:
+    slopes = _own(values)
+    if slopes.shape != (dimension,):
+        raise TypeError(f"{name} returned a gradient of shape {slopes.shape}: ({dimension},) is needed, one axis")
+    return slopes
 
 
 def _own(values: Any) -> Array:

@@ -1,10 +1,10 @@
 """The gate: every candidate of every optimiser passes here, and nowhere else is anything counted.
 
-One evaluation is one pass over all samples, whether it returns residuals or their sum. One Jacobian is charged
-`dimension`. A call that would bring ``charged = evaluations + dimension * jacobian_evaluations`` above the budget is
-refused. Values that are not finite are worst, and counted; slopes that are not finite are read as 0, and counted. The
-first exception of the problem is kept in `raised`, and every later call is refused: a library that swallows exceptions
-goes no further, and the row tells what the problem raised.
+One evaluation is one pass over all samples, whether it returns residuals or their sum. One Jacobian or gradient is
+charged `dimension`. A call that would bring ``charged = evaluations + dimension * jacobian_evaluations`` above the
+budget is refused. Values that are not finite are worst, and counted; slopes that are not finite are read as 0, and
+counted. The first exception of the problem is kept in `raised`, and every later call is refused: a library that
+swallows exceptions goes no further, and the row tells what the problem raised.
 
 Several threads may call it at once, and every call is counted. CPython changes threads at calls and backward jumps
 only, so nothing is called between reading the count and writing it; all other changes are made under a lock. A process
@@ -40,8 +40,8 @@ _EVERY_IMPROVEMENT_UNTIL = 64  # evaluations; later ones must gain a tenth to be
 _GAIN = 0.1
 _STATE = (
     "attempts", "batch_evaluations", "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged",
-    "jacobian_evaluations", "non_finite", "non_finite_slopes", "outside_evaluations", "residual_evaluations",
-    "restarts", "stopped", "trace", "unknown_slopes",
+    "gradient_evaluations", "jacobian_evaluations", "joint_evaluations", "non_finite", "non_finite_slopes",
+    "outside_evaluations", "residual_evaluations", "restarts", "stopped", "trace", "unknown_slopes",
 )  # fmt: skip
 _ARRAY = np.ndarray
 _NONE, _NOT_FINITE = -1, -2  # results of the scan of a batch besides an index
@@ -53,7 +53,8 @@ _LARGE_RESIDUAL = 1e100  # replaces a residual that is not finite: its square is
 class Evaluator:
     """Count, remember the best, trace, and refuse call `budget` + 1. Satisfies `optimizers.base.Objective`.
 
-    `problem` has `lower`, `upper`, and a call; `residuals`, `jacobian` and `batch` are used where it has them.
+    `problem` has `lower`, `upper`, and a call; `residuals`, `jacobian`, `gradient`, `value_and_gradient` and
+    `batch` are used where it has them.
     `targets` are levels whose first crossing is kept in `hits`; reaching `target` ends the run. `restart_seed` is where
     the points come from at which an optimiser begins again; no optimiser has a part in it. An optimiser is handed a
     `bench.gate.face` of it. `outside_evaluations` counts where somebody looks (`bench.gate.box`), else it is None;
@@ -63,12 +64,13 @@ class Evaluator:
 
     __slots__ = (
         "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_closed", "_deadline", "_fixed", "_forked",
-        "_function", "_jacobian", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_publish", "_residuals",
-        "_restart_rng", "_restart_seed", "_rows", "_scan", "_traced", "attempts", "batch_evaluations",
-        "best_evaluation", "best_value", "best_x", "budget", "dimension", "earlier", "evaluations", "has_jacobian",
-        "has_residuals", "hits", "hits_charged", "jacobian_evaluations", "lower", "non_finite", "non_finite_slopes",
-        "outside_evaluations", "raised", "residual_evaluations", "restarts", "start", "stopped", "target", "targets",
-        "trace", "unknown_slopes", "upper",
+        "_function", "_gradient", "_jacobian", "_joint", "_lock", "_mark", "_next_better", "_next_event", "_owner",
+        "_publish", "_residuals", "_restart_rng", "_restart_seed", "_rows", "_scan", "_traced", "attempts",
+        "batch_evaluations", "best_evaluation", "best_value", "best_x", "budget", "dimension", "earlier", "evaluations",
+        "gradient_evaluations", "has_gradient", "has_jacobian", "has_residuals", "hits", "hits_charged",
+        "jacobian_evaluations", "joint_evaluations", "lower", "non_finite", "non_finite_slopes", "outside_evaluations",
+        "raised", "residual_evaluations", "restarts", "start", "stopped", "target", "targets", "trace",
+        "unknown_slopes", "upper",
     )  # fmt: skip
 
     def __init__(
@@ -86,6 +88,8 @@ class Evaluator:
         self._below: Any
         self._residuals: Any
         self._jacobian: Any
+        self._gradient: Any
+        self._joint: Any
         self._ahead: Any
         self._asked_by: list[Callable[[Calls], None]] = []  # the functions made by `single_call`
         calls = calls_of(problem)
@@ -94,6 +98,7 @@ class Evaluator:
         self._next_better: Any
         self._scan, self._next_better = _compiled() if calls.batch or calls.below else (None, None)
         self.has_residuals, self.has_jacobian = self._residuals is not None, self._jacobian is not None
+        self.has_gradient = self._gradient is not None
         self.lower, self.upper = np.array(problem.lower, dtype=float), np.array(problem.upper, dtype=float)
         self.start = np.array(problem.start if start is None else start, dtype=float)
         for bounds in (self.lower, self.upper, self.start):
@@ -109,6 +114,7 @@ class Evaluator:
         self._rows: int | None = None  # of the residuals, when they have been asked
         self.raised: BaseException | None = None
         self.batch_evaluations = self.residual_evaluations = 0  # evaluations of these kinds cost another time each
+        self.gradient_evaluations = self.joint_evaluations = 0
         self.best_value, self.best_evaluation = inf, 0
         self.best_x: Array | None = None
         self.stopped: ByGate | None = None
@@ -280,23 +286,61 @@ class Evaluator:
 
     def jacobian(self, x: Array) -> Array:
         """Return the derivative of the residuals at x, shape (m, dim), for `dimension` evaluations; 0 if not finite."""
-        with self._lock:
-            self._hold()
-            if self.stopped == "target":
-                self._on_target()
-            if self.remaining < self.dimension:
-                self._exhausted()
-            self._look_at_the_clock()
-            self._pass_marks(self.evaluations)  # they are charged as they were before this Jacobian
-            self.jacobian_evaluations += 1
-            if self._publish is not None:
-                self._publish(self, self.evaluations)
-            self._schedule()
+        self._charge_slopes(self.dimension)
         try:
             slopes: Array = self._jacobian(x)
             self._check_shape(slopes)
         except BaseException as error:
             self._fail(error)
+        return self._finite(slopes)
+
+    def gradient(self, x: Array) -> Array:
+        """Return the derivative of the value at x, shape (dim,), for `dimension` evaluations, counted as a Jacobian."""
+        self._charge_slopes(self.dimension)
+        self.gradient_evaluations += 1
+        try:
+            slopes: Array = self._gradient(x)
+        except BaseException as error:
+            self._fail(error)
+        return self._finite(slopes)
+
+    def value_and_gradient(self, x: Array) -> tuple[float, Array]:
+        """Return both, by one call of a problem that gives them at once, for 1 + `dimension` evaluations."""
+        if self._joint is None:
+            return self(x), self.gradient(x)
+        self._charge_slopes(self.dimension + 1)
+        n = self._admit()
+        self.gradient_evaluations += 1
+        self.joint_evaluations += 1
+        try:
+            both: Array = self._joint(x)
+        except BaseException as error:
+            self._fail(error)
+        value, slopes = float(both[0]), self._finite(both[1:])
+        if -inf < value < self.best_value:
+            self._improve(n, value, x)
+        elif not -inf < value < inf:
+            self._not_finite(1)
+            return inf, slopes
+        return value, slopes
+
+    def _charge_slopes(self, needed: int) -> None:
+        """Count derivatives that are about to be asked for; raise `Stop` where less than `needed` is left."""
+        with self._lock:
+            self._hold()
+            if self.stopped == "target":
+                self._on_target()
+            if self.remaining < needed:
+                self._exhausted()
+            self._look_at_the_clock()
+            self._pass_marks(self.evaluations)  # they are charged as they were before these
+            self.jacobian_evaluations += 1
+            if self._publish is not None:
+                self._publish(self, self.evaluations)
+            self._schedule()
+
+    def _finite(self, slopes: Array) -> Array:
+        """Return slopes with 0 for those that are not finite, which are counted."""
         self.unknown_slopes = slopes.size - int(np.count_nonzero(np.isfinite(slopes)))
         if self.unknown_slopes:
             with self._lock:
@@ -323,7 +367,7 @@ class Evaluator:
 
     @property
     def charged(self) -> int:
-        """Return what the run has cost: evaluations and `dimension` for each Jacobian."""
+        """Return what the run has cost: evaluations and `dimension` for each Jacobian or gradient."""
         return self.evaluations + self.dimension * self.jacobian_evaluations
 
     @property
@@ -341,6 +385,7 @@ class Evaluator:
         self._fixed, self._again, self._function = calls.fixed, calls.again, calls.value
         self._batch, self._below, self._ahead = calls.batch, calls.below, calls.ahead
         self._residuals, self._jacobian = calls.residuals, calls.jacobian
+        self._gradient, self._joint = calls.gradient, calls.joint
         for ask in self._asked_by:
             ask(calls)
 

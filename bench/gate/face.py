@@ -25,14 +25,17 @@ from calibench.optimizers.base import Objective
 from calibench.problems.base import Array
 
 NUMBERS = (
-    "batch_evaluations", "best_evaluation", "best_value", "charged", "evaluations", "jacobian_evaluations",
-    "non_finite", "non_finite_slopes", "outside_evaluations", "remaining", "residual_evaluations", "restarts",
-    "stopped",
+    "batch_evaluations", "best_evaluation", "best_value", "charged", "evaluations", "gradient_evaluations",
+    "jacobian_evaluations", "joint_evaluations", "non_finite", "non_finite_slopes", "outside_evaluations", "remaining",
+    "residual_evaluations", "restarts", "stopped",
 )  # fmt: skip
 COPIES = ("best_x", "hits", "hits_charged", "trace")
-FIXED = ("budget", "dimension", "has_jacobian", "has_residuals", "lower", "start", "target", "targets", "upper")
+FIXED = (
+    "budget", "dimension", "has_gradient", "has_jacobian", "has_residuals", "lower", "start", "target", "targets",
+    "upper",
+)  # fmt: skip
 KNOWN = frozenset({*NUMBERS, *COPIES, *FIXED})  # what a run knows of itself, for the optimiser to read
-METHODS = ("batch", "batch_below", "jacobian", "residuals", "restart")
+METHODS = ("batch", "batch_below", "gradient", "jacobian", "residuals", "value_and_gradient", "restart")
 _REMADE = (
     "__getnewargs__",
     "__getnewargs_ex__",
@@ -80,7 +83,7 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
 
     members: dict[str, Any] = {name: number(name) for name in NUMBERS}
     members |= {name: copied(name) for name in COPIES} | {name: fixed(_shown(getattr(gate, name))) for name in FIXED}
-    calls: tuple[Any, ...] = (doors.batch, doors.batch_below, doors.jacobian, doors.residuals, gate.restart)
+    calls = [getattr(doors, name) for name in METHODS[:-1]] + [gate.restart]
     members |= {name: fixed(walled(call)) for name, call in zip(METHODS, calls, strict=True)}
     members |= {name: refusing(name) for name in _REMADE}
     members |= {
@@ -105,10 +108,8 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
 
 def own_face_of(gate: Evaluator, doors: Doors) -> Objective:
     """Return the face of `gate` for an optimiser of this package: the same names and values, and no walls."""
-    calls: dict[str, Any] = {
-        "__call__": doors.value, "batch": doors.batch, "batch_below": doors.batch_below, "jacobian": doors.jacobian,
-        "residuals": doors.residuals, "restart": gate.restart,
-    }  # fmt: skip
+    calls: dict[str, Any] = {"__call__": doors.value, "restart": gate.restart}
+    calls |= {name: getattr(doors, name) for name in METHODS[:-1]}
     members: dict[str, Any] = {name: staticmethod(call) for name, call in calls.items()}
     face: Any = type("Face", (_OwnFace,), members | {"__slots__": (), "__module__": __name__})()
     object.__setattr__(face, "_gate", gate)

@@ -36,7 +36,7 @@ GRACE = 2.0  # seconds for the gate to end the run by itself
 STALL_LIMIT = 60.0  # seconds without an evaluation, after which an optimiser that may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
-_HEAD = 16
+_HEAD = 18
 _ATTEMPTS = 64  # numbers of eight letters, for the names of what was tried
 _PASSED = "the time limit has passed"
 _DIED = "the process of this run ended"
@@ -276,7 +276,7 @@ class Mirror:
         self._head[9:11] = gate.batch_evaluations, gate.residual_evaluations
         self._head[12] = nan if gate.outside_evaluations is None else gate.outside_evaluations
         self._head[13:15] = gate.earlier
-        self._head[15] = gate.non_finite_slopes
+        self._head[15:] = gate.gradient_evaluations, gate.joint_evaluations, gate.non_finite_slopes
         if gate.attempts:
             told = "\0".join(gate.attempts).encode()[: self._attempts.size]
             self._attempts[: len(told)] = np.frombuffer(told, dtype=np.uint8)
@@ -293,8 +293,10 @@ class Mirror:
             "jacobian_evaluations": int(jacobians),
             "batch_evaluations": int(self._head[9]),
             "residual_evaluations": int(self._head[10]),
+            "gradient_evaluations": int(self._head[15]),
+            "joint_evaluations": int(self._head[16]),
             "non_finite": int(non_finite),
-            "non_finite_slopes": int(self._head[15]),
+            "non_finite_slopes": int(self._head[17]),
             "unknown_slopes": 0,  # asked where a search ended by itself
             "outside_evaluations": None if outside != outside else int(outside),
             "attempts": bytes(self._attempts).rstrip(b"\0").decode(errors="ignore").split("\0") if tried else [],

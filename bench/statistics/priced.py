@@ -15,7 +15,7 @@ from calibench.bench.statistics.cells import PROBLEM
 if TYPE_CHECKING:
     import pandas as pd
 
-KINDS = ("value_s", "batch_s", "residuals_s", "jacobian_s")
+KINDS = ("value_s", "batch_s", "residuals_s", "jacobian_s", "gradient_s", "joint_s")
 
 
 def priced(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]]) -> pd.Series:
@@ -28,7 +28,12 @@ def priced(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]]) -> pd.Series:
     known = {key_of_costs(record): record for record in costs}
     told = [known.get(key, {}) for key in zip(*(runs[column] for column in PROBLEM), strict=True)]
     batched, residuals = runs["batch_evaluations"], runs["residual_evaluations"]
-    counts = (runs["evaluations"] - batched - residuals, batched, residuals, runs["jacobian_evaluations"])
+    gradients, joint = (
+        runs[name].fillna(0) if name in runs else 0 for name in ("gradient_evaluations", "joint_evaluations")
+    )  # no run from before these columns had any
+    singles, slopes = runs["evaluations"] - batched - residuals - joint, runs["jacobian_evaluations"] - gradients
+    alone = gradients - joint + 0 * slopes
+    counts = (singles, batched, residuals, slopes, alone, joint + 0 * slopes)
     total = pd.Series(0.0, index=runs.index)
     for kind, column in zip(KINDS, counts, strict=True):
         count = column.astype(float)

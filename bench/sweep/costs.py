@@ -1,8 +1,9 @@
-"""The time of one call of a problem, in seconds: a value, a candidate of a batch, residuals, a Jacobian.
+"""The time of one call of a problem, in seconds: a value, a candidate of a batch, residuals, a Jacobian, a gradient.
 
-A Jacobian is charged `dimension` evaluations, however long it takes. The counts times these costs give the seconds that
-the objective itself took in a run: a second currency, which is reported beside the first and never charged. Costs are
-measured once for each problem, before its first run and outside every run's clock, and kept in the study's manifest.
+A Jacobian or gradient is charged `dimension` evaluations, however long it takes. The counts times these costs give the
+seconds that the objective itself took in a run: a second currency, which is reported beside the first and never
+charged. Costs are measured once for each problem, before its first run and outside every run's clock, and kept in the
+study's manifest.
 """
 
 from __future__ import annotations
@@ -105,7 +106,9 @@ def costs_of(
     problem = seeded(problem, "costs", 0)  # a noisy one draws from a generator that it is given
     calls: dict[str, tuple[Callable[[Any], Any], list[Any], int]] = {}
     points = _points(problem)
-    for kind, name in zip(KINDS, ("__call__", "batch", "residuals", "jacobian"), strict=True):
+    both = "value_and_gradient"
+    slope = "gradient" if getattr(problem, "gradient", None) else both  # as the gate asks for a gradient alone
+    for kind, name in zip(KINDS, ("__call__", "batch", "residuals", "jacobian", slope, both), strict=True):
         call = getattr(problem, name, None)
         if call is not None:
             given = [np.roll(points, -k, axis=0)[:_CANDIDATES] for k in range(4)] if name == "batch" else list(points)

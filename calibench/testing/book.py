@@ -147,6 +147,7 @@ class _Patient:
         self._refused = 0
         self.lower, self.upper, self.start, self.dimension = gate.lower, gate.upper, gate.start, gate.dimension
         self.has_residuals, self.has_jacobian = gate.has_residuals, gate.has_jacobian
+        self.has_gradient = gate.has_gradient
 
     def __deepcopy__(self, memo: Any) -> _Patient:
         return self  # as the gate: a library that copies what it is given still counts here
@@ -180,6 +181,15 @@ class _Patient:
     def jacobian(self, x: Array) -> Array:
         """Return their derivative."""
         return np.asarray(self._ask(self._gate.jacobian, x))
+
+    def gradient(self, x: Array) -> Array:
+        """Return the derivative of the value at x."""
+        return np.asarray(self._ask(self._gate.gradient, x))
+
+    def value_and_gradient(self, x: Array) -> tuple[float, Array]:
+        """Return both at x."""
+        value, slopes = self._ask(self._gate.value_and_gradient, x)
+        return float(value), np.asarray(slopes)
 
     def restart(self) -> Array:
         """Return a random point to begin again at."""

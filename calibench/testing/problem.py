@@ -19,6 +19,7 @@ from calibench.testing._law import MOST_NUMBERS, TIME_LIMIT, Checks, checks_of, 
 BATCH_SIZES = (1, 7, 33, 64, 65, 150)
 _STEPS = 10.0 ** np.arange(-8, -1)  # of central differences, in parts of a coordinate's scale
 _COLUMNS = 200  # of a Jacobian that are compared with differences, from the first to the last
+_ROUNDING = 1e-11  # of a value, in a slope by the scale of its coordinate
 _PRINTED = 1e-10  # of a minimum that is rounded to ten digits, as certified ones are
 
 
@@ -104,6 +105,7 @@ def calls_leave_x_alone(problem: Any) -> None:
 def _leave_alone(problem: Any, x: Array) -> None:
     before = x.copy()
     ways: dict[str, Any] = {"__call__": x, "residuals": x, "jacobian": x, "batch": (x,)}
+    ways |= {"gradient": x, "value_and_gradient": x}
     for name, arguments in ways.items():
         if getattr(problem, name, None) is not None:
             for argument in arguments:
@@ -201,10 +203,7 @@ def jacobian_agrees_with_differences(problem: Any, tolerance: float = 1e-7) -> N
         require(analytic.shape == shape, "the Jacobian has shape (m, dim)", f"{analytic.shape}, not {shape}", "turn it")
         scales = _scales(problem, x)
         for c in np.unique(np.linspace(0, x.size - 1, min(x.size, _COLUMNS)).astype(int)):
-            columns = [_slope(problem, x, c, scales[c] * step) for step in _STEPS]
-            # of two steps, ten times apart, also what they tend to: of r = x^3 at 0 every difference alone is above 0
-            limits = [fine + (fine - coarse) / 99 for fine, coarse in pairwise(columns)]
-            gap = min(float(np.abs(column - analytic[:, c]).max()) for column in columns + limits)
+            gap = _gap(problem.residuals, x, int(c), scales[c], analytic[:, c])
             size = float(np.abs(analytic[:, c]).max())
             require(
                 gap <= tolerance * max(size, 1e-9 * float(np.abs(analytic).max())),
@@ -214,11 +213,41 @@ def jacobian_agrees_with_differences(problem: Any, tolerance: float = 1e-7) -> N
             )
 
 
-def _slope(problem: Any, x: Array, c: int, h: float) -> Array:
-    """Return the central difference of the residuals along coordinate `c`."""
-    there, back = x.copy(), x.copy()
-    there[c], back[c] = x[c] + h, x[c] - h
-    return (_copied(problem.residuals(there)) - _copied(problem.residuals(back))) / (2 * h)
+def gradient_agrees_with_differences(problem: Any, tolerance: float = 1e-7) -> None:
+    """``gradient(x)`` is the derivative of the value, and `value_and_gradient` returns both of them."""
+    if is_stochastic(problem):
+        return
+    names = [c.name for c in coordinates_of(problem)]
+    for way in ("gradient", "value_and_gradient"):
+        if getattr(problem, way, None) is None:
+            continue
+        for x in inner_points(problem, 3, seed=10):
+            value, told = float(problem(x)), getattr(problem, way)(x.copy())
+            if way == "value_and_gradient":
+                pair = isinstance(told, tuple | list) and len(told) == 2
+                require(pair, f"{way} returns a value and an array", type(told).__name__, "return value, slopes")
+                same = abs(float(told[0]) - value) <= 1e-12 * abs(value)
+                require(same, f"the value of {way} is the value", f"{told[0]!r} and {value!r}", "compute it alike")
+                told = told[1]
+            slopes = _copied(told)
+            require(slopes.shape == x.shape, f"{way} has shape (dim,)", slopes.shape, "return a slope for each of x")
+            for c, scale in enumerate(_scales(problem, x)):
+                gap, size = _gap(problem, x, c, scale, slopes[c]), abs(float(slopes[c]))
+                require(
+                    gap <= max(tolerance * size, _ROUNDING * abs(value) / scale),
+                    "the gradient agrees with central differences",
+                    f"a gap of {gap:.2g} beside {size:.2g} in entry {c} ({names[c]})",
+                    "derive that entry again: d value / d x_j",
+                )
+
+
+def _gap(function: Any, x: Array, c: int, scale: float, analytic: Any) -> float:
+    """Return how far central differences of `function` by x_c stay from `analytic`, with the best of the steps."""
+    steps = scale * _STEPS * np.eye(x.size)[c][:, None]
+    columns = [(_copied(function(x + h)) - _copied(function(x - h))) / (2 * h[c]) for h in steps.T]
+    # of two steps, ten times apart, also what they tend to: of r = x^3 at 0 every difference alone is above 0
+    limits = [fine + (fine - coarse) / 99 for fine, coarse in pairwise(columns)]
+    return min(float(np.abs(column - analytic).max()) for column in columns + limits)
 
 
 def truth_has_the_least_value(problem: Any) -> None:
@@ -255,7 +284,8 @@ PROBLEM_LAWS = (
     box_is_sane, start_and_truth_lie_in_the_box, what_it_says_of_itself_is_right,
     value_is_one_finite_number_at_the_start, same_point_has_the_same_value, calls_leave_x_alone,
     value_is_the_sum_of_squared_residuals, batch_has_the_bits_of_single_calls, batch_below_is_exact_below_its_limits,
-    jacobian_agrees_with_differences, truth_has_the_least_value, no_value_lies_below_the_minimum,
+    jacobian_agrees_with_differences, gradient_agrees_with_differences, truth_has_the_least_value,
+    no_value_lies_below_the_minimum,
 )  # fmt: skip
 
 

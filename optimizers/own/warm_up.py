@@ -25,7 +25,7 @@ def rehearse(optimizer: Optimizer) -> None:
 class _Flat:
     """Zero on the unit square."""
 
-    has_residuals = has_jacobian = False
+    has_residuals = has_jacobian = has_gradient = False
     dimension = 2
 
     def __init__(self) -> None:

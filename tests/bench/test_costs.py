@@ -47,6 +47,14 @@ class Timed:
         self.clock[0] += 3.8e-3
         return np.eye(3)
 
+    def gradient(self, x):
+        self.clock[0] += 2.5e-3
+        return 2 * x
+
+    def value_and_gradient(self, x):
+        self.clock[0] += 4e-3
+        return float(x @ x), 2 * x
+
 
 @pytest.fixture
 def clock(monkeypatch):
@@ -57,7 +65,16 @@ def clock(monkeypatch):
 
 def test_a_call_costs_what_it_takes(clock):
     found = costs.costs_of(Timed(clock))
-    assert found == pytest.approx({"value_s": 2e-3, "batch_s": 1e-4, "residuals_s": 3e-3, "jacobian_s": 3.8e-3})
+    assert found == pytest.approx(
+        {
+            "value_s": 2e-3,
+            "batch_s": 1e-4,
+            "residuals_s": 3e-3,
+            "jacobian_s": 3.8e-3,
+            "gradient_s": 2.5e-3,
+            "joint_s": 4e-3,
+        }
+    )
     assert clock[0] < 0.2
 
 
@@ -138,6 +155,17 @@ def test_a_run_is_priced_by_its_counts():
     assert priced(runs, []).isna().all()
 
 
+def test_a_gradient_is_priced_as_it_was_asked_for():
+    rows = {
+        "problem": "p", "problem_options": "{}", "data_id": "", "evaluations": [7, 7, 7], "batch_evaluations": 0,
+        "residual_evaluations": 0, "jacobian_evaluations": [5, 5, 5], "gradient_evaluations": [5, 5, None],
+        "joint_evaluations": [0, 4, None],
+    }  # fmt: skip
+    record = {"problem": "p", "problem_options": "{}", "data_id": "", "value_s": 1.0, "jacobian_s": 0.1}
+    record |= {"gradient_s": 2.0, "joint_s": 2.5}
+    assert priced(pd.DataFrame(rows), [record]).tolist() == pytest.approx([17.0, 15.0, 7.5])
+
+
 def test_a_problem_that_ends_its_process_loses_only_its_own_costs(tmp_path, monkeypatch):
     (tmp_path / "deadly_costs.py").write_text(
         "import os\nimport numpy as np\nclass Bowl:\n    lower, upper, start = -np.ones(2), np.ones(2), np.zeros(2)\n"
@@ -196,7 +224,7 @@ def test_a_sweep_measures_each_problem_once_and_tells_the_second_currency(tmp_pa
         assert ended.value.code == 0
     store = ResultStore(tmp_path / "adhoc")
     (record,) = json.loads((store.folder / "manifest.json").read_text())["costs"]
-    assert all(record[kind] > 0 for kind in KINDS)
+    assert all(record[kind] > 0 for kind in KINDS[:4])  # it has no gradient of its own
     runs = store.runs()
     write_report(store)
     for name in ("summary", "overview"):

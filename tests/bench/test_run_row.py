@@ -40,7 +40,8 @@ platform string, started_at timestamp[us; tz=UTC], schema_version int64, code_di
 merit string, unit string, minimum double, judged_value double, judged_evaluations int64,
 outside_evaluations int64, tampering string, problem_group string, parameter_units list<item: string>,
 parameter_starts list<item: double>, parameter_truths list<item: double>, chance bool, non_finite_slopes int64,
-process_changes list<item: string>
+process_changes list<item: string>,
+gradient_evaluations int64, joint_evaluations int64
 """
 
 

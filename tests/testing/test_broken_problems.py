@@ -153,6 +153,18 @@ def rounded(self: Any, points: Any) -> Any:
     return np.nextafter(values, np.inf) if len(points) == 33 else values
 
 
+def slopes_of(problem: Any, x: Any) -> Any:
+    return 2.0 * problem.jacobian(x).T @ problem.residuals(x)
+
+
+class Sloped(Valley):
+    def gradient(self, x: Any) -> Any:
+        return slopes_of(self, x)
+
+    def value_and_gradient(self, x: Any) -> Any:
+        return self(x), slopes_of(self, x)
+
+
 BROKEN: list[tuple[str, Callable[[], Any], str]] = [
     ("box_is_sane", lambda: fake(upper=np.array([2.0, np.nan])), r"lower <= upper; found \[\(1, "),
     ("box_is_sane", lambda: fake(start=np.zeros(3)), r"one shape \(dim,\); found \(\(2,\), \(2,\), \(3,\)\)"),
@@ -199,6 +211,18 @@ BROKEN: list[tuple[str, Callable[[], Any], str]] = [
         "jacobian_agrees_with_differences",
         lambda: fake(jacobian=lambda self, x: Valley.jacobian(self, x)[:1]), r"the Jacobian has shape \(m, dim\)",
     ),
+    (
+        "gradient_agrees_with_differences",
+        lambda: fake(gradient=lambda self, x: slopes_of(self, x) * [1.0, 1.0001]), r"in entry 1 \(b\)",
+    ),
+    (
+        "gradient_agrees_with_differences",
+        lambda: fake(gradient=lambda self, x: slopes_of(self, x)[:1]), r"gradient has shape \(dim,\)",
+    ),
+    (
+        "gradient_agrees_with_differences",
+        lambda: fake(value_and_gradient=lambda self, x: (self(x) / 2, slopes_of(self, x))), "is the value; found",
+    ),
     ("truth_has_the_least_value", lambda: fake(truth=np.array([-1.9, -1.9])), "the truth has the least value"),
     ("jacobian_agrees_with_differences", WrongAtItsTruth, r"in column 1 \(b\)"),
     ("no_value_lies_below_the_minimum", lambda: fake(minimum=50.0, targets=()), "no value is below minimum=50"),
@@ -210,6 +234,7 @@ BROKEN: list[tuple[str, Callable[[], Any], str]] = [
     "problem",
     [
         Valley(),
+        Sloped(),
         Noisy(),
         NoisyBelow(),
         NoisyInAnotherOrder(),

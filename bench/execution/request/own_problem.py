@@ -17,8 +17,8 @@ from calibench.bench.execution.stochastic import check_stochastic
 from calibench.problems.base import coordinates_of, parameters_of
 
 OPTIONAL = (
-    "residuals", "jacobian", "batch", "targets", "minimum", "unit", "group", "parameters", "coordinates", "truth",
-    "budgets", "stochastic",
+    "residuals", "jacobian", "gradient", "value_and_gradient", "batch", "targets", "minimum", "unit", "group",
+    "parameters", "coordinates", "truth", "budgets", "stochastic",
 )  # fmt: skip  # what is read before a run begins
 _MANY = "give one number, such as a weighted sum"
 _OUT_OF_SCOPE = {

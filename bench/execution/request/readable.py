@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 from calibench.bench.execution.request.own_problem import OPTIONAL
 from calibench.bench.gate.frames import text_of
 
-_METHODS = ("residuals", "jacobian", "batch", "batch_below", "compile", "compile_values", "physical", "seeded")
+_METHODS = (
+    "residuals", "jacobian", "gradient", "value_and_gradient", "batch", "batch_below", "compile", "compile_values",
+    "physical", "seeded",
+)  # fmt: skip
 _OF_A_PROBLEM = (
     "lower", "upper", "start", *OPTIONAL, *_METHODS, "side_effect_free", "data_id", "default_start", "kernel",
     "merit", "name", "noise_free", "options",

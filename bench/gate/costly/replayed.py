@@ -31,8 +31,8 @@ Array = NDArray[np.float64]
 DEAR = 0.02  # seconds an evaluation from which on its value is worth a record, which takes about 1e-4
 FIRST = 3  # calls that are timed
 _CHEAP, _WINDOW = DEAR / 4, 16  # mean of so many calls below which no more is written
-_VALUE, _BATCH, _BELOW, _RESIDUALS, _JACOBIAN = range(5)
-_NAMES = ("a value", "a batch", "a batch", "residuals", "a Jacobian")
+_VALUE, _BATCH, _BELOW, _RESIDUALS, _JACOBIAN, _GRADIENT, _JOINT = range(7)
+_NAMES = ("a value", "a batch", "a batch", "residuals", "a Jacobian", "a gradient", "a value and its gradient")
 
 
 class ReplayDiffers(RuntimeError):
@@ -77,6 +77,8 @@ class Replayed:
             calls.below and (lambda points, limits: self._through(_BELOW, calls.below, points, limits)),
             calls.residuals and (lambda x: self._through(_RESIDUALS, calls.residuals, x)),
             calls.jacobian and (lambda x: self._through(_JACOBIAN, calls.jacobian, x)),
+            calls.gradient and (lambda x: self._through(_GRADIENT, calls.gradient, x)),
+            calls.joint and (lambda x: self._through(_JOINT, calls.joint, x)),
             calls.ahead and self._ahead,
         )  # fmt: skip
 
@@ -119,7 +121,7 @@ class Replayed:
             self._bare.ahead(points[known:])
 
     def _place(self) -> int:
-        return self._gate.evaluations + self._gate.jacobian_evaluations  # each call raises one of the two
+        return self._gate.evaluations + self._gate.jacobian_evaluations  # each call raises one of the two, or both
 
     def _through(self, kind: int, ask: Callable[..., Any], *given: Array) -> Any:
         """Return the answer to what is `given`: the one of before, or else what ``ask(*given)`` returns."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from calibench.bench.report.methods.pygmo_table import pygmo_table
 from calibench.bench.report.shared.markdown import table
 from calibench.optimizers.nlopt.settings import SETTINGS
+from calibench.optimizers.scipy.settings import SETTINGS as OF_SCIPY
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "optimizers.md"
 
@@ -32,7 +33,21 @@ def nlopt_table() -> str:
     return table(head, rows)
 
 
-TABLES = {"nlopt": nlopt_table, "pygmo": pygmo_table}
+def scipy_table() -> str:
+    """Return what each method of SciPy is given and why."""
+    rows = [
+        [
+            f"`{name}`",
+            setting.word or f"{name}()",
+            ", ".join(f"`{option}` = {value}" for option, value in setting.given.items()) or "none",
+            setting.why,
+        ]
+        for name, setting in OF_SCIPY.items()
+    ]
+    return table(["scipy_", "SciPy's own", "given", "why"], rows)
+
+
+TABLES = {"scipy": scipy_table, "nlopt": nlopt_table, "pygmo": pygmo_table}
 
 
 def filled(page: str) -> str:

@@ -108,20 +108,24 @@ def prices(runs: Sequence[tuple[str, pd.DataFrame]], known: Mapping[tuple[Any, .
     said = []
     for error, mine in runs if known else ():
         record = known.get(tuple(mine[name].iloc[0] for name in PROBLEM), {})
-        parts = [f"{words} {_seconds(record[kind])}" for kind, words in _CALLS.items() if record.get(kind)]
+        value, parts = record.get("value_s"), []
+        for kind, words in _CALLS.items():
+            if seconds := record.get(kind):
+                parts.append(f"{words} {_seconds(seconds)}")
+                if value and kind in _SLOPES:
+                    charged = int(mine["dimension"].iloc[0])
+                    parts[-1] += f", as long as {number(seconds / value)} values (it is charged {charged})"
         if not parts:
             continue
-        value, slope = record.get("value_s"), record.get("jacobian_s")
-        if value and slope:
-            parts[-1] += f", as long as {number(slope / value)} values; it is charged {int(mine['dimension'].iloc[0])}"
         said.append(f"{error + ': one' if error else 'One'} call takes: {'; '.join(parts)}.")
     return said
 
 
 _CALLS = {
     "value_s": "a value", "batch_s": "a candidate in a batch of 100", "residuals_s": "residuals",
-    "jacobian_s": "a Jacobian",
+    "jacobian_s": "a Jacobian", "gradient_s": "a gradient", "joint_s": "a value with its gradient",
 }  # fmt: skip
+_SLOPES = ("jacobian_s", "gradient_s")
 
 
 def _seconds(value: float) -> str:
