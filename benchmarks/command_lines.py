@@ -209,14 +209,14 @@ def main(arguments: list[str]) -> int:
         ended = []
         for line in command_lines(count, seed):
             ended.append(_call(bench, line, home))
+            if ended[-1].code == 0:
+                lines = ended[-1].told.strip().splitlines()
+                last = (lines[-1] if lines else "")[:160]
+                print(f"taken: bench {shlex.join(line)[:200]!a}\n    {last!a}", flush=True)
             for fault in ended[-1].faults():
                 print(f"{fault}: bench {shlex.join(line)[:300]!a}\n    {ended[-1].told[-300:]!a}", flush=True)
     finally:
         shutil.rmtree(home, ignore_errors=True)
-    for one in ended:
-        if one.code == 0:
-            lines = one.told.strip().splitlines()
-            print(f"taken: bench {shlex.join(one.words)[:200]!a}\n    {(lines[-1] if lines else '')[:160]!a}")
     faults = Counter(fault for one in ended for fault in one.faults())
     print(f"{len(ended)} command lines, seed {seed}; exit codes {dict(Counter(one.code for one in ended))}")
     print(f"longest {max(one.seconds for one in ended):.1f} s, largest {max(one.megabytes for one in ended):.0f} MB")

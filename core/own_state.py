@@ -14,6 +14,7 @@ acts likewise and is not named: SciPy adds a filter of warnings. What our own co
 from __future__ import annotations
 
 import builtins
+import gc
 import importlib.util
 import os
 import sys
@@ -126,16 +127,21 @@ def kept(*modules: str) -> Iterator[Kept]:
     >>> state.names, decimal.getcontext().prec
     (['decimal context'], 28)
     """
-    run = Kept()
-    _UNDER_WAY.append(run)
-    try:
-        with _imports_seen():
+    with _imports_seen():
+        run = Kept()
+        _UNDER_WAY.append(run)
+        try:
             for module in dict.fromkeys(modules):
                 _act(module)
             yield run
-    finally:
-        _UNDER_WAY.remove(run)
-        run.put_back()
+        finally:
+            _UNDER_WAY.remove(run)
+            run.put_back()
+
+
+def is_kept() -> bool:
+    """Tell whether a run is under way whose state will be put back."""
+    return bool(_UNDER_WAY)
 
 
 def with_changes(work: Callable[[], T]) -> tuple[T, list[str]]:
@@ -223,16 +229,23 @@ def _act(module: str) -> None:
 
 @contextmanager
 def _imports_seen() -> Iterator[None]:
-    """See each ``import`` of the block: what it sets is remembered, and set again by the next of the same module."""
+    """See each ``import`` of the block: what it sets is remembered, and set again by the next of the same module.
+
+    Garbage is collected meanwhile: elsewhere this package may let that rest, and would not see that somebody else does.
+    """
     if _IMPORT:
         yield
         return
+    rests = not gc.isenabled()
+    gc.enable()
     _IMPORT.append(builtins.__import__)
     builtins.__import__ = _import
     try:
         yield
     finally:
         builtins.__import__ = _IMPORT.pop()
+        if rests:
+            gc.disable()
 
 
 def _import(

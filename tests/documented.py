@@ -56,6 +56,7 @@ BLOCKS = {
         "own-problem.md",
         "bench: 80 of 80 finished runs",
     ): "tests/bench/test_own_study.py makes those rows and has the words",
+    ("own-problem.md", "import jax"): "needs JAX; the gradient by hand above it is run",
     ("own-problem.md", "@pytest.mark.parametrize"): "tests/testing holds what ships to the same checks",
     ("peers-measured.md", "python -m benchmarks peers --only"): "environments of others, and minutes",
     ("thresholds.md", "python -m benchmarks thresholds"): HOURS,

@@ -1,8 +1,10 @@
 """`calibench.plot`: the drawings of the pages in axes of one's own, their numbers, and what a notebook shows."""
 
 import importlib
+import inspect
 import json
 import sys
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import matplotlib
@@ -283,3 +285,15 @@ def test_in_a_notebook_a_sweep_has_a_bar_that_needs_no_widgets(tmp_path, monkeyp
     assert said.startswith("2/2 runs, ")
     assert '<progress value="2" max="2"' in html
     assert capsys.readouterr() == ("", "")
+
+
+def test_the_page_on_python_writes_each_call_as_it_is():
+    page = (Path(__file__).resolve().parents[1] / "docs" / "api.md").read_text()
+    told = {"plot." + name: getattr(plot, name) for name in plot.__all__}
+    told |= {"execute": calibench.execute, "sweep": calibench.sweep, "discover": calibench.discover}
+    for name, function in told.items():
+        signature = inspect.signature(function)
+        bare = [p.replace(annotation=inspect.Parameter.empty) for p in signature.parameters.values()]
+        call = str(signature.replace(parameters=bare, return_annotation=inspect.Signature.empty)).replace("'", '"')
+        assert f"`{name}{call}`" in " ".join(page.split()), f"{name}{call}"
+    assert all(f"`{name}" in page or f"`calibench.{name}`" in page for name in calibench.__all__)

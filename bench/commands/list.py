@@ -34,6 +34,8 @@ def run(argv: list[str]) -> int:
         return 0
     for row in rows:
         traits = [k for k, v in row.get("traits", {}).items() if v is True]
+        if (most := row.get("traits", {}).get("maximum_dimension")) is not None:
+            traits.append(f"at most {most} dimensions")
         traits += row.get("tags", [])
         traits += ["left out"] if row.get("left_out") else []
         print(f"{row['name']}" + (f"  [{', '.join(traits)}]" if traits else ""))

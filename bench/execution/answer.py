@@ -16,6 +16,7 @@ from calibench.bench.gate.frames import frames_of
 from calibench.bench.gate.processes.forked_worker import Lost, apart
 from calibench.bench.gate.time_limit import Ending, text_of
 from calibench.core import own_state
+from calibench.core.seeds import begin_generators, seed_sequence
 
 Array = NDArray[np.float64]
 PATIENCE = 60.0  # seconds for judging an answer where a run is watched and has no limit of its own
@@ -68,6 +69,8 @@ def answer_of(
     """
     problem = pair.problem
     known: dict[str, Any] = {}
+    if own_state.is_kept():  # a fork begins `random` anew
+        begin_generators(seed_sequence(pair.problem_word, "judging", repetition=repetition))
     try:
         if x is not None:
             known |= _read(pair, x)  # kept, whatever the figures of merit do

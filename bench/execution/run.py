@@ -5,8 +5,8 @@ Converged, exhausted, on target or crashed: the row says which. Compilation happ
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -27,7 +27,7 @@ from calibench.bench.execution.stochastic import seeded
 from calibench.bench.gate.evaluator import Evaluator, TracePoint
 from calibench.bench.gate.guard.foreign_code import is_foreign
 from calibench.bench.gate.guard.private_class import private_evaluator
-from calibench.bench.gate.time_limit import STALL_LIMIT, run_here, run_watched
+from calibench.bench.gate.time_limit import STALL_LIMIT, Ending, run_here, run_watched
 from calibench.bench.provenance.run_id import seed_sequence
 from calibench.core.html_table import html_table
 from calibench.core.one_thread import hold_new, one_thread
@@ -203,10 +203,11 @@ def _own_state(foreign: Sequence[str]) -> Iterator[Kept | None]:
 def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolder | None, state: Kept | None) -> Run:
     """Make the run that is asked for; `state` is that of the process before, where foreign code takes part."""
     pair, repetition = asked.pair, asked.repetition
+    words = pair.problem_word, pair.optimizer_word
+    begin: Callable[[], object] = float  # nothing, as our code draws from rng alone
     if state is not None:
         hold_new()
-        shared = seed_sequence(pair.problem_word, pair.optimizer_word, "shared", repetition=repetition)
-        begin_generators(shared)  # our code draws from rng alone
+        begin = partial(begin_generators, seed_sequence(*words, "shared", repetition=repetition))
     problem, optimizer = pair.problem, pair.optimizer
     check_inner(problem, optimizer, inner)
     check_replay(problem, replay)
@@ -215,7 +216,7 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
     may_hang = getattr(getattr(optimizer, "traits", None), "may_hang", False)
     watched = time_limit is not None or may_hang
     apart = watched and (pair.foreign_problem or pair.foreign_optimizer)  # ours compile here, once for all runs
-    broken = None if apart or pair.compiled else compile_parts(problem, optimizer)
+    broken = None if apart or pair.compiled else _compile(problem, optimizer, begin)
     if not (apart or pair.compiled or broken) and pair.foreign_problem:
         broken = check_merit(problem)
     pair.compiled = pair.compiled or (not apart and broken is None)
@@ -225,7 +226,8 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
         searched, asked.budget, start=asked.first, target=asked.target, targets=asked.targets, restart_seed=again
     )
     made_in = around(gate, searched, asked.run_id, pair.code, inner=inner, replay=replay, time_limit=time_limit)
-    rng = np.random.default_rng(seed_sequence(pair.problem_word, pair.optimizer_word, repetition=repetition))
+    made_in = _begun(begin, made_in)
+    rng = np.random.default_rng(seed_sequence(*words, repetition=repetition))
     began = datetime.now(UTC)
     with followed(asked, gate) as goes_on:
         if broken is not None:
@@ -234,7 +236,7 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
             ending = run_here(optimizer, gate, rng, problem, around=made_in)
         else:
             stall_limit = STALL_LIMIT if may_hang else None
-            first = partial(compile_parts, problem, optimizer) if apart else lambda: None
+            first = partial(_compile, problem, optimizer, begin) if apart else lambda: None
             ending = run_watched(optimizer, gate, rng, time_limit, stall_limit, problem, first, made_in, goes_on)
     gate.close()
     ending = with_an_answer(gate, ending)
@@ -242,3 +244,16 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
     answer, ending = judge(pair, gate.best_x, ending, repetition, time_limit)
     process_changes = [] if state is None else state.put_back()
     return Run(row_of(asked, gate, answer, ending, began, process_changes), tuple(gate.trace))
+
+
+def _compile(problem: Any, optimizer: Any, begin: Callable[[], object]) -> Ending | None:
+    begin()
+    return compile_parts(problem, optimizer)
+
+
+@contextmanager
+def _begun(begin: Callable[[], object], made_in: AbstractContextManager[Any]) -> Iterator[None]:
+    """Make the search within `made_in`, after `begin`: in its own process, as a fork begins `random` anew."""
+    with made_in:
+        begin()
+        yield

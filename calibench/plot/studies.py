@@ -226,7 +226,8 @@ def _read(source: Source, problem: str | None = None, traces: pd.DataFrame | Non
     found = found.reset_index(drop=True)
     if problem is not None:
         titles = problem_titles(found)
-        mine = (titles == problem) | (found["problem"] == problem)
+        names = found["problem"]  # of a class of the user's own also without its file
+        mine = (titles == problem) | (names == problem) | (names.str.rpartition(":")[2] == problem)
         if not mine.any():
             raise ValueError(f"problem={problem!r}: there is none; {_choice(titles, problem)}")
         found = found[mine].reset_index(drop=True)

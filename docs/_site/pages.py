@@ -32,6 +32,7 @@ PACKAGES = {
     "problems": "What is to be found: a box, a start, a value, and where there are any residuals and a Jacobian.",
     "optimizers": "How to look for it, behind one face; `optimizers.make(NAME)` makes every method that is listed.",
     "discrepancy": "What a model lacks: machines, effects, data, and the search.",
+    "plot": "The drawings of the pages in axes of your own, and the numbers behind each.",
     "testing": "The laws that your own problem, optimiser, effect or machine must keep.",
 }
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")

@@ -3,6 +3,8 @@
 The table is static, so that listing needs no NLopt. `stops`: was seen to end by itself before its evaluations were
 spent (converged, or failed at the rounding floor). `uses_start`: proposes other points from another start. `first` and
 `first_per_dimension`: evaluations of its first sample or model, which it chooses before it has learnt anything.
+`maximum_dimension` is measured (``python -m benchmarks.dimensions``): beyond it the DIRECT of Gablonsky writes outside
+its arrays, and the population of ISRES takes more than a gigabyte.
 """
 
 from __future__ import annotations
@@ -33,9 +35,9 @@ class Algorithm:
     maximum_dimension: int | None = None
 
 
-def _direct(about: str, stochastic: bool = False) -> Algorithm:
+def _direct(about: str, stochastic: bool = False, most: int | None = None) -> Algorithm:
     source = "(Jones, Perttunen, Stuckman 1993); ignores the start."
-    return Algorithm("global", f"{about} {source}", stochastic, uses_start=False)
+    return Algorithm("global", f"{about} {source}", stochastic, uses_start=False, maximum_dimension=most)
 
 
 def _free(about: str, first_per_dimension: int) -> Algorithm:
@@ -53,15 +55,15 @@ ALGORITHMS: dict[str, Algorithm] = {
     "GN_DIRECT_NOSCAL": _direct("Divide the box into rectangles, the box not rescaled"),
     "GN_DIRECT_L_NOSCAL": _direct("Divide the box, biased to local search, the box not rescaled"),
     "GN_DIRECT_L_RAND_NOSCAL": _direct("Divide the box, biased to local search, randomised, the box not rescaled"),
-    "GN_ORIG_DIRECT": _direct("Divide the box into rectangles, Gablonsky's Fortran"),
-    "GN_ORIG_DIRECT_L": _direct("Divide the box, biased to local search, Gablonsky's Fortran"),
+    "GN_ORIG_DIRECT": _direct("Divide the box into rectangles, Gablonsky's Fortran", most=500),
+    "GN_ORIG_DIRECT_L": _direct("Divide the box, biased to local search, Gablonsky's Fortran", most=700),
     "GN_CRS2_LM": Algorithm(
         "population", "Controlled random search with local mutation (Kaelo, Ali 2006); population: 10 (dim + 1).",
         stochastic=True, first=10, first_per_dimension=10,
     ),
     "GN_ISRES": Algorithm(
         "population", "Evolution strategy with stochastic ranking (Runarsson, Yao 2005); population: 20 (dim + 1).",
-        stochastic=True, first=20, first_per_dimension=20,
+        stochastic=True, first=20, first_per_dimension=20, maximum_dimension=1900,
     ),
     "GN_ESCH": Algorithm(
         "population", "Evolution strategy with Cauchy mutation (da Silva Santos 2010); population: 40.",

@@ -50,7 +50,10 @@ class _Flat:
     def residuals(self, x: Array) -> Array:
         raise AssertionError("a warm-up only asks for batches")
 
-    jacobian = residuals
+    jacobian = gradient = residuals
+
+    def value_and_gradient(self, x: Array) -> tuple[float, Array]:
+        raise AssertionError("a warm-up only asks for batches")
 
     def restart(self) -> Array:
         raise AssertionError("a warm-up only asks for batches")

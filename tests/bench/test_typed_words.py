@@ -12,6 +12,7 @@ from calibench.bench.discovery.request import read_discover
 from calibench.bench.execution.request.checks import check_request, starting_point
 from calibench.bench.measured.renamed import pairs_of
 from calibench.bench.sweep.request import read_request
+from calibench.bench.sweep.tuner.space import read_tuning
 from calibench.bench.sweep.words.values import RequestError
 from calibench.core.annotated import read_word
 
@@ -134,6 +135,12 @@ def test_names_of_a_mapping_are_any_text(options):
         {"columns": {"1.10": "a", "Länge 2": "1.10", "null": "b", "c.d": "e, f"}}
     ]
     assert pairs_of("columns", "x:driver's x,y:b's") == {"x": "driver's x", "y": "b's"}
+
+
+def test_choices_of_a_tuned_option_are_what_was_typed(home, monkeypatch):
+    monkeypatch.chdir(home)
+    words = ["problem=sensor_zero", "optimizer=./typed_mine.py:Text", "tuner=optuna", "optimizer.tag=1.1,1.10,b"]
+    assert read_tuning(words).space[0].choices == ("'1.1'", "'1.10'", "b")
 
 
 def test_numbers_take_all_their_spellings(options):

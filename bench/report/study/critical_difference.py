@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, figure_of
 from calibench.bench.statistics.comparison.many_methods import Ranked
 
-_LETTER = 0.066  # inches of a letter of a name
+_LETTER = 0.07  # inches of a letter of a name
 
 
 def critical_difference(ranked: Ranked) -> Drawing:

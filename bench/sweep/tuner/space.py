@@ -13,10 +13,12 @@ from itertools import combinations
 from typing import Any, Literal, cast, final, get_args
 
 from calibench.bench.statistics.choosing.settings import By, default_of
-from calibench.bench.sweep.words.hydra_overrides import last_value, parse, values_of
+from calibench.bench.sweep.words.hydra_overrides import as_annotated, last_value, parse, values_of
 from calibench.bench.sweep.words.plain_words import PlainOverride
 from calibench.bench.sweep.words.values import RequestError
+from calibench.core.annotated import unquoted
 from calibench.core.options import LARGEST_WHOLE, suggest
+from calibench.optimizers import registry
 
 Sampler = Literal["tpe", "random", "cmaes"]
 MOST_TRIALS = 10_000
@@ -158,7 +160,7 @@ def _dimension(override: Any, optimizer: str) -> Dimension:
     default = _default(optimizer, option)
     value = None if isinstance(override, PlainOverride) else override.value()
     if not isinstance(value, IntervalSweep):
-        choices = tuple(dict.fromkeys(values_of(override)))
+        choices = tuple(dict.fromkeys(values_of(as_annotated(override, _kind(optimizer, option)))))
         if not choices:
             raise RequestError(f"{override.input_line}: holds no value")
         own = next((text for text in choices if _same(text, default)), None)
@@ -178,6 +180,14 @@ def _dimension(override: Any, optimizer: str) -> Dimension:
     return Dimension(word, option, low, high, whole, log, (), own)
 
 
+def _kind(optimizer: str, option: str) -> Any:
+    """Return what an option is annotated with; anything where that is not known."""
+    try:
+        return registry.option(optimizer, option).annotation
+    except ValueError:  # a preset, or a class by its path: read_request says what is wrong with it
+        return Any
+
+
 def _default(optimizer: str, option: str) -> Any:
     try:
         return default_of(optimizer, option)
@@ -192,4 +202,4 @@ def _same(text: str, default: Any) -> bool:
     try:
         return float(text) == float(default)
     except (TypeError, ValueError):
-        return text == str(default)
+        return unquoted(text) == str(default)

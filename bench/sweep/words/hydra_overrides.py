@@ -25,7 +25,9 @@ _LONGEST_PARSED = 20_000  # characters: Hydra's parser takes up to two seconds f
 # 0:10 and paths are no Hydra grammar
 _AS_TEXT = ("seeds", "results", "study", "shard", "execution.address", "problem.readings")
 _CHOICE = re.compile(r"\s*choice\s*\((.*)\)\s*", re.DOTALL)  # a list, whose quotes Hydra takes away
-_BARE = re.compile(r"[\w.+-]+", re.ASCII)  # what its grammar can take for a number, a truth value or null
+_BARE = re.compile(  # what its grammar can take for a number, a truth value or null
+    r"[+-]?[.\d][\w.+-]*|[+-]?(?:inf|nan)|true|false|null", re.ASCII | re.IGNORECASE
+)
 _FOREIGN = re.compile(
     r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*"|[^,\[\]{}()'"\\]*[^\x00-\x7f][^,\[\]{}()'"\\]*"""
 )  # what stands in quotes, or text with a sign beyond ASCII
