@@ -25,7 +25,7 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   run [-m] problem=NAME [problem.OPTION=V] optimizer=NAME [optimizer.OPTION=V] [budget=N|ci|paper]
       [seeds=N|A:B|ci|paper] [start=nominal|random] [target=V] [time_limit=S] [study=NAME] [results=DIR]
       [execution=serial|processes|dask] [execution.n_jobs=N] [execution.address=tcp://HOST:PORT] [execution.inner=N]
-      [shard=I/N] [stop_after=K] [replay=true] [--dry-run] [--retry-failed]
+      [shard=I/N] [stop_after=K] [replay=true] [--dry-run] [--retry-failed] [--drop-planned]
       [--rerun|--keep]                                 finished runs that other code made: again, or as they are
                                                        -m sweeps lists: problem=full11,full12 optimizer=lm,de;
                                                        opt.de.population=200 and prob.full12.gauge=ya2 address one

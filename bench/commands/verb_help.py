@@ -135,6 +135,7 @@ _WORDS: dict[str, dict[str, dict[str, str]]] = {
             "-m": "sweep: lists such as problem=full11,full12 are a run each",
             "--dry-run": "tell what would be done",
             "--retry-failed": "do failed runs again",
+            "--drop-planned": "abandon what was planned before and is not asked for now",
             "--rerun, --keep": "finished runs that other code made: again, or as they are",
         },
         "problem=arm": {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,8 @@ class StoreError(ValueError):
 def read_manifest(folder: Path) -> dict[str, Any]:
     """Return the manifest of a study of runs: kind, schema_version, study, and planned, {run_id: label of its cell}.
 
-    It may also have called {label: name of the cell on a terminal}, other_shards [run_id], commands, files, costs.
+    It may also have called {label: name of the cell on a terminal}, budgets {label: budget}, other_shards [run_id],
+    abandoned [run_id: finished, and dropped from the plan], commands, files, costs.
     Raises `StoreError` where the folder is missing or none of ours.
     """
     path = folder / "manifest.json"
@@ -50,7 +52,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if "cells" in found:  # as it is written: a label once, and the runs of its cell
         cells = found.pop("cells")
         found["planned"] = _planned(cells)
-        found["called"] = _called(cells)
+        found["called"], found["budgets"] = _of_cells(cells, "called"), _of_cells(cells, "budget")
     found.setdefault("study", folder.resolve().name)
     for key, is_right in _KINDS.items():
         if not is_right(found.get(key)):
@@ -61,15 +63,19 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
     """Write the manifest, whole."""
     cells: dict[str, list[str]] = {}
-    names = manifest.get("called", {})
+    names, budgets = manifest.get("called", {}), manifest.get("budgets", {})
     for run_id, label in manifest["planned"].items():
         cells.setdefault(label, []).append(run_id)
-    kept = {key: value for key, value in manifest.items() if key not in ("planned", "called")}
+    kept = {key: value for key, value in manifest.items() if key not in ("planned", "called", "budgets")}
     lines = [f" {json.dumps(key)}: {_indented(value)}" for key, value in kept.items()]
-    runs = ",\n".join(
-        f"  {json.dumps({'label': label} | ({'called': names[label]} if label in names else {}) | {'runs': ids})}"
+    told = (
+        {"label": label}
+        | ({"called": names[label]} if label in names else {})
+        | ({"budget": budgets[label]} if label in budgets else {})
+        | {"runs": ids}
         for label, ids in cells.items()
     )
+    runs = ",\n".join(f"  {json.dumps(cell)}" for cell in told)
     text = "{\n" + ",\n".join([*lines, f' "cells": [\n{runs}\n ]']) + "\n}\n"
     write_whole(folder / "manifest.json", lambda file: file.write(text.encode()))
 
@@ -83,6 +89,13 @@ def in_other_shards(manifest: Mapping[str, Any], done: Collection[str]) -> set[s
     """Return the runs of this sweep that other shards were to do, and that are neither planned nor `done` here."""
     others: set[str] = set(manifest.get("other_shards", ()))
     return others.difference(manifest["planned"], done)
+
+
+def remaining_by_budget(manifest: Mapping[str, Any], done: Collection[str]) -> dict[int, int]:
+    """Return how many planned runs are not `done`, by their budget."""
+    budgets = manifest.get("budgets") or {}
+    left = (budgets.get(label) for run_id, label in manifest.get("planned", {}).items() if run_id not in done)
+    return dict(Counter(budget for budget in left if budget is not None))
 
 
 def studies_in(parent: Path) -> list[Path]:
@@ -117,9 +130,9 @@ def _planned(cells: Any) -> Any:
         return None
 
 
-def _called(cells: Any) -> Any:
+def _of_cells(cells: Any, key: str) -> Any:
     try:
-        return {cell["label"]: cell["called"] for cell in cells if "called" in cell}
+        return {cell["label"]: cell[key] for cell in cells if key in cell}
     except (TypeError, KeyError):
         return None
 
@@ -146,6 +159,8 @@ _KINDS = {
     "study": lambda found: isinstance(found, str) and found != "",
     "planned": _are(str, str),
     "called": _or_missing(_are(str, str)),
+    "budgets": _or_missing(_are(str, int)),
+    "abandoned": _or_missing(_is_list(str)),
     "commands": _or_missing(_is_list(str)),
     "other_shards": _or_missing(_is_list(str)),
     "files": _or_missing(_are(str, str)),

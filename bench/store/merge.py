@@ -124,11 +124,14 @@ def _joined(manifests: Sequence[dict[str, Any]]) -> dict[str, Any]:
     joined = dict(manifests[0])
     for other in manifests[1:]:
         joined["planned"] = {**joined["planned"], **other["planned"]}
-        joined["called"] = {**joined.get("called", {}), **other.get("called", {})}
-        joined["files"] = {**joined.get("files", {}), **other.get("files", {})}
+        for key in ("called", "budgets", "files"):
+            joined[key] = {**joined.get(key, {}), **other.get(key, {})}
         for key in ("commands", "costs"):
             before = joined.get(key, [])
             joined[key] = [*before, *(item for item in other.get(key, []) if item not in before)]
+    gone = {run_id for manifest in manifests for run_id in manifest.get("abandoned", ())} - joined["planned"].keys()
+    if gone:
+        joined["abandoned"] = sorted(gone)
     others = {run_id for manifest in manifests for run_id in manifest.get("other_shards", ())}
     if others:
         joined["other_shards"] = sorted(others - joined["planned"].keys())

@@ -209,12 +209,14 @@ class ResultStore:
     def plan(
         self, labels: Mapping[str, str], command: str = "", files: Mapping[str, str] | None = None,
         called: Mapping[str, str] | None = None, other_shards: Collection[str] = (),
+        budgets: Mapping[str, int] | None = None, drop: bool = False,
     ) -> None:  # fmt: skip
         """Note which runs are intended: {run_id: label}, and by which command. `status` tells what is left of them.
 
         `files` are those of a user's own classes, {name in the rows: absolute path}; `called` is what cells are called
-        on a terminal, {label: name}; `other_shards` are the runs of the sweep that other shards do. Raises `StoreError`
-        for a study of imported results.
+        on a terminal, {label: name}, `budgets` are those of the cells; `other_shards` are the runs of the sweep that
+        other shards do. With `drop` what was planned before and is not among these runs is abandoned: it is neither
+        waited for nor, where it is done, part of the study's answer. Raises `StoreError` for imported results.
         """
         with self.locked():
             manifest = self.manifest()
@@ -226,13 +228,25 @@ class ResultStore:
             files = {**manifest.get("files", {}), **(files or {})}
             outdated = manifest["schema_version"] != SCHEMA_VERSION  # programs that know less must not write here
             new = labels.keys() - manifest["planned"].keys()
+            if drop:
+                gone = {*manifest["planned"], *manifest.get("abandoned", ())} - labels.keys() - {*other_shards}
+                manifest |= {"planned": {}, "other_shards": [], "abandoned": sorted(gone)}
+            elif "abandoned" in manifest:
+                manifest["abandoned"] = sorted({*manifest["abandoned"]} - labels.keys())
             every = {*manifest.get("other_shards", ()), *other_shards}
             others = sorted(every - manifest["planned"].keys() - labels.keys())
-            if new or outdated or manifest.get("files", {}) != files or manifest.get("other_shards", []) != others:
+            if (
+                new
+                or drop
+                or outdated
+                or manifest.get("files", {}) != files
+                or manifest.get("other_shards", []) != others
+            ):
                 manifest |= {"schema_version": SCHEMA_VERSION, "planned": {**manifest["planned"], **labels}}
                 manifest |= {"other_shards": others} if others or "other_shards" in manifest else {}
                 manifest["files"] = files
                 manifest["called"] = {**manifest.get("called", {}), **(called or {})}
+                manifest["budgets"] = {**manifest.get("budgets", {}), **(budgets or {})}
                 manifest["commands"] = [*manifest.get("commands", []), *([command] if command and new else [])]
                 write_manifest(self.folder, manifest)
 

@@ -57,6 +57,7 @@ def carry_out(
     request: Request,
     report: Report,
     retry_failed: bool = False,
+    drop_planned: bool = False,
     command: str = "",
     way: Way = "ask",
     tell: Callable[[str], None] = lambda line: None,
@@ -64,6 +65,7 @@ def carry_out(
     """Run what is not done yet and collect the tables; the manifest keeps the `command` that asked for it.
 
     A run counts as done when the tables have its row: one that has none after all were done is done once more.
+    With `drop_planned` what was planned before and is not asked for now is abandoned.
     Finished runs of other code (`bench.sweep.stale`) are done again or kept, as `way` says, and are told before
     anything runs. Raises `RequestError`, `StoreError` before anything runs: also where there are such and the way is
     "ask". Raises `ClusterError` before anything is written where a Dask cluster is asked for and cannot be had.
@@ -82,7 +84,9 @@ def carry_out(
         failed_before = set(runs.loc[runs["status"] != "ok", "run_id"]) & set(request.specs)
     stale = _settled(request, store, way, tell, failed_before)
     done = store.finished()
-    store.plan(request.labels, command, request.files, request.called, request.other_shards)
+    store.plan(
+        request.labels, command, request.files, request.called, request.other_shards, request.budgets, drop_planned
+    )
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
     remove_gone(request.folder)
     forget_finished(request.folder, done)

@@ -74,6 +74,7 @@ class Request:
     copies: tuple[str, ...] = ()  # problems that are one problem under several seeds of their data, a line each
     seeds: int = 1  # the most repetitions that are asked for of a cell
     other_shards: frozenset[str] = frozenset()  # ids of the runs that other shards do
+    budgets: Mapping[str, int] = field(default_factory=dict)  # label -> budget of the cell
 
 
 _NAMED = 8  # methods that a line on what a glob skips still names
@@ -148,6 +149,7 @@ def _request_of(study: str, sweeps: list[list[Any]], once: list[Any]) -> Request
     return Request(
         specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken, called(cells),
         remarks_of(asked), tuple(copies(cells.values())), max(_seeds_asked(sweep) for sweep in sweeps), other_shards,
+        {label: cell.budget for label, cell in cells.items()},
     )  # fmt: skip
 
 

@@ -9,9 +9,13 @@ from scipy import stats
 
 from benchmarks.statistics import best_of_many
 from calibench.bench.report.study.answer import answer
+from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary
 from calibench.bench.statistics.comparison.best import Rival, Side, ratio_of, rivals_of
 from calibench.bench.statistics.lowest_seen import COLUMN, with_lowest_seen
+from calibench.bench.store.manifest import remaining_by_budget
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep.request import read_request
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -182,3 +186,32 @@ def test_a_method_that_was_not_run_on_every_problem_is_never_the_best():
     told = answer(runs, summary.summary(runs), summary.method_names(runs))
     assert "whole" in told.best
     assert "part" not in told.best
+
+
+def test_an_abandoned_plan_is_not_waited_for_and_decides_nothing(tmp_path):
+    def sweep(*words):
+        request = read_request(["problem=sensor_zero", "seeds=2", f"results={tmp_path}", "study=cut", *words], True)
+        return request, ResultStore(request.folder)
+
+    first, store = sweep("optimizer=lm,de,trf", "budget=20,300")
+    store.open()
+    store.plan(first.labels, called=first.called, budgets=first.budgets)
+    for run_id, spec in first.specs.items():
+        if spec.optimizer == "lm" or spec.budget == 20:
+            assert run_id == spec.execute().run_id
+            store.write(spec.execute())
+    store.collect()
+    done = store.finished()
+    assert remaining_by_budget(store.manifest(), done) == {300: len(first.specs) - len(done)}
+    second, _ = sweep("optimizer=trf,de", "budget=20")
+    store.plan(second.labels, called=second.called, budgets=second.budgets, drop=True)
+    manifest = store.manifest()
+    assert set(manifest["planned"]) == set(second.specs)
+    assert not remaining_by_budget(manifest, done)
+    lm = {run_id for run_id, spec in first.specs.items() if spec.optimizer == "lm"}
+    assert lm <= set(manifest["abandoned"])
+    written = write_report(store)
+    page = next(path for path in written if path.name == "report.html").read_text()
+    assert "lm reaches" not in page
+    store.plan(first.labels, called=first.called, budgets=first.budgets)
+    assert not store.manifest()["abandoned"]

@@ -39,7 +39,7 @@ from calibench.core.words import print_plain as print
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_AGAIN = ("--retry-failed", "--rerun", "--keep")  # of one call, not of the study
+_AGAIN = ("--retry-failed", "--rerun", "--keep", "--drop-planned")  # of one call, not of the study
 _LONG = 40  # rows of a summary that are still printed
 _REASONS = 3  # methods whose values were not finite that are named
 _SHORT = 12  # rows that are printed of a longer one
@@ -73,7 +73,7 @@ def _run(argv: list[str]) -> int:
     if "--dry-run" in flags:
         return _dry_run(request, "--retry-failed" in flags, way)
     with _ended_by_sigterm(), progress(request.folder) as report:
-        outcome = carry_out(request, report, "--retry-failed" in flags, command, way, _tell)
+        outcome = carry_out(request, report, "--retry-failed" in flags, "--drop-planned" in flags, command, way, _tell)
     return _print(request, outcome, way)
 
 
@@ -85,7 +85,9 @@ def _tune(argv: list[str], words: list[str], flags: set[str]) -> int:
 
     def carry(request: Request, command: str) -> Outcome:
         with progress(request.folder) as report:
-            return carry_out(request, report, "--retry-failed" in flags, command, _way(flags), _tell)
+            return carry_out(
+                request, report, "--retry-failed" in flags, "--drop-planned" in flags, command, _way(flags), _tell
+            )
 
     with _ended_by_sigterm():
         return tune(words, _command(argv), carry, "--dry-run" in flags)
