@@ -113,7 +113,9 @@ def suggest(name: str, choices: Iterable[str]) -> str:
     "did you mean 'nlopt_LN_NELDERMEAD'? choices: de, nlopt_LN_NELDERMEAD"
     """
     listed = list(choices)
-    near = difflib.get_close_matches(name, listed, n=1) or _alike(name, listed)
+    near = difflib.get_close_matches(name, listed, n=1)
+    alike = _alike(name, listed) if not near else _holding(name, listed)
+    near += [choice for choice in alike if choice not in near] if not near or len(alike) == 1 else []
     if not listed:
         return "there are none"
     if not near:
@@ -126,11 +128,14 @@ def suggest(name: str, choices: Iterable[str]) -> str:
 def _alike(name: str, listed: Sequence[str]) -> list[str]:
     """Return up to three choices that hold the letters and digits of `name`, or else the one whose own are nearest."""
     letters = {choice: _letters(choice) for choice in listed}
+    nearest = difflib.get_close_matches(_letters(name), list(letters.values()), n=1)
+    return _holding(name, listed)[:3] or [choice for choice in listed if letters[choice] in nearest][:1]
+
+
+def _holding(name: str, listed: Sequence[str]) -> list[str]:
+    """Return the choices that hold the letters and digits of `name`; none for a name that is short."""
     sought = _letters(name)
-    if len(sought) >= _TELLING and (holding := [c for c in listed if sought in letters[c]]):
-        return holding[:3]
-    nearest = difflib.get_close_matches(sought, list(letters.values()), n=1)
-    return [choice for choice in listed if letters[choice] in nearest][:1]
+    return [choice for choice in listed if sought in _letters(choice)] if len(sought) >= _TELLING else []
 
 
 def _letters(name: str) -> str:

@@ -5,6 +5,7 @@
 40
 """
 
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from calibench._checkout import one_module
@@ -45,6 +46,16 @@ registry.promise("calibench.optimizers.least_squares", "lm", "trf", "dogbox")
 registry.promise("calibench.optimizers.scipy", *(f"scipy_{one}" for one in _SCIPY.split()))
 registry.promise("calibench.optimizers.nlopt", *(f"nlopt_{one}" for one in _NLOPT.split()))
 registry.promise("calibench.optimizers.pygmo", *(f"pygmo_{one}" for one in _PYGMO.split()))
+for _name, _package in (("dfols", "dfols"), ("pycma_cmaes", "cma")):
+    if find_spec(_package):
+        registry.promise("calibench.optimizers.extras", _name)
+    else:
+        registry.exclude(_name, f"its package {_package} is not installed here: pip install 'calibench[methods]'")
+for _name, _reason in (
+    ("pybobyqa", "NLopt's LN_BOBYQA and SciPy's COBYQA are the same kind of search"),
+    ("optuna", "its samplers are for tens of evaluations of what takes minutes; it tunes options here (tuner=)"),
+):
+    registry.exclude(_name, _reason)
 
 make = registry.make
 names = registry.names

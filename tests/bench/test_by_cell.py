@@ -76,6 +76,8 @@ def test_more_cells_than_a_drawing_has_room_for_are_left_to_the_table(
     monkeypatch.setattr(figures, "_FIELD", 1)
     traces = TRACES_SCHEMA.empty_table().to_pandas()
     assert "overview" in [name for name, _ in figures.drawable(runs, traces, ())]
+    one = runs[runs["problem_options"] == runs["problem_options"].iloc[0]]
+    assert "overview" not in [name for name, _ in figures.drawable(one, traces, ())]  # one column is a table
     monkeypatch.setattr(figures, "_SEEN", 5)
     assert "overview" not in [name for name, _ in figures.drawable(runs, traces, ())]
 

@@ -323,3 +323,20 @@ def test_a_name_without_a_space_is_broken_before_it_pushes_a_number_out_of_sight
         return  # there the table scrolls
     wide = "[...document.querySelectorAll('table.costs')].map(t => t.scrollWidth - t.parentElement.clientWidth)"
     assert max(page.evaluate(wide)) <= 0
+
+
+@pytest.mark.parametrize("width", [400, 1300])
+def test_no_name_of_a_method_is_broken_within_a_word_and_no_column_is_half_empty(browser, tmp_path, width):
+    store = ResultStore(tmp_path / "names")
+    store.open()
+    for problem in ("first", "second"):
+        for method in ("de", "nlopt_GN_DIRECT_L_RAND_NOSCAL", "nlopt_LD_TNEWTON_PRECOND_RESTART"):
+            store.write(bench.execute(Bowl(problem), optimizers.make(method), budget=50))
+    write_report(store)
+    page = Opened(browser, store, width).page
+    parts = "[...document.querySelectorAll('.whole')].filter(e => e.offsetWidth).map(e => e.getClientRects().length)"
+    assert set(page.evaluate(parts)) == {1}
+    assert page.evaluate("document.querySelectorAll('table.methods wbr').length") > 0
+    left_over = """[...document.querySelectorAll('.charts')].filter(e => e.offsetWidth).map(e =>
+        e.getBoundingClientRect().right - e.lastElementChild.getBoundingClientRect().right)"""
+    assert max(map(abs, page.evaluate(left_over))) < 1

@@ -180,7 +180,7 @@ def test_a_sweep_that_is_no_list_is_refused(typed, told):
 
 
 def test_a_name_and_a_glob_stand_in_one_list():
-    request = read_request(["problem=sensor_zero", "optimizer=lm,glob(d*),de", "budget=5", "seeds=1"], True)
+    request = read_request(["problem=sensor_zero", "optimizer=lm,glob([de,do*]),de", "budget=5", "seeds=1"], True)
     assert [spec.optimizer for spec in request.specs.values()] == ["lm", "de", "dogbox"]
     with pytest.raises(RequestError, match="matches no optimizer"):
         read_request(["problem=sensor_zero", "optimizer=lm,glob(none_*)", "budget=5", "seeds=1"], True)

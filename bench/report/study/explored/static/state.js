@@ -32,9 +32,11 @@ function shown(kind) {
   return [...state[kind]].sort((a, b) => a - b);
 }
 
-// A name that breaks after an underscore and nowhere else, while there is room for its longest part.
+// A name that breaks after an underscore and in no part of it, but in one that no column has room for.
+const ROOM = 20; // letters
 function parted(name) {
-  return make("span", {}, ...name.split(/(?<=_)/).flatMap((part, i) => (i ? [make("wbr"), part] : [part])));
+  const parts = name.split(/(?<=[_ ])/).map((part) => (part.length > ROOM ? part : make("span", { class: "whole" }, part)));
+  return make("span", {}, ...parts.flatMap((part, i) => (i ? [make("wbr"), part] : [part])));
 }
 
 // Make an element: make("p", {class: "why"}, "text", otherElement). Text is never read as HTML.

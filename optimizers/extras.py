@@ -1,0 +1,170 @@
+"""Methods of packages that are an extra: ``pip install 'calibench[methods]'``. Where one is missing, so is its method.
+
+`dfols` fits residuals without their derivatives, which is what the calibration of a simulator has; `pycma_cmaes` is
+CMA-ES where pygmo has no wheel. Both search the unit box, and `dfols` residuals divided by their first size.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, final
+
+import numpy as np
+
+from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
+
+_ROUNDING = 1e-15
+
+
+@registry.register("dfols")
+@final
+@dataclass(frozen=True)
+class DFOLS:
+    """DFO-LS: linear models of the residuals in a trust region, without derivatives (Cartis, Roberts et al. 2019).
+
+    `rhobeg` is the first trust region in widths of the box, and `npt` the points of a model; null: dim + 1. Its first
+    directions are those of the coordinates. It ends where its trust region is at rounding.
+    """
+
+    rhobeg: float = 0.1
+    npt: int | None = None
+    restarts: bool = False
+
+    name: ClassVar[str] = "dfols"
+    library: ClassVar[str] = "DFO-LS"
+
+    def __post_init__(self) -> None:
+        if not 0 < self.rhobeg <= 0.5:
+            raise ValueError(f"dfols.rhobeg={self.rhobeg:g}: must lie in 0 .. 0.5 (widths of the box)")
+        if self.npt is not None and self.npt < 2:
+            raise ValueError(f"dfols.npt={self.npt}: must be dim + 1 or more, or null")
+
+    @property
+    def traits(self) -> Traits:
+        """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
+        return Traits(
+            stochastic=self.restarts,
+            uses_residuals=True,
+            self_terminating=not self.restarts,
+            minimum_budget_per_dimension=1,
+            needs_finite_bounds=True,
+            package="dfols",
+        )
+
+    def compile(self) -> None:
+        """Import DFO-LS, so that no clock sees it."""
+        import dfols  # noqa: F401
+
+    def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
+        """Descend from the start; with `restarts`, again from random points of the box."""
+        import dfols
+
+        outside = _of_the_unit_box(objective)
+        free = objective.lower < objective.upper
+        zeros, most = np.zeros(int(free.sum())), objective.remaining + 2 * objective.dimension + 10
+
+        def descend(start: Array) -> None:
+            first: list[float] = []
+
+            def residuals(u: Array) -> Array:
+                r = objective.residuals(outside(u, start))
+                first.append(float(np.linalg.norm(r)) or 1.0) if not first else None
+                return r / first[0]
+
+            if not free.any():
+                objective.residuals(start)
+                return
+            u0 = ((start - objective.lower) / (objective.upper - objective.lower + ~free))[free]
+            with warnings.catch_warnings(), np.errstate(all="ignore"):
+                warnings.simplefilter("ignore")
+                dfols.solve(
+                    residuals, u0, bounds=(zeros, zeros + 1.0), rhobeg=self.rhobeg, rhoend=_ROUNDING, npt=self.npt,
+                    maxfun=most, do_logging=False, user_params={
+                        "model.abs_tol": 0.0, "model.rel_tol": 0.0, "init.random_initial_directions": False,
+                        "slow.max_slow_iters": most,
+                    },
+                )  # fmt: skip
+
+        return with_restarts(descend, objective, self.restarts)
+
+
+@registry.register("pycma_cmaes")
+@final
+@dataclass(frozen=True)
+class CMAES:
+    """CMA-ES by its author (Hansen 2016), from the start, in a box; `sigma0` in its widths.
+
+    `popsize` null: 4 + 3 ln(dim). Its tolerances are off; where it can go no further it begins again at random.
+    """
+
+    sigma0: float = 0.3
+    popsize: int | None = None
+
+    name: ClassVar[str] = "pycma_cmaes"
+    library: ClassVar[str] = "cma"
+
+    def __post_init__(self) -> None:
+        if not 0 < self.sigma0 <= 1:
+            raise ValueError(f"pycma_cmaes.sigma0={self.sigma0:g}: must lie in 0 .. 1 (widths of the box), above 0")
+        if self.popsize is not None and self.popsize < 2:
+            raise ValueError(f"pycma_cmaes.popsize={self.popsize}: must be 2 or more, or null")
+
+    @property
+    def traits(self) -> Traits:
+        """Return the traits."""
+        return Traits(
+            stochastic=True,
+            minimum_budget=4 if self.popsize is None else self.popsize,
+            needs_finite_bounds=True,
+            batches=True,
+            package="cma",
+        )
+
+    def compile(self) -> None:
+        """Import pycma, so that no clock sees it."""
+        import cma  # noqa: F401
+
+    def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
+        """Evolve from the start, and from random points of the box, until the objective stops it."""
+        import cma
+
+        logging.getLogger("cma").setLevel(logging.ERROR)
+        outside = _of_the_unit_box(objective)
+        free = objective.lower < objective.upper
+
+        def evolve(start: Array) -> None:
+            if not free.any():
+                objective(start)
+                return
+            off = dict.fromkeys(("tolfun", "tolfunhist", "tolfunrel", "tolx", "tolxstagnation"), 0)
+            options: dict[str, Any] = {
+                "bounds": [0.0, 1.0], "randn": lambda *shape: rng.standard_normal(shape), "seed": np.nan,
+                "verbose": -9, "popsize": self.popsize, "maxiter": np.inf, "tolstagnation": 0, "tolflatfitness": np.inf,
+                **off,
+            }  # fmt: skip
+            u0 = ((start - objective.lower) / (objective.upper - objective.lower + ~free))[free]
+            with warnings.catch_warnings(), np.errstate(all="ignore"):
+                warnings.simplefilter("ignore")
+                search = cma.CMAEvolutionStrategy(u0, self.sigma0, options)
+                while not search.stop():
+                    members = search.ask()
+                    values = objective.batch(np.array([outside(u, start) for u in members]))
+                    search.tell(members, [min(value, 1e100) for value in values.tolist()])
+
+        return with_restarts(evolve, objective, restarts=True)
+
+
+def _of_the_unit_box(objective: Objective) -> Callable[[Array, Array], Array]:
+    """Return a function of (u, start): the point of the box whose free coordinates are shares u of their widths."""
+    free = objective.lower < objective.upper
+    lower, width = objective.lower[free], (objective.upper - objective.lower)[free]
+
+    def outside(u: Array, start: Array) -> Array:
+        x = np.array(start)
+        x[free] = lower + np.asarray(u) * width
+        return x.clip(objective.lower, objective.upper)
+
+    return outside
