@@ -163,7 +163,7 @@ def _told(error: BaseException) -> str:
 
 
 def _dispatch(argv: list[str]) -> int:
-    if argv[:1] == ["help"] and argv[1:2] and argv[1] in _VERBS:
+    if argv[:1] == ["help"] and argv[1:]:
         argv = [argv[1], "--help"]
     if not argv or argv[0] in ("-h", "--help", "help"):
         print(_USAGE, end="")

@@ -1,26 +1,25 @@
 """A thousand command lines made from a grammar of words, right and wrong: none may end in a traceback, hang, or swell.
 
-``python -m benchmarks.command_lines [COUNT] [SEED]``, by default 1000 and 40. Each line is a process of its own, which
-may take 20 s of processor time and 1 GB; it is ended at 25 s, at 60 s by the clock, or at 2 GB of data. What is against
-the rules is printed with its words, and all that was taken (exit 0), so that one can judge whether that was right.
+``python -m benchmarks.command_lines [COUNT] [SEED]``, by default 1000 and 40. Each line is a process of its own
+(`forked.py` has its limits). What is against the rules is printed with its words, and all that was taken (exit 0 or 1),
+so that one can judge whether that was right.
 """
 
 from __future__ import annotations
 
-import os
 import random
-import resource
 import shlex
 import shutil
-import subprocess
 import sys
 import tempfile
-import time
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
 
-SECONDS, BYTES = 20, 10**9  # of processor time and of data; a run that is right takes a second and .3 GB
+from benchmarks import forked
+from calibench.bench.store.runs import ResultStore
+
+_DEMO = Path(__file__).resolve().parents[1] / "discrepancy" / "demo"
+
 _MINE = """
 from pathlib import Path
 from typing import Literal
@@ -99,35 +98,44 @@ _VERBS: dict[str, tuple[list[str], list[str], list[str]]] = {  # keys, flags, wo
     "show": (["results"], ["--json"], ["0", "abc", "results/base"]),
     "paper": (["budget", "seeds", "to"], ["--jsn"], ["x"]),
 }  # fmt: skip
-
-
-class Ended(NamedTuple):
-    """How one command line ended."""
-
-    words: list[str]
-    code: int
-    seconds: float
-    megabytes: float
-    told: str
-
-    def faults(self) -> list[str]:
-        """Return what is against the rules."""
-        found = {
-            "traceback": "Traceback (most recent call last)" in self.told,
-            f"above {SECONDS} s": self.seconds > SECONDS,
-            "above 1 GB": self.megabytes > BYTES / 1e6,
-            f"exit code {self.code}": self.code not in (0, 1, 2),
-            "a raw control character": any(ord(c) < 32 and c not in "\n\t\r" for c in self.told),
-            "more than one line": self.code == 2 and self.told.count("\n") > 1 and "usage:" not in self.told,
-        }
-        return [name for name, is_so in found.items() if is_so]
+_RIGHT = {  # lines that are taken as they stand; `paper` takes minutes
+    "run": "problem=./mine.py:Bowl optimizer=lm budget=20 seeds=2",
+    "identify": "problem=sensor_zero",
+    "discover": "machine=gpm2002 data=demo_nothing pages=none",
+    "calibrate": "urdf=six.urdf data=demo_sound.csv page=false resamples=20",
+    "design": "machine=gpm2002 plan=disc",
+    "list": "problems",
+    "status": "results/base",
+    "collect": "results/base",
+    "report": "results/base",
+    "merge": "results/base results/other --to out",
+    "compare": "results/base results/other",
+    "choose": "results/base",
+    "export": "csv results/base --to out4",
+    "import": "ioh ioh --to out5",
+    "show": "ID results=results/base",
+}
 
 
 def command_lines(count: int, seed: int) -> list[list[str]]:
-    """Return so many command lines; about half of each line is right."""
+    """Return so many command lines: about half are right but for a word or two, and half of the words of others."""
     rng = random.Random(seed)
     verbs = [*_VERBS, "run", "run", "run", "discover", "calibrate", "design"]
-    return [_line(rng, rng.choice(verbs)) for _ in range(count)]
+    chosen = [rng.choice(verbs) for _ in range(count)]
+    return [(_nearly_right if verb in _RIGHT and rng.random() < 0.5 else _line)(rng, verb) for verb in chosen]
+
+
+def _nearly_right(rng: random.Random, verb: str) -> list[str]:
+    keys, flags, bare = _VERBS[verb]
+    words = _RIGHT[verb].split()
+    for _ in range(rng.choice([0, 1, 1, 2])):
+        if keys:
+            key = rng.choice(keys)
+            words = [word for word in words if not word.startswith(f"{key}=")]
+            words.append(f"{key}={rng.choice(_NAMES.get(key, _ODD) if rng.random() < 0.6 else _ODD)}")
+        elif words:
+            words[rng.randrange(len(words))] = rng.choice(bare or _ODD)
+    return [verb, *words, *([rng.choice(flags)] if flags and rng.random() < 0.4 else [])]
 
 
 def _line(rng: random.Random, verb: str) -> list[str]:
@@ -156,7 +164,7 @@ def _line(rng: random.Random, verb: str) -> list[str]:
     return [word.replace("\0", "") for word in [name, *words]]
 
 
-def _prepare(home: Path, bench: list[str]) -> None:
+def _prepare(home: Path) -> None:
     """Fill the folder of the command lines: files of all kinds, and a study."""
     (home / "mine.py").write_text(_MINE)
     (home / "arm.urdf").write_text(_URDF)
@@ -168,58 +176,40 @@ def _prepare(home: Path, bench: list[str]) -> None:
     (home / "folder").mkdir()
     (home / "own.yaml").write_text("budget: 20\nseeds: 1\nsweeps:\n  - [problem=./mine.py:Bowl, optimizer=lm]\n")
     (home / "bad.yaml").write_text("sweeps: [[[\n")
-    words = ["run", "problem=sensor_zero", "optimizer=lm", "budget=300", "seeds=2", "study=base"]
-    subprocess.run([*bench, *words], cwd=home, check=True, capture_output=True)
-
-
-def _call(bench: list[str], words: list[str], home: Path) -> Ended:
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS + 5, SECONDS + 5))
-        resource.setrlimit(resource.RLIMIT_DATA, (2 * BYTES, 2 * BYTES))
-
-    began = time.monotonic()
-    told = home / "told.txt"
-    with told.open("wb") as file:
-        process = subprocess.Popen(
-            [*bench, *words], cwd=home, stdin=subprocess.DEVNULL, stdout=file, stderr=file, preexec_fn=limit,
-            start_new_session=True,
-        )  # fmt: skip
-        deadline = began + 3 * SECONDS
-        while True:
-            pid, status, used = os.wait4(process.pid, os.WNOHANG)
-            if pid:
-                break
-            if time.monotonic() > deadline:
-                os.killpg(process.pid, 9)
-            time.sleep(0.02)
-    code = os.waitstatus_to_exitcode(status)
-    process.returncode = code
-    return Ended(
-        words, code, used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3, told.read_text(errors="backslashreplace")
-    )
+    for name in ("arm/six.urdf", "arm/demo_sound.csv"):
+        shutil.copy(_DEMO / name, home)
+    for line in (
+        "run -m problem=sensor_zero,link_length optimizer=lm,nlopt_LN_BOBYQA budget=300 seeds=2 study=base",
+        "run -m problem=sensor_zero,link_length optimizer=lm,nlopt_LN_BOBYQA budget=300 seeds=2:4 study=other",
+        "export ioh results/base --to ioh",
+    ):
+        if (made := forked.run(line.split(), home)).code:
+            raise RuntimeError(made.said)
 
 
 def main(arguments: list[str]) -> int:
     """Run the command lines and print what is against the rules, and what was taken."""
     count, seed = (int(word) for word in [*arguments, *["1000", "40"][len(arguments) :]])
-    bench = [sys.executable, "-P", "-m", "calibench"]
+    forked.load()
     home = Path(tempfile.mkdtemp())
+    ended = []
     try:
-        _prepare(home, bench)
-        ended = []
+        _prepare(home)
+        run_id = ResultStore(home / "results/base").runs()["run_id"][0]
         for line in command_lines(count, seed):
-            ended.append(_call(bench, line, home))
-            if ended[-1].code == 0:
-                lines = ended[-1].told.strip().splitlines()
-                last = (lines[-1] if lines else "")[:160]
-                print(f"taken: bench {shlex.join(line)[:200]!a}\n    {last!a}", flush=True)
-            for fault in ended[-1].faults():
-                print(f"{fault}: bench {shlex.join(line)[:300]!a}\n    {ended[-1].told[-300:]!a}", flush=True)
+            line = [run_id if word == "ID" else word for word in line]
+            one, words = forked.run(line, home), shlex.join(line)
+            ended.append(one)
+            if one.code < 2:
+                last = one.said.strip().rpartition("\n")[2][:160]
+                print(f"taken ({one.code}): bench {words[:200]!a}\n    {last!a}", flush=True)
+            for fault in one.faults():
+                print(f"{fault}: bench {words[:300]!a}\n    {one.said[-300:]!a}", flush=True)
     finally:
         shutil.rmtree(home, ignore_errors=True)
     faults = Counter(fault for one in ended for fault in one.faults())
     print(f"{len(ended)} command lines, seed {seed}; exit codes {dict(Counter(one.code for one in ended))}")
-    print(f"longest {max(one.seconds for one in ended):.1f} s, largest {max(one.megabytes for one in ended):.0f} MB")
+    print(f"longest {max(one.cpu for one in ended):.1f} s, largest {max(one.memory for one in ended) / 1e6:.0f} MB")
     print(f"against the rules: {dict(faults) or 'none'}")
     return 1 if faults else 0
 

@@ -4,7 +4,7 @@
 
 Sound files are made from the demonstrations that ship, and by a simulation here; each is damaged in every way that its
 kind bears, with the seed that its name ends in. Each command runs in a process of its own, forked after the imports,
-which may use 20 s of CPU. Told are tracebacks, exit codes other than 0, 1 and 2, commands above 20 s or 1 GB, refusals
+with the limits of `forked.py`. Told are tracebacks, exit codes other than 0, 1 and 2, commands above 20 s or 1 GB, refusals
 of more than one line or above 2 s of CPU, and all that was taken, with the words that were printed. Exit code 1 where
 something is wrong.
 """
@@ -16,13 +16,11 @@ from __future__ import annotations
 import argparse
 import csv
 import gzip
-import importlib
 import io
 import json
 import os
 import random
 import re
-import resource
 import shutil
 import struct
 import sys
@@ -31,18 +29,15 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from time import monotonic, sleep
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks import forked
 
 DEMO = Path(__file__).resolve().parents[1] / "discrepancy" / "demo"
-SECONDS, GIGABYTE, AT_ONCE = 20, 1e9, 2.0  # CPU s of any command, bytes, and CPU s of a refusal
-MODULES = (
-    "cli", "measured.files", "discovery.batch", "discovery.page.write", "calibration.calibrate", "commands.list",
-    "calibration.report.write", "commands.machines.hand_eye", "commands.machines.discover", "sweep.carry_out",
-    "commands.machines.calibrate", "commands.studies.run", "commands.studies.import_", "exchange.published.ioh",
-)  # fmt: skip
+AT_ONCE = 2.0  # CPU s of a refusal
 Rows = list[list[str]]
 Random = random.Random
 
@@ -71,30 +66,16 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    case: Case
-    code: int
-    cpu: float
-    memory: float
-    said: str
+    """How a command ended, and what is wrong with that."""
+
+    name: str
+    ended: forked.Ended
 
     @property
     def wrong(self) -> str:
         """Return what is wrong, "" where nothing is."""
-        refused = self.code == 2
-        lines = [line for line in self.said.splitlines() if line.strip()]
-        return ", ".join(
-            what
-            for what, so in {
-                "traceback": "Traceback" in self.said,
-                f"code {self.code}": self.code not in (0, 1, 2),
-                "time": self.cpu > SECONDS,
-                "memory": self.memory > GIGABYTE,
-                "late refusal": refused and self.cpu > AT_ONCE,
-                "lines": refused and len(lines) != 1,
-                "no end of a word": refused and len(self.said) > 3000,
-            }.items()
-            if so
-        )
+        late = self.ended.code == 2 and self.ended.cpu > AT_ONCE
+        return ", ".join([*self.ended.faults(), *["late refusal"] * late])
 
 
 # ---- sound files
@@ -111,29 +92,10 @@ def demo_rows(name: str, most: int) -> Rows:
     return list(csv.reader(line for line in lines if not line.startswith("#")))[: most + 1]
 
 
-def turned(vector: Any) -> Any:
-    angle = np.linalg.norm(vector)
-    x, y, z = vector / angle
-    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * across @ across
-
-
 def pose(place: Any, vector: Any) -> Any:
     made = np.eye(4)
-    made[:3, :3], made[:3, 3] = turned(np.asarray(vector, dtype=float)), place
+    made[:3, :3], made[:3, 3] = Rotation.from_rotvec(vector).as_matrix(), place
     return made
-
-
-def quaternion(r: Any) -> list[float]:
-    w, v = np.linalg.eigh(
-        np.array([
-            [r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
-            [r[0, 1] + r[1, 0], r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
-            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], r[2, 2] - r[0, 0] - r[1, 1], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], np.trace(r)],
-        ])
-    )  # fmt: skip
-    return list(v[:, np.argmax(w)])
 
 
 def hand_eye_rows() -> Rows:
@@ -144,7 +106,9 @@ def hand_eye_rows() -> Rows:
     for _ in range(15):
         flange = pose([500, 100, 450], [2.9, 0.3, 0.1]) @ pose(rng.uniform(-150, 150, 3), rng.normal(0, 0.6, 3))
         seen = np.linalg.inv(camera) @ np.linalg.inv(flange) @ board @ pose(rng.normal(0, 0.05, 3), [1e-5, 1e-5, 0])
-        rows.append([f"{v:.9g}" for one in (flange, seen) for v in (*one[:3, 3], *quaternion(one[:3, :3]))])
+        rows.append(
+            [f"{v:.9g}" for one in (flange, seen) for v in (*one[:3, 3], *Rotation.from_matrix(one[:3, :3]).as_quat())]
+        )
     return rows
 
 
@@ -285,7 +249,28 @@ def _number(b: bytes, r: Random, word: str) -> bytes:
     return b[:start] + word.encode() + b[end:]
 
 
-def _some_cell(word: str, count: int = 1) -> Callable[[Rows, Random], Rows]:
+def _column(change: Callable[[list[str], Random], list[str] | None]) -> Callable[[Rows, Random], Rows]:
+    """Return the damage of one column, drawn: its head and its cells become others, or it is lost."""
+
+    def apply(rows: Rows, r: Random) -> Rows:
+        columns = [list(column) for column in zip(*rows, strict=True)]
+        k = r.randrange(len(columns))
+        changed = change(columns[k], r)
+        columns[k : k + 1] = [] if changed is None else [changed]
+        return [list(row) for row in zip(*columns, strict=True)]
+
+    return apply
+
+
+def _cells(change: Callable[[str], str]) -> Callable[[Rows, Random], Rows]:
+    return _column(lambda column, r: [column[0], *map(change, column[1:])])
+
+
+def _head(change: Callable[[str], str]) -> Callable[[Rows, Random], Rows]:
+    return _column(lambda column, r: [change(column[0]), *column[1:]])
+
+
+def _some_cells(word: str, count: int = 1) -> Callable[[Rows, Random], Rows]:
     def change(rows: Rows, r: Random) -> Rows:
         for _ in range(count):
             row = r.choice(rows[1:])
@@ -295,32 +280,11 @@ def _some_cell(word: str, count: int = 1) -> Callable[[Rows, Random], Rows]:
     return change
 
 
-def _column(change: Callable[[str], str]) -> Callable[[Rows, Random], Rows]:
-    def apply(rows: Rows, r: Random) -> Rows:
-        k = r.randrange(len(rows[0]))
-        return [rows[0], *([*row[:k], change(row[k]), *row[k + 1 :]] for row in rows[1:])]
-
-    return apply
-
-
 def _exchange(rows: Rows, r: Random) -> Rows:
     a, b = r.sample(range(len(rows[0])), 2)
     for row in rows[1:]:
         row[a], row[b] = row[b], row[a]
     return rows
-
-
-def _heads(change: Callable[[str], str]) -> Callable[[Rows, Random], Rows]:
-    def apply(rows: Rows, r: Random) -> Rows:
-        k = r.randrange(len(rows[0]))
-        return [[*rows[0][:k], change(rows[0][k]), *rows[0][k + 1 :]], *rows[1:]]
-
-    return apply
-
-
-def _without(rows: Rows, r: Random) -> Rows:
-    k = r.randrange(len(rows[0]))
-    return [[*row[:k], *row[k + 1 :]] for row in rows]
 
 
 def _wide(rows: Rows, r: Random) -> Rows:
@@ -332,22 +296,22 @@ def _times(factor: float) -> Callable[[str], str]:
 
 
 TABLES: dict[str, Callable[[Rows, Random], Rows]] = {
-    **{f"cell_{word[:5]}": _some_cell(word) for word in ("NaN", "inf", "1e308", "9" * 400, "-5", "text", "", "1;2")},
-    "cells_1e308": _some_cell("1e308", 30),
-    "cells_NaN": _some_cell("NaN", 60),
+    **{f"cell_{word[:5]}": _some_cells(word) for word in ("NaN", "inf", "1e308", "9" * 400, "-5", "text", "", "1;2")},
+    "cells_1e308": _some_cells("1e308", 30),
+    "cells_NaN": _some_cells("NaN", 60),
     **{f"exchanged_{i}": _exchange for i in range(2)},
-    **{f"column_lost_{i}": _without for i in range(3)},
-    "column_NaN": _column(lambda cell: "NaN"),
-    "column_same": _column(lambda cell: "1"),
-    "column_text": _column(lambda cell: f"no {cell}"),
-    "column_large": _column(_times(1e300)),
-    "column_times_1000": _column(_times(1000)),
-    "column_negative": _column(_times(-1)),
+    **{f"column_lost_{i}": _column(lambda column, r: None) for i in range(3)},
+    "column_NaN": _cells(lambda cell: "NaN"),
+    "column_same": _cells(lambda cell: "1"),
+    "column_text": _cells(lambda cell: f"no {cell}"),
+    "column_large": _cells(_times(1e300)),
+    "column_times_1000": _cells(_times(1000)),
+    "column_negative": _cells(_times(-1)),
     "head_twice": lambda rows, r: [[*rows[0][:-1], rows[0][0]], *rows[1:]],
-    "head_unit": _heads(lambda head: head.partition(" [")[0] + " [furlong]"),
-    "head_unit_wrong": _heads(lambda head: head.partition(" [")[0] + " [deg]"),
-    "head_unicode": _heads(lambda head: head[:1] + "\u200b\u202e" + head[1:]),
-    "head_long": _heads(lambda head: head * 3000),
+    "head_unit": _head(lambda head: head.partition(" [")[0] + " [furlong]"),
+    "head_unit_wrong": _head(lambda head: head.partition(" [")[0] + " [deg]"),
+    "head_unicode": _head(lambda head: head[:1] + "\u200b\u202e" + head[1:]),
+    "head_long": _head(lambda head: head * 3000),
     "head_again": lambda rows, r: [*rows[:9], rows[0], *rows[9:]],
     "no_head": lambda rows, r: rows[1:],
     "only_head": lambda rows, r: rows[:1],
@@ -576,7 +540,7 @@ def parquets(rows: Rows) -> dict[str, bytes]:
     numbers = {name: [0.1, 0.2] for name in ("enc_1", "enc_2", "enc_3")}
     deep: Any = pa.array([[1.0], [2.0]])
     for _ in range(60):
-        deep = pa.array([deep.to_pylist()[:1]] * 2) if False else pa.ListArray.from_arrays([0, 1, 2], deep)
+        deep = pa.ListArray.from_arrays([0, 1, 2], deep)
     return {
         **{f"said_{name}": as_parquet(rows, said) for name, said in {
             "nothing": "", "list": "[]", "text": "gpm2002", "deep": "[" * 100_000, "huge_number": "9" * 5000,
@@ -747,44 +711,9 @@ def run(case: Case, place: Path) -> Outcome:
         case.written.rename(file)
     else:
         case.special(file)
-    started, pid = monotonic(), os.fork()
-    if pid == 0:
-        _child(case, home)
-    while True:
-        done, status, used = os.wait4(pid, os.WNOHANG)
-        if done:
-            break
-        if monotonic() - started > 8 * SECONDS:  # the machine may be busy; a process that sleeps uses no CPU
-            os.kill(pid, 9)
-        sleep(0.02)
-    said = (home / "said").read_text(encoding="utf-8", errors="replace")
-    code = os.waitstatus_to_exitcode(status)
+    outcome = Outcome(case.name, forked.run(case.words, home))
     shutil.rmtree(home)
-    cpu = used.ru_utime + used.ru_stime
-    return Outcome(case, code, cpu if code != -9 else max(cpu, monotonic() - started), 1024 * used.ru_maxrss, said)
-
-
-def _child(case: Case, home: Path) -> None:
-    os.chdir(home)
-    out = os.open("said", os.O_WRONLY | os.O_CREAT)
-    os.dup2(out, 1)
-    os.dup2(out, 2)
-    sys.stdout, sys.stderr = os.fdopen(1, "w", encoding="utf-8"), os.fdopen(2, "w", encoding="utf-8")
-    resource.setrlimit(resource.RLIMIT_CPU, (2 * SECONDS, 2 * SECONDS))
-    resource.setrlimit(resource.RLIMIT_AS, (4 * 10**9, 4 * 10**9))
-    code = 1
-    try:
-        importlib.import_module("calibench.bench.cli").main(case.words)
-    except SystemExit as ended:
-        code = int(ended.code or 0)
-    except BaseException:
-        import traceback
-
-        traceback.print_exc()
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+    return outcome
 
 
 def _write(only: str) -> None:
@@ -831,22 +760,23 @@ def main() -> int:
     shutil.rmtree(asked.to, ignore_errors=True)
     asked.to.mkdir(parents=True)
     os.chdir(asked.to)
-    for module in MODULES:
-        importlib.import_module(f"calibench.bench.{module}")
+    forked.load()
     outcomes = [run(case, Path().resolve()) for case in _cases(asked.only)]
-    taken = [one for one in outcomes if one.code != 2]
-    wrong = [one for one in outcomes if one.wrong]
-    lines = [json.dumps(vars(one) | {"case": one.case.name, "wrong": one.wrong}) for one in outcomes]
+    lines = [json.dumps({"name": one.name, "wrong": one.wrong, **one.ended._asdict()}) for one in outcomes]
     Path("outcomes.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    for one in taken:
-        print(f"taken {one.case.name} ({one.code}): {' | '.join(one.said.split(chr(10)))}")
+    for one in outcomes:
+        if one.ended.code != 2:
+            print(f"taken {one.name} ({one.ended.code}): {' | '.join(one.ended.said.splitlines())}")
+    wrong = [one for one in outcomes if one.wrong]
     for one in wrong:
-        print(f"WRONG {one.case.name}: {one.wrong}; {one.cpu:.1f} s, {one.memory / 1e6:.0f} MB: {one.said[-300:]!r}")
-    slowest, largest = max(o.cpu for o in outcomes), max(o.memory for o in outcomes)
-    refused = [o.cpu for o in outcomes if o.code == 2]
+        cpu, memory = one.ended.cpu, one.ended.memory / 1e6
+        print(f"WRONG {one.name}: {one.wrong}; {cpu:.1f} s, {memory:.0f} MB: {one.ended.said[-300:]!r}")
+    slowest, largest = max(one.ended.cpu for one in outcomes), max(one.ended.memory for one in outcomes)
+    refused = [one.ended.cpu for one in outcomes if one.ended.code == 2]
     print(
-        f"{len(outcomes)} files: {len(refused)} refused (at most {max(refused, default=0):.1f} s), {len(taken)} taken, "
-        f"{len(wrong)} wrong; at most {slowest:.1f} s of CPU and {largest / 1e6:.0f} MB"
+        f"{len(outcomes)} files: {len(refused)} refused (at most {max(refused, default=0):.1f} s), "
+        f"{len(outcomes) - len(refused)} taken, {len(wrong)} wrong; "
+        f"at most {slowest:.1f} s of CPU and {largest / 1e6:.0f} MB"
     )
     return 1 if wrong else 0
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 
 def plural(what: str, n: float) -> str:
     """Return the word for `n` of `what`.
@@ -19,6 +21,15 @@ def counted(n: int, what: str) -> str:
     ('1 finished run', '12 finished runs')
     """
     return f"{n} {plural(what, n)}"
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Return names one after another, of a long list the first `most` and how many more there are.
+
+    >>> listed(["a", "b", "c", "d"], 2)
+    'a, b and 2 more'
+    """
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def grouped(n: int) -> str:

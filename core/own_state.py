@@ -82,9 +82,10 @@ class Kept:
         if not self._is_over:
             self._is_over = True
             now = self._read()
-            self.note(KINDS[number].name for number in _change(self._expected, now))
             change = _change(self._before, now)
-            self.undo(change)
+            own = _change(self._expected, now) if self.packages else change
+            self.note(KINDS[number].name for number in own)
+            _undo(change)
             for number, (was, _) in change.items():
                 if os.getpid() == self._process and not _is(number, was):
                     _LASTING.append((number, was))
@@ -97,11 +98,6 @@ class Kept:
     def own_change(self) -> _Change:
         """Return it without what installed packages have set as they were imported."""
         return _change(self._expected, self._read())
-
-    def undo(self, change: _Change) -> None:
-        """Put back what has changed."""
-        for number, (was, _) in change.items():
-            _put(number, was)
 
     def _read(self) -> _State:
         return {number: KINDS[number].read() for number in self._before}
@@ -129,14 +125,22 @@ def kept(*modules: str) -> Iterator[Kept]:
     """
     with _imports_seen():
         run = Kept()
-        _UNDER_WAY.append(run)
         try:
-            for module in dict.fromkeys(modules):
-                _act(module)
-            yield run
+            with _under_way(run):
+                for module in dict.fromkeys(modules):
+                    _act(module)
+                yield run
         finally:
-            _UNDER_WAY.remove(run)
             run.put_back()
+
+
+@contextmanager
+def _under_way(this: Kept) -> Iterator[None]:
+    _UNDER_WAY.append(this)
+    try:
+        yield
+    finally:
+        _UNDER_WAY.remove(this)
 
 
 def is_kept() -> bool:
@@ -171,7 +175,7 @@ def loaded_apart(load: Callable[[], T], module: str = "") -> T:
     Where that is not said, `load` returns the module.
     """
     loaded = set(sys.modules)
-    with _imports_seen(), _alone(Kept()) as this:
+    with _imports_seen(), _alone(this := Kept()):
         found = load()
         name: str = module or found.__name__  # type: ignore[attr-defined]
         if name not in loaded:  # no run has come to its import before
@@ -180,19 +184,24 @@ def loaded_apart(load: Callable[[], T], module: str = "") -> T:
 
 
 @contextmanager
-def _alone(this: Kept) -> Iterator[Kept]:
+def _alone(this: Kept) -> Iterator[None]:
     """Undo at the end of the block what it has changed, with no effect for the runs under way."""
     others = _UNDER_WAY[:]
     _UNDER_WAY[:] = [this]
     try:
-        yield this
+        yield
     finally:
         _UNDER_WAY[:] = others
-        this.undo(this.change())
+        _undo(this.change())
 
 
 def _change(before: _State, now: _State) -> _Change:
     return {number: (was, now[number]) for number, was in before.items() if not KINDS[number].same(was, now[number])}
+
+
+def _undo(change: _Change) -> None:
+    for number, (was, _) in change.items():
+        _put(number, was)
 
 
 def _is(number: int, value: Any) -> bool:
@@ -260,25 +269,18 @@ def _import(
     whole = _whole_name(name, globals, level)
     if _is_loaded(whole, fromlist or ()):
         if _BY_IMPORT and not by_ours:
-            for module in _asked(whole, fromlist or ()):
+            for module in _modules_of(whole, fromlist or ()):
                 _act(module)
         return original(name, globals, locals, fromlist, level)
     loaded, this = set(sys.modules), Kept(SLOW)
-    if by_ours:
-        with _alone(this):
-            try:
-                return original(name, globals, locals, fromlist, level)
-            finally:
-                _ended(this, whole, _asked(whole, fromlist or ()), loaded)
-    _UNDER_WAY.append(this)
-    try:
-        return original(name, globals, locals, fromlist, level)
-    finally:
-        _UNDER_WAY.remove(this)
-        _ended(this, whole, _asked(whole, fromlist or ()), loaded)
+    with _alone(this) if by_ours else _under_way(this):
+        try:
+            return original(name, globals, locals, fromlist, level)
+        finally:
+            _remember_import(this, whole, _modules_of(whole, fromlist or ()), loaded)
 
 
-def _ended(this: Kept, whole: str, asked: Iterable[str], loaded: set[str]) -> None:
+def _remember_import(this: Kept, whole: str, asked: Iterable[str], loaded: set[str]) -> None:
     """Remember what an import, which has ended, has set."""
     new = [module for module in asked if module in sys.modules and module not in loaded]
     installed = not _is_users(getattr(sys.modules.get(whole), "__file__", None))
@@ -294,10 +296,10 @@ def _is_users(file: str | None) -> bool:
     return file is not None and is_local(Path(file).resolve())
 
 
-def _asked(whole: str, names: Sequence[str]) -> list[str]:
+def _modules_of(whole: str, names: Sequence[str]) -> list[str]:
     """Return the modules that an import asks for: a module's packages, itself, and what may be its parts.
 
-    >>> _asked("a.b", ["c"])
+    >>> _modules_of("a.b", ["c"])
     ['a', 'a.b', 'a.b.c']
     """
     parts = whole.split(".")

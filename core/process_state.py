@@ -12,6 +12,7 @@ import gc
 import importlib
 import locale
 import logging
+import operator
 import os
 import signal
 import socket
@@ -25,22 +26,31 @@ from dataclasses import dataclass, field
 from decimal import Context, DefaultContext, getcontext
 from functools import cache, partial
 from multiprocessing import get_start_method, set_start_method
-from operator import eq
 from typing import Any, final
 
 import numpy as np
 
 from calibench.core.one_thread import libraries
 
-if sys.platform != "win32":
+if sys.platform == "win32":
+    _LIMITS: tuple[int, ...] = ()
+else:
     import resource
 
-SLOW = 2  # of `KINDS` the first so many take a millisecond where a module was loaded or a thread begun meanwhile
+    _LIMITS = tuple({getattr(resource, name) for name in dir(resource) if name.startswith("RLIMIT_")})
+
+SLOW = 2  # of `KINDS` the first so many take a millisecond once a library was loaded or a thread begun
 OWN_THREAD = "calibench-"  # how the names of this package's own threads begin
 _PATIENCE = 0.05  # seconds for threads that are about to end
 _SMALLEST, _ONE = 5e-324, 1.0
 _STREAMS = ("stdin", "stdout", "stderr")
+_ALL = slice(None)
 _HOOKS = ("excepthook", "displayhook", "unraisablehook", "breakpointhook")
+_SIGNALS = tuple(map(int, signal.valid_signals()))
+_TIMERS = tuple(
+    getattr(signal, name) for name in ("ITIMER_REAL", "ITIMER_VIRTUAL", "ITIMER_PROF") if hasattr(signal, name)
+)
+_handler_of: Callable[[int], Any] = importlib.import_module("_signal").getsignal  # it looks up no names, so is quicker
 _MASKS = ctypes.c_char * 64  # more than fenv_t has on any system
 
 
@@ -56,7 +66,7 @@ class Kind:
     name: str
     read: Callable[[], Any]
     put: Callable[[Any], Any]
-    same: Callable[[Any, Any], bool] = eq
+    same: Callable[[Any, Any], bool] = operator.eq
 
     def merged(self, before: Any, after: Any, now: Any) -> Any:
         """Return `now` with the change from `before` to `after`; where it has no parts it is `after`."""
@@ -80,10 +90,6 @@ class _FloatingPoint:
     rounding: int
     flushes: bool
     environment: bytes = field(compare=False)
-
-
-def _warnings() -> tuple[Any, ...]:
-    return tuple(warnings.filters)
 
 
 def _put_warnings(filters: tuple[Any, ...]) -> None:
@@ -148,21 +154,9 @@ def _umask() -> int:
 
 
 def _signals() -> dict[Any, Any]:
-    found: dict[Any, Any] = dict(zip(_signal_numbers(), map(_handler_of(), _signal_numbers()), strict=True))
+    found: dict[Any, Any] = {number: _handler_of(number) for number in _SIGNALS}
     if sys.platform != "win32":
         found["blocked"] = frozenset(signal.pthread_sigmask(signal.SIG_BLOCK, ()))
-    return found
-
-
-@cache
-def _signal_numbers() -> tuple[int, ...]:
-    return tuple(map(int, signal.valid_signals()))
-
-
-@cache
-def _handler_of() -> Callable[[int], Any]:
-    """Return the function in C that `signal.getsignal` calls, without a look-up of their names."""
-    found: Callable[[int], Any] = importlib.import_module("_signal").getsignal
     return found
 
 
@@ -176,23 +170,11 @@ def _put_signals(value: Mapping[Any, Any]) -> None:
 
 
 def _timers() -> tuple[bool, ...]:
-    if sys.platform == "win32":
-        return ()
-    return tuple(
-        any(signal.getitimer(which)) for which in (signal.ITIMER_REAL, signal.ITIMER_VIRTUAL, signal.ITIMER_PROF)
-    )
-
-
-def _timer_numbers() -> tuple[int, ...]:
-    if sys.platform == "win32":
-        return ()
-    return signal.ITIMER_REAL, signal.ITIMER_VIRTUAL, signal.ITIMER_PROF
+    return tuple(any(signal.getitimer(which)) for which in _TIMERS)
 
 
 def _put_timers(value: tuple[bool, ...]) -> None:
-    if sys.platform == "win32":
-        return
-    for which, runs in zip(_timer_numbers(), value, strict=True):
+    for which, runs in zip(_TIMERS, value, strict=True):
         if not runs:
             signal.setitimer(which, 0)
 
@@ -201,12 +183,8 @@ def _streams() -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name in _STREAMS:
         stream: Any = getattr(sys, name)
-        found[name] = stream, getattr(stream, "encoding", None), getattr(stream, "errors", None), _is_closed(stream)
+        found[name] = stream, *(getattr(stream, what, None) for what in ("encoding", "errors", "closed"))
     return found
-
-
-def _is_closed(stream: Any) -> bool:
-    return bool(getattr(stream, "closed", False))
 
 
 def _put_streams(value: Mapping[str, Any]) -> None:
@@ -276,27 +254,12 @@ def _no_more_threads(before: frozenset[threading.Thread], after: frozenset[threa
     return not any(thread.is_alive() for thread in after - before)
 
 
-def _leave(_value: object) -> None:
-    """Do nothing: a thread cannot be ended from outside."""
-
-
 def _limits() -> dict[int, tuple[int, int]]:
     """Return number of a resource -> its limit, and the highest it may be set to."""
-    if sys.platform == "win32":
-        return {}
-    return {number: resource.getrlimit(number) for number in _resources()}
-
-
-@cache
-def _resources() -> tuple[int, ...]:
-    if sys.platform == "win32":
-        return ()
-    return tuple({getattr(resource, name) for name in dir(resource) if name.startswith("RLIMIT_")})
+    return {number: resource.getrlimit(number) for number in _LIMITS}
 
 
 def _put_limits(value: Mapping[int, tuple[int, int]]) -> None:
-    if sys.platform == "win32":
-        return
     for number, limit in value.items():
         with suppress(OSError, ValueError):  # a hard limit that was lowered can be raised again by root alone
             resource.setrlimit(number, limit)
@@ -328,37 +291,24 @@ def _mathematics() -> Any:
     return None
 
 
-def _put_affinity(value: set[int]) -> None:
-    if sys.platform == "linux":
-        os.sched_setaffinity(0, value)
-
-
-def _path() -> tuple[str, ...]:
-    return tuple(sys.path)
-
-
-def _put_path(value: tuple[str, ...]) -> None:
-    sys.path[:] = value
-
-
-def _put_arguments(value: tuple[str, ...]) -> None:
-    sys.argv[:] = value
-
-
-def _put_finders(value: tuple[Any, ...]) -> None:
-    sys.meta_path[:] = value
+def _list_of_sys(name: str) -> Kind:
+    return Kind(
+        f"sys.{name}",
+        lambda: tuple(getattr(sys, name)),
+        lambda value: operator.setitem(getattr(sys, name), _ALL, value),
+    )
 
 
 KINDS: tuple[Kind, ...] = (
     Kind("threads of libraries", _threads_of_libraries, _put_threads_of_libraries, _no_other_number),
-    Kind("threads", _running_threads, _leave, _no_more_threads),
+    Kind("threads", _running_threads, lambda _: None, _no_more_threads),  # none can be ended from outside
     Kind("timers", _timers, _put_timers),
     Kind("signals", _signals, _put_signals),
     Kind("np.seterr", np.geterr, lambda value: np.seterr(**value)),
     Kind("np.seterrcall", np.geterrcall, np.seterrcall),
     Kind("np.setbufsize", np.getbufsize, np.setbufsize),
     Kind("np.set_printoptions", np.get_printoptions, lambda value: np.set_printoptions(**value)),
-    Kind("warnings filters", _warnings, _put_warnings),
+    Kind("warnings filters", lambda: tuple(warnings.filters), _put_warnings),
     Kind("warnings.showwarning", _showing, _put_showing),
     Kind("working folder", _folder, os.chdir),
     Kind("decimal context", lambda: _decimal_of(getcontext()), lambda value: _put_decimal(getcontext(), value)),
@@ -371,9 +321,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("recursion limit", sys.getrecursionlimit, sys.setrecursionlimit),
     Kind("limit of digits", sys.get_int_max_str_digits, sys.set_int_max_str_digits),
     Kind("switch interval", sys.getswitchinterval, sys.setswitchinterval),
-    Kind("sys.path", _path, _put_path),
-    Kind("sys.argv", lambda: tuple(sys.argv), _put_arguments),
-    Kind("sys.meta_path", lambda: tuple(sys.meta_path), _put_finders),
+    *map(_list_of_sys, ("path", "argv", "meta_path")),
     Kind("standard streams", _streams, _put_streams),
     Kind("hooks of sys", _hooks, _put_hooks),
     Kind("logging", _logging, _put_logging),
@@ -382,5 +330,6 @@ KINDS: tuple[Kind, ...] = (
     Kind("start of processes", partial(get_start_method, allow_none=True), partial(set_start_method, force=True)),
     Kind("floating-point environment", _floating_point, _put_floating_point),
     Kind("resource limits", _limits, _put_limits),
-    *([Kind("processor affinity", partial(os.sched_getaffinity, 0), _put_affinity)] if sys.platform == "linux" else []),
 )
+if sys.platform == "linux":
+    KINDS += (Kind("processor affinity", partial(os.sched_getaffinity, 0), partial(os.sched_setaffinity, 0)),)

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 _BASE = 2008  # the first word of every seed sequence
+_STANDING: list[np.random.BitGenerator] = []  # behind ``np.random`` in the blocks under way, the innermost last
+_FREE: list[np.random.BitGenerator] = []  # to make one takes longer than to begin it
 
 
 def digest(*parts: Any) -> str:
@@ -39,18 +41,25 @@ def global_generators(sequence: np.random.SeedSequence) -> Iterator[None]:
     >>> draw() == draw()
     True
     """
-    kept = random.getstate(), np.random.get_state()  # noqa: NPY002
-    begin_generators(sequence)
+    mine, theirs = random.getstate(), np.random.get_bit_generator()
+    before = np.random.get_state(legacy=False)  # noqa: NPY002
+    _STANDING.append(_FREE.pop() if _FREE else np.random.MT19937())
     try:
+        begin_generators(sequence)
         yield
     finally:
-        random.setstate(kept[0])
-        np.random.set_state(kept[1])  # noqa: NPY002
+        _FREE.append(_STANDING.pop())
+        random.setstate(mine)
+        np.random.set_bit_generator(theirs)
+        if before["has_gauss"]:
+            np.random.set_state(before)  # noqa: NPY002
 
 
 def begin_generators(sequence: np.random.SeedSequence) -> None:
     """Begin the generators of `random` and of ``np.random`` at `sequence`."""
     words = sequence.generate_state(8)
+    if _STANDING:
+        np.random.set_bit_generator(_STANDING[-1])  # whatever a run has set meanwhile, also one that cannot be seeded
     random.seed(words.tobytes())
     np.random.seed(words)  # noqa: NPY002
 

@@ -48,7 +48,8 @@ def classes_beside(name: str) -> list[str]:
 
 def place_of(name: str) -> Path:
     """Return the file of FILE.py:NAME, absolute."""
-    return Path(name.rpartition(":")[0]).expanduser().resolve()
+    file = Path(name.rpartition(":")[0])
+    return file if file in _LOADED else file.expanduser().resolve()  # which asks the system for each folder above it
 
 
 def told_name(file: Path) -> str:

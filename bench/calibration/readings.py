@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from calibench.bench.calibration.files import Table
-from calibench.core.counted import counted, plain
+from calibench.core.counted import counted, listed, plain
 from calibench.core.tables.marks import split_rows, valid_rows
 from calibench.core.words import as_columns
 from calibench.discrepancy import DataError
@@ -138,8 +138,8 @@ def _readings(table: Table, chain: Chain, observed: str, limits: bool) -> Readin
         whole &= marked
     if not whole.all():
         lost = [table.told(int(i)) for i in np.flatnonzero(~whole)]
-        listed = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
-        notes.append(f"{len(lost)} of {len(whole)} rows are without a value or not valid, and left out: {listed}")
+        said = f"{len(lost)} of {len(whole)} rows are without a value or not valid, and left out"
+        notes.append(f"{said}: {listed(lost, 5)}")
     notes += _not_read(given, matched)
     if observed != "sockets":
         notes += without_copies(table, np.column_stack(used), whole)
@@ -216,7 +216,7 @@ def longer_than_table(given: Sequence[str], matched: Matched) -> str:
     rows = counted(len(matched.joints), "row")
     return (
         f"the table has {rows} that move{'s' if len(matched.joints) == 1 else ''} ({', '.join(matched.joints)}), and "
-        f"{', '.join(left[:_LISTED])} {'is a joint' if len(left) == 1 else 'are joints'} beside them: add the row, or "
+        f"{listed(left, _LISTED)} {'is a joint' if len(left) == 1 else 'are joints'} beside them: add the row, or "
         "leave the column out"
     )
 
@@ -239,7 +239,7 @@ def longer_than_urdf(table: Table, matched: Matched) -> str:
     if not left:
         return ""
     return (
-        f"; {', '.join(left[:_LISTED])} {'belongs' if len(left) == 1 else 'belong'} to no joint of the URDF that "
+        f"; {listed(left, _LISTED)} {'belongs' if len(left) == 1 else 'belong'} to no joint of the URDF that "
         "moves by itself: take the whole arm's URDF, without <mimic> there, or a machine.tip= behind that joint"
     )
 
@@ -247,8 +247,7 @@ def longer_than_urdf(table: Table, matched: Matched) -> str:
 def _not_read(given: Sequence[str], matched: Matched) -> list[str]:
     """Return a remark on columns of numbers that nothing reads; commanded values and scatter get no remark."""
     left = _beside(given, matched)
-    listed = ", ".join(left[:_LISTED]) + (f" and {len(left) - _LISTED} more" if len(left) > _LISTED else "")
-    return [f"not read: {listed}"] if left else []
+    return [f"not read: {listed(left, _LISTED)}"] if left else []
 
 
 def _beside(given: Sequence[str], matched: Matched) -> list[str]:
@@ -268,9 +267,8 @@ def without_copies(table: Table, values: Array, whole: Mask, what: str = "joint 
     if not len(again):
         return []
     whole[rows[again]] = False
-    told = [f"{table.told(int(rows[i]))} of {table.told(int(rows[first[alike.reshape(-1)[i]]]))}" for i in again[:4]]
-    listed = ", ".join(told) + (f" and {len(again) - 4} more" if len(again) > 4 else "")
-    return [f"{len(again)} rows are copies of others in every {what}, and left out: {listed}"]
+    told = [f"{table.told(int(rows[i]))} of {table.told(int(rows[first[alike.reshape(-1)[i]]]))}" for i in again]
+    return [f"{len(again)} rows are copies of others in every {what}, and left out: {listed(told, 4)}"]
 
 
 def _observed(matched: Matched) -> str:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibench.discrepancy import MeasuredData
+from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.design.next_poses import NextPoses, NoPool, UnknownRival, next_poses
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.description import Completed
@@ -63,7 +63,10 @@ def _between(
     machine: Machine, data: MeasuredData, completed: Completed | None, rivals: list[str], size: float
 ) -> tuple[str, str] | None:
     """Return what would separate two rivals: the means, and a remark on it."""
-    here = _asked(machine, data, rivals, size)
+    try:
+        here = _asked(machine, data, rivals, size)
+    except DataError as error:
+        return "no further readings could be planned that tell", f" ({error})"
     if here is None:
         return None
     there = None if completed is None else _asked(machine, completed.data, rivals, size)

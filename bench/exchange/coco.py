@@ -20,7 +20,7 @@ from typing import Any
 from calibench.bench.exchange.folders import file_names
 from calibench.bench.exchange.studies import Study, ToldRun, told_runs
 from calibench.bench.exchange.targets import gap_of_value
-from calibench.core.counted import counted
+from calibench.core.counted import counted, listed
 
 SUITES = {"bbob": (range(1, 25), (2, 3, 5, 10, 20, 40))}  # functions and dimensions that cocopp has pages for
 TOLD = "% calibench "  # begins the comment of an entry, which cocopp keeps and does not read
@@ -68,9 +68,8 @@ def write_coco(study: Study, folder: Path) -> list[str]:
 def _refuse_foreign(runs: Sequence[ToldRun]) -> None:
     foreign = sorted({_called(run) for run in runs if not _is_known(run)})
     if foreign:
-        more = f" and {len(foreign) - 5} more" if len(foreign) > 5 else ""
         raise ValueError(
-            f"export coco: cocopp has no suite for {', '.join(foreign[:5])}{more}; it reads bbob, functions 1 to 24 in "
+            f"export coco: cocopp has no suite for {listed(foreign, 5)}; it reads bbob, functions 1 to 24 in "
             "dimensions 2, 3, 5, 10, 20 and 40; ioh takes any problem"
         )
 

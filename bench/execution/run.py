@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from calibench.bench.execution.answer import answer_of, judged_apart
+from calibench.bench.execution.answer import Answer, answer_of, judged_apart
 from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
 from calibench.bench.execution.in_progress.progress import followed
 from calibench.bench.execution.outcome import check_merit, compile_parts, with_an_answer
@@ -228,20 +228,27 @@ def _run(asked: Asked, time_limit: float | None, inner: int, replay: ReplayFolde
     made_in = around(gate, searched, asked.run_id, pair.code, inner=inner, replay=replay, time_limit=time_limit)
     made_in = _begun(begin, made_in)
     rng = np.random.default_rng(seed_sequence(*words, repetition=repetition))
+    judge = judged_apart if watched and pair.foreign_problem else answer_of
+
+    def answered(ending: Ending) -> tuple[Answer, Ending]:
+        gate.close()
+        return judge(pair, gate.best_x, with_an_answer(gate, ending), repetition, time_limit)
+
     began = datetime.now(UTC)
     with followed(asked, gate) as goes_on:
         if broken is not None:
-            ending = broken
+            answer, ending = answered(broken)
         elif not watched:
-            ending = run_here(optimizer, gate, rng, problem, around=made_in)
+            answer, ending = answered(run_here(optimizer, gate, rng, problem, around=made_in))
         else:
             stall_limit = STALL_LIMIT if may_hang else None
             first = partial(_compile, problem, optimizer, begin) if apart else lambda: None
-            ending = run_watched(optimizer, gate, rng, time_limit, stall_limit, problem, first, made_in, goes_on)
+            asked_for = optimizer, gate, rng, time_limit, stall_limit, problem, first, made_in, goes_on
+            if pair.foreign_problem:
+                answer, ending = run_watched(*asked_for, last=answered)
+            else:
+                answer, ending = answered(run_watched(*asked_for, last=lambda ending: ending))
     gate.close()
-    ending = with_an_answer(gate, ending)
-    judge = judged_apart if watched and pair.foreign_problem else answer_of
-    answer, ending = judge(pair, gate.best_x, ending, repetition, time_limit)
     process_changes = [] if state is None else state.put_back()
     return Run(row_of(asked, gate, answer, ending, began, process_changes), tuple(gate.trace))
 

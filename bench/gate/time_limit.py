@@ -16,7 +16,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from math import inf, nan
 from time import perf_counter, process_time
-from typing import Any, final
+from typing import Any, TypeVar, final
 
 import numpy as np
 
@@ -32,11 +32,12 @@ from calibench.bench.gate.processes.process_group import exit_of
 from calibench.core import own_state
 from calibench.optimizers.base import Stop
 
+T = TypeVar("T")
 GRACE = 2.0  # seconds for the gate to end the run by itself
 STALL_LIMIT = 60.0  # seconds without an evaluation, after which an optimiser that may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
-_HEAD = 18
+_HEAD = 19
 _ATTEMPTS = 64  # numbers of eight letters, for the names of what was tried
 _PASSED = "the time limit has passed"
 _DIED = "the process of this run ended"
@@ -111,13 +112,17 @@ def run_watched(
     first: Callable[[], Ending | None] = lambda: None,
     around: Around = _NOTHING,
     begun: Callable[[Mirror, int | None], None] = lambda mirror, pid: None,
-) -> Ending:
+    *,
+    last: Callable[[Ending], T],
+) -> T:
     """Run in a child process for at most `limit` seconds, and no longer than `stall_limit` seconds without an
-    evaluation.
+    evaluation; return what `last` makes of the ending.
 
     `first` is done in the child before the clock of the run starts, and has `limit` seconds of its own; an ending that
-    it returns is the run's. The gate ends as if it had run here. Where a system cannot fork, only the gate watches the
-    clock. `begun` is told of the counts that can be read while it runs, and of the child's process.
+    it returns is the run's. `last` ends in time by itself; it is done in the child too, in the state that the run has
+    left its process in, unless the child was lost. The gate ends as if it had run here. Where a system cannot fork,
+    only the gate watches the clock. `begun` is told of the counts that can be read while it runs, and of the child's
+    process.
     """
     allowed = inf if limit is None else limit
     mirror = Mirror(gate)
@@ -131,17 +136,23 @@ def run_watched(
         gate.adopt()
         mirror.deadline = perf_counter() + allowed
         try:
-            ending, changes = own_state.with_changes(
-                lambda: first() or run_here(optimizer, gate, rng, problem, begin, around)
-            )
+            made, changes = own_state.with_changes(lambda: finish(first() or run()))
         except KeyboardInterrupt as stop:  # by the user's code: the terminal's is for the parent
             theirs.send(KeyboardInterrupt(text_of(stop)))
             return
         sys.stdout.flush()  # what the run has printed; the answer ends this process
-        theirs.send((gate.state(), ending, changes))
+        theirs.send((gate.state(), made, changes))
+
+    def run() -> Ending:
+        ending = run_here(optimizer, gate, rng, problem, begin, around)
+        return replace(ending, error=_PASSED) if gate.stopped == "timeout" else ending
+
+    def finish(ending: Ending) -> T:
+        mirror.is_over = True
+        return last(ending)
 
     if not CAN_FORK:
-        return first() or _told(run_here(optimizer, gate, rng, problem, begin, around), gate)
+        return last(first() or run())
     if not stays_inside(optimizer):
         looks()  # once here, and not in every child
     began, cpu = perf_counter(), _children_cpu()
@@ -152,26 +163,22 @@ def run_watched(
             answer = None if why else ours.recv()
         except EOFError:
             why, answer = _DIED, None
-    ending: Ending
     if isinstance(answer, KeyboardInterrupt):
         raise answer
     if answer is not None:
-        state, ending, changes = answer
+        made: T
+        state, made, changes = answer
         gate.restore(state)
         own_state.note(changes)
-        return _told(ending, gate)
+        return made
     gate.restore(mirror.read())
     earlier_wall, earlier_cpu = mirror.earlier
     took = perf_counter() - began + earlier_wall, _children_cpu() - cpu + earlier_cpu
     before = "" if mirror.begun else BEFORE
     if why == _DIED:
-        return Ending("ProcessDied", f"{before}{why} with {exit_of(child.exitcode)}", *took)
+        return last(Ending("ProcessDied", f"{before}{why} with {exit_of(child.exitcode)}", *took))
     gate.stopped = "timeout"
-    return Ending("", f"{before}{why}", *took)
-
-
-def _told(ending: Ending, gate: Evaluator) -> Ending:
-    return replace(ending, error=_PASSED) if gate.stopped == "timeout" else ending
+    return last(Ending("", f"{before}{why}", *took))
 
 
 def _wait(ours: Receiver, mirror: Mirror, stall_limit: float | None) -> str:
@@ -179,6 +186,9 @@ def _wait(ours: Receiver, mirror: Mirror, stall_limit: float | None) -> str:
     calls, heard = -1, perf_counter()
     while True:
         now = perf_counter()
+        if mirror.is_over:
+            ours.poll(None)
+            return ""
         if mirror.evaluations != calls:
             calls, heard = mirror.evaluations, now
         end = mirror.deadline + GRACE
@@ -258,6 +268,15 @@ class Mirror:
     def begun(self, yes: bool) -> None:
         self._head[11] = yes
 
+    @property
+    def is_over(self) -> bool:
+        """Tell whether the search has ended; what is done then ends by itself."""
+        return bool(self._head[18])
+
+    @is_over.setter
+    def is_over(self, yes: bool) -> None:
+        self._head[18] = yes
+
     def publish(self, gate: Evaluator, evaluations: int) -> None:
         """Write the state of `gate`, and that `evaluations` have been made or are being made."""
         best = gate.best_x
@@ -276,7 +295,7 @@ class Mirror:
         self._head[9:11] = gate.batch_evaluations, gate.residual_evaluations
         self._head[12] = nan if gate.outside_evaluations is None else gate.outside_evaluations
         self._head[13:15] = gate.earlier
-        self._head[15:] = gate.gradient_evaluations, gate.joint_evaluations, gate.non_finite_slopes
+        self._head[15:18] = gate.gradient_evaluations, gate.joint_evaluations, gate.non_finite_slopes
         if gate.attempts:
             told = "\0".join(gate.attempts).encode()[: self._attempts.size]
             self._attempts[: len(told)] = np.frombuffer(told, dtype=np.uint8)

@@ -15,6 +15,7 @@ from pathlib import Path
 import pandas as pd
 
 from calibench.bench.papers.row import KINDS, VERDICTS
+from calibench.core.counted import listed
 
 _SAME = 1e-9
 _SHOWN = 6  # keys of a group
@@ -78,10 +79,9 @@ def page(before: pd.DataFrame, after: pd.DataFrame) -> str:
     """Return the comparison in Markdown."""
     lines = [*tallies(before, after), "", "| rows | before | after | why | which |", "|---|---|---|---|---|"]
     for was, now, why, names in changes(before, after):
-        keys = [name.partition(" ")[2] for name in names[:_SHOWN]]
-        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+        keys = listed([name.partition(" ")[2] for name in names], _SHOWN)
         papers = ", ".join(dict.fromkeys(name.partition(" ")[0] for name in names))
-        cells = [str(len(names)), was or "-", now or "-", why, f"{papers}: {', '.join(keys)}{more}"]
+        cells = [str(len(names)), was or "-", now or "-", why, f"{papers}: {keys}"]
         lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
     return "\n".join(lines) + "\n"
 

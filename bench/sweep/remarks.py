@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibench.bench.execution.request.own_problem import minimum_of
+from calibench.core.counted import listed
 
 _ROUNDING = 1e-9  # part of a least value: a target closer below it is the same number
 _NAMED = 8  # methods that a line still names
@@ -44,9 +45,8 @@ def remarks_of(cells: Iterable[Asked]) -> tuple[str, ...]:
 
 def _in_vain(budget: int, first: dict[str, int]) -> str:
     """Return the line on methods whose first sample uses up a budget: name -> evaluations of that sample."""
-    named = [f"{name} ({size})" for name, size in list(first.items())[:_NAMED]]
-    more = f" and {len(first) - _NAMED} more" if len(first) > _NAMED else ""
+    named = listed([f"{name} ({size})" for name, size in first.items()], _NAMED)
     return (
-        f"budget={budget}: it ends within the first sample of {', '.join(named)}{more}, before "
+        f"budget={budget}: it ends within the first sample of {named}, before "
         f"{'they propose' if len(first) > 1 else 'it proposes'} a point of {'their' if len(first) > 1 else 'its'} own"
     )

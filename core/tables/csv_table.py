@@ -15,6 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import final
 
+from calibench.core.counted import listed
 from calibench.core.tables.data_file import LARGEST_TEXT, MOST_CELLS, MOST_COLUMNS, check_columns, read_whole, text_of
 from calibench.core.tables.units import is_unit
 from calibench.core.words import shortened
@@ -100,8 +101,7 @@ def table_of(
     names, units = heads(row)
     again = [line for line, cells in read[1:] if cells == read[0][1]]
     if again:
-        told = ", ".join(map(str, again[:4])) + (f" and {len(again) - 4} more" if len(again) > 4 else "")
-        notes = (*notes, f"the header comes again in line {told} and is left out there")
+        notes = (*notes, f"the header comes again in line {listed(list(map(str, again)), 4)} and is left out there")
     cut = ((line, _cut(cells, len(names))) for line, cells in read[1:] if line not in again)
     rows = tuple((line, cells) for line, cells in cut if len(cells) > 1 or len(names) == 1 or cells[0].strip())
     return Table(names, units, rows, comment, delimiter, notes)

@@ -19,6 +19,7 @@ from calibench.core.tables.data_file import LARGEST_TEXT, MEGABYTE, MOST_CELLS, 
 
 _LARGEST_UNPACKED = 400 * MEGABYTE  # of a sheet's XML: the most cells have some 40 to 80 bytes each
 _MOST_TIMES, _SMALL = 100, 10 * MEGABYTE  # as it is packed: sheets unpack to 5 to 20 times; a small one may to more
+_MOST_ROWS = 1 << 20  # of any sheet of Excel
 _SMALLER = "save it as CSV or Parquet, or take part of the readings"
 
 
@@ -81,7 +82,9 @@ def _rows(sheet: Any) -> list[tuple[int, tuple[str, ...]]]:
     cells = 0
     sheet.reset_dimensions()  # what the file says of its width: each row is as wide as its own last cell
     for number, row in enumerate(sheet.iter_rows(values_only=True), start=1):
-        cells += max(1, len(row))  # a row that is not there costs time too
+        cells += len(row)
+        if number > _MOST_ROWS:  # the rows before that are not there cost time too
+            raise ExcelError(f"has a row after {_MOST_ROWS}, the last of a sheet; {_SMALLER}")
         if cells > MOST_CELLS:
             raise ExcelError(f"has more than {MOST_CELLS} cells, and no more are read; {_SMALLER}")
         told = tuple(_text(cell) for cell in row)

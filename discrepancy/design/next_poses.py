@@ -77,7 +77,7 @@ def next_poses(
 
     `pool` has all columns that the machine reads, in its own units: of readings that are only planned, the measured
     ones as they are foretold (`report.predict`). Raises `ValueError` for an unknown rival, fewer than two, or a machine
-    of which no pool can be made, and `DataError` for data that cannot be of this machine.
+    of which no pool can be made, and `DataError` for data that cannot be of this machine, or a pool below `k`.
     """
     made = machines.make(machine) if isinstance(machine, str) else machine
     formulation = looked_at(made, data)
@@ -98,7 +98,7 @@ def next_poses(
     if unknown:
         raise DataError(f"{pool.name}: {', '.join(unknown)}: of each reading to choose from all numbers are needed")
     if not 0 < k <= len(pool):
-        raise ValueError(f"k={k}: from 1 to the {len(pool)} readings of the pool")
+        raise DataError(f"k={k}: from 1 to the {len(pool)} readings of the pool")
     there = WhitenedDesign(formulation.on(pool), here.x)
     pairs = [_Pair.of(here, there, a, b, size, len(pool)) for a in effects for b in effects if a is not b]
     chosen: list[int] = []

@@ -117,8 +117,9 @@ def check_plan(plan: Sequence[Reading]) -> None:
         if reading.level_mm == reading.against_mm:
             raise ValueError(f"{where}: level_mm={reading.level_mm:g} is compared with itself; leave the row out")
         for level in (reading.level_mm, reading.against_mm):
-            joints = inverse_kinematics(level * np.eye(3)[[AXES.index(reading.axis)]])[0] - own.length
-            if not own.stroke_minus - 1e-9 <= level <= own.stroke_plus + 1e-9 or not np.isfinite(joints).all():
+            along = np.eye(3)[[AXES.index(reading.axis)]]
+            there = own.stroke_minus - 1e-9 <= level <= own.stroke_plus + 1e-9
+            if not (there and np.isfinite(inverse_kinematics(level * along)).all()):
                 raise ValueError(
                     f"{where}: level_mm={level:g} is out of reach: {own.stroke_minus:g} .. {own.stroke_plus:g} mm"
                 )

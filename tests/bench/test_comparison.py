@@ -298,6 +298,7 @@ def test_the_command_compares_two_folders(tmp_path, capsys):
     assert (told["better"], told["worse"], told["cells"][0]["pairs"]) == (1, 0, 8)
     assert _bench("compare", tmp_path / "a") == 2
     assert _bench("compare", tmp_path / "a", tmp_path / "b", "by=speed") == 2
+    assert _bench("compare", tmp_path / "a", tmp_path / "b", "by=value", "by=speed") == 2
     assert _bench("compare", tmp_path / "a", "--methods", "de", "lm") == 2
     assert "choices: de" in capsys.readouterr().err
 

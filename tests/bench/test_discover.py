@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
@@ -18,12 +19,14 @@ from benchmarks.blind.gpm2002.simulate import case
 from benchmarks.blind.malformed import SPOILED
 from calibench import bench, discrepancy, optimizers
 from calibench.bench.cli import main
+from calibench.bench.discovery import advice
 from calibench.bench.discovery.advice import with_advice
 from calibench.bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
 from calibench.bench.measured.files import read_measured
 from calibench.bench.measured.sources import sources
 from calibench.bench.store.runs import ResultStore
-from calibench.discrepancy.machines.gpm2002.plan import planned
+from calibench.discrepancy.design.detectability import WhitenedDesign
+from calibench.discrepancy.machines.gpm2002.plan import planned, reachable
 from tests.few import few
 
 CONTRACT = {
@@ -325,6 +328,20 @@ def test_rivals_that_a_tracker_would_tell_apart_come_with_that_advice():
     assert told is not None
     assert float(told[1]) < 1
     assert float(told[2]) > 4
+
+
+def test_a_machine_that_reaches_no_place_is_told_where_readings_are_to_be_proposed(monkeypatch):
+    """An encoder that counted backwards ended the command: the plan of a radius that nobody had stated was refused."""
+    machine = discrepancy.machines.make("gpm2002")
+    formulation = machine.formulate(planned(n=40))
+    with pytest.raises(discrepancy.DataError, match="reaches no place within") as refused:
+        reachable(formulation, WhitenedDesign(formulation).q | {"xa1": 1e6})
+    monkeypatch.setattr(advice, "next_poses", Mock(side_effect=refused.value))
+    made = case(0, family="thermal_links", lam=2.0, noise="gauss", xy=False)
+    data = discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata)
+    first = with_advice(discrepancy.explain("gpm2002", data), data, machine).findings[0]
+    assert "no further readings could be planned that tell" in first.separated_by
+    assert "reaches no place within" in first.separated_by
 
 
 def test_rivals_of_a_machine_with_options_are_asked_of_that_very_machine():

@@ -237,6 +237,18 @@ def test_few_poses_are_refused_and_three_need_a_stated_noise(calibrate):
     assert found["unseen"]["position"] is None
 
 
+def test_a_column_that_never_varies_is_named(calibrate):
+    flange, seen = measured(12, noise=NOISE)
+    level = np.array(flange)
+    level[:, 2, 3] = 450
+    seen = [np.linalg.inv(flat) @ real @ one for flat, real, one in zip(level, flange, seen, strict=True)]
+    [note] = [note for note in calibrate(level, np.array(seen))["notes"] if "never" in note]
+    assert note.startswith("flange_z never varies")
+    still = flanges(np.zeros((12, 3)), PLACES)
+    line = calibrate(still, measured(12, flange=still)[1], code=2)
+    assert "(flange_qx, flange_qy, flange_qz, flange_qw, board_rx" in line
+
+
 @pytest.mark.parametrize("noise", [pytest.param((0.0, 0.0), marks=pytest.mark.slow), NOISE])
 @pytest.mark.parametrize("mode", ["eye_in_hand", "eye_to_hand"])
 def test_inverse_poses_are_told(calibrate, mode, noise):

@@ -5,6 +5,7 @@ import re
 from dataclasses import fields
 from html.parser import HTMLParser
 
+import pandas as pd
 import pytest
 from jinja2 import UndefinedError
 
@@ -12,6 +13,7 @@ from calibench import bench, optimizers, problems
 from calibench.bench.discovery.page.page import Page
 from calibench.bench.papers import page as ledger_page
 from calibench.bench.papers.row import Row
+from calibench.bench.report.shared.drawing import axes_in, figure_of, save
 from calibench.bench.report.shared.page import Head, Table, inline_svg
 from calibench.bench.report.shared.templating import macros, render
 from calibench.bench.report.study.explored.script import scripts
@@ -114,6 +116,16 @@ def test_a_table_and_a_drawing_trust_no_name():
     assert not {"script", "onclick", "style"} & page.tags
     assert page.text.count(EVIL) == 6
     assert page.values.count(EVIL) == 5  # classes, heads of the cells, the drawing's label
+
+
+def test_a_name_with_dollars_is_no_formula_in_a_drawing(tmp_path):
+    name = r"$\frac{$ and $x^{$"
+    with axes_in(None, 4, 3) as axes:
+        axes.plot([1, 2], [1, 2], label=name)
+        axes.set_title(name)
+        axes.legend()
+    svg, _, _ = save("drawn", (figure_of(axes), pd.DataFrame()), tmp_path)
+    assert svg.read_text().count(f">{name}<") == 2
 
 
 def test_a_value_that_a_template_misses_is_an_error():

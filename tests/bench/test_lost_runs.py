@@ -17,12 +17,11 @@ import ctypes, itertools, os, resource, subprocess, time
 import numpy as np
 
 class Mine:
-    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.3)
+    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, -0.3)
     def __init__(self, kind: str = "ok"):
-        self.kind, self.calls = kind, 0
+        self.kind = kind
     def __call__(self, x):
-        self.calls += 1
-        if self.calls == 9:
+        if x[0] > 0:  # and not at a count of calls: of a run that is tried again some calls are replayed
             getattr(self, self.kind)()
         return float(x @ x)
     def ok(self):
@@ -98,7 +97,7 @@ def test_a_run_that_takes_its_process_down_is_a_failed_row_and_no_other_is_lost(
     assert says["killed"] == {f"{died} -9 (SIGKILL)"}
     assert set(runs.loc[runs["kind"] == "memory", "error_type"]) <= {"MemoryError", "_ArrayMemoryError"}
     failed = runs[runs["status"] == "failed"]
-    assert failed["evaluations"].between(9, 17).all()  # above 9 where a call took long, so that it was replayed
+    assert failed["evaluations"].between(2, 30).all()  # the start is sound, and half of the points are not
     left = [path.name for path in folder.iterdir() if path.name[0] != "."]
     assert sorted(left) == ["manifest.json", "runs.parquet", "traces.parquet"]
 

@@ -270,11 +270,15 @@ def test_our_own_runs_change_nothing_and_a_users_own_process_gets_all_back() -> 
             np.seterr(all="raise")
             return float(x @ x)
 
+        def merit(self, x: np.ndarray) -> dict[str, float]:
+            return {"still_set": float(np.geterr()["over"] == "raise")}
+
     before = np.geterr()
     run = bench.execute(Strict(), optimizers.make("nlopt_GN_DIRECT"), budget=10)
     assert (run.row["process_changes"], np.geterr()) == (["np.seterr"], before)
     limited = bench.execute(Strict(), optimizers.make("nlopt_GN_DIRECT"), budget=10, time_limit=50)
     assert limited.row["process_changes"] == ["np.seterr"]
+    assert run.row["merit"] == limited.row["merit"] == '{"still_set": 1.0}'
 
 
 @pytest.mark.parametrize("method", few(3, ["lm", "de", "pygmo_de", "trf", "fmincon", "ga", "pso", "nlopt_LD_SLSQP"]))
@@ -311,3 +315,19 @@ def test_the_terminal_and_show_tell_what_runs_changed(
     with pytest.raises(SystemExit):
         main(["show", run_id, f"results={tmp_path}"])
     assert re.search(f"process.*{re.escape(what)}", capsys.readouterr().out)
+
+
+def test_another_generator_behind_np_random_is_gone_after_the_run() -> None:
+    class Swaps:
+        lower, upper, start = np.full(2, -1.0), np.ones(2), np.full(2, 0.5)
+
+        def __call__(self, x: np.ndarray) -> float:
+            np.random.set_bit_generator(np.random.PCG64(1))
+            return float(x @ x)
+
+    np.random.seed(3)  # noqa: NPY002
+    np.random.standard_normal()  # noqa: NPY002  of two that are drawn at once the second is kept
+    expected = np.random.RandomState(3).standard_normal(4)[1:]
+    runs = [bench.execute(Swaps(), optimizers.make("de"), budget=20) for _ in range(2)]
+    assert [run.row["status"] for run in runs] == ["ok", "ok"]
+    assert np.random.standard_normal(3).tolist() == expected.tolist()  # noqa: NPY002

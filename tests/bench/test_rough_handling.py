@@ -133,7 +133,7 @@ def test_a_crash_in_an_optimisers_own_code_is_a_row_with_what_was_found(run_benc
 def test_a_sweep_whose_process_is_killed_leaves_none_behind(tmp_path):
     (tmp_path / "rough.py").write_text(CODE)
     command = [sys.executable, "-m", "bench", "run", "problem=rough:Base", "problem.kind=sleep", "optimizer=de"]
-    sweep = subprocess.Popen([*command, "budget=5", "seeds=1"], cwd=tmp_path, stdout=subprocess.PIPE)
+    sweep = subprocess.Popen([*command, "budget=200", "seeds=1"], cwd=tmp_path, stdout=subprocess.PIPE)
     assert sweep.stdout.readline() == b"asleep\n"
     sweep.kill()
     sweep.communicate(timeout=20)  # returns when the last who could write there is gone, long before it wakes

@@ -60,3 +60,11 @@ def test_the_overview_has_every_verb_and_says_where_its_words_are(told):
     text = told("--help")
     assert "bench VERB --help" in text
     assert all(re.search(rf"^  (\w+\|)?{verb}\b", text, re.MULTILINE) for verb in _VERBS)
+
+
+def test_help_on_a_verb_there_is_not_says_so(capsys):
+    """`bench help discovr` gave the overview, and exit 0."""
+    with pytest.raises(SystemExit) as ended:
+        main(["help", "discovr"])
+    assert ended.value.code == 2
+    assert "did you mean 'discover'" in capsys.readouterr().err

@@ -105,12 +105,13 @@ def test_a_parameter_whose_bounds_are_exchanged_is_refused():
         check_kinds("noise", {"turn": 1e-3}, (), [exchanged])
 
 
-def test_a_reading_that_is_no_number_costs_its_row_and_is_told():
+@pytest.mark.parametrize(("cell", "also"), [(np.nan, ""), (-np.inf, ""), (1e308, " (beyond 1e+60 in 1 of them)")])
+def test_a_reading_that_is_no_number_or_has_no_square_costs_its_row_and_is_told(cell, also):
     data = readings()
-    data = data.with_columns({"height": np.where(np.arange(N) == 7, np.nan, data["height"])})
+    data = data.with_columns({"height": np.where(np.arange(N) == 7, cell, data["height"])})
     told = Screw().formulate(data).data
     assert len(told) == N - 1
-    assert any("1 row is left out for cells that hold no finite number: height in 1" in note for note in told.notes)
+    assert f"1 row is left out for cells that hold no finite number: height in 1{also}" in told.notes
 
 
 def test_a_column_without_noise_is_an_input_whose_errors_are_searched_for():

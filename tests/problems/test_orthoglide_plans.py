@@ -174,6 +174,7 @@ def test_six_differences_cannot_give_six_parameters(data):
         (3, "155", "row 4: gauge_position=155: a share of the leg is needed"),
         (3, "0.1", r"reading 3 .*: gauge_position=0.1 is off the leg at level_mm=-100 .*take a smaller level"),
         (4, "", "row 4: the cell of level_mm is missing"),
+        (4, "1e308", r"reading 3 .*: level_mm=1e\+308 is out of reach: -100 .. 60 mm"),
         (4, "80", r"reading 3 .*: level_mm=80 is out of reach: -100 .. 60 mm"),
         (4, "0", r"reading 3 .*: level_mm=0 is compared with itself"),
         (4, "60", r"reading 3 \(x_y\+\) is reading 1 again; number the two by repeat"),

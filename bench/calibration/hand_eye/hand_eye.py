@@ -39,7 +39,8 @@ def hand_eye(request: HandEyeRequest) -> HandEye:
     try:
         return _calibrated(pairs, request)
     except ValueError as error:
-        raise DataError(f"{pairs.table.name}: {error}") from None
+        also = f" ({pairs.still})" if pairs.still else ""
+        raise DataError(f"{pairs.table.name}: {error}{also}") from None
 
 
 def _calibrated(pairs: Pairs, request: HandEyeRequest) -> HandEye:

@@ -19,7 +19,7 @@ from calibench.bench.calibration.hand_eye.request import HandEyeRequest
 from calibench.bench.calibration.readings import Index, Mask, held_back, without_copies
 from calibench.bench.calibration.start import meanings
 from calibench.bench.measured.renamed import pairs_of
-from calibench.core.counted import plain
+from calibench.core.counted import listed, plain
 from calibench.core.options import suggest
 from calibench.core.tables.marks import valid_rows
 from calibench.core.words import as_columns
@@ -63,8 +63,8 @@ class Pose:
 class Pairs:
     """n pairs: `flange` in the base, and `board` as `read` says; `hold` (n,) are kept from the fit, None for none.
 
-    `rows` (n,) are those of the table. `inverted` says that the robot's columns hold the base in the flange; `board`
-    is `board_scale` times as far as in the file.
+    `rows` (n,) are those of the table; `still` says which columns hold one value alone, "" for none. `inverted` says
+    that the robot's columns hold the base in the flange; `board` is `board_scale` times as far as in the file.
     """
 
     flange: Pose
@@ -72,6 +72,7 @@ class Pairs:
     read: str
     hold: Mask | None
     rows: Index
+    still: str
     table: Table
     notes: tuple[str, ...]
     inverted: bool
@@ -137,11 +138,15 @@ def _pairs(table: Table, columns: Mapping[str, str], request: HandEyeRequest) ->
         whole &= valid_rows(table.columns["valid"])
     if not whole.all():
         rows = [table.told(int(i)) for i in np.flatnonzero(~whole)]
-        more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
-        said.append(f"{len(rows)} of {len(whole)} rows are without a value or not valid, and left out: "
-                    f"{', '.join(rows[:5])}{more}")  # fmt: skip
+        left = f"{len(rows)} of {len(whole)} rows are without a value or not valid, and left out"
+        said.append(f"{left}: {listed(rows, 5)}")
     if not whole.any():
         raise DataError(f"no row has a value in every column that makes its poses: {', '.join(used)}")
+    still = [name for name, column in zip(used, values[whole].T, strict=True) if not np.ptp(column) > 0]
+    never = ""
+    if 0 < len(still) < len(used):  # else all are one pose, which is refused as that
+        never = f"{', '.join(still)} never {'varies' if len(still) == 1 else 'vary'}"
+        said.append(f"{never}: true of a robot that was held so, else it was not read")
     said += without_copies(table, values, whole, "number")
     other = replace(sides["flange"], other={"split": "split"} if "split" in table.columns else {})
     hold = held_back(table, other, whole)
@@ -151,7 +156,7 @@ def _pairs(table: Table, columns: Mapping[str, str], request: HandEyeRequest) ->
     ))  # fmt: skip
     board = replace(board, place=request.board_scale * board.place)
     return Pairs(
-        flange, board, read, None if hold is None else hold[rows_of], rows_of, table, tuple(said),
+        flange, board, read, None if hold is None else hold[rows_of], rows_of, never, table, tuple(said),
         request.flange == "base_in_flange", request.board_scale,
     )  # fmt: skip
 

@@ -14,6 +14,7 @@ from calibench.bench.statistics.comparison.two_studies import Compared, compare
 from calibench.bench.statistics.names.labels import method_titles, problem_titles, several
 from calibench.bench.statistics.summary import method_names
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep.words.pairs import read_pairs
 from calibench.core import user_file
 from calibench.core.counted import counted, plain
 from calibench.core.options import suggest
@@ -27,10 +28,11 @@ _VERDICTS = ("worse", "better", "undecided", "equal")
 def run(argv: list[str]) -> int:
     """Print a line a shared cell and the counts; return 1 where the second is worse in some cell, else 0."""
     words, methods = _methods(list(argv))
-    by = next((word.removeprefix("by=") for word in words if word.startswith("by=")), "goal")
+    said = [word for word in words if word.startswith("by=")]
+    by = read_pairs("compare", said, {"by": "goal"}).get("by", "goal")
     if by not in _ORDERS:
         raise ValueError(f"compare: by={by}: {suggest(by, _ORDERS)}")
-    flags, folders = split_flags([word for word in words if not word.startswith("by=")], ("--json", "--methods"))
+    flags, folders = split_flags([word for word in words if word not in said], ("--json", "--methods"))
     first, second = _sides(folders, methods)
     compared = compare(first, second, by, methods)  # type: ignore[arg-type]
     if compared.cells.empty:

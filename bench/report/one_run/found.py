@@ -10,6 +10,7 @@ import pandas as pd
 
 from calibench.bench.store.manifest import StoreError, studies_in
 from calibench.bench.store.runs import ResultStore
+from calibench.core.counted import listed
 
 _TOLD = ("problem", "optimizer", "repetition", "status")  # of a candidate
 _LISTED = 8  # candidates that are named
@@ -54,5 +55,5 @@ def _candidates(rows: list[dict[str, Any]]) -> str:
     rows = sorted(rows, key=lambda row: str(row["run_id"]))
     ids = [str(row["run_id"]) for row in rows]
     digits = next(n for n in range(1, len(ids[0]) + 1) if len({name[:n] for name in ids}) == len(ids))
-    said = [f"{row['run_id'][:digits]} ({', '.join(str(row[name]) for name in _TOLD)})" for row in rows[:_LISTED]]
-    return ", ".join(said) + (f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else "")
+    said = [f"{row['run_id'][:digits]} ({', '.join(str(row[name]) for name in _TOLD)})" for row in rows]
+    return listed(said, _LISTED)

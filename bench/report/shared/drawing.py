@@ -33,6 +33,7 @@ COLOURS = (
 DASHES: Any = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (1, 1)), (0, (7, 2)))
 _TITLE = 10.0  # points
 STYLE: Any = {
+    "text.parse_math": False,  # a name with dollars is a name
     "axes.axisbelow": True, "axes.grid": True, "axes.spines.right": False, "axes.spines.top": False, "font.size": 9,
     "grid.alpha": 0.25, "grid.linewidth": 0.6, "legend.frameon": False, "svg.hashsalt": "calibench",
     "svg.fonttype": "none",

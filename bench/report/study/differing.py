@@ -10,7 +10,7 @@ import numpy as np
 from calibench.bench.report.shared.page import Table
 from calibench.bench.report.study.html_tables import number, table
 from calibench.bench.statistics.comparison.many_methods import Ranked
-from calibench.core.counted import counted
+from calibench.core.counted import counted, listed
 
 
 @final
@@ -63,6 +63,4 @@ _SHOWN = 8  # names in a cell, beyond which they are counted
 def _named(ranked: Ranked, at: list[int]) -> str:
     if len(at) == len(ranked.methods) - 1 and len(at) > 1:
         return "all others"
-    shown = at if len(at) <= _SHOWN + 1 else at[:_SHOWN]
-    more = f" and {len(at) - len(shown)} more" if len(at) > len(shown) else ""
-    return ", ".join(ranked.methods[j] for j in shown) + more if at else "none"
+    return listed([ranked.methods[j] for j in at], _SHOWN) or "none"

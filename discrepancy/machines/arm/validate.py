@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.counted import counted
+from calibench.core.counted import counted, listed
 from calibench.core.options import suggest
 from calibench.discrepancy.checks.enter import entered
 from calibench.discrepancy.machines.arm.geometry import PLACE, READING
@@ -30,6 +30,7 @@ MIDDLE = "temperature_middle"  # in the metadata: what `WARMTH` counts from
 _PLAIN = ("pose_id", "visit_id", "split", SOCKET, SITE, PAYLOAD, *PLACE, *ANGLES, *QUATERNION)
 _OF_A_JOINT = tuple(f"{told}_" for told in OF_A_JOINT)
 _OURS = ("reading_place",)  # columns that no file has
+_LISTED = 20  # joints or columns that a refusal names
 _DEGREES = 4 * np.pi  # rad, beyond which a joint is in degrees
 _ROUND = 1e-3  # rad or mm beyond a limit that a rounded number may be
 _MOVED = 1e-6  # rad or mm: a smaller change is no move
@@ -162,9 +163,9 @@ def _joint(data: MeasuredData, chain: Chain, name: str) -> Array:
         known = [str(c) for c in data.columns if c not in _OURS]
         if not any(one in data or READING + one in data for one in chain.driven):
             raise DataError(
-                f"{data.name}: no column for any joint ({', '.join(chain.driven)}) among {', '.join(known)}; columns= "
-                "states other names, and where joints stand in a file of their own bench calibrate joins both, "
-                "data=joints.csv,tracker.csv, and writes readings.parquet"
+                f"{data.name}: no column for any joint ({listed(chain.driven, _LISTED)}) among "
+                f"{listed(known, _LISTED)}; columns= states other names, and where joints stand in a file of their own "
+                "bench calibrate joins both, data=joints.csv,tracker.csv, and writes readings.parquet"
             )
         raise DataError(
             f"{data.name}: no column for joint {name}; {suggest(name, known)}; columns= states another name"

@@ -125,9 +125,13 @@ def reachable(formulation: Formulation, q: Quantities, n: int = 300, seed: int =
     x, y = formulation.covariates(q)["workspace"].values()
     middle = np.array([np.median(x), np.median(y)])
     far = 1.3 * float(np.hypot(x - middle[0], y - middle[1]).max())
-    points = plan_points("disc", middle, far, 2 * n, rng)
+    points = middle + far * plan_points("disc", np.zeros(2), 1.0, 2 * n, rng)
     columns = met(machine, points, elbows(formulation, q), rng)
     reached = np.flatnonzero(np.isfinite(np.sum([columns[f"enc_{i}"] for i in LEGS], axis=0)))[:n]
+    if not len(reached):
+        raise DataError(
+            f"the machine, as these readings calibrate it, reaches no place within {far:.3g} mm of the middle of theirs"
+        )
     columns = {name: column[reached] for name, column in columns.items() if name in data}
     if "temp_K" in columns:
         low, high = data["temp_K"].min(), data["temp_K"].max()

@@ -1,7 +1,7 @@
 """Rows that hold a number in every column that a machine reads, in the units that its sensors declare.
 
-A cell without a number (empty, NaN, infinite) costs its row; how many rows, and for which columns, is told. A column
-that is empty in most rows, or holds words, is refused.
+A cell without a number (empty, NaN, infinite, or so large that its powers are infinite) costs its row; how many rows,
+and for which columns, is told. A column that is empty in most rows, or holds words, is refused.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from calibench.discrepancy.model.measured.sensor import Sensor
 from calibench.problems.base import Array
 
 STILL = "never varies: is it read at all?"  # in the note, by which a page knows it
+_LARGEST = 1e60  # of a cell, in any unit
 _MOST_MISSING = 0.5  # of the rows: beyond it the column is not measured
 _SHOWN = 3  # words of a column in a note
 _MOST_GAPS = 0.2  # of the rows that columns which an error may follow cost together: with more one is done without
@@ -31,7 +32,7 @@ def complete(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Senso
     """
     numbers = {name: _numbers(data, name) for name in columns}
     data = _in_their_units(data, numbers, sensors)
-    missing = {name: ~np.isfinite(data[name]) for name in numbers}
+    missing = {name: _without_number(data[name]) for name in numbers}
     out = _refuse_empty(data, missing, dict.fromkeys(missing, len(data)))
     data = _told_turns(_told_still(data, columns), columns, sensors) if len(data) > 2 else data
     return _without(data, out, missing)
@@ -42,7 +43,7 @@ def with_numbers(data: MeasuredData, needed: Mapping[str, NDArray[np.bool_]]) ->
 
     Raises `DataError` for a column that holds words, or no number in most of the rows that need it.
     """
-    missing = {name: rows & ~np.isfinite(_numbers(data, name)) for name, rows in needed.items()}
+    missing = {name: rows & _without_number(_numbers(data, name)) for name, rows in needed.items()}
     out = _refuse_empty(data, missing, {name: int(rows.sum()) for name, rows in needed.items()})
     return _without(data, out, missing)
 
@@ -66,7 +67,7 @@ def _refuse_empty(
 def _without(data: MeasuredData, out: NDArray[np.bool_], missing: Mapping[str, NDArray[np.bool_]]) -> MeasuredData:
     if not out.any():
         return data
-    each = [f"{name} in {int(empty.sum())}" for name, empty in missing.items() if empty.any()]
+    each = [_counted(data, name, empty) for name, empty in missing.items() if empty.any()]
     return data.rows(~out).with_note(_left_out(int(out.sum()), each))
 
 
@@ -88,14 +89,14 @@ def without_gaps(data: MeasuredData, columns: Sequence[str], directions: Sequenc
                 "follow it are not looked for"
             )
     there = [name for name in columns if data[name].dtype.kind == "f"]
-    empty = {name: ~np.isfinite(data[name]) for name in there}
+    empty = {name: _without_number(data[name]) for name in there}
     out, told = np.zeros(len(data), dtype=bool), []
     for name, gaps in sorted(empty.items(), key=lambda item: int(item[1].sum())):
         if (out | gaps).mean() > _MOST_GAPS:
             data = data.with_note(f"column {name} {_gaps_of(gaps)}: errors that follow it are not looked for")
         elif gaps.any():
             out = out | gaps
-            told.append(f"{name} in {int(gaps.sum())}")
+            told.append(_counted(data, name, gaps))
     return data.rows(~out).with_note(_left_out(int(out.sum()), told)) if told else data
 
 
@@ -111,6 +112,15 @@ def _as_signs(data: MeasuredData, name: str) -> MeasuredData:
     return data.with_columns({name: np.where(words == told[1], 1.0, -1.0)}).with_note(note)
 
 
+def _without_number(column: NDArray[Any]) -> NDArray[np.bool_]:
+    return np.asarray(~(np.abs(column) < _LARGEST))
+
+
+def _counted(data: MeasuredData, name: str, empty: NDArray[np.bool_]) -> str:
+    huge = int(np.isfinite(np.asarray(data[name], dtype=float)[empty]).sum())
+    return f"{name} in {int(empty.sum())}{f' (beyond {_LARGEST:g} in {huge} of them)' if huge else ''}"
+
+
 def _left_out(count: int, each: Sequence[str]) -> str:
     rows = f"{count} row{'s are' if count > 1 else ' is'}"
     return f"{rows} left out for cells that hold no finite number: {', '.join(each)}"
@@ -124,7 +134,7 @@ def told_gaps(column: NDArray[Any]) -> str:
     """Return why no error can depend on a column that lacks numbers; "" where an error can."""
     if column.dtype.kind not in "iufb":
         return "holds words: numbers are needed"
-    gaps = ~np.isfinite(column) if column.dtype.kind == "f" else np.zeros(0, dtype=bool)
+    gaps = _without_number(column) if column.dtype.kind == "f" else np.zeros(0, dtype=bool)
     return _gaps_of(gaps) if gaps.any() else ""
 
 
@@ -169,7 +179,7 @@ def _told_turns(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Se
     """Return the data with a note where an angle jumps by whole turns, which a model without turns does not follow."""
     radians = {s.column for s in sensors if s.unit == "rad"} | {n for n, unit in data.units.items() if unit == "rad"}
     for name in columns:
-        reading = data[name][np.isfinite(data[name])]
+        reading = data[name][~_without_number(data[name])]
         if name not in radians or not len(reading) or np.ptp(reading) > 2.02 * np.pi:
             continue
         middle = float(np.angle(np.exp(1j * reading).mean()))
