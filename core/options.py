@@ -27,6 +27,7 @@ from calibench.core.words import shortened
 
 _TELLING = 3  # letters from which on a part of a name is taken for a hint
 _LONG, _BEGINNING = 30, 8  # choices: so many are not all told, but the first ones
+_FEW = 3  # choices that begin alike: more are no hint
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,8 @@ def _fields(target: Callable[..., Any]) -> tuple[Any, ...]:
 def suggest(name: str, choices: Iterable[str]) -> str:
     """Return the advice on a misspelt name: the nearest one, or up to three that contain it, and the list.
 
-    Of a long list only the beginning stands beside a name that is near.
+    Of a long list only the choices that begin as the name does, up to its first underscore (``scipy_``), or else its
+    beginning beside a name that is near.
 
     >>> suggest("nelder-mead", ["de", "nlopt_LN_NELDERMEAD"])
     "did you mean 'nlopt_LN_NELDERMEAD'? choices: de, nlopt_LN_NELDERMEAD"
@@ -118,18 +120,25 @@ def suggest(name: str, choices: Iterable[str]) -> str:
     near += [choice for choice in alike if choice not in near] if not near or len(alike) == 1 else []
     if not listed:
         return "there are none"
-    if not near:
-        return f"choices: {', '.join(listed)}"
-    rest = f" and {len(listed) - _BEGINNING} more" if len(listed) > _LONG else ""
-    shown = listed[:_BEGINNING] if rest else listed
-    return f"did you mean {' or '.join(repr(choice) for choice in near)}? choices: {', '.join(shown)}{rest}"
+    library, apart, _ = name.partition("_")
+    akin = [choice for choice in listed if apart and choice.casefold().startswith(f"{library.casefold()}_")]
+    told = akin if len(akin) > 1 and len(listed) > _LONG else listed
+    rest = f" and {len(told) - _BEGINNING} more" if near and len(told) > _LONG else ""
+    told = told[:_BEGINNING] if rest else told
+    meant = f"did you mean {' or '.join(repr(choice) for choice in near)}? " if near else ""
+    return f"{meant}choices: {', '.join(told)}{rest}"
 
 
 def _alike(name: str, listed: Sequence[str]) -> list[str]:
-    """Return up to three choices that hold the letters and digits of `name`, or else the one whose own are nearest."""
-    letters = {choice: _letters(choice) for choice in listed}
-    nearest = difflib.get_close_matches(_letters(name), list(letters.values()), n=1)
-    return _holding(name, listed)[:3] or [choice for choice in listed if letters[choice] in nearest][:1]
+    """Return up to three choices that hold the letters and digits of `name`, or else the one whose own are nearest.
+
+    Where none is near, those that begin as it does, if they are few: popsize is meant for population.
+    """
+    letters, sought = {choice: _letters(choice) for choice in listed}, _letters(name)
+    nearest = difflib.get_close_matches(sought, list(letters.values()), n=1)
+    found = _holding(name, listed)[:3] or [choice for choice in listed if letters[choice] in nearest][:1]
+    begun = [choice for choice in listed if len(sought) >= _TELLING and letters[choice].startswith(sought[:_TELLING])]
+    return found or (begun if len(begun) <= _FEW else [])
 
 
 def _holding(name: str, listed: Sequence[str]) -> list[str]:

@@ -13,6 +13,7 @@ from hashlib import blake2b
 from typing import Any
 
 import numpy as np
+from numpy.random.mtrand import get_bit_generator, set_bit_generator
 
 _BASE = 2008  # the first word of every seed sequence
 _STANDING: list[np.random.BitGenerator] = []  # behind ``np.random`` in the blocks under way, the innermost last
@@ -41,7 +42,7 @@ def global_generators(sequence: np.random.SeedSequence) -> Iterator[None]:
     >>> draw() == draw()
     True
     """
-    mine, theirs = random.getstate(), np.random.get_bit_generator()
+    mine, theirs = random.getstate(), get_bit_generator()
     before = np.random.get_state(legacy=False)  # noqa: NPY002
     _STANDING.append(_FREE.pop() if _FREE else np.random.MT19937())
     try:
@@ -50,7 +51,7 @@ def global_generators(sequence: np.random.SeedSequence) -> Iterator[None]:
     finally:
         _FREE.append(_STANDING.pop())
         random.setstate(mine)
-        np.random.set_bit_generator(theirs)
+        set_bit_generator(theirs)
         if before["has_gauss"]:
             np.random.set_state(before)  # noqa: NPY002
 
@@ -59,7 +60,7 @@ def begin_generators(sequence: np.random.SeedSequence) -> None:
     """Begin the generators of `random` and of ``np.random`` at `sequence`."""
     words = sequence.generate_state(8)
     if _STANDING:
-        np.random.set_bit_generator(_STANDING[-1])  # whatever a run has set meanwhile, also one that cannot be seeded
+        set_bit_generator(_STANDING[-1])  # whatever a run has set meanwhile, also one that cannot be seeded
     random.seed(words.tobytes())
     np.random.seed(words)  # noqa: NPY002
 

@@ -5,15 +5,18 @@ A verdict has a mark and a word besides its colour, so it reads in black and whi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Any, final
 
+from calibench.bench.papers.files import kept, read_rows
 from calibench.bench.papers.row import KINDS, VERDICTS, Row, Verdict
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.report.shared.page import Head, Table
+from calibench.bench.report.shared.page import Head, Inline, Table, drawing_inside
 from calibench.bench.report.shared.templating import macros, render
 from calibench.problems.constants import document
 
@@ -22,7 +25,7 @@ _MARKS = {
     "reproduced in kind": ("≈", "kind"),
     "misprint, corrected": ("✎", "misprint"),
     "artefact of the stopping tolerance": ("◐", "kind"),
-    "depends on the release": ("⇄", "kind"),
+    "depends on plan or release": ("⇄", "kind"),
     "not reproduced": ("✗", "no"),
     "open at this budget": ("…", "open"),
     "not checkable": ("?", "open"),
@@ -30,7 +33,7 @@ _MARKS = {
 _CLAIMS: dict[Verdict, str] = {
     "not reproduced": "Said or implied, and does not hold",
     "artefact of the stopping tolerance": "Holds by the stopping tolerance",
-    "depends on the release": "Depends on the release of fmincon",
+    "depends on plan or release": "Depends on the release of fmincon",
     "reproduced in kind": "Holds in kind",
     "reproduced": "Holds",
     "misprint, corrected": "Misprinted",
@@ -38,36 +41,62 @@ _CLAIMS: dict[Verdict, str] = {
     "not checkable": "Open",
 }
 _HEADS = [
-    *(Head(title) for title in ("where", "kind", "quantity")),
-    *(Head(title, "n") for title in ("printed", "read", "ours", "quartiles", "n")),
-    *(Head(title) for title in ("within", "verdict", "why and how")),
+    *(Head(title) for title in ("quantity", "kind")),
+    *(Head(title, "n") for title in ("printed", "ours")),
+    *(Head(title) for title in ("within", "verdict")),
+    Head("why and how", "told"),
 ]
 NONE = "–"
 KINDS_TOLD = (
-    "Input: the paper is given it. Setting: it chooses it. Result: it finds it. Claim: a sentence. Erratum: a slip of "
-    "the print. An input that is reproduced agrees with another print of itself, or with what follows from it."
+    "Input: the paper is given it. Setting: it chooses it. Result: it finds it, and it is computed here anew. "
+    "Consistency: it finds it, and only other numbers that it found can be held against it: the print agrees with "
+    "itself, or does not. Claim: a sentence. Erratum: a slip of the print. An input that is reproduced agrees with "
+    "another print of itself, or with what follows from it."
 )
 _MEANINGS = {
     "reproduced": "ours agrees to what is printed, or the sentence holds by its rule",
     "reproduced in kind": "not to the digit: order, decade or bound agree, by a tolerance that is stated",
     "misprint, corrected": "the print is wrong, and the computation gives what to read",
     "artefact of the stopping tolerance": "it holds with every absolute stop of fmincon and not with a relative one",
-    "depends on the release": "it turns with what changed between releases of fmincon, and the release is not printed",
+    "depends on plan or release": "some sampling plans or releases of fmincon give it; which were taken is not printed",
     "not reproduced": "the computation contradicts the print",
     "open at this budget": "a search that is said of more evaluations than were made here",
     "not checkable": "what it takes is not published",
 }
 
 
-def write_page(rows: Sequence[Row], budget: str, path: Path) -> Path:
-    """Write the page and return its path."""
+@final
+@dataclass(frozen=True)
+class Kept:
+    """The kept run at the papers' own budget: its rows by paper and key, and its address from the page."""
+
+    rows: Mapping[tuple[str, str], Row]
+    address: str
+
+
+def write_page(
+    rows: Sequence[Row], budget: str, path: Path, drawings: Mapping[str, Sequence[Path]] | None = None
+) -> Path:
+    """Write the page and return its path; `drawings` are SVG files of the papers' figures, by paper."""
+    ledger, readme = kept("ledger.parquet"), kept("README.md")
+    known = None
+    if ledger and readme:
+        by_key = {(row.paper, row.key): row for row in read_rows(ledger)}
+        known = Kept(by_key, Path(os.path.relpath(readme, path.parent)).as_posix())
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page(rows, budget), encoding="utf-8")
+    path.write_text(page(rows, budget, drawings, known), encoding="utf-8")
     return path
 
 
-def page(rows: Sequence[Row], budget: str) -> str:
+def page(
+    rows: Sequence[Row],
+    budget: str,
+    drawings: Mapping[str, Sequence[Path]] | None = None,
+    known: Kept | None = None,
+) -> str:
     """Return the page's HTML: no script, and nothing fetched from anywhere."""
+    papers = dict.fromkeys(row.paper for row in rows)
+    figures = {key: [drawing_inside(path, path.stem) for path in (drawings or {}).get(key, ())] for key in papers}
     return render(
         "papers/templates/ledger.html.j2",
         title="Ledger",
@@ -77,7 +106,8 @@ def page(rows: Sequence[Row], budget: str) -> str:
         verdicts=[_Tag(verdict, sum(row.verdict == verdict for row in rows)) for verdict in VERDICTS],
         kinds=_by_kind(rows),
         kinds_told=KINDS_TOLD,
-        papers=[_paper(key, [row for row in rows if row.paper == key]) for key in dict.fromkeys(r.paper for r in rows)],
+        kept=known.address if known else "",
+        papers=[_paper(key, [row for row in rows if row.paper == key], figures[key], known) for key in papers],
     )
 
 
@@ -109,6 +139,7 @@ class _Group:
 
     title: str
     rows: Sequence[Row]
+    known: Kept | None = None
 
     @property
     def size(self) -> int:
@@ -117,6 +148,11 @@ class _Group:
     @property
     def tally(self) -> str:
         return "; ".join(f"{n} {v}" for v in VERDICTS if (n := sum(row.verdict == v for row in self.rows)))
+
+    @property
+    def as_printed(self) -> Table | None:
+        """Return a printed table in the print's rows and columns; None where the rows are of no table."""
+        return _as_printed(self.rows, self.known) if self.title.startswith("Table") else None
 
     @property
     def table(self) -> Table:
@@ -151,10 +187,11 @@ class _Paper:
     year: int
     all: _Group
     findings: Sequence[_Finding]
+    figures: Sequence[Inline]
     groups: Sequence[_Group]
 
 
-def _paper(key: str, rows: Sequence[Row]) -> _Paper:
+def _paper(key: str, rows: Sequence[Row], figures: Sequence[Inline], known: Kept | None) -> _Paper:
     about = document(key)["paper"]
     return _Paper(
         about["title"],
@@ -162,7 +199,8 @@ def _paper(key: str, rows: Sequence[Row]) -> _Paper:
         about["year"],
         _Group("", rows),
         _findings([row for row in rows if row.kind == "claim"]),
-        [_Group(title, group) for title, group in _groups(rows).items()],
+        figures,
+        [_Group(title, group, known) for title, group in _groups(rows).items()],
     )
 
 
@@ -226,15 +264,55 @@ def _groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
     return dict(sorted(tables.items())) | others
 
 
+def _as_printed(rows: Sequence[Row], known: Kept | None) -> Table:
+    """Return a table in the print's form: the places are its columns, or its rows where the print calls them so."""
+    cells = {
+        (row.place, row.quantity): _cell().printed(row, _Tag(row.verdict), *_at_length(row, known)) for row in rows
+    }
+    units: dict[str, dict[str, None]] = {}
+    for row in rows:
+        units.setdefault(row.quantity, {})[row.unit] = None
+    quantities = sorted(units, key=lambda name: name in _BELOW)
+    named = {name: name + ("" if (unit := " or ".join(units[name])) == "1" else f" [{unit}]") for name in quantities}
+    places = {row.place: _short_place(row.place) for row in rows}
+    if any(re.search(r"\brow '", place) for place in places):
+        lines = [[short, *(cells.get((place, q), "") for q in quantities)] for place, short in places.items()]
+        return Table([Head(""), *(Head(named[q], "n") for q in quantities)], lines, kind="printed")
+    lines = [[named[q], *(cells.get((place, q), "") for place in places)] for q in quantities]
+    return Table([Head(""), *(Head(short, "n") for short in places.values())], lines, kind="printed")
+
+
+_BELOW = ("kmrmse", "iterations", "rms", "average", "residual")  # what stands below the values, or after them
+
+
+def _at_length(row: Row, known: Kept | None) -> tuple[str, _Tag | None]:
+    """Return what the kept run gives where this one is too short to say, and its verdict."""
+    other = known.rows.get((row.paper, row.key)) if known else None
+    if other is None or row.verdict != "open at this budget" or other.verdict == row.verdict:
+        return "", None
+    return number(other.ours_median, 4), _Tag(other.verdict)
+
+
+def _short_place(place: str) -> str:
+    """Return a column or row as it is called inside its table.
+
+    >>> _short_place("Table 2, column 'Results calibrated with J_1', '3 samples'")
+    'Results calibrated with J_1, 3 samples'
+    """
+    return re.sub(r"\b(column|row) ", "", place.partition(", ")[2]).replace("'", "")
+
+
 def _cells(row: Row) -> list[str]:
-    read = number(row.read) if row.read != row.printed and isfinite(row.read) else ""
-    spread = f"{row.ours_q1:.4g} .. {row.ours_q3:.4g}" if row.n > 1 else ""
-    side = "" if row.rule == "near" else f"{row.rule} "
+    side = "" if row.rule.startswith("near") else f"{row.rule} "
     within = f"{side}{row.tolerance:.2g}" if isfinite(row.tolerance) else ""
     if isfinite(row.tolerance_in_kind):
         decades = " decades" if row.tolerance_in_decades else ""
         within += f"; in kind {side}{row.tolerance_in_kind:.2g}{decades}"
     unit = "" if row.unit == "1" else f" [{row.unit}]"
-    numbers = [number(row.printed), read, number(row.ours_median), spread, str(row.n)]
-    named = [row.place.replace("column ", ""), row.kind, row.quantity + unit]
-    return [*named, *numbers, within, _cell().tag(_Tag(row.verdict)), _cell().why(row)]
+    read = f"read {number(row.read)}" if row.read != row.printed and isfinite(row.read) else ""
+    spread = f"{row.ours_q1:.4g} .. {row.ours_q3:.4g}, n = {row.n}" if row.n > 1 else ""
+    beside = _cell().beside
+    return [
+        beside(row.quantity + unit, row.place.replace("column ", "")), row.kind, beside(number(row.printed), read),
+        beside(number(row.ours_median), spread), within, _cell().tag(_Tag(row.verdict)), _cell().why(row),
+    ]  # fmt: skip

@@ -60,14 +60,18 @@ class Printed:
         method: str,
         reason: str = "",
         ruling: Ruling | None = None,
+        of_print: bool = False,
     ) -> Row:
-        """Return the row of the cell `key`. What the data file says against the print comes after `reason`."""
+        """Return the row of the cell `key`. What the data file says against the print comes after `reason`.
+
+        With `of_print` ours is made of other numbers that the paper found: the row tests the print against itself.
+        """
         name, _, quantity = key.rpartition(".")
         found = column(self.paper, name).entries[quantity]
         result = ours if isinstance(ours, Ours) else Ours.of(ours)
         inferred = "" if found.certain else " (inferred, not seen in another print)"
         said = "; ".join(text for text in (reason, found.why.strip() + inferred, found.doubt) if text)
-        kind: Kind = found.kind  # type: ignore[assignment]
+        kind: Kind = "consistency" if of_print else found.kind  # type: ignore[assignment]
         about, differs = one_print(self.paper).get(key, (key, ""))
         return make_row(
             self.paper, key, kind, about, found.place, quantity, found.unit,

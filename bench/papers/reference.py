@@ -17,6 +17,7 @@ import pandas as pd
 
 from calibench.bench.papers import files
 from calibench.bench.papers.additions import ADDITIONS
+from calibench.bench.papers.cong2008 import printed_figures
 from calibench.bench.papers.cong2008 import tables as paper_tables
 from calibench.bench.papers.evidence import Evidence
 from calibench.bench.papers.page import by_kind
@@ -33,7 +34,9 @@ PRINTED = "printed.csv"
 _NOISE = ["wall_s", "cpu_s", "started_at"]
 _PER_DECADE = 8
 # of all figures those that show what the papers show: Figs 3 to 5 and what they cost, the gauge, the plans, Table 2
-_FIGURES = ("convergence_full12", "target_full12", "gauge", "plans", "orthoglide_residuals")
+_FIGURES = (
+    *printed_figures.FIGURES, "convergence_full12", "target_full12", "gauge", "plans", "orthoglide_residuals",
+)  # fmt: skip
 _OWN_GAUGE = "gaugexa2"  # what a figure's name ends in where a study has other gauges too
 
 

@@ -13,6 +13,7 @@ import pandas as pd
 
 from calibench.bench.gate.processes.at_once import at_once
 from calibench.bench.papers import cong2008, files, page, pashkevich2008, reference
+from calibench.bench.papers.cong2008 import printed_figures
 from calibench.bench.papers.cong2008.section3 import stopping_claims as cong2008_stopping_claims
 from calibench.bench.papers.evidence import Evidence
 from calibench.bench.papers.one_print import agreed
@@ -82,11 +83,13 @@ def run_paper(
     evidence = {paper.KEY: _carry_out(requests[paper.KEY], report) for paper in PAPERS}
     folder = Path(results) / "paper"
     rows, pages = _rows_and_pages(evidence, folder)
+    drawings = printed_figures.write(evidence[cong2008.KEY], folder / "figures")
     paths = [
         files.write_parquet(rows, folder / "ledger.parquet"),
         files.write_csv(rows, folder / "ledger.csv"),
-        page.write_page(rows, str(budget), folder / "ledger.html"),
+        page.write_page(rows, str(budget), folder / "ledger.html", {cong2008.KEY: drawings}),
         *pages,
+        *drawings,
     ]
     every = [*evidence.values(), *([_carry_out(beside, report)] if beside else [])]
     if to is not None:

@@ -18,18 +18,21 @@ Verdict = Literal[
     "reproduced in kind",
     "misprint, corrected",
     "artefact of the stopping tolerance",
-    "depends on the release",
+    "depends on plan or release",
     "not reproduced",
     "open at this budget",
     "not checkable",
 ]
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
-# what the paper does with a number: it is given it, chooses it, or finds it; a sentence; a slip of the print
-Kind = Literal["input", "setting", "result", "claim", "erratum"]
+# what the paper does with a number: it is given it, chooses it, or finds it; a found number that can only be held
+# against others that the paper found; a sentence; a slip of the print
+Kind = Literal["input", "setting", "result", "consistency", "claim", "erratum"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 # what `tolerance` means: a distance from what is printed or to be read, or a limit of the number that is judged
-# (in every release: a claim judged in each variant of fmincon, whose verdicts are made into one)
-Rule = Literal["near", "at most", "at least", "at most, in every release"]
+# (in every release: a claim judged in each variant of fmincon, whose verdicts are made into one; in half of them: a
+# cell judged in every plan and release, by the number that half of them come as near as)
+Rule = Literal["near", "at most", "at least", "at most, in every release", "near, in half of plans and releases"]
+_FEW = 0.05  # of plans and releases: where no more than so many give the print, they contradict it
 
 
 @final
@@ -95,7 +98,10 @@ class Tolerance:
 @final
 @dataclass(frozen=True)
 class Ruling:
-    """A verdict with what it follows from: the number that was judged, the limit it was held to, and in kind."""
+    """A verdict with what it follows from: the number that was judged, the limit it was held to, and in kind.
+
+    `share` is that of plans and releases within the band, where a row is judged over them.
+    """
 
     verdict: Verdict
     judged: float
@@ -103,6 +109,7 @@ class Ruling:
     limit: float
     in_kind: float = nan
     decades: bool = False
+    share: float = nan
 
 
 @final
@@ -111,7 +118,8 @@ class Row:
     """A row of the ledger. Its fields are the columns of ``ledger.parquet``.
 
     `about` names the printed numbers (keys, a space between) that this row passes a verdict on, its own for a cell that
-    stands alone; `differs` says why the verdict is another than theirs, empty where it is not.
+    stands alone; `differs` says why the verdict is another than theirs, empty where it is not. `share` is the part of
+    all plans and releases that is within the band, NaN where a row is not judged over them.
     """
 
     paper: str
@@ -133,6 +141,7 @@ class Row:
     tolerance_in_kind: float
     tolerance_in_decades: bool
     tolerance_origin: float
+    share: float
     why_tolerance: str
     verdict: Verdict
     reason: str
@@ -161,7 +170,8 @@ def make_row(
     return Row(
         paper, key, kind, about, place, quantity, unit, float(printed), float(read), ours.median, ours.q1, ours.q3,
         ours.n, float(ruling.judged), ruling.rule, float(ruling.limit), float(ruling.in_kind), ruling.decades,
-        float(tolerance.origin), tolerance.why, ruling.verdict, " ".join(reason.split()), differs, method,
+        float(tolerance.origin), float(ruling.share), tolerance.why, ruling.verdict, " ".join(reason.split()),
+        differs, method,
     )  # fmt: skip
 
 
@@ -192,6 +202,29 @@ def judge_near(printed: float, read: float, ours: float, tolerance: Tolerance) -
     """Return `judge`'s verdict with the numbers it follows from."""
     verdict = judge(printed, read, ours, tolerance)
     return Ruling(verdict, ours, "near", tolerance.exact, tolerance.in_kind, tolerance.decades)
+
+
+def judge_share(printed: float, read: float, values: Sequence[float], tolerance: Tolerance) -> Ruling:
+    """Return the ruling on a number over all plans and releases, of which the print says neither.
+
+    The verdict is the best that half of them reach. Where half do not reach the band it depends on plan or release, or
+    is not reproduced where hardly any (a twentieth) do.
+
+    >>> one = Tolerance(0.5, "half a digit")
+    >>> [judge_share(3.0, 3.0, values, one).verdict for values in ((3.1, 2.9, 9.0), (3.1, 9.0, 9.0), (8.0, 9.0))]
+    ['reproduced', 'depends on plan or release', 'not reproduced']
+    """
+    nearest_first = sorted(
+        (_NEARNESS.index(judge(printed, read, value, tolerance)), abs(value - printed), value) for value in values
+    )
+    share = sum(rank < len(_NEARNESS) - 1 for rank, _, _ in nearest_first) / len(values)
+    middle = nearest_first[(len(values) - 1) // 2][2]
+    ruling = judge_near(printed, read, middle, tolerance)
+    verdict = "depends on plan or release" if ruling.verdict == _NEARNESS[-1] and share > _FEW else ruling.verdict
+    return replace(ruling, verdict=verdict, rule="near, in half of plans and releases", share=share)
+
+
+_NEARNESS: tuple[Verdict, ...] = ("reproduced", "misprint, corrected", "reproduced in kind", "not reproduced")
 
 
 def judge_either(printed: float, values: Sequence[float], tolerance: Tolerance) -> Ruling:

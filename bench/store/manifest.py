@@ -31,7 +31,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """
     path = folder / "manifest.json"
     if not folder.is_dir():
-        raise StoreError(f"{folder}: there is no such study folder{_near(folder.parent, folder.name)}")
+        near = _near(folder.parent, folder.name) or _in_results(folder)
+        raise StoreError(f"{folder}: there is no such study folder{near}")
     try:
         manifest = json_of(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -121,6 +122,13 @@ def _near(parent: Path, name: str = "") -> str:
     """Return a hint of the studies that stand in `parent`; '' where there are none."""
     known = [path.parent.name for path in sorted(parent.glob("*/manifest.json"))]
     return f"; in {parent} {suggest(name, known)}" if known else ""
+
+
+def _in_results(folder: Path) -> str:
+    """Return a hint of the studies of ``results/``, where a study's name was given for its folder."""
+    known = [path.parent.as_posix() for path in sorted(Path("results").glob("*/manifest.json"))]
+    named = [path for path in known if path.endswith(f"/{folder.as_posix()}")]
+    return f"; did you mean {named[0]}?" if named else f"; {suggest(folder.as_posix(), known)}" if known else ""
 
 
 def _planned(cells: Any) -> Any:

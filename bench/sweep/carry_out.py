@@ -124,8 +124,8 @@ def _do(
     broken = _fail_broken(request, left, store)
     unbegun = {run_id: spec for run_id, spec in left.items() if run_id not in broken}
     if unbegun and CAN_FORK and execution.name != "dask":
-        with told_after(_SILENCE, lambda: tell(_COMPILING)):
-            load_kernels(unbegun.values())  # once here, and not again in every child
+        with told_after(_SILENCE, lambda: tell(_COMPILING)) as compiling:
+            load_kernels(unbegun.values(), compiling=compiling)  # once here, and not again in every child
     _measure_costs(unbegun, store, tell)
     how = How(execution.inner, _replay_folder(request))
     report(len(broken), len(left), "")
@@ -174,16 +174,21 @@ def _measure_costs(specs: Mapping[str, Spec], store: ResultStore, tell: Callable
 
 
 @contextmanager
-def told_after(seconds: float, say: Callable[[], None]) -> Iterator[None]:
-    """Call `say` once if the block takes longer than `seconds`."""
+def told_after(seconds: float, say: Callable[[], None]) -> Iterator[Callable[[], None]]:
+    """Yield what the block calls as that begins which may take long: `say` is called once if it does, in `seconds`."""
     clock = Timer(seconds, say)
     clock.daemon = True
-    clock.start()
+
+    def begin() -> None:
+        if clock.ident is None:
+            clock.start()
+
     try:
-        yield
+        yield begin
     finally:
         clock.cancel()
-        clock.join()
+        if clock.ident is not None:
+            clock.join()
 
 
 def _two_goals(problem: str, value: float, squared: float) -> str:

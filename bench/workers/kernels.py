@@ -7,7 +7,7 @@ takes the place of a worker that a run has ended.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any
@@ -23,7 +23,7 @@ from calibench.bench.gate.time_limit import stays_inside
 from calibench.bench.provenance.code_digest import digest_of, gate_digest
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical
-from calibench.core.compilation.compiled import seen, unseen
+from calibench.core.compilation.compiled import heard, seen, tell_compiling, unseen
 from calibench.core.compilation.compiler import load_compiler
 from calibench.core.own_state import kept
 from calibench.core.registry import Registry
@@ -32,13 +32,14 @@ from calibench.core.sources import file_of, is_ours
 Part = tuple[Registry[Any], str, Mapping[str, Any]]
 
 
-def load_kernels(specs: Iterable[Spec], fork: bool = True) -> None:
+def load_kernels(specs: Iterable[Spec], fork: bool = True, compiling: Callable[[], None] = lambda: None) -> None:
     """Load what the runs `specs` need of our own problems and methods; of a user's nothing: it may end a process.
 
     What was never compiled is first compiled in as many processes as there are cores, if this one may `fork`. What the
     libraries set in the process as they are loaded is put back: a user's run must not see which of ours are beside it.
+    `compiling` is called whenever something is compiled, and not only loaded.
     """
-    with kept():
+    with kept(), heard(compiling):
         _load(specs, fork)
 
 
@@ -94,6 +95,8 @@ def _compile_at_once(parts: Mapping[str, Part]) -> None:
                     made.compile()
 
     if len(by_module) > 1:
+        if any(hasattr(registry.factory(name), "compile") for registry, name, _ in parts.values()):
+            tell_compiling()
         with suppress(ProcessDied):  # compiled here, then
             at_once([partial(compiled, some) for some in by_module.values()])
     seen(parts)

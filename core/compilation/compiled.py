@@ -8,8 +8,8 @@ the same bits on the same inputs.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from hashlib import blake2b
@@ -71,6 +71,25 @@ class _Interpreted:
                 raise TypeError(f"an array of float64 in {d} dimensions is needed")
         result = self.kernel(*arrays)
         return float(result) if isinstance(result, np.floating) else result
+
+
+@contextmanager
+def heard(compiling: Callable[[], None]) -> Iterator[None]:
+    """Call `compiling` whenever this thread's process is about to compile a kernel that was not kept yet."""
+    _LISTENERS.append(compiling)
+    try:
+        yield
+    finally:
+        _LISTENERS.remove(compiling)
+
+
+def tell_compiling() -> None:
+    """Tell who listens (`heard`) that something is compiled now."""
+    for listener in _LISTENERS:
+        listener()
+
+
+_LISTENERS: list[Callable[[], None]] = []
 
 
 def unseen(words: Iterable[str]) -> list[str]:

@@ -16,6 +16,8 @@ from llvmlite.binding import add_symbol
 from numba.core.caching import FunctionCache
 from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
 
+from calibench.core.compilation.compiled import tell_compiling
+
 
 @final
 class KernelCache(FunctionCache):
@@ -29,9 +31,12 @@ class KernelCache(FunctionCache):
         _name_helpers()
         try:
             with self._guard_against_spurious_io_errors():
-                return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+                found = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            if found is not None:
+                return found
         except Exception:  # of half a pickle nearly anything may come
             self._begin_anew()
+        tell_compiling()
         return None
 
     def _begin_anew(self) -> None:

@@ -59,8 +59,8 @@ MINE = Addition(
         ),
     ),
     figures=(
-        AddedFigure("square", "A square", lambda runs: True, lambda runs: (Figure(), runs[["run_id"]])),
-        AddedFigure("never", "Never", lambda runs: False, lambda runs: (Figure(), runs)),
+        AddedFigure("square", "A square", lambda runs: True, lambda runs, traces: (Figure(), runs[["run_id"]])),
+        AddedFigure("never", "Never", lambda runs: False, lambda runs, traces: (Figure(), runs)),
     ),
     printed_values=lambda name, problem: {"lb1": 250.0} if name == "full12" else {},
     marks=lambda runs: (Mark(50, "where others stopped"),),

@@ -12,7 +12,9 @@ from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.gate.frames import frames_of
 from calibench.bench.report.shared.drawing import save
+from calibench.bench.report.study.answer import answer_of
 from calibench.bench.report.study.figures import convergence, target_chart
+from calibench.bench.report.study.headline import headline
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.optimum import Optimum
@@ -258,9 +260,25 @@ def test_values_that_are_not_finite_and_many_cells_are_told_under_the_table(tmp_
     assert 0 < int(count) < 60
     told = run("-m", *words, "budget=20", "optimizer=nlopt_LN_COBYLA", "problem.k=range(45)")
     assert "45 cells, more than are printed; the report has all" in told
+    assert "nothing is compared" not in told  # one method
     told = run("-m", *words, "optimizer=de,pso", "problem.k=range(3)", "budget=10,20,30,40,50,60,70")
     assert "42 cells, of which the best 12 are printed; the report has all" in told
     assert told.count("holes.py:Holes k=") >= 12
+
+
+def test_below_a_long_sweep_stands_the_answer_of_its_page_and_both_count_problems_alike(tmp_path, capsys):
+    words = ["problem=sensor_zero,link_length", "problem.error=J1,J2", "problem.instance=range(1,5)", "budget=40"]
+    with pytest.raises(SystemExit) as ended:
+        main(["run", "-m", *words, "optimizer=lm,de,pso", "seeds=1", f"results={tmp_path}", "execution=serial"])
+    assert ended.value.code == 0
+    lines = capsys.readouterr().out.splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("48 cells, ")) + 1
+    store = bench.ResultStore(tmp_path / "adhoc")
+    found = answer_of(store.runs(), store.traces())  # what the page is made with
+    assert lines[at : at + 2] == [found.best, found.sure]
+    assert "3 methods on 16 problems" in found.compared
+    facts = headline(store.runs(), {}, (), "", found).facts
+    assert ("16", "problems") in [(fact.value, fact.what) for fact in facts]
 
 
 def test_a_target_that_no_run_can_reach_is_told_before_the_runs(call):

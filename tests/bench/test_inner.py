@@ -24,7 +24,16 @@ from calibench.bench.gate.processes.forked_worker import forked
 from tests.few import few
 
 TIMES = {"wall_s", "cpu_s", "started_at"}
-BATCHED = ("de", "ga", "nine_point", "pso", "pygmo_cmaes", "pygmo_gaco", "pygmo_pso_gen")
+BATCHED = (
+    "de",
+    "ga",
+    "nine_point",
+    "pso",
+    "pygmo_cmaes",
+    "pygmo_gaco",
+    "pygmo_pso_gen",
+    "scipy_differential_evolution",
+)
 
 
 class Valley:

@@ -1,6 +1,10 @@
 """What was never compiled is compiled in several processes, once, before the runs begin."""
 
 import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -49,6 +53,32 @@ def test_what_was_compiled_before_is_loaded_and_no_process_begins(book):
     before = len(book())
     kernels.load_kernels(SPECS)
     assert {pid for _, pid in book()[before:]} == {str(os.getpid())}
+
+
+def test_compiling_is_told_where_a_kernel_is_compiled_and_not_where_it_is_loaded():
+    """In a process of its own, with a cache that is empty at first, as numba keeps what it loaded."""
+    code = (
+        "from calibench.core.compilation.compiled import heard, njit\n"
+        "from tests.bench.test_kernels_at_once import kernel_of\n"
+        "told = []\n"
+        "with heard(lambda: told.append(1)):\n"
+        "    kernel_of(njit)(2.0)\n"
+        "print(len(told))\n"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        told = [
+            subprocess.run([sys.executable, "-c", code], env=os.environ | {"XDG_CACHE_HOME": folder}, check=True,
+                           capture_output=True, text=True, cwd=Path(__file__).parents[2]).stdout.strip()
+            for _ in range(2)
+        ]  # fmt: skip
+    assert told == ["1", "0"]
+
+
+def kernel_of(njit):
+    def kernel(x):
+        return x + 1.0
+
+    return njit()(kernel)
 
 
 def test_where_it_may_not_fork_it_compiles_here(book):

@@ -243,10 +243,14 @@ def test_nothing_that_can_be_imported_leads_to_the_gate_of_a_run_that_is_followe
 
 def test_what_takes_long_before_the_first_run_is_said_and_nothing_else():
     said = threading.Event()
-    with told_after(0.01, said.set):
+    with told_after(0.01, said.set) as begin:
+        begin()
+        begin()
         assert said.wait(60)
     said.clear()
-    with told_after(60, said.set):
-        pass
+    with told_after(60, said.set) as begin:
+        begin()
+    with told_after(0.0, said.set):
+        time.sleep(0.05)  # however long: nothing has begun
     assert not said.is_set()
     assert not [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]  # none is forked

@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -412,6 +413,14 @@ def test_foreign_folders_are_refused(tmp_path):
     assert [p.name for p in (tmp_path / "theirs").iterdir()] == ["thesis.txt"]
     with pytest.raises(StoreError, match="no such study folder"):
         ResultStore(tmp_path / "nowhere").runs()
+
+
+def test_a_study_named_without_its_folder_is_found_in_results(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ResultStore(Path("results") / "mine").open()
+    for name, told in (("mine", "; did you mean results/mine?"), ("mime", "; did you mean 'results/mine'? choices")):
+        with pytest.raises(StoreError, match=re.escape(f"{name}: there is no such study folder{told}")):
+            ResultStore(Path(name)).runs()
 
 
 @pytest.mark.parametrize(

@@ -277,6 +277,21 @@ def test_an_integer_beyond_all_floats_is_refused_in_words(kind):
         coerce("pot.size", 10**400, kind)
 
 
+def test_a_misspelt_name_is_told_the_names_of_its_library_and_no_wall():
+    others = [f"nlopt_{letter}{number}" for letter in "abcdefgh" for number in range(9)]
+    of_scipy = ["scipy_powell", "scipy_cg", "scipy_direct", "scipy_differential_evolution"]
+    listed = [*others, *of_scipy, "pygmo_de"]
+    told = suggest("scipy_diferential_evolution", listed)
+    assert told == f"did you mean 'scipy_differential_evolution'? choices: {', '.join(of_scipy)}"
+    assert suggest("scipy_quadratic_zoo", listed) == f"choices: {', '.join(of_scipy)}"
+    assert suggest("pygmo_de1", listed).startswith("did you mean 'pygmo_de'? choices: nlopt_a0, ")
+
+
+def test_an_option_that_begins_alike_is_offered():
+    assert suggest("popsize", ["population", "F", "CR"]) == "did you mean 'population'? choices: population, F, CR"
+    assert suggest("popsize", ["pop_a", "pop_b", "pop_c", "pop_d"]).startswith("choices: ")
+
+
 def test_suggestions_prefer_the_nearest_then_another_case():
     assert suggest("gage", ["gauge", "plan"]) == "did you mean 'gauge'? choices: gauge, plan"
     assert suggest("XA", ["xa", "ya"]) == "did you mean 'xa'? choices: xa, ya"

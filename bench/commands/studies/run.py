@@ -117,6 +117,7 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
                 print_summary(best, request.seeds > 1)
             some = f", of which the best {len(best['runs'])} are printed" if best["runs"] else ", more than are printed"
             print(f"{counted(cells, 'cell')}{some}; the report has all")
+            _print_answer(mine, request)
         _print_not_finite(mine)
         _print_outside(mine)
         _print_process_changes(mine)
@@ -146,6 +147,17 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
         _print_lost(lost, request)
         return 1
     return 1 if ended else 0
+
+
+def _print_answer(mine: pa.Table, request: Request) -> None:
+    """Print which method is best over all cells, and how sure that is, as the report says it."""
+    from calibench.bench.report.study.answer import answer_of  # of a long sweep alone: it takes half a second to load
+
+    traces = ResultStore(request.folder).traces()
+    runs = to_pandas(mine)
+    found = answer_of(runs, traces[traces["run_id"].isin(runs["run_id"])])
+    if found.verdict != "alone":
+        print(f"{found.best}\n{found.sure}")
 
 
 def _print_lost(lost: Collection[str], request: Request) -> None:

@@ -1,13 +1,14 @@
-"""What Cong et al. 2008 adds to a report: Tables 2 to 7 beside ours, two figures, and where the paper stopped."""
+"""What Cong et al. 2008 adds to a report: Tables 2 to 7 beside ours, Figs 3 to 5, two more, where the paper stopped."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import pandas as pd
 
-from calibench.bench.papers.cong2008 import figures
+from calibench.bench.papers.cong2008 import figures, printed_figures
 from calibench.bench.papers.cong2008.tables import TABLES
 from calibench.bench.report.shared.drawing import Drawing
 from calibench.bench.report.study.additions import AddedFigure, Addition, Mark, PrintedTable, TableSection
@@ -65,11 +66,11 @@ def where_searches_stopped(runs: pd.DataFrame) -> tuple[Mark, ...]:
     return (Mark(stop, "where the paper stopped its searches"),) if float(runs["budget"].max()) >= stop else ()
 
 
-def _draw_gauge(_: pd.DataFrame) -> Drawing:
+def _draw_gauge(_: pd.DataFrame, __: pd.DataFrame) -> Drawing:
     return figures.gauge()
 
 
-def _draw_plans(_: pd.DataFrame) -> Drawing:
+def _draw_plans(_: pd.DataFrame, __: pd.DataFrame) -> Drawing:
     return figures.plans()
 
 
@@ -87,6 +88,15 @@ ADDITION = Addition(
         ),
     ),
     figures=(
+        *(
+            AddedFigure(
+                name,
+                printed_figures.caption(error),
+                partial(printed_figures.applies, error),
+                partial(printed_figures.draw, error),
+            )
+            for name, error in printed_figures.FIGURES.items()
+        ),
         AddedFigure(
             "gauge",
             "The printed 12-parameter results on the curve along which no reading changes",

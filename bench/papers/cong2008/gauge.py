@@ -96,7 +96,9 @@ def kmrmse_row(printed: Printed, cell: str, column: Column) -> Row:
         "the plan is not printed: discs of radius 0 to 150 mm about the home point give this range",
     )
     reason = f"the whole kmrmse is the gauge: phi = {column.angle():.6f}, seen by no reading"
-    return printed.cell(cell, ours, tolerance, "displacement of the default plan by the column's similarity", reason)
+    return printed.cell(
+        cell, ours, tolerance, "displacement of the default plan by the column's similarity", reason, of_print=True
+    )
 
 
 def rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
@@ -111,7 +113,7 @@ def rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
                 yield cong2008_columns.row(printed, column.key, name)
             else:
                 tolerance = column.tolerance(name, printed.digit(cell))
-                yield printed.cell(cell, column.predicted(name), tolerance, _METHOD)
+                yield printed.cell(cell, column.predicted(name), tolerance, _METHOD, of_print=True)
     for name in printed.column("table7.actual"):
         other = printed.column("table5.actual")[name]
         yield printed.cell(f"table7.actual.{name}", other, Tolerance(0.0, "a given number"), "Table 5, actual values")
@@ -126,7 +128,7 @@ def _text(printed: Printed, seven: Column) -> Iterator[Row]:
     worst = max(lengths, key=lambda n: lengths[n])
     yield printed.cell(
         "text.largest_error", lengths[worst], Tolerance(5e-5, "half a printed digit"),
-        "largest difference of Table 7's columns, misprint corrected", f"it is that of {worst}",
+        "largest difference of Table 7's columns, misprint corrected", f"it is that of {worst}", of_print=True,
     )  # fmt: skip
     limit = printed.column("text")["most_errors_below"]
     below = float(np.mean([g < limit for g in gaps.values()]))
@@ -134,13 +136,14 @@ def _text(printed: Printed, seven: Column) -> Iterator[Row]:
         "text.most_errors_below", float(np.median(list(gaps.values()))),
         Tolerance(limit, "the claim is that most lie between 0 and the limit"),
         "median difference of Table 7's columns",
-        f"{below:.0%} of the errors are below", judge_at_least(below, 0.5),
+        f"{below:.0%} of the errors are below", judge_at_least(below, 0.5), of_print=True,
     )  # fmt: skip
     limit = printed.column("text")["z_errors_below"]
     angles = [g for n, g in gaps.items() if n[0] == "z"]
     yield printed.cell(
         "text.z_errors_below", angles, Tolerance(limit, "the claim is that all lie between 0 and the limit"),
         "differences of Table 7's offsets", f"the largest is {max(angles):.2g}", judge_limit(max(angles), limit),
+        of_print=True,
     )  # fmt: skip
     yield kmrmse_row(printed, "text.kmrmse", seven)
 

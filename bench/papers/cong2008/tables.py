@@ -53,7 +53,7 @@ def table6(runs: pd.DataFrame) -> pd.DataFrame:
     for method in ("ga", "pso", "de"):
         column = constants.column(_PAPER, f"table6.{method}")
         for error in ("J1", "J2", "J3"):
-            mine = _select(runs[runs["optimizer"] == method], "full12", {"error": error, "gauge": "xa2"})
+            mine = runs_of(runs[runs["optimizer"] == method], "full12", {"error": error, "gauge": "xa2"})
             printed = column.entries[error.lower()]
             for key, cell in mine.groupby(CELL, sort=False, dropna=False):
                 line = dict(zip(CELL, key, strict=True))
@@ -84,7 +84,7 @@ def _calibrations(runs: pd.DataFrame, cells: list[tuple[str, str, dict[str, Any]
     for key, problem, options in cells:
         column = constants.column(_PAPER, key)
         actual = constants.column(_PAPER, f"{key.partition('.')[0]}.actual")
-        mine = _select(runs, problem, options)
+        mine = runs_of(runs, problem, options)
         for names, cell in mine.groupby(CELL, sort=False, dropna=False):
             line = dict(zip(CELL, names, strict=True))
             course, ours = _course(cell), _ours(cell)
@@ -124,7 +124,7 @@ def _ours(cell: pd.DataFrame) -> dict[str, pd.Series]:
     return {str(name): values[name] for name in values} | known
 
 
-def _select(runs: pd.DataFrame, problem: str, options: Mapping[str, Any]) -> pd.DataFrame:
+def runs_of(runs: pd.DataFrame, problem: str, options: Mapping[str, Any]) -> pd.DataFrame:
     """Return the runs of `problem` with these options and all others as they are by default: no noise, its own plan."""
     from calibench import problems
 

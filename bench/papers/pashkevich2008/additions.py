@@ -16,7 +16,7 @@ def _experiments(runs: pd.DataFrame) -> list[str]:
     return [name for name in DATA if name in seen]
 
 
-def _draw(runs: pd.DataFrame) -> Drawing:
+def _draw(runs: pd.DataFrame, _: pd.DataFrame) -> Drawing:
     return orthoglide_residuals(_experiments(runs))
 
 

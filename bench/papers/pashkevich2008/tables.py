@@ -74,7 +74,12 @@ def _table2(printed: Printed, key: str, data: str) -> Iterator[Row]:
                 left = taken - table2(printed, f"{key}_{free}")
                 reason = f"the fit itself leaves {rms(fit.data - fit.predictor @ fit.data):.4f}"
                 yield printed.cell(
-                    cell, rms(left), rms_tolerance(left, 2, fit.slip), "rms of data - column, as read", reason
+                    cell,
+                    rms(left),
+                    rms_tolerance(left, 2, fit.slip),
+                    "rms of data - column, as read",
+                    reason,
+                    of_print=True,
                 )
                 continue
             row = fit.predictor[fit.labels.index(name)]

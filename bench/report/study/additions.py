@@ -48,12 +48,12 @@ class TableSection:
 @final
 @dataclass(frozen=True)
 class AddedFigure:
-    """A figure that stands beside the runs, drawn where `applies(runs)`."""
+    """A figure that stands beside the runs, drawn from runs and traces where `applies(runs)`."""
 
     name: str
     caption: str
     applies: Callable[[pd.DataFrame], bool]
-    draw: Callable[[pd.DataFrame], Drawing]
+    draw: Callable[[pd.DataFrame, pd.DataFrame], Drawing]
 
 
 @final

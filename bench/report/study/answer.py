@@ -9,17 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, final
+from typing import Any, Literal, final
 
 import numpy as np
 import pandas as pd
 
 from calibench.bench.report.study.lost import lost_of
+from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.comparison import ranking
 from calibench.bench.statistics.comparison.best import MANY, Method, Rival, against_each
-from calibench.bench.statistics.lowest_seen import COLUMN
+from calibench.bench.statistics.lowest_seen import COLUMN, with_lowest_seen
 from calibench.bench.statistics.summary import outside_box, success_interval
+from calibench.bench.store.manifest import remaining_by_budget
 from calibench.core.counted import counted
 
 _NAMED = 4  # methods named one by one
@@ -36,6 +38,27 @@ class Answer:
     best: str
     sure: str
     compared: str
+
+
+def answer_of(
+    runs: pd.DataFrame,
+    traces: pd.DataFrame,
+    manifest: Mapping[str, Any] | None = None,
+    names: pd.Series | None = None,
+) -> Answer:
+    """Return the answer of a study as its page and its command line have it.
+
+    Of a problem without targets the goal is the lowest value seen. Runs that the `manifest` calls abandoned have no
+    part in it, and what it plans and is not done is waited for. `names` are what each run's method is called, where
+    they are made already.
+    """
+    manifest = manifest or {}
+    names = stats.method_names(runs) if names is None else names
+    planned = runs[~runs["run_id"].isin(manifest.get("abandoned", ()))]
+    judged = with_lowest_seen(runs if planned.empty else planned, traces)
+    return answer(
+        judged, stats.summary(judged), names[judged.index], remaining_by_budget(manifest, set(runs["run_id"]))
+    )
 
 
 def answer(

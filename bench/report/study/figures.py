@@ -88,7 +88,7 @@ def drawable(
     if ranked is not None and not ranked.refused:
         yield "critical_difference", partial(critical_difference, ranked)
     for added in figures_for(additions, runs):
-        yield added.name, partial(added.draw, runs)
+        yield added.name, partial(added.draw, runs, traces)
 
 
 def ranked_over_tasks(runs: pd.DataFrame) -> Ranked | None:

@@ -59,7 +59,6 @@ class Headline:
 
 def headline(
     runs: pd.DataFrame,
-    problems: int,
     planned: Collection[str],
     in_other_shards: Collection[str],
     about: str,
@@ -78,14 +77,14 @@ def headline(
     cells = runs.groupby(CELL, dropna=False).size()
     seeds = str(cells.max()) if cells.min() == cells.max() else f"{cells.min()} to {cells.max()}"
     left = len(set(planned) - set(runs["run_id"]))
-    methods = runs[METHOD].drop_duplicates()
+    methods, problems = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
     facts = [
         Fact(count(len(runs)), plural("run", len(runs))),
         Fact(count(lost.failed), "failed", "bad" if lost.failed else ""),
         *([Fact(count(lost.late), "ended by the time limit", "bad")] if lost.late else []),
         *([Fact(" / ".join(budgets), "evaluations a run, at most")] if budgets else []),
         Fact(seeds, f"{plural('seed', cells.max())} a cell"), Fact(str(problems), plural("problem", problems)),
-        Fact(str(len(methods)), plural("optimiser", len(methods))),
+        Fact(str(methods), plural("optimiser", methods)),
         Fact(str(len(cells)), plural("cell", len(cells))),
     ]  # fmt: skip
     facts += [Fact(count(left), "planned, not done yet", "bad")] if left else []

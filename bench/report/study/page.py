@@ -25,7 +25,7 @@ from calibench.bench.report.study import headline as study_summary
 from calibench.bench.report.study import html_tables as study_tables
 from calibench.bench.report.study import origin as study_origin
 from calibench.bench.report.study.additions import FilledSection, PrintedTable
-from calibench.bench.report.study.answer import Answer, answer
+from calibench.bench.report.study.answer import answer_of
 from calibench.bench.report.study.differing import differing
 from calibench.bench.report.study.explored.data import Panel, as_json, explored
 from calibench.bench.report.study.explored.script import licence, policy, scripts
@@ -34,11 +34,10 @@ from calibench.bench.report.study.html_tables import number
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.comparison.many_methods import Ranked
-from calibench.bench.statistics.lowest_seen import with_lowest_seen
 from calibench.bench.statistics.names.labels import in_order, method_labels
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.priced import key_of_costs, priced
-from calibench.bench.store.manifest import in_other_shards, remaining_by_budget
+from calibench.bench.store.manifest import in_other_shards
 from calibench.bench.store.schema import HITS_SCHEMA, TRACES_SCHEMA
 from calibench.core.registry import about
 
@@ -106,7 +105,7 @@ class StudyPage:
         groups = problems_of(self.runs.drop(columns=_UNTOLD, errors="ignore"))
         money = bool(priced(self.runs, self._costs).notna().any())
         cells = stats.summary(self.runs, self._costs) if self.summary.empty else self.summary
-        first = self._answer(names)
+        first = answer_of(self.runs, self.traces, self.manifest, names)
         panels = [
             Panel(title, error, anchor(title), mine, optimum_of(mine))
             for title, group in groups.items()
@@ -130,7 +129,7 @@ class StudyPage:
             licence=licence(),
             numbers=as_json(explored(panels, self.traces, self.hits, cells, name)),
             head=study_summary.headline(
-                self.runs, len(groups), self.manifest.get("planned", {}), self._in_other_shards(),
+                self.runs, self.manifest.get("planned", {}), self._in_other_shards(),
                 self.about, first, condition=not self.identifiability.empty, money=money,
             ),
             contents=study_summary.contents(panels, names, cells),
@@ -153,13 +152,6 @@ class StudyPage:
         )  # fmt: skip
         text = self._with_drawings(page, _ROOM)
         return text if len(text) <= _LARGEST else self._with_drawings(page, _ROOM - (len(text) - _LARGEST))
-
-    def _answer(self, names: pd.Series) -> Answer:
-        """Return the answer of the runs that are still planned."""
-        abandoned = self.runs["run_id"].isin(self.manifest.get("abandoned", ()))
-        judged = with_lowest_seen(self.runs[~abandoned] if not abandoned.all() else self.runs, self.traces)
-        remaining = remaining_by_budget(self.manifest, set(self.runs["run_id"]))
-        return answer(judged, stats.summary(judged), names[judged.index], remaining)
 
     def _with_drawings(self, page: Callable[..., str], room: int) -> str:
         inside, linked = self._drawings(room)

@@ -1,7 +1,9 @@
-"""Tables 2 to 4 of Cong et al. 2008, a printed column a run: values, kmrmse and iterations where fmincon stopped.
+"""Tables 2 to 4 of Cong et al. 2008: values, kmrmse and iterations where fmincon stopped, over plans and releases.
 
-The method is the one that the paper names, as `fmincon_matlab` emulates it: from the printed start, on the problem's
-own plan. Plans and stopping rule are not printed, so four random plans tell beside it what they leave open.
+The method is the one that the paper names, from the printed start. Which configurations were sampled and which release
+of MATLAB searched is not printed, and the numbers turn with both; so a cell is judged over all of them: each sampling
+plan with each release of fmincon is one search, `share` says how many of these are within the band, and the verdict is
+the best that half of them reach.
 
 A band that could fail: a value agrees to print within one unit of its last digit. In kind it agrees where its *error*,
 value less actual, is that of the print within a decade, as kmrmse must be: a search that stops nearer to the truth than
@@ -12,42 +14,13 @@ truth always lies within it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
 from functools import cache
-from typing import Any, final
 
 import numpy as np
 
-from calibench.bench.papers.cong2008.section3.stopping import COLUMNS as TABLES_2_AND_3
-from calibench.bench.papers.cong2008.section3.stopping import plan as plan_of
-from calibench.bench.papers.evidence import problem as make_problem
+from calibench.bench.papers.cong2008.section3.stopping import COLUMNS, PLANS, RELEASES, End, column
 from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import Row, Tolerance
-from calibench.bench.sweep.request import build_member
-from calibench.optimizers.fmincon import Options, fmincon
-
-COLUMNS: Mapping[str, tuple[str, dict[str, Any]]] = {
-    **TABLES_2_AND_3,
-    "table4.j3_12": ("full12", {"error": "J3", "gauge": "ya2"}),
-    "table4.j3_11": ("full11", {"error": "J3", "paper_section": 3}),
-}
-PRESET = "fmincon_matlab"
-_MOST = 20_000  # evaluations: a limit, met by no column
-_METHOD = f"one run of {PRESET} a column, from the printed start"
-
-
-@final
-@dataclass(frozen=True)
-class Answer:
-    """Where one run of fmincon ended: calibrated values, quality and cost, all of the same run."""
-
-    values: Mapping[str, float]
-    kmrmse: float
-    kmrmse_aligned: float
-    iterations: int
-    evaluations: int
-    J: float
-    x: tuple[float, ...]
+from calibench.bench.papers.row import Row, Tolerance, judge, judge_share
 
 
 def rows(printed: Printed, _: object) -> Iterator[Row]:
@@ -59,76 +32,55 @@ def rows(printed: Printed, _: object) -> Iterator[Row]:
 
 
 def row(printed: Printed, key: str, name: str) -> Row:
-    """Return the row of a cell of a calibrated column, from the column's run."""
-    cell, run = f"{key}.{name}", answer(key)
-    others = [answer(key, plan) for plan in range(4)]
-    if name == "iterations":
-        tolerance = Tolerance(
-            0.0, "a count; in kind within a factor of two, as the release of fmincon is not printed",
-            float(np.log10(2)), decades=True,
-        )  # fmt: skip
-        return printed.cell(cell, run.iterations, tolerance, _METHOD, _spread([o.iterations for o in others]))
-    if name == "kmrmse":
-        tolerance = Tolerance(
-            printed.digit(cell) / 2,
-            "half a printed digit; in kind within a decade, as plan and stopping rule are not printed", 1.0,
-            decades=True,
-        )  # fmt: skip
-        return printed.cell(cell, run.kmrmse, tolerance, _METHOD, _spread([o.kmrmse for o in others]))
-    return _value(printed, key, name, run, others)
-
-
-@cache
-def answer(key: str, plan: int = -1) -> Answer:
-    """Return where the run of a printed column ends: on the problem's own plan, or from 0 on on a random one."""
-    name, options = COLUMNS[key]
-    built: Any = make_problem(name, **options, **plan_of(name, plan))
-    ended = fmincon(built, built.start, lb=built.lower, ub=built.upper, options=matlab_options())
-    x = np.asarray(ended.x)
-    merit = built.merit(x)
-    machine = np.asarray(built.physical(x))
-    return Answer(
-        {p.name: float(value) for p, value in zip(built.parameters, machine, strict=True)},
-        merit["kmrmse"], merit.get("kmrmse_aligned", merit["kmrmse"]), ended.output.iterations,
-        ended.output.funcCount, ended.fval, tuple(x.tolist()),
-    )  # fmt: skip
-
-
-@cache
-def matlab_options() -> Options:
-    """Return the options of the preset, for the direct call of `fmincon`: the same search without a gate."""
-    emulator = build_member("optimizer", [f"optimizer={PRESET}"])
-    shared = {field.name for field in fields(Options)} & {field.name for field in fields(emulator)}
-    given = {name: getattr(emulator, name) for name in shared}
-    return Options(**(given | {"MaxFunctionEvaluations": _MOST, "SpecifyObjectiveGradient": False}))
-
-
-def _value(printed: Printed, key: str, name: str, run: Answer, others: list[Answer]) -> Row:
+    """Return the row of a cell of a calibrated column, from the searches on every plan by every release."""
     cell = f"{key}.{name}"
+    entry, tolerance = printed.column(key).entries[name], tolerance_of(printed, key, name)
+    found = {release: [quantity(end, name) for end in ends] for release, ends in searches(key).items()}
+    every = [value for values in found.values() for value in values]
+    shares = [
+        f"{sum(judge(entry.printed, entry.value, v, tolerance) != 'not reproduced' for v in values)} in {release}"
+        for release, values in found.items()
+    ]
+    ruling = judge_share(entry.printed, entry.value, every, tolerance)
+    plans = PLANS[COLUMNS[key][0]]
+    reason = f"{ruling.share:.0%} of plans and releases are within the band: of {plans} plans {', '.join(shares)}"
+    method = f"fmincon from the printed start, {plans} sampling plans in each of {len(found)} releases"
+    return printed.cell(cell, every, tolerance, method, reason, ruling)
+
+
+@cache
+def searches(key: str) -> Mapping[str, list[End]]:
+    """Return by release where the searches of a printed column end, one for each plan."""
+    return {variant.release: column(key, variant) for variant in RELEASES}
+
+
+def quantity(end: End, name: str) -> float:
+    """Return a calibrated value, the kmrmse or the iterations of a search."""
+    return {"kmrmse": end.kmrmse, "iterations": float(end.iterations), **end.values}[name]
+
+
+def tolerance_of(printed: Printed, key: str, name: str) -> Tolerance:
+    """Return how near to its print a number of this cell must be."""
+    cell = f"{key}.{name}"
+    if name == "iterations":
+        return Tolerance(0.0, "a count; in kind within a factor of two", float(np.log10(2)), decades=True)
     entry, digit = printed.column(key).entries[name], printed.digit(cell)
+    if name == "kmrmse":
+        return Tolerance(digit / 2, "half a printed digit; in kind within a decade", 1.0, decades=True)
     actual = printed.column(f"{key.partition('.')[0]}.actual")[name]
-    reason = _spread([abs(o.values[name] - actual) for o in others], "off")
     if entry.is_misprint:
         apart = abs(entry.printed - entry.value)
-        tolerance = Tolerance(
+        return Tolerance(
             apart / 4, f"a quarter of what lies between the two readings, {apart:g} {entry.unit}: the cell asks which "
             "of them it is; how far the search stops from the truth is asked of the column's other cells",
         )  # fmt: skip
-    elif abs(entry.value - actual) < 0.5 * digit:
-        tolerance = Tolerance(
+    if abs(entry.value - actual) < 0.5 * digit:
+        return Tolerance(
             digit, "one unit of the last printed digit, which is cut off or rounded: no error is printed, so none in "
             "that digit may be ours",
         )  # fmt: skip
-    else:
-        tolerance = Tolerance(
-            digit, "one unit of the last printed digit, which is cut off or rounded; in kind where the error, value "
-            "less actual, is the printed one within a decade, as plan and stopping rule are not printed", 1.0,
-            decades=True, origin=actual,
-        )  # fmt: skip
-        off = abs(run.values[name] - actual)
-        reason = f"{off:.2g} {entry.unit} off, printed {abs(entry.value - actual):.2g}; {reason}"
-    return printed.cell(cell, run.values[name], tolerance, _METHOD, reason)
-
-
-def _spread(values: list[float] | list[int], what: str = "") -> str:
-    return f"over four random plans {min(values):.3g} to {max(values):.3g} {what}".strip()
+    return Tolerance(
+        digit, "one unit of the last printed digit, which is cut off or rounded; in kind where the error, value "
+        "less actual, is the printed one within a decade", 1.0,
+        decades=True, origin=actual,
+    )  # fmt: skip

@@ -27,9 +27,10 @@ from calibench.optimizers.fmincon.stop import StopPlace, absolute_stop
 Stop = Literal["relative"] | StopPlace
 STOPS: tuple[Stop, ...] = ("relative", "after_step", "next_gradient", "before_step")
 STEPS = ("typical_x", "gradient")
-PLANS = {"sensor_zero": 31, "link_length": 15}  # its own and random ones: ratios of Table 2 differ more between plans
+# its own plan and random ones: ratios of Table 2 differ more between plans
+PLANS = {"sensor_zero": 31, "link_length": 15, "full11": 7, "full12": 7}
 _TOLERANCE = 1e-6  # TolX, TolFun and TolCon as they were by default
-_RELEASES = {
+_RELEASES: dict[tuple[str, Stop], str] = {
     ("gradient", "after_step"): "1998", ("gradient", "next_gradient"): "about 2002",
     ("typical_x", "next_gradient"): "2003-2008", ("typical_x", "before_step"): "2009",
 }  # fmt: skip
@@ -42,6 +43,8 @@ COLUMNS: dict[str, tuple[str, dict[str, Any]]] = {
     "table3.j1": ("link_length", {"error": "J1"}),
     "table3.j2": ("link_length", {"error": "J2"}),
     "table3.j3": ("link_length", {"error": "J3"}),
+    "table4.j3_12": ("full12", {"error": "J3", "gauge": "ya2"}),
+    "table4.j3_11": ("full11", {"error": "J3", "paper_section": 3}),
 }
 
 
@@ -66,15 +69,17 @@ class Variant:
 
 MATLAB = Variant("gradient", "next_gradient")  # what the preset fmincon_matlab is
 VARIANTS = tuple(Variant(step, stop) for step, stop in product(STEPS, STOPS))
+RELEASES = tuple(Variant(step, stop) for step, stop in _RELEASES)
 
 
 @final
 @dataclass(frozen=True)
 class End:
-    """Where a stop ends a search: kmrmse [mm] of the answer, and iterations."""
+    """Where a stop ends a search: kmrmse [mm] of the answer, iterations, and its calibrated values by name."""
 
     kmrmse: float
     iterations: int
+    values: Mapping[str, float]
 
 
 @final
@@ -114,9 +119,9 @@ def verdict_of(judged: Sequence[Judged]) -> Verdict:
     """Return the verdict on a claim from its states under the variants.
 
     Judges are the variants that a release was, all with an absolute stop, and the controls with a relative one. False
-    in every release: not reproduced. False in some and true in others: it depends on the release. True in some release
-    and false in none: an artefact of the stopping tolerance where a control is false; else reproduced, in kind where
-    any of the states is in kind or open. Else the plans decide, and it is not checkable.
+    in every release: not reproduced. False in some and true in others: it depends on plan or release. True in some
+    release and false in none: an artefact of the stopping tolerance where a control is false; else reproduced, in kind
+    where any of the states is in kind or open. Else the plans decide, and it is not checkable.
     """
     releases = [j.state for j in judged if j.variant.release]
     controls = [j.state for j in judged if j.variant.stop == "relative"]
@@ -125,7 +130,7 @@ def verdict_of(judged: Sequence[Judged]) -> Verdict:
     if not any(state in ("true", "true in kind") for state in releases):
         return "not checkable"
     if "false" in releases:
-        return "depends on the release"
+        return "depends on plan or release"
     if "false" in controls:
         return "artefact of the stopping tolerance"
     return "reproduced" if {*releases, *controls} == {"true"} else "reproduced in kind"
@@ -145,7 +150,11 @@ def ends(problem: str, options: tuple[tuple[str, Any], ...], step: str) -> Mappi
         built, built.start, lb=built.lower, ub=built.upper,
         options={"OptimalityTolerance": 0.0, "StepTolerance": 0.0, "OutputFcn": watch, **_stepping(step)},
     )  # fmt: skip
-    return {stop: End(built.merit(x)["kmrmse"], iterations) for stop, (x, iterations) in watch.answers().items()}
+    names = [p.name for p in built.parameters]
+    return {
+        stop: End(built.merit(x)["kmrmse"], iterations, dict(zip(names, map(float, built.physical(x)), strict=True)))
+        for stop, (x, iterations) in watch.answers().items()
+    }
 
 
 @cache
@@ -161,7 +170,7 @@ def plan(problem: str, number: int) -> dict[str, Any]:
 
 
 def column(key: str, variant: Variant, most: int = 1000) -> list[End]:
-    """Return the ends of a column of Tables 2 and 3 under a variant, one for each plan, of which at most `most`."""
+    """Return the ends of a column of Tables 2 to 4 under a variant, one for each plan, of which at most `most`."""
     problem, options = COLUMNS[key]
     plans = min(PLANS[problem], most)
     asked = [tuple(sorted((options | plan(problem, number)).items())) for number in range(-1, plans - 1)]
