@@ -68,13 +68,8 @@ class Kept:
         """Return the names of what was found to be changed, in the order of the table."""
         return [kind.name for kind in KINDS if kind.name in self._names]
 
-    def look(self) -> list[str]:
-        """Return the names of what has been changed since the beginning."""
-        self.note(KINDS[number].name for number in self.own_change())
-        return self.names
-
     def note(self, names: Iterable[str]) -> None:
-        """Take over what was found to be changed in the child process that made a part of the run."""
+        """Take over what was found to be changed in the child process that made the run."""
         self._names.update(names)
 
     def put_back(self) -> list[str]:
@@ -146,21 +141,6 @@ def _under_way(this: Kept) -> Iterator[None]:
 def is_kept() -> bool:
     """Tell whether a run is under way whose state will be put back."""
     return bool(_UNDER_WAY)
-
-
-def with_changes(work: Callable[[], T]) -> tuple[T, list[str]]:
-    """Return what `work` returns, and the names of what it has changed: of a part of a run, made by a child process."""
-    if not _UNDER_WAY:
-        return work(), []
-    part = Kept()
-    _UNDER_WAY.append(part)
-    return work(), part.look()
-
-
-def note(names: Iterable[str]) -> None:
-    """Note for the innermost run under way what its child process has changed."""
-    if _UNDER_WAY:
-        _UNDER_WAY[-1].note(names)
 
 
 def lasting() -> list[str]:

@@ -13,14 +13,11 @@ from calibench.bench.execution.request.pair import Pair
 from calibench.bench.execution.stochastic import Judged, hits_of_the_answer, is_stochastic, judged
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.frames import frames_of
-from calibench.bench.gate.processes.forked_worker import Lost, apart
-from calibench.bench.gate.time_limit import Ending, text_of
+from calibench.bench.gate.time_limit import JUDGING, Ending, text_of
 from calibench.core import own_state
 from calibench.core.seeds import begin_generators, seed_sequence
 
 Array = NDArray[np.float64]
-PATIENCE = 60.0  # seconds for judging an answer where a run is watched and has no limit of its own
-_JUDGING = "in judging the answer: "
 
 
 @final
@@ -39,30 +36,12 @@ class Answer:
     judged: Judged = field(default_factory=Judged)
 
 
-def judged_apart(
-    pair: Pair, x: Array | None, ending: Ending, repetition: int, limit: float | None
-) -> tuple[Answer, Ending]:
-    """Return the result of `answer_of`, computed in a child process, so that a crash becomes a failed row.
-
-    The child has `limit` seconds, or `PATIENCE` without a limit.
-    """
-    if x is None:
-        return Answer(), ending
-    try:
-        answered, changes = apart(
-            lambda: own_state.with_changes(lambda: answer_of(pair, x, ending, repetition)),
-            PATIENCE if limit is None else limit,
-        )
-        own_state.note(changes)
-        return answered
-    except Lost as lost:
-        told = replace(ending, error_type=lost.error_type, error=f"{_JUDGING}{lost.error}", traceback=lost.traceback)
-        return Answer(**_placed(pair, x)), ending if ending.error_type else told
+def place_of_answer(pair: Pair, x: Array | None) -> Answer:
+    """Return what is known of the answer x, shape (dim,), without a call of the problem: its place in the box."""
+    return Answer() if x is None else Answer(**_placed(pair, x))
 
 
-def answer_of(
-    pair: Pair, x: Array | None, ending: Ending, repetition: int, _limit: float | None = None
-) -> tuple[Answer, Ending]:
+def answer_of(pair: Pair, x: Array | None, ending: Ending, repetition: int) -> tuple[Answer, Ending]:
     """Return what the answer x, shape (dim,), means, and the ending: a failure where the problem fails in judging it.
 
     The seed of fresh evaluations follows from the problem's key and the `repetition`.
@@ -81,7 +60,7 @@ def answer_of(
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # SystemExit too
-        said = f"{_JUDGING}{text_of(error)}"
+        said = f"{JUDGING}{text_of(error)}"
         failed = replace(ending, error_type=type(error).__name__, error=said, traceback=frames_of(error))
         return Answer(**known), ending if ending.error_type else failed
 

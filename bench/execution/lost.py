@@ -14,6 +14,7 @@ from calibench import optimizers, problems
 from calibench.bench.execution.answer import Answer
 from calibench.bench.execution.merit import Merit
 from calibench.bench.execution.request.asked import read_asked
+from calibench.bench.execution.request.checks import preferred_start
 from calibench.bench.execution.request.pair import pair_of
 from calibench.bench.execution.row_of import row_of
 from calibench.bench.execution.run import Run, Spec
@@ -23,7 +24,7 @@ from calibench.bench.gate.processes.forked_worker import Lost, apart
 from calibench.bench.gate.time_limit import Ending
 from calibench.bench.provenance.code_digest import Library, code_digest, library_of
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.provenance.run_id import canonical, options_as_asked
+from calibench.bench.provenance.run_id import canonical, chosen_options, options_as_asked, run_id
 from calibench.core import user_file
 
 _PATIENCE = 5.0  # seconds for building a problem and an optimiser, and again for looking at their classes
@@ -32,7 +33,7 @@ _UNSAID = Library(library="", library_version="")
 
 def lost_run(
     spec: Spec,
-    run_id: str,
+    known_id: str,
     error_type: str,
     error: str,
     *,
@@ -43,7 +44,8 @@ def lost_run(
 ) -> Run:
     """Return the failed run of `spec`: of status timeout where it `timed_out`, else failed with this type and error.
 
-    Its evaluations are not known, so there are none in it. `patience` [s] is given to each of the two looks.
+    Its evaluations are not known, so there are none in it. `patience` [s] is given to each of the two looks. Where
+    `known_id` is empty it is that of what these looks find.
     """
     ending = Ending("" if timed_out else error_type or "Lost", error, wall_s, cpu_s)
     provenance()  # here, where it is kept, and not in every child
@@ -54,7 +56,7 @@ def lost_run(
             break
         except Lost:
             continue
-    return Run(replace(row, run_id=run_id), ())
+    return Run(replace(row, run_id=known_id or row.run_id), ())
 
 
 def _as_built(spec: Spec, ending: Ending) -> RunRow:
@@ -95,8 +97,13 @@ def _bare(
 ) -> RunRow:
     """Return the row of a run of which nothing was built."""
     failed = "failed" if ending.error_type else "timeout"
+    keys = (
+        [_told(problem), chosen_options(problems.registry, problem, problem_options or spec.problem_options), ""],
+        [_told(optimizer), chosen_options(optimizers.registry, optimizer, optimizer_options or spec.optimizer_options)],
+    )
+    known = run_id(*keys, spec.budget, spec.repetition, preferred_start(None, spec.start), spec.target)
     return RunRow(
-        run_id="", study="", problem=_told(problem), optimizer=_told(optimizer), data_id="", dimension=0,
+        run_id=known, study="", problem=_told(problem), optimizer=_told(optimizer), data_id="", dimension=0,
         problem_options=canonical(problem_options or spec.problem_options),
         optimizer_options=canonical(optimizer_options or spec.optimizer_options),
         library=library["library"], library_version=library["library_version"], repetition=spec.repetition, seed="",

@@ -96,7 +96,7 @@ class Evaluator:
         self.ask(calls)
         self._scan: Any
         self._next_better: Any
-        self._scan, self._next_better = _compiled() if calls.batch or calls.below else (None, None)
+        self._scan, self._next_better = scans() if calls.batch or calls.below else (None, None)
         self.has_residuals, self.has_jacobian = self._residuals is not None, self._jacobian is not None
         self.has_gradient = self._gradient is not None
         self.lower, self.upper = np.array(problem.lower, dtype=float), np.array(problem.upper, dtype=float)
@@ -419,11 +419,6 @@ class Evaluator:
             if self.stopped is None and self.remaining > 0:
                 self.outside_evaluations = (self.outside_evaluations or 0) + count
 
-    def adopt(self) -> None:
-        """Continue the run in this process, a child of the one that opened the gate; from now on it runs here only."""
-        self._owner = os.getpid()
-        self._schedule()
-
     def before_fork(self) -> None:
         """Share with all children a place where the refused ones leave their trace."""
         if self._forked is None and not self._closed:
@@ -592,8 +587,8 @@ class Evaluator:
 
 
 @cache
-def _compiled() -> tuple[Any, Any]:
-    """Return the scan and its helper, compiled before any clock starts."""
+def scans() -> tuple[Any, Any]:
+    """Return the scan of a batch and its helper, compiled before any clock starts."""
     from calibench.bench.gate._scan_kernels import (  # here, as a gate for single calls needs no compiler
         next_better,
         scan,

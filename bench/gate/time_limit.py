@@ -1,47 +1,55 @@
 """The time limit of a run, also where a library loops in C and calls nothing back.
 
 The limit works in two ways. The gate looks at the clock before each evaluation, and refuses it when the time is up:
-that ends every search that still calls. A search that does not call is ended from outside. It runs in a forked child,
-whose gate writes its state into memory that it shares with the parent; so a child that was killed leaves its row all
-the same. An evaluation takes about three microseconds more; its values and its trace are the same to the last bit.
+that ends every search that still calls. A run that does not call is ended from outside. It is made in a child process
+(a `Runner`, which may make run after run), whose gate writes its state into memory that it shares with the parent; so a
+child that was killed leaves its row all the same. An evaluation takes about three microseconds more; its values and its
+trace are the same to the last bit.
 """
 
 from __future__ import annotations
 
+import gc
 import mmap
 import os
-import sys
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from contextlib import AbstractContextManager, ExitStack, closing, nullcontext
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import partial
 from math import inf, nan
+from multiprocessing.connection import Connection, Pipe
+from multiprocessing.util import Finalize
 from time import perf_counter, process_time
-from typing import Any, TypeVar, final
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calibench.bench.gate.box import doors_of, looks, watched_doors_of
+from calibench.bench.gate.box import doors_of, watched_doors_of
+from calibench.bench.gate.costly.told_error import ToldError
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.face import face_of, own_face_of
 from calibench.bench.gate.frames import frames_of
 from calibench.bench.gate.frames import text_of as text_of
 from calibench.bench.gate.guard.foreign_code import held, is_foreign
 from calibench.bench.gate.processes.child_messages import Receiver, Sender
-from calibench.bench.gate.processes.forked_worker import CAN_FORK, forked
+from calibench.bench.gate.processes.forked_worker import flush_output, forked
 from calibench.bench.gate.processes.process_group import exit_of
-from calibench.core import own_state
 from calibench.optimizers.base import Stop
 
-T = TypeVar("T")
-GRACE = 2.0  # seconds for the gate to end the run by itself
+GRACE = 2.0  # seconds for the gate to end the run by itself, and for what of ours takes time beside foreign code
 STALL_LIMIT = 60.0  # seconds without an evaluation, after which an optimiser that may hang is taken to hang
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
-_HEAD = 19
+_HEAD = 22
+ROOM = 1000  # numbers that a mirror has room for unless more are asked for
 _ATTEMPTS = 64  # numbers of eight letters, for the names of what was tried
-_PASSED = "the time limit has passed"
+PASSED = "the time limit has passed"
 _DIED = "the process of this run ended"
+BUILDING = "in building the problem and the optimizer: "
 BEFORE = "before the first evaluation: "
+JUDGING = "in judging the answer: "
 
 
 @final
@@ -65,7 +73,7 @@ def run_here(
     gate: Evaluator,
     rng: np.random.Generator,
     problem: Any = None,
-    begin: Callable[[], None] = lambda: None,
+    begin: Callable[[], object] = lambda: None,
     around: Around = _NOTHING,
 ) -> Ending:
     """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error.
@@ -81,7 +89,7 @@ def run_here(
     error: BaseException | None = None
     with held(optimizer, problem, objective, gate.note) if foreign else nullcontext():
         begin()
-        wall, cpu = perf_counter(), process_time() + _children_cpu()
+        wall, cpu = perf_counter(), process_time() + children_cpu()
         try:
             with around:
                 optimizer.minimize(objective, rng)
@@ -92,7 +100,7 @@ def run_here(
                 error = caught
         earlier_wall, earlier_cpu = gate.earlier
         wall = perf_counter() - wall + earlier_wall
-        cpu = process_time() + _children_cpu() - cpu + earlier_cpu
+        cpu = process_time() + children_cpu() - cpu + earlier_cpu
     gate.close()
     error = error if gate.raised is None else gate.raised
     if error is None:
@@ -102,132 +110,117 @@ def run_here(
     return Ending(type(error).__name__, text_of(error), wall, cpu, frames_of(error))
 
 
-def run_watched(
-    optimizer: Any,
-    gate: Evaluator,
-    rng: np.random.Generator,
-    limit: float | None,
-    stall_limit: float | None = None,
-    problem: Any = None,
-    first: Callable[[], Ending | None] = lambda: None,
-    around: Around = _NOTHING,
-    begun: Callable[[Mirror, int | None], None] = lambda mirror, pid: None,
-    *,
-    last: Callable[[Ending], T],
-) -> T:
-    """Run in a child process for at most `limit` seconds, and no longer than `stall_limit` seconds without an
-    evaluation; return what `last` makes of the ending.
-
-    `first` is done in the child before the clock of the run starts, and has `limit` seconds of its own; an ending that
-    it returns is the run's. `last` ends in time by itself; it is done in the child too, in the state that the run has
-    left its process in, unless the child was lost. The gate ends as if it had run here. Where a system cannot fork,
-    only the gate watches the clock. `begun` is told of the counts that can be read while it runs, and of the child's
-    process.
-    """
-    allowed = inf if limit is None else limit
-    mirror = Mirror(gate)
-
-    def begin() -> None:
-        mirror.begun = True
-        mirror.deadline = perf_counter() + allowed  # the limit is for the run itself, not for its preparation
-        gate.refuse_after(mirror.deadline, mirror.publish)
-
-    def work(theirs: Sender) -> None:
-        gate.adopt()
-        mirror.deadline = perf_counter() + allowed
-        try:
-            made, changes = own_state.with_changes(lambda: finish(first() or run()))
-        except KeyboardInterrupt as stop:  # by the user's code: the terminal's is for the parent
-            theirs.send(KeyboardInterrupt(text_of(stop)))
-            return
-        sys.stdout.flush()  # what the run has printed; the answer ends this process
-        theirs.send((gate.state(), made, changes))
-
-    def run() -> Ending:
-        ending = run_here(optimizer, gate, rng, problem, begin, around)
-        return replace(ending, error=_PASSED) if gate.stopped == "timeout" else ending
-
-    def finish(ending: Ending) -> T:
-        mirror.is_over = True
-        return last(ending)
-
-    if not CAN_FORK:
-        return last(first() or run())
-    if not stays_inside(optimizer):
-        looks()  # once here, and not in every child
-    began, cpu = perf_counter(), _children_cpu()
-    with forked(work) as (child, ours):
-        begun(mirror, child.pid)
-        try:
-            why = _wait(ours, mirror, stall_limit)
-            answer = None if why else ours.recv()
-        except EOFError:
-            why, answer = _DIED, None
-    if isinstance(answer, KeyboardInterrupt):
-        raise answer
-    if answer is not None:
-        made: T
-        state, made, changes = answer
-        gate.restore(state)
-        own_state.note(changes)
-        return made
-    gate.restore(mirror.read())
-    earlier_wall, earlier_cpu = mirror.earlier
-    took = perf_counter() - began + earlier_wall, _children_cpu() - cpu + earlier_cpu
-    before = "" if mirror.begun else BEFORE
-    if why == _DIED:
-        return last(Ending("ProcessDied", f"{before}{why} with {exit_of(child.exitcode)}", *took))
-    gate.stopped = "timeout"
-    return last(Ending("", f"{before}{why}", *took))
-
-
-def _wait(ours: Receiver, mirror: Mirror, stall_limit: float | None) -> str:
-    """Return "" when the child has answered, otherwise why nobody waits for it any longer."""
-    calls, heard = -1, perf_counter()
-    while True:
-        now = perf_counter()
-        if mirror.is_over:
-            ours.poll(None)
-            return ""
-        if mirror.evaluations != calls:
-            calls, heard = mirror.evaluations, now
-        end = mirror.deadline + GRACE
-        if now >= end:
-            return f"{_PASSED}, and it did not stop when told"
-        if not mirror.begun:
-            heard = now
-        if stall_limit is not None and now - heard >= stall_limit:
-            return f"it made no evaluation in {stall_limit:g} s"
-        if ours.poll(min(end - now, _LOOK if stall_limit is None else min(stall_limit / 4, _LOOK))):
-            return ""
-
-
 def stays_inside(optimizer: Any) -> bool:
     """Tell whether the optimiser is known to stay in the box: one of ours, unless its trait says otherwise."""
     return not is_foreign(optimizer) and getattr(getattr(optimizer, "traits", None), "bounded", True)
 
 
-def _children_cpu() -> float:
+def children_cpu() -> float:
+    """Return the processor seconds of the ended children of this process."""
     times = os.times()
     return times.children_user + times.children_system
 
 
 @final
-class Mirror:
-    """The state of a gate, as numbers in memory that parent and child share."""
+class Phase(IntEnum):
+    """What a run is at; in each it has its time limit anew."""
 
-    def __init__(self, gate: Evaluator) -> None:
-        self._hits, self._dimension = len(gate.hits), gate.dimension
-        size = _HEAD + _ATTEMPTS + 2 * self._hits + self._dimension + 4 * _TRACE_POINTS
-        self._all = np.frombuffer(mmap.mmap(-1, 8 * size), dtype=np.float64)
-        self._head, rest = self._all[:_HEAD], self._all[_HEAD:]
+    BUILDING = 0
+    COMPILING = 1
+    SEARCH = 2
+    JUDGING = 3
+
+
+_SEARCH = float(Phase.SEARCH)  # as a mirror has it: of an enumeration it would be looked up at each evaluation
+
+
+@final
+class Larger(Exception):
+    """A run needs room for so many numbers in the shared memory."""
+
+    def __init__(self, room: int) -> None:
+        super().__init__(room)
+        self.room = room
+
+
+@final
+class Watch:
+    """What a run tells of itself to the process that watches it; `limit` [s] is that of each phase, infinite: none."""
+
+    def __init__(self, mirror: Mirror, limit: float, tell: Callable[[Any], None] = lambda message: None) -> None:
+        self.mirror, self.limit, self.tell = mirror, limit, tell
+
+    def enter(self, phase: Phase, limit: float | None = None) -> None:
+        """Begin a phase that may last `limit` seconds, if that is said."""
+        self.mirror.enter(phase, self.limit if limit is None else limit)
+
+    def begin(self, gate: Evaluator, stall_limit: float) -> None:
+        """Begin the search: from now on the gate looks at the clock, and all that it counts can be seen.
+
+        It has `stall_limit` seconds without an evaluation.
+        """
+        self.mirror.stall_limit = stall_limit
+        self.enter(Phase.SEARCH)
+        gate.refuse_after(self.mirror.deadline, self.mirror.publish)
+
+
+@final
+class Mirror:
+    """The state of a run and its gate, as numbers in memory that parent and child share.
+
+    There is `room` for the best point and for what each target cost, twice. It serves run after run: `show` begins one.
+    """
+
+    def __init__(self, room: int = ROOM) -> None:
+        size = _HEAD + _ATTEMPTS + 4 * _TRACE_POINTS + room
+        whole = np.frombuffer(mmap.mmap(-1, 8 * size), dtype=np.float64)
+        self._head, rest = whole[:_HEAD], whole[_HEAD:]
         self._attempts, rest = rest[:_ATTEMPTS].view(np.uint8), rest[_ATTEMPTS:]
-        self._levels, rest = rest[: 2 * self._hits].reshape(2, -1), rest[2 * self._hits :]
-        self._best_x, rest = rest[: self._dimension], rest[self._dimension :]
-        self._trace = rest.reshape(-1, 4)
+        self._trace, self._rest = rest[: 4 * _TRACE_POINTS].reshape(-1, 4), rest[4 * _TRACE_POINTS :]
         self._traced = 0
-        self.deadline = inf
+        self.stall_limit = inf
+        self.enter(Phase.BUILDING, inf)
+
+    def show(self, gate: Evaluator) -> None:
+        """Show `gate` from now on, and nothing of what was shown before. Raises `Larger` where it needs more room."""
+        needed = gate.dimension + 2 * len(gate.hits)
+        if needed > len(self._rest):
+            raise Larger(needed)
+        self._head[18:20] = gate.dimension, len(gate.hits)
+        self._attempts[:] = 0
+        self._traced = 0
+        self._head[5] = -1.0  # no best evaluation: the next is written
         self.publish(gate, 0)
+
+    def enter(self, phase: Phase, limit: float) -> None:
+        """Begin a phase of the run that may last `limit` seconds."""
+        self._head[8] = (
+            perf_counter() + limit
+        )  # before the phase: whoever waits must not see a later phase with an older end
+        self._head[11] = phase
+
+    @property
+    def phase(self) -> Phase:
+        """Return what the run is at."""
+        return Phase(int(self._head[11]))
+
+    @property
+    def cpu_before(self) -> float:
+        """Return the processor seconds that the process had taken before the run."""
+        return float(self._head[20])
+
+    @cpu_before.setter
+    def cpu_before(self, seconds: float) -> None:
+        self._head[20] = seconds
+
+    @property
+    def stall_limit(self) -> float:
+        """Return how many seconds the search has without an evaluation."""
+        return float(self._head[21])
+
+    @stall_limit.setter
+    def stall_limit(self, seconds: float) -> None:
+        self._head[21] = seconds
 
     @property
     def evaluations(self) -> int:
@@ -237,7 +230,7 @@ class Mirror:
     @property
     def charged(self) -> int:
         """Return what the run has cost."""
-        return int(self._head[0]) + self._dimension * int(self._head[1])
+        return int(self._head[0]) + int(self._head[18]) * int(self._head[1])
 
     @property
     def best_value(self) -> float:
@@ -255,35 +248,14 @@ class Mirror:
         """Return when the gate will refuse, on the clock `time.perf_counter` that parent and child share."""
         return float(self._head[8])
 
-    @deadline.setter
-    def deadline(self, when: float) -> None:
-        self._head[8] = when
-
-    @property
-    def begun(self) -> bool:
-        """Tell whether the run itself has begun."""
-        return bool(self._head[11])
-
-    @begun.setter
-    def begun(self, yes: bool) -> None:
-        self._head[11] = yes
-
-    @property
-    def is_over(self) -> bool:
-        """Tell whether the search has ended; what is done then ends by itself."""
-        return bool(self._head[18])
-
-    @is_over.setter
-    def is_over(self, yes: bool) -> None:
-        self._head[18] = yes
-
     def publish(self, gate: Evaluator, evaluations: int) -> None:
         """Write the state of `gate`, and that `evaluations` have been made or are being made."""
         best = gate.best_x
         if self._head[5] != gate.best_evaluation and best is not None:
-            self._best_x[:] = best
-            self._levels[0] = [nan if n is None else n for n in gate.hits]
-            self._levels[1] = [nan if n is None else n for n in gate.hits_charged]
+            best_x, hits, hits_charged = self._places()
+            best_x[:] = best
+            hits[:] = [nan if n is None else n for n in gate.hits]
+            hits_charged[:] = [nan if n is None else n for n in gate.hits_charged]
         for i in range(max(self._traced - 1, 0), len(gate.trace)):  # the last point may have been put right
             self._trace[min(i, _TRACE_POINTS - 1)] = gate.trace[i]
         self._traced = len(gate.trace)
@@ -291,7 +263,8 @@ class Mirror:
             evaluations, gate.jacobian_evaluations, gate.non_finite, gate.restarts, gate.best_value,
             gate.best_evaluation, min(self._traced, _TRACE_POINTS), best is not None,
         )  # fmt: skip
-        self._head[8] = gate.deadline  # which goes on while what is known from before is replayed
+        if self._head[11] == _SEARCH:
+            self._head[8] = gate.deadline  # which goes on while what is known from before is replayed
         self._head[9:11] = gate.batch_evaluations, gate.residual_evaluations
         self._head[12] = nan if gate.outside_evaluations is None else gate.outside_evaluations
         self._head[13:15] = gate.earlier
@@ -306,7 +279,8 @@ class Mirror:
             :8
         ].tolist()
         outside, tried = float(self._head[12]), self._attempts.any()
-        hits, hits_charged = ([None if n != n else int(n) for n in row] for row in self._levels.tolist())
+        best_x, *levels = self._places()
+        hits, hits_charged = ([None if n != n else int(n) for n in row.tolist()] for row in levels)
         return {
             "evaluations": int(evaluations),
             "jacobian_evaluations": int(jacobians),
@@ -322,9 +296,148 @@ class Mirror:
             "restarts": int(restarts),
             "best_value": best_value,
             "best_evaluation": int(best_evaluation),
-            "best_x": self._best_x.copy() if found else None,
-            "hits": hits if found else [None] * self._hits,
-            "hits_charged": hits_charged if found else [None] * self._hits,
+            "best_x": best_x.copy() if found else None,
+            "hits": hits if found else [None] * len(hits),
+            "hits_charged": hits_charged if found else [None] * len(hits),
             "trace": [(int(n), int(c), value, int(r)) for n, c, value, r in self._trace[: int(points)].tolist()],
             "stopped": None,
         }
+
+    def _places(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return where the best point is written, and what each target cost in evaluations and charged."""
+        dimension, hits = (int(number) for number in self._head[18:20])
+        best_x, rest = self._rest[:dimension], self._rest[dimension:]
+        return best_x, rest[:hits], rest[hits : 2 * hits]
+
+
+@final
+@dataclass(frozen=True)
+class Cut:
+    """A run whose process was ended or ended by itself: in which phase, and how; the counts of its search, if any."""
+
+    phase: Phase
+    timed_out: bool
+    ending: Ending
+    state: dict[str, Any] | None
+
+
+Make = Callable[[Any, Watch], tuple[Any, bool]]
+
+
+@final
+class Runner:
+    """A child process that makes runs: ``make(request, watch)``, which gives the run and whether it may make more.
+
+    It knows what this process knew when it was forked, and ends with the thread that began it. `room` is that of its
+    `Mirror`.
+    """
+
+    def __init__(self, make: Make, room: int = ROOM) -> None:
+        self.room, self._mirror, self._stack = room, Mirror(room), ExitStack()
+        theirs, self._requests = Pipe(duplex=False)
+        with closing(theirs):
+            serve = partial(self._serve, make, theirs)
+            self._child, self._line = self._stack.enter_context(forked(serve))
+        self._stack.callback(self._requests.close)
+        self._end = Finalize(None, self._stack.close, exitpriority=0)  # also at the end of this process
+
+    @property
+    def is_there(self) -> bool:
+        """Tell whether it can be asked."""
+        return self._child.is_alive()
+
+    def ask(self, request: Any, limit: float, hear: Callable[[Any, Mirror, int], None]) -> Any:
+        """Return the run of `request`, or a `Cut`; each of its phases has `limit` seconds.
+
+        `hear` gets what the run tells meanwhile, with the counts that can be read and the number of the process. Where
+        no run came, or it may make no more, the process is ended. Raises what could not be made into a run, and
+        `Larger`.
+        """
+        try:
+            began, cpu = perf_counter(), children_cpu()
+            self._mirror.enter(Phase.BUILDING, inf)
+            why, answer = self._answer(request, limit, hear)
+            if why:
+                return self._cut(why, began, cpu)
+            kind, found = answer
+            if kind == "raised":
+                raise found.rebuilt()
+            if kind == "larger":
+                raise Larger(found)
+            run, may_go_on = found
+            if not may_go_on:
+                self.end()
+            return run
+        except BaseException:
+            self.end()
+            raise
+
+    def end(self) -> None:
+        """End the process with all that it has started."""
+        self._end()
+
+    def _answer(self, request: Any, limit: float, hear: Callable[[Any, Mirror, int], None]) -> tuple[str, Any]:
+        """Return "" and the answer, or why nobody waits for it any longer."""
+        assert self._child.pid is not None
+        try:
+            self._requests.send((request, limit))
+            while True:
+                why = _wait(self._line, self._mirror)
+                if why:
+                    return why, None
+                kind, message = self._line.recv()
+                if kind != "told":
+                    return "", (kind, message)
+                hear(message, self._mirror, self._child.pid)
+        except (EOFError, ConnectionError):
+            return _DIED, None
+
+    def _cut(self, why: str, began: float, cpu: float) -> Cut:
+        mirror = self._mirror
+        self.end()
+        phase = mirror.phase
+        earlier_wall, earlier_cpu = mirror.earlier if phase >= Phase.SEARCH else (0.0, 0.0)
+        took = perf_counter() - began + earlier_wall, children_cpu() - cpu - mirror.cpu_before + earlier_cpu
+        where = {Phase.BUILDING: BUILDING, Phase.COMPILING: BEFORE, Phase.SEARCH: "", Phase.JUDGING: JUDGING}[phase]
+        if why == _DIED:
+            ending = Ending("ProcessDied", f"{where}{why} with {exit_of(self._child.exitcode)}", *took)
+        else:
+            ending = Ending("", f"{where}{why}", *took)
+        return Cut(phase, why != _DIED, ending, mirror.read() if phase >= Phase.SEARCH else None)
+
+    def _serve(self, make: Make, requests: Connection, tell: Sender) -> None:
+        """Be the child: make run after run until nobody asks for more."""
+        self._requests.close()
+        gc.freeze()  # the parent's heap: to look through it for garbage would also copy it
+        while True:
+            try:
+                request, limit = requests.recv()
+            except (EOFError, OSError):
+                return
+            watch = Watch(self._mirror, limit, lambda message: tell.send(("told", message)))
+            self._mirror.cpu_before = process_time() + children_cpu()
+            answer: tuple[str, Any]
+            try:
+                answer = "run", make(request, watch)
+            except Larger as larger:
+                answer = "larger", larger.room
+            except BaseException as error:  # of a request that makes no sense, or to end it all
+                answer = "raised", ToldError.of(error)
+            flush_output()
+            tell.send(answer)
+
+
+def _wait(line: Receiver, mirror: Mirror) -> str:
+    """Return "" when the child has said something, otherwise why nobody waits for it any longer."""
+    calls, heard = -1, perf_counter()
+    while True:
+        now, searches, stall_limit = perf_counter(), mirror.phase == Phase.SEARCH, mirror.stall_limit
+        if mirror.evaluations != calls or not searches:
+            calls, heard = mirror.evaluations, now
+        end = mirror.deadline + GRACE
+        if now >= end:
+            return f"{PASSED}, and it did not stop when told" if searches else PASSED
+        if now - heard >= stall_limit:
+            return f"it made no evaluation in {stall_limit:g} s"
+        if line.poll(min(end - now, stall_limit / 4, _LOOK)):
+            return ""

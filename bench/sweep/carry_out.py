@@ -15,6 +15,7 @@ from typing import final
 
 from calibench.bench.execution.costly import ReplayFolder, forget_finished, values_of
 from calibench.bench.execution.in_progress.running import remove_gone
+from calibench.bench.execution.kernels import load_kernels
 from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Run, Spec
 from calibench.bench.gate.processes.forked_worker import CAN_FORK
@@ -23,7 +24,6 @@ from calibench.bench.sweep import costs
 from calibench.bench.sweep.execution import Execution, read_execution
 from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
-from calibench.bench.workers.kernels import load_kernels
 from calibench.bench.workers.packs import How, Job, Packs
 from calibench.bench.workers.printed import files_in
 from calibench.bench.workers.worker import Notice, do_pack

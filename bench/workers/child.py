@@ -23,7 +23,8 @@ from calibench.bench.gate.processes.forked_worker import CAN_FORK
 from calibench.bench.gate.processes.process_group import become_worker, end_family, exit_of
 from calibench.core.user_file import as_usual, safe_children
 
-_LATE = 60.0  # seconds beyond its time limit after which a run is ended with its process
+_PHASES = 5  # that have the time limit each: building, compiling, search; and of a run cut there building and judging
+_LATE = 60.0  # seconds beyond all of them after which a run is ended with its process
 
 
 @final
@@ -99,7 +100,7 @@ def too_late(limit: float | None, heard: float) -> tuple[str, str] | None:
 
     `heard` is when (`time.monotonic`) the last was heard of the process that does it.
     """
-    if limit is None or monotonic() - heard <= limit + _LATE:
+    if limit is None or monotonic() - heard <= _PHASES * limit + _LATE:
         return None
     return "timeout", "the time limit has passed outside the search, and nothing came back"
 

@@ -7,7 +7,6 @@ of a single run prints where it did, on the terminal.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import sys
 from contextlib import suppress
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import final
 
 from calibench.bench.execution.run_row import RunRow
+from calibench.bench.gate.processes.forked_worker import flush_output
 from calibench.bench.store.files.atomic_file import open_within
 
 _FOLDER = "printed"
@@ -74,9 +74,7 @@ class Printed:
 
     def signed(self, row: RunRow) -> None:
         """Say which run has printed what stands above, where one has."""
-        with suppress(Exception):  # what a run has made of its output is no reason to lose the row
-            sys.stdout.flush()
-            ctypes.CDLL(None).fflush(None)  # of libraries in C
+        flush_output()
         if self._full or os.fstat(self._file).st_size == self._size:
             return
         whose = f"run {row.run_id}, {row.optimizer} on {row.problem}, repetition {row.repetition}"

@@ -44,7 +44,7 @@ def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list
         for job in pack.jobs:
             spec = replace(job.spec, time_limit=job.spec.time_limit or FOR_EVER) if pack.alone else job.spec
             began = perf_counter()
-            run = spec.execute(inner=pack.how.inner, replay=replay)
+            run = spec.execute(inner=pack.how.inner, replay=replay, run_id=job.run_id)
             now = perf_counter()
             keep(run, now - began)
             if replay is not None:

@@ -130,7 +130,8 @@ def test_a_batch_of_a_problem_without_one_is_single_values():
 
 def test_a_run_that_is_killed_keeps_its_counts_by_kind():
     gate = Evaluator(problems.make("sensor_zero"), 100)
-    mirror = Mirror(gate)
+    mirror = Mirror()
+    mirror.show(gate)
     gate.refuse_after(np.inf, mirror.publish)
     gate.batch(np.ones((5, 3)))
     gate.residuals(np.ones(3))

@@ -16,10 +16,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from math import isfinite
 from threading import Lock
-from typing import Any, Protocol, TypedDict, final
+from typing import Any, NamedTuple, Protocol, TypedDict, final
 
 from calibench.bench.execution.in_progress.pulse import looked_at
-from calibench.bench.execution.request.asked import Asked
 from calibench.bench.gate.guard.wall import walled
 from calibench.bench.gate.processes.process_group import born
 
@@ -53,6 +52,16 @@ class Progress(TypedDict):
     ended: bool
 
 
+class Name(NamedTuple):
+    """What a run is called, and its budget."""
+
+    run_id: str
+    problem: str
+    optimizer: str
+    repetition: int
+    budget: int
+
+
 Publish = Callable[[Progress], None]
 
 
@@ -79,15 +88,11 @@ def publishing(publish: Publish, every: float = 1.0) -> Iterator[None]:
 
 
 @contextmanager
-def followed(asked: Asked, gate: Counts) -> Iterator[Callable[[Counts, int | None], None]]:
-    """Follow the run of `asked` while the block lasts.
-
-    The yielded function is called when another process continues it. That function takes the counts to read from then
-    on, and the number of the process.
-    """
-    goes_on, end = _follow(asked, gate)
+def followed(name: Name, counts: Counts, pid: int | None = None) -> Iterator[None]:
+    """Follow a run by its `counts` while the block lasts; `pid` is the process that makes it, where that is another."""
+    end = _follow(name, counts, pid)
     try:
-        yield goes_on
+        yield
     finally:
         end()
 
@@ -119,32 +124,29 @@ class _Publisher:
 class _Followed:
     """One run: what was read when, and what follows for its rate."""
 
-    def __init__(self, asked: Asked, counts: Counts) -> None:
-        self._asked, self._counts, self._pid = asked, counts, os.getpid()
+    def __init__(self, name: Name, counts: Counts, pid: int | None) -> None:
+        self._name, self._counts, self._pid = name, counts, pid or os.getpid()
         self._began, self._began_at = time.monotonic(), time.time()
         self._heard, self._evaluations = self._began, 0
         self._before: tuple[float, int, int] | None = None  # time, evaluations, charged: where the rate is taken from
         self._mark: tuple[float, int, int] | None = None
         self.was_told = False
 
-    def goes_on(self, counts: Counts, pid: int | None) -> None:
-        self._counts, self._pid = counts, pid or self._pid
-
     def lasts(self, seconds: float) -> bool:
         return time.monotonic() - self._began >= seconds
 
     def told(self, ended: bool = False) -> Progress:
         self.was_told = True
-        now, counts, asked = time.monotonic(), self._counts, self._asked
+        now, counts, name = time.monotonic(), self._counts, self._name
         evaluations, spent, best = counts.evaluations, counts.charged, counts.best_value
         if evaluations != self._evaluations:
             self._evaluations, self._heard = evaluations, now
         rate, pace = self._rates(now, evaluations, spent)
         return Progress(
-            run_id=asked.run_id,
-            problem=asked.pair.problem_name,
-            optimizer=asked.pair.optimizer_name,
-            repetition=asked.repetition,
+            run_id=name.run_id,
+            problem=name.problem,
+            optimizer=name.optimizer,
+            repetition=name.repetition,
             pid=self._pid,
             host=platform.node(),
             born=born(self._pid),
@@ -152,10 +154,10 @@ class _Followed:
             updated_at=time.time(),
             evaluations=evaluations,
             spent=spent,
-            budget=asked.budget,
+            budget=name.budget,
             best_value=best if isfinite(best) else None,
             rate=rate,
-            eta_s=(asked.budget - spent) / pace if pace > 0 else None,
+            eta_s=(name.budget - spent) / pace if pace > 0 else None,
             silent_s=now - self._heard,
             ended=ended,
         )
@@ -178,7 +180,7 @@ class _Followed:
 
 
 def _publishers() -> tuple[Any, Any]:
-    """Return ``enter(publish, every)``, which gives a look and its end, and ``follow(asked, counts)``.
+    """Return ``enter(publish, every)``, which gives a look and its end, and ``follow(name, counts, pid)``, likewise.
 
     Both stand behind walls, because a followed run has a reference to the counters of its gate.
     """
@@ -189,12 +191,12 @@ def _publishers() -> tuple[Any, Any]:
         publishers.append(publisher)
         return walled(publisher.look), walled(lambda: publishers.remove(publisher))
 
-    def follow(asked: Asked, counts: Counts) -> tuple[Any, Any]:
+    def follow(name: Name, counts: Counts, pid: int | None) -> Any:
         if not publishers or publishers[-1].pid != os.getpid():  # a forked child has no thread that looks
-            return (lambda counts, pid: None), (lambda: None)
-        publisher, run = publishers[-1], _Followed(asked, counts)
+            return lambda: None
+        publisher, run = publishers[-1], _Followed(name, counts, pid)
         publisher.runs.add(run)
-        return run.goes_on, lambda: publisher.end(run)
+        return lambda: publisher.end(run)
 
     return walled(enter), walled(follow)
 

@@ -64,6 +64,11 @@ class Pair:
     foreign_optimizer: bool
     compiled: bool = False
 
+    @property
+    def may_hang(self) -> bool:
+        """Tell whether the optimiser may loop for ever in foreign code."""
+        return bool(getattr(getattr(self.optimizer, "traits", None), "may_hang", False))
+
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
         """Return the physical parameters."""

@@ -6,13 +6,14 @@ started ends with the child (`bench.gate.processes.process_group`).
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar, final
@@ -35,6 +36,7 @@ def forked(work: Work) -> Iterator[tuple[BaseProcess, Receiver]]:
     after its work, with 1 where that raised.
     """
     prepare()
+    flush_output()  # else the child would print what is in there
     context = multiprocessing.get_context("fork")
     ours, theirs = os.pipe()
     parent_pipe, held = os.pipe()
@@ -46,11 +48,13 @@ def forked(work: Work) -> Iterator[tuple[BaseProcess, Receiver]]:
     os.close(theirs)
     os.close(parent_pipe)
     line = Receiver(ours, child.pid)
+    mine = os.getpid()
     try:
         yield child, line
     finally:
-        end_family(child.pid)  # it has answered, or never will
-        child.join()
+        if os.getpid() == mine:  # and not in a process that was forked meanwhile
+            end_family(child.pid)  # it has answered, or never will
+            child.join()
         line.close()
         os.close(held)
 
@@ -103,6 +107,15 @@ def apart(work: Callable[[], T], limit: float) -> T:
     return result
 
 
+def flush_output() -> None:
+    """Write out what was printed here, also by libraries in C; what a run has made of its streams is passed over."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(Exception):
+            stream.flush()
+    with suppress(Exception):
+        ctypes.CDLL(None).fflush(None)
+
+
 def _in_child(work: Work, theirs: int, ours: int, parent_pipe: int, held: int, parent: int) -> None:
     become_worker(parent)
     os.close(ours)
@@ -111,8 +124,7 @@ def _in_child(work: Work, theirs: int, ours: int, parent_pipe: int, held: int, p
     code = 0
     try:
         work(Sender(theirs))
-        sys.stdout.flush()
-        sys.stderr.flush()
+        flush_output()
     except BaseException:
         code = 1
     end_own_children()

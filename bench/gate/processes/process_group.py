@@ -86,6 +86,11 @@ def exit_of(code: int | None) -> str:
         return f"exit code {code}"
 
 
+def has_children() -> bool:
+    """Tell whether processes that were started here are left."""
+    return any(not _is_dead(child) for child in _children(os.getpid()))
+
+
 def end_own_children() -> None:
     """Kill all remaining processes that this worker has started: its last action."""
     _end_descendants(os.getpid())

@@ -16,7 +16,7 @@ from calibench import optimizers, problems
 from calibench.bench.execution.outcome import compile_problem
 from calibench.bench.execution.run import Spec
 from calibench.bench.gate.box import looks
-from calibench.bench.gate.evaluator import Evaluator
+from calibench.bench.gate.evaluator import Evaluator, scans
 from calibench.bench.gate.processes.at_once import at_once
 from calibench.bench.gate.processes.worker_pool import ProcessDied
 from calibench.bench.gate.time_limit import stays_inside
@@ -29,6 +29,7 @@ from calibench.core.own_state import kept
 from calibench.core.registry import Registry
 from calibench.core.sources import file_of, is_ours
 
+_LOADED: set[tuple[str, ...]] = set()  # what problems and the optimisers beside them need that this process has
 Part = tuple[Registry[Any], str, Mapping[str, Any]]
 
 
@@ -43,24 +44,48 @@ def load_kernels(specs: Iterable[Spec], fork: bool = True, compiling: Callable[[
         _load(specs, fork)
 
 
+def load_new_kernels(spec: Spec) -> bool:
+    """Load what one run needs where this process has not done so yet; tell whether it had to."""
+    needed = tuple(map(_needed, _parts_of(spec)))
+    if needed in _LOADED:
+        return False
+    load_kernels([spec], fork=False)
+    return True
+
+
+def _parts_of(spec: Spec) -> tuple[Part, Part]:
+    return (
+        (problems.registry, spec.problem, spec.problem_options),
+        (optimizers.registry, spec.optimizer, spec.optimizer_options),
+    )
+
+
+def _word(part: Part) -> str:
+    registry, name, options = part
+    return f"{registry.kind} {name} {canonical(options)}"
+
+
+def _needed(part: Part) -> str:
+    """Return a word for what a part needs to be loaded; of a class by its path nothing is."""
+    registry, name, _ = part
+    return _word(part) if is_own(registry, name) else "" if ":" in name else name
+
+
 def _load(specs: Iterable[Spec], fork: bool) -> None:
     parts: dict[str, Part] = {}
     beside: dict[str, list[str]] = {}  # problem -> the optimisers that run on it
     for spec in specs:
-        words = []
-        for registry, name, options in (
-            (problems.registry, spec.problem, spec.problem_options),
-            (optimizers.registry, spec.optimizer, spec.optimizer_options),
-        ):
-            words.append(f"{registry.kind} {name} {canonical(options)}")
-            parts[words[-1]] = registry, name, options
-        beside.setdefault(words[0], []).append(words[1])
+        problem, method = _parts_of(spec)
+        parts[_word(problem)], parts[_word(method)] = problem, method
+        beside.setdefault(_word(problem), []).append(_word(method))
+    needed = {word: _needed(part) for word, part in parts.items()}
+    _LOADED.update((needed[problem], needed[method]) for problem, methods in beside.items() for method in methods)
     if fork:
-        _compile_at_once({word: parts[word] for word in unseen(parts) if _is_own(*parts[word][:2])})
+        _compile_at_once({word: parts[word] for word in unseen(parts) if is_own(*parts[word][:2])})
     made: dict[str, Any] = {}
     for word, (registry, name, options) in sorted(parts.items()):  # optimisers first
         with suppress(Exception):  # the rows of its runs will have the error
-            part: Any = registry.make(name, **options) if _is_own(registry, name) else None
+            part: Any = registry.make(name, **options) if is_own(registry, name) else None
             made[word] = part
             if registry is optimizers.registry and (part is None or not stays_inside(part)):
                 looks()
@@ -77,7 +102,8 @@ def _load(specs: Iterable[Spec], fork: bool) -> None:
                 part.merit(part.start)
     gate_digest()
     provenance()
-    if not all(_is_own(registry, name) for registry, name, _ in parts.values()):
+    if not all(is_own(registry, name) for registry, name, _ in parts.values()):
+        looks(), scans()
         load_compiler()  # a user's own code may compile in every child; ours is kept
 
 
@@ -102,7 +128,8 @@ def _compile_at_once(parts: Mapping[str, Part]) -> None:
     seen(parts)
 
 
-def _is_own(registry: Registry[Any], name: str) -> bool:
+def is_own(registry: Registry[Any], name: str) -> bool:
+    """Tell whether a name is one of ours, and not a user's or another package's."""
     if ":" in name or name not in registry:
         return False
     file = file_of(getattr(registry.factory(name), "__module__", None) or "")
