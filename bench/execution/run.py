@@ -321,7 +321,7 @@ def _with_changes(run: Run, state: Kept | None) -> Run:
     """Return a run that a child made, with what has been changed here before that too."""
     if state is None:
         return run
-    state.note(run.record.process_changes)
+    state.note(run.record.process_changes or ())
     return Run(replace(run.record, process_changes=state.put_back()), run.points)
 
 

@@ -128,7 +128,8 @@ def _in_results(folder: Path) -> str:
     """Return a hint of the studies of ``results/``, where a study's name was given for its folder."""
     known = [path.parent.as_posix() for path in sorted(Path("results").glob("*/manifest.json"))]
     named = [path for path in known if path.endswith(f"/{folder.as_posix()}")]
-    return f"; did you mean {named[0]}?" if named else f"; {suggest(folder.as_posix(), known)}" if known else ""
+    near = suggest(f"results/{folder.as_posix()}", known)
+    return f"; did you mean {named[0]}?" if named else f"; {near}" if known else ""
 
 
 def _planned(cells: Any) -> Any:

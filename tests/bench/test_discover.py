@@ -202,7 +202,7 @@ def test_the_residuals_show_the_play_before_and_nothing_after(results):
         ("machine=table data=demo_enso sigma=3", "sigma= is nothing that table reads; machine.sigma= is its option"),
         ("machine=table data=demo_enso back=3", "unknown argument 'back'; machine.back= is its option"),
         ("machine=table data=demo_enso machine.back=3 machine.back=4", "machine.back= is given twice"),
-        ("machine=table data=demo_enso machine.start={c:3}", """names with values are needed, such as '{"NAME": 1}'"""),
+        ("machine=table data=demo_enso machine.start={c:3}", "constant has no parameter 'c'; choices: b0"),
         ("machine=gpm2002 data=demo_nothing data.sigma_enc=1e-5 data.sigma_enc=2e-5", "data.sigma_enc= is given twice"),
         ("machine=gpm2002 data=demo_nothing execution.n_jobs=2", "execution=serial is one process; add"),
         ("machine=gpm2002 data=demo_nothing --jsn", "did you mean '--json'?"),

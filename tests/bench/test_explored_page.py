@@ -196,7 +196,7 @@ def test_the_answer_tells_runs_that_failed_from_those_that_their_time_limit_ende
 def test_the_head_and_the_tables_tell_runs_that_failed_from_those_that_their_time_limit_ended(store):
     runs = ended(store.runs(), failed=2, timeout=3)
     names, cells = stats.method_names(runs), stats.summary(runs)
-    head = headline(runs, 2, [], [], "", answer(runs, cells, names))
+    head = headline(runs, [], [], "", answer(runs, cells, names))
     assert [(fact.value, fact.what) for fact in head.facts[1:3]] == [("2", "failed"), ("3", "ended by the time limit")]
     assert head.lost.startswith("2 of 24 runs failed and count as not arrived; 3 of 24 runs were ended by their time")
     table = contents(panels_of(runs), names, cells)
@@ -326,7 +326,7 @@ def test_where_no_method_found_a_value_none_is_named(store):
 
 
 def test_a_share_without_chance_has_no_interval(store):
-    told = answered(store, lambda runs: runs[runs["repetition"] == 0].assign(start="nominal"))
+    told = answered(store, lambda runs: runs[runs["repetition"] == 0].assign(start="nominal", chance=None))
     assert "lm reaches the goal most: in 2 of 2 runs (100\u00a0%) on 2 problems" in told.best
 
 

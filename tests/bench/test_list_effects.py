@@ -12,6 +12,7 @@ import pytest
 
 from calibench.bench.cli import main
 from calibench.bench.commands import list as list_command
+from calibench.bench.papers.cong2008 import printed_figures
 
 
 def listed(capsys: pytest.CaptureFixture[str], *argv: str) -> str:
@@ -51,7 +52,8 @@ def drawn_by(source: str) -> set[str]:
             names = [node.elts[0] for node in yielded if isinstance(node, ast.Tuple)]
             found |= {word.value.strip("_") for name in names for word in ast.walk(name) if is_word(word)}
         if isinstance(function, ast.Call) and ast.unparse(function.func) == "AddedFigure":
-            found.add(ast.literal_eval(function.args[0]))
+            name = function.args[0]
+            found |= {name.value} if is_word(name) else {*printed_figures.FIGURES}  # those of a dictionary
     return found
 
 

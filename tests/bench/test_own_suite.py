@@ -474,7 +474,7 @@ def test_a_band_that_goes_below_zero_has_an_axis_that_shows_it(call, here):
     [
         (("problem.limit=none", "budget=9"), "limit=none: a finite number is needed, or null"),
         (("problem.width=true", "budget=9"), "width=true: a finite number is needed, or a list, or null"),
-        (("problem.data=null", "budget=9"), "data=null: a path is needed"),
+        (("problem.data=null", "budget=9"), "null not found. (it was given data=null)"),
         (("problem.reader=null", "budget=9"), "reader=null: names with values are needed; choices: delimiter, skip"),
         (("problem.raises=0", "budget=9"), "raises=0: true or false is needed"),
         (("problem.raises=maybe", "budget=9"), "raises=maybe: true or false is needed"),

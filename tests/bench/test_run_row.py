@@ -22,6 +22,7 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import PART_SCHEMA, RUNS_SCHEMA
+from tests.bench.earlier_version import as_earlier
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "results.md"
 NAMES = [column.name for column in COLUMNS]
@@ -116,7 +117,7 @@ def test_a_table_without_the_columns_that_came_later_is_read_with_nulls(runs, tm
     store.collect()
     later = [column.name for column in COLUMNS if column.added]
     path = store.folder / "runs.parquet"
-    pq.write_table(pq.read_table(path).drop_columns(later), path)
+    as_earlier(path, later)
     assert len(store.runs()) == len(store.finished()) == len(runs) - 1
     store.write(runs[0])
     assert store.collect() == []
