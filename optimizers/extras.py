@@ -10,6 +10,7 @@ import logging
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -19,7 +20,6 @@ from calibench.optimizers.base import Array, Objective, Reason, Traits, registry
 _ROUNDING = 1e-15
 
 
-@registry.register("dfols")
 @final
 @dataclass(frozen=True)
 class DFOLS:
@@ -91,7 +91,6 @@ class DFOLS:
         return with_restarts(descend, objective, self.restarts)
 
 
-@registry.register("pycma_cmaes")
 @final
 @dataclass(frozen=True)
 class CMAES:
@@ -168,3 +167,9 @@ def _of_the_unit_box(objective: Objective) -> Callable[[Array, Array], Array]:
         return x.clip(objective.lower, objective.upper)
 
     return outside
+
+
+if find_spec("dfols"):
+    registry.register("dfols")(DFOLS)
+if find_spec("cma"):
+    registry.register("pycma_cmaes")(CMAES)

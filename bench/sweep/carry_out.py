@@ -137,7 +137,8 @@ def _do(
             failed += notice.status == "failed"
             if request.stop_after is not None and failed >= request.stop_after:
                 break
-    return len(left) - ended
+    enough = request.stop_after is not None and failed >= request.stop_after
+    return len(left) - ended if enough else 0  # a process that is to end does not tell of its last run
 
 
 def _them(runs: Mapping[str, Spec]) -> str:
