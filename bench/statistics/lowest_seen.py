@@ -25,20 +25,21 @@ COLUMN = "goal_is_lowest_seen"
 def with_lowest_seen(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
     """Return the runs with targets and hits where their problem has none, and the column `goal_is_lowest_seen`."""
     runs = runs.assign(**{COLUMN: False})
-    open_ = np.isnan(goals_of(runs)) & ~judged(runs) & (runs["status"] != "failed").to_numpy()
+    open_ = np.isnan(goals_of(runs)) & ~judged(runs)
     if not open_.any():
         return runs
     begun = traces.drop_duplicates("run_id").set_index("run_id")["best_value"]  # traces stand in order
     lists = {name: runs[name].to_list() for name in ("targets", "hits_charged")}
     for _, problem in runs[open_].groupby([*PROBLEM, "budget"], sort=False, dropna=False):
-        inside = problem.loc[problem["inside_box"] & np.isfinite(problem["best_value"]), "best_value"]
+        found = (problem["status"] != "failed") & np.isfinite(problem["best_value"])
+        inside = problem.loc[problem["inside_box"] & found, "best_value"]
         scale = begun.reindex(problem["run_id"]).abs()
         scale = scale[np.isfinite(scale)].median()
         if inside.empty or not scale > 0:
             continue
         declared = problem["minimum"].iloc[0]
         level = (inside.min() if pd.isna(declared) else float(declared)) + EPS * scale
-        reached = problem["best_value"] <= level
+        reached = found & (problem["best_value"] <= level)
         if reached.groupby([problem[name] for name in METHOD]).mean().max() < _SHARE:
             continue
         mine = traces[traces["run_id"].isin(problem["run_id"]) & (traces["best_value"] <= level)]

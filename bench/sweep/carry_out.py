@@ -129,16 +129,15 @@ def _do(
     _measure_costs(unbegun, store, tell)
     how = How(execution.inner, _replay_folder(request))
     report(len(broken), len(left), "")
-    ended = failed = len(broken)
+    failed = len(broken)
     with closing(_run_all(unbegun, request.labels, store, execution, how)) as notices:
         for ended, notice in enumerate(notices, start=len(broken) + 1):
             label = request.labels[notice.run_id]
             report(ended, len(left), request.called.get(label, label))
             failed += notice.status == "failed"
             if request.stop_after is not None and failed >= request.stop_after:
-                break
-    enough = request.stop_after is not None and failed >= request.stop_after
-    return len(left) - ended if enough else 0  # a process that is to end does not tell of its last run
+                return len(left) - ended
+    return 0
 
 
 def _them(runs: Mapping[str, Spec]) -> str:

@@ -162,6 +162,16 @@ def test_values_at_the_rounding_floor_are_ties_and_who_arrives_first_is_ahead():
     assert "slow, needs 4.5 times the evaluations" in told.sure
 
 
+def test_a_failed_run_counts_as_not_arrived_at_the_lowest_value_seen():
+    sound = made([1e-30] * 2, [[(1, 4.0), (50, 1e-30)]] * 2, "sound")
+    half = made([np.inf, 2e-30], [[], [(1, 4.0), (20, 2e-30)]], "half", status=["failed", "ok"])
+    runs = with_lowest_seen(*joined(half, sound))
+    cells = summary.summary(runs).set_index("optimizer")
+    assert cells["success"].to_dict() == {"half": 0.5, "sound": 1.0}
+    told = answer(runs, summary.summary(runs), summary.method_names(runs))
+    assert "sound reaches the lowest value seen (to rounding) most: in 2 of 2 runs" in told.best
+
+
 def test_values_that_differ_by_more_than_rounding_make_no_goal():
     runs = with_lowest_seen(*joined(made([1.0, 3.0, 2.0], [[(1, 9.0)]] * 3), made([4.0], [[(1, 9.0)]], "other")))
     assert not runs[COLUMN].any()

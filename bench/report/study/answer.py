@@ -45,20 +45,21 @@ def answer_of(
     traces: pd.DataFrame,
     manifest: Mapping[str, Any] | None = None,
     names: pd.Series | None = None,
+    cells: pd.DataFrame | None = None,
 ) -> Answer:
     """Return the answer of a study as its page and its command line have it.
 
     Of a problem without targets the goal is the lowest value seen. Runs that the `manifest` calls abandoned have no
-    part in it, and what it plans and is not done is waited for. `names` are what each run's method is called, where
-    they are made already.
+    part in it, and what it plans and is not done is waited for. `names` are what each run's method is called, and
+    `cells` is the summary of the runs, where they are made already.
     """
     manifest = manifest or {}
     names = stats.method_names(runs) if names is None else names
     planned = runs[~runs["run_id"].isin(manifest.get("abandoned", ()))]
     judged = with_lowest_seen(runs if planned.empty else planned, traces)
-    return answer(
-        judged, stats.summary(judged), names[judged.index], remaining_by_budget(manifest, set(runs["run_id"]))
-    )
+    if cells is None or len(judged) < len(runs) or judged[COLUMN].any():
+        cells = stats.summary(judged)
+    return answer(judged, cells, names[judged.index], remaining_by_budget(manifest, set(runs["run_id"])))
 
 
 def answer(

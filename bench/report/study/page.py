@@ -105,7 +105,7 @@ class StudyPage:
         groups = problems_of(self.runs.drop(columns=_UNTOLD, errors="ignore"))
         money = bool(priced(self.runs, self._costs).notna().any())
         cells = stats.summary(self.runs, self._costs) if self.summary.empty else self.summary
-        first = answer_of(self.runs, self.traces, self.manifest, names)
+        first = answer_of(self.runs, self.traces, self.manifest, names, cells)
         panels = [
             Panel(title, error, anchor(title), mine, optimum_of(mine))
             for title, group in groups.items()

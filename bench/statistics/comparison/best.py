@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import comb, log, nan, sqrt
+from math import comb, inf, log, nan, sqrt
 from typing import Literal, final
 
 import numpy as np
@@ -42,6 +42,7 @@ Method = tuple[str, str]  # an optimiser and its options
 Verdict = Literal["worse", "open", "better somewhere", "not compared"]
 LEVEL = 0.05
 MANY = 10  # shared tasks from which on they, not the repetitions, are what is drawn at random
+_BOUNDED = 1e6  # times a ratio: an upper end beyond this means that the runs are too few for a bound
 _MOST_RUNS = 1000  # beyond which no number of runs is proposed
 
 
@@ -254,7 +255,7 @@ def ratio_of(both: Sequence[tuple[Side, Side]]) -> Ratio:
     ends = np.sort(np.where(np.isnan(t), 0.0, t))[[RESAMPLES - 1 - out, out]]
     with np.errstate(over="ignore"):
         low, high = np.exp(value - ends * error * sqrt((fewest - 1) / (fewest - 2))).tolist()
-    return replace(ratio, low=low, high=high)
+    return replace(ratio, low=low, high=high if high < _BOUNDED * ratio.value else inf)
 
 
 def _log_ratio(shared: Sequence[tuple[Side, Side]], resampled: bool) -> tuple[Array, Array]:
