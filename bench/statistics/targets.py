@@ -14,6 +14,13 @@ Quantities, and what reaches a target of each:
   perhaps also before, and a run that passed it on the way to a worse answer has not reached it.
 
 A run that failed reached nothing. Of noisy values the answer as judged counts, as for the quantities of the answer.
+
+A problem that declares no target has none by which it is solved, and of values at the rounding floor the order is
+chance: 3e-30 is no better than 2e-28 where f began at 4. `with_lowest_seen` gives it the lowest value seen as its goal,
+as far as rounding can tell: at most `EPS` times f's own scale, the median size of the first value of a run, above the
+declared minimum, or else above the lowest value that any run found inside the box. It does so where half of the runs of
+some method come that far; their cost is read off the traces, at the first point of the trace, which may be up to a
+seventh too late. Where none does, values differ by more than rounding, and they alone are compared.
 """
 
 from __future__ import annotations
@@ -25,10 +32,10 @@ import numpy as np
 import pandas as pd
 
 from calibench.bench.execution.merit import PREFIX, offered
-from calibench.bench.statistics.answers import answers
+from calibench.bench.statistics.answers import answers, judged
 from calibench.bench.statistics.by_cell import by_cell
-from calibench.bench.statistics.cells import PROBLEM
-from calibench.bench.statistics.summary import lowest_below
+from calibench.bench.statistics.cells import METHOD, PROBLEM
+from calibench.bench.statistics.summary import goals_of, lowest_below
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.columns import floats
 from calibench.bench.store.hits import columns_for, declared_levels
@@ -36,6 +43,9 @@ from calibench.bench.store.runs import ResultStore
 from calibench.core.options import suggest
 from calibench.problems.suites.gaps import COCO_GAPS
 
+EPS = float(np.finfo(float).eps)
+_SHARE = 0.5  # of the runs of some method, that come to the floor
+COLUMN = "goal_is_lowest_seen"
 LEVELS = [*PROBLEM, "quantity", "target", "level", "inside"]
 OF_THE_ANSWER: Mapping[str, tuple[float, ...]] = {
     "parameter_error_mm": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
@@ -178,3 +188,32 @@ def _levels(
         return [(float(t), reference + float(t)) for t in listed]
     wanted = OF_THE_ANSWER[quantity] if targets is None else targets
     return [(float(t), float("nan")) for t in sorted(wanted, reverse=True)]
+
+
+def with_lowest_seen(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
+    """Return the runs with targets and hits where their problem has none, and the column `goal_is_lowest_seen`."""
+    runs = runs.assign(**{COLUMN: False})
+    open_ = np.isnan(goals_of(runs)) & ~judged(runs)
+    if not open_.any():
+        return runs
+    begun = traces.drop_duplicates("run_id").set_index("run_id")["best_value"]  # traces stand in order
+    lists = {name: runs[name].to_list() for name in ("targets", "hits_charged")}
+    for _, problem in runs[open_].groupby([*PROBLEM, "budget"], sort=False, dropna=False):
+        found = (problem["status"] != "failed") & np.isfinite(problem["best_value"])
+        inside = problem.loc[problem["inside_box"] & found, "best_value"]
+        scale = begun.reindex(problem["run_id"]).abs()
+        scale = scale[np.isfinite(scale)].median()
+        if inside.empty or not scale > 0:
+            continue
+        declared = problem["minimum"].iloc[0]
+        level = (inside.min() if pd.isna(declared) else float(declared)) + EPS * scale
+        reached = found & (problem["best_value"] <= level)
+        if reached.groupby([problem[name] for name in METHOD]).mean().max() < _SHARE:
+            continue
+        mine = traces[traces["run_id"].isin(problem["run_id"]) & (traces["best_value"] <= level)]
+        first = mine.drop_duplicates("run_id").set_index("run_id")["charged"]
+        for place, run_id in zip(runs.index.get_indexer(problem.index), problem["run_id"], strict=True):
+            lists["targets"][place] = [level]
+            lists["hits_charged"][place] = [first.get(run_id)]
+        runs.loc[problem.index, COLUMN] = True
+    return runs.assign(**{name: pd.Series(values, index=runs.index, dtype=object) for name, values in lists.items()})

@@ -12,7 +12,7 @@ from calibench.bench.report.study.answer import answer
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary
 from calibench.bench.statistics.comparison.best import Rival, Side, ratio_of, rivals_of
-from calibench.bench.statistics.lowest_seen import COLUMN, with_lowest_seen
+from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
 from calibench.bench.store.manifest import remaining_by_budget
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import read_request

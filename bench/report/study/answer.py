@@ -19,8 +19,8 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.comparison import ranking
 from calibench.bench.statistics.comparison.best import MANY, Method, Rival, against_each
-from calibench.bench.statistics.lowest_seen import COLUMN, with_lowest_seen
 from calibench.bench.statistics.summary import outside_box, success_interval
+from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
 from calibench.bench.store.manifest import remaining_by_budget
 from calibench.core.counted import counted
 
@@ -101,7 +101,7 @@ def answer(
 
 
 def _is_lowest_seen(runs: pd.DataFrame) -> bool:
-    """Tell whether every goal of these runs is that of `bench.statistics.lowest_seen`."""
+    """Tell whether every goal of these runs is that of `bench.statistics.targets.with_lowest_seen`."""
     return COLUMN in runs and bool(runs[COLUMN].all())
 
 
@@ -132,11 +132,8 @@ def _sure(rivals: Sequence[Rival], called: Mapping[Method, str]) -> tuple[Litera
     enough = max((rival.enough for rival in rivals if rival.verdict == "open"), default=0)
     what = "problems" if max(rival.tasks for rival in rivals) >= MANY else "seeds"
     more = f" So few runs cannot decide, whatever they hold: it takes {enough} {what} or more." if enough else ""
-    better = f"It is better than {len(worse)} of {counted(len(rivals), 'other method')}; " if worse else ""
-    told = "; ".join(reasons)
-    return "undecided", (
-        f"{better}{told if better else told[:1].upper() + told[1:]} ({how}).{more}{_lead(rivals, called)}"
-    )
+    better = f"It is better than {len(worse) or 'none'} of {counted(len(rivals), 'other method')}"
+    return "undecided", f"{better}; {'; '.join(reasons)} ({how}).{more}{_lead(rivals, called)}"
 
 
 def _how(rivals: Sequence[Rival]) -> str:
