@@ -34,6 +34,8 @@ _OURS = __name__.partition(".")[0]
 _State = dict[int, Any]  # number of a kind -> its value
 _Change = dict[int, tuple[Any, Any]]  # number of a kind -> what it was, and what it became
 _LASTING: list[tuple[int, Any]] = []  # number of a kind -> what it should be
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_LASTING.clear)  # a child begins as its parent is
 _IMPORT: list[Callable[..., ModuleType]] = []  # Python's own, while ours stands in its place
 
 

@@ -19,6 +19,8 @@ from calibench.bench.cli import main
 from calibench.bench.execution import standing
 from calibench.bench.execution.run import Run, Spec
 from calibench.bench.gate import time_limit
+from calibench.core import own_state
+from calibench.core.process_state import KINDS
 from tests.same_rows import rows
 
 CODE = """
@@ -184,6 +186,16 @@ def test_memory_grows_with_what_a_run_needs(rig: str) -> None:
     assert len(cut.best_x) == 2500
 
 
+def test_what_lasts_here_is_where_the_standing_process_begins(rig: str) -> None:
+    number = next(i for i, kind in enumerate(KINDS) if kind.name == "recursion limit")
+    own_state._LASTING.append((number, -1))  # no process can have it
+    try:
+        assert own_state.lasting() == ["recursion limit"]
+        assert len({figure(make(rig), "pid") for _ in range(3)}) == 1
+    finally:
+        own_state._LASTING.remove((number, -1))
+
+
 def test_each_thread_has_a_process_of_its_own(rig: str) -> None:
     runs: list[Run] = [make(rig)]
     thread = threading.Thread(target=lambda: runs.extend(make(rig) for _ in range(2)))
@@ -191,8 +203,7 @@ def test_each_thread_has_a_process_of_its_own(rig: str) -> None:
     thread.join()
     runs.append(make(rig))
     pids = [figure(run, "pid") for run in runs]
-    assert pids[1] == pids[2]
-    assert pids[1] not in (pids[0], pids[3])
+    assert pids[0] == pids[3] != pids[1] == pids[2]
     assert thread not in standing._STANDING
 
 
