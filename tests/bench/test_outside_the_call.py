@@ -34,6 +34,9 @@ class Rig:
             time.sleep(60)
         if kind == "exit":
             sys.exit(0)
+        if kind == "killed once" and not os.path.exists("killed"):
+            open("killed", "w").close()
+            os.kill(os.getpid(), 9)
         self.lower, self.upper, self.start = -np.ones(2), np.ones(2), np.full(2, 0.3)
     def __call__(self, x):
         return float(x @ x)
@@ -160,6 +163,13 @@ def test_a_class_that_cannot_be_built_costs_its_own_runs_only(
         assert (run.run_id, run.status, run.row["error_type"]) == (run_id, "failed", error_type)
         assert option in run.row[f"{kind}_options"]
         assert run.row["code_digest"] == request.codes[run_id]
+
+
+def test_a_process_that_is_killed_once_as_a_class_is_built_is_no_fault_of_the_class(rig: str) -> None:
+    words = [f"problem={rig}Rig", "problem.kind=killed once", "optimizer=de", "budget=20", "seeds=2"]
+    request = read_request(words, multirun=False)
+    assert (len(request.specs), request.broken) == (2, {})
+    assert Path("killed").exists()
 
 
 def test_the_id_of_what_cannot_be_built_is_that_of_what_can(rig: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -151,7 +151,9 @@ def test_a_sweep_stops_after_so_many_failures_and_goes_on_when_asked(run_bench, 
     sweep = "run problem=mine.py:Bad optimizer=de budget=60 seeds=50"
     code, out, _ = run_bench(f"{sweep} stop_after=3")
     assert code == 1
-    done = len(rows("results/adhoc"))
+    ended = rows("results/adhoc")
+    assert set(ended["error_type"]) == {"OSError"}
+    done = len(ended)
     assert f"(stop_after=3): {50 - done} of 50 runs left" in out
     assert 3 <= done < 50
     code, out, _ = run_bench(sweep)

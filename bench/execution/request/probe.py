@@ -22,8 +22,9 @@ _READ = ("lower", "upper", "start", "data_id", "name", "options", "traits", "lib
 def probe(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> Lost | None:
     """Return why the entry `name` cannot be built with `options`: its process ended, or took too long; None: it can.
 
-    An exception is not reported here, because building raises it again. Our own classes are not tried, and nothing is
-    tried where a system cannot fork.
+    An exception is not reported here, because building raises it again. A process that ended may have been killed from
+    outside, as a worker may: it is at fault the second time. Our own classes are not tried, and nothing is tried where
+    a system cannot fork.
     """
     factory = registry.factory(name)
     file = file_of(getattr(factory, "func", factory).__module__)
@@ -36,11 +37,16 @@ def probe(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> Los
             with suppress(Exception):
                 getattr(built, attribute, None)
 
-    try:
-        apart(look, PATIENCE)
-    except Lost as lost:
-        if lost.timed_out:
-            return Lost(lost.error_type, f"{registry.kind} {name} was not built within {PATIENCE:g} s", timed_out=True)
-        if lost.error_type == "ProcessDied":
-            return Lost(lost.error_type, f"as {registry.kind} {name} was built, {lost.error}")
-    return None
+    ended: Lost | None = None
+    for _ in range(2):
+        try:
+            apart(look, PATIENCE)
+        except Lost as lost:
+            if lost.timed_out:
+                why = f"{registry.kind} {name} was not built within {PATIENCE:g} s"
+                return Lost(lost.error_type, why, timed_out=True)
+            if lost.error_type == "ProcessDied":
+                ended = Lost(lost.error_type, f"as {registry.kind} {name} was built, {lost.error}")
+                continue
+        return None
+    return ended
