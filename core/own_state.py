@@ -20,6 +20,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -36,15 +37,17 @@ _Change = dict[int, tuple[Any, Any]]  # number of a kind -> what it was, and wha
 _LASTING: list[tuple[int, Any]] = []  # number of a kind -> what it should be
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_LASTING.clear)  # a child begins as its parent is
-_IMPORT: list[Callable[..., ModuleType]] = []  # Python's own, while ours stands in its place
+_PYTHONS: list[Callable[..., ModuleType]] = [builtins.__import__]  # in whose place ours stands
+_SEEING: list[bool] = []  # of each block whose imports are seen: whether garbage was collected before it
+_UNREADABLE = object()  # the value of a kind that a run has put beyond reading
 
 
 @final
 @dataclass(frozen=True)
 class _Import:
-    """What the import of a module sets: first what the `packages` do that it imports, then what it does itself."""
+    """What the import of a module sets: first what the `modules` do that it imports, then what it does itself."""
 
-    packages: tuple[str, ...]
+    modules: tuple[str, ...]
     change: _Change
     is_installed: bool
 
@@ -57,13 +60,13 @@ class Kept:
     """The state of the process as a run, or the import of a module, began; and what it has changed since."""
 
     def __init__(self, first: int = 0) -> None:
-        self._before: _State = {number: KINDS[number].read() for number in range(first, len(KINDS))}
-        self._expected = dict(self._before)  # with what installed packages have set
+        self._before: _State = {number: _read(number) for number in range(first, len(KINDS))}
+        self._usual = dict(self._before)  # with what installed packages have set
+        self._expected = dict(self._before)  # with what all imports have set
         self._process = os.getpid()
         self._names: set[str] = set()
         self._is_over = False
-        self.packages: list[str] = []
-        self.acted: set[str] = set()  # modules
+        self.acted: dict[str, None] = {}  # modules that were imported here and set something, in that order
 
     @property
     def names(self) -> list[str]:
@@ -78,9 +81,9 @@ class Kept:
         """Put all back as it was, once, and return the names of what was changed since the beginning."""
         if not self._is_over:
             self._is_over = True
-            now = self._read()
+            now = self._now()
             change = _change(self._before, now)
-            own = _change(self._expected, now) if self.packages else change
+            own = _change(self._usual, now) if self.acted else change
             self.note(KINDS[number].name for number in own)
             _undo(change)
             for number, (was, _) in change.items():
@@ -90,24 +93,24 @@ class Kept:
 
     def change(self) -> _Change:
         """Return all that is otherwise than it was."""
-        return _change(self._before, self._read())
+        return _change(self._before, self._now())
 
     def own_change(self) -> _Change:
-        """Return it without what installed packages have set as they were imported."""
-        return _change(self._expected, self._read())
+        """Return it without what the modules that were imported have set."""
+        return _change(self._expected, self._now())
 
-    def _read(self) -> _State:
-        return {number: KINDS[number].read() for number in self._before}
+    def _now(self) -> _State:
+        return {number: _read(number) for number in self._before}
 
-    def expect(self, package: str, change: _Change) -> None:
-        """Take what the import of an installed package sets as what should be."""
-        self.packages.append(package)
-        for number, (before, after) in change.items():
-            if number in self._expected:
-                self._expected[number] = KINDS[number].merged(before, after, self._expected[number])
+    def expect(self, what: _Import) -> None:
+        """Take what an import sets as what should be."""
+        for state in (self._expected, self._usual) if what.is_installed else (self._expected,):
+            for number, (before, after) in what.change.items():
+                if number in state:
+                    state[number] = KINDS[number].merged(before, after, state[number])
 
 
-_UNDER_WAY: list[Kept] = []  # runs and imports, the innermost last
+_UNDER_WAY: ContextVar[tuple[Kept, ...]] = ContextVar("_UNDER_WAY", default=())  # runs and imports, the innermost last
 
 
 @contextmanager
@@ -115,15 +118,16 @@ def kept(*modules: str) -> Iterator[Kept]:
     """Keep what is done in the block from all that comes after it; the imports of `modules` act in it.
 
     >>> import decimal
+    >>> digits = decimal.getcontext().prec
     >>> with kept() as state:
     ...     decimal.getcontext().prec = 3
-    >>> state.names, decimal.getcontext().prec
-    (['decimal context'], 28)
+    >>> state.names, decimal.getcontext().prec == digits
+    (['decimal context'], True)
     """
     with _imports_seen():
         run = Kept()
         try:
-            with _under_way(run):
+            with _under_way(*_UNDER_WAY.get(), run):
                 for module in dict.fromkeys(modules):
                     _act(module)
                 yield run
@@ -132,17 +136,17 @@ def kept(*modules: str) -> Iterator[Kept]:
 
 
 @contextmanager
-def _under_way(this: Kept) -> Iterator[None]:
-    _UNDER_WAY.append(this)
+def _under_way(*these: Kept) -> Iterator[None]:
+    token = _UNDER_WAY.set(these)
     try:
         yield
     finally:
-        _UNDER_WAY.remove(this)
+        _UNDER_WAY.reset(token)
 
 
 def is_kept() -> bool:
     """Tell whether a run is under way whose state will be put back."""
-    return bool(_UNDER_WAY)
+    return bool(_UNDER_WAY.get())
 
 
 def lasting() -> list[str]:
@@ -161,24 +165,22 @@ def loaded_apart(load: Callable[[], T], module: str = "") -> T:
         found = load()
         name: str = module or found.__name__  # type: ignore[attr-defined]
         if name not in loaded:  # no run has come to its import before
-            _remember([name], _Import(tuple(this.packages), this.own_change(), is_installed=False))
+            _remember([name], _Import(tuple(this.acted), this.own_change(), is_installed=False))
         return found
 
 
 @contextmanager
 def _alone(this: Kept) -> Iterator[None]:
     """Undo at the end of the block what it has changed, with no effect for the runs under way."""
-    others = _UNDER_WAY[:]
-    _UNDER_WAY[:] = [this]
     try:
-        yield
+        with _under_way(this):
+            yield
     finally:
-        _UNDER_WAY[:] = others
         _undo(this.change())
 
 
 def _change(before: _State, now: _State) -> _Change:
-    return {number: (was, now[number]) for number, was in before.items() if not KINDS[number].same(was, now[number])}
+    return {number: (was, now[number]) for number, was in before.items() if not _same(number, was, now[number])}
 
 
 def _undo(change: _Change) -> None:
@@ -187,7 +189,21 @@ def _undo(change: _Change) -> None:
 
 
 def _is(number: int, value: Any) -> bool:
-    return KINDS[number].same(value, KINDS[number].read())
+    return _same(number, value, _read(number))
+
+
+def _read(number: int) -> Any:
+    try:
+        return KINDS[number].read()
+    except Exception:  # a run may have put anything in its place
+        return _UNREADABLE
+
+
+def _same(number: int, was: Any, now: Any) -> bool:
+    try:
+        return was is now or KINDS[number].same(was, now)
+    except Exception:  # so too
+        return False
 
 
 def _put(number: int, value: Any) -> None:
@@ -197,7 +213,7 @@ def _put(number: int, value: Any) -> None:
 
 def _remember(modules: Iterable[str], what: _Import) -> None:
     for module in modules:
-        if what.change or what.packages:
+        if what.change or what.modules:
             _BY_IMPORT[module] = what
         else:
             _BY_IMPORT.pop(module, None)
@@ -205,17 +221,21 @@ def _remember(modules: Iterable[str], what: _Import) -> None:
 
 def _act(module: str) -> None:
     """Set what the import of `module` sets, once a run."""
-    if not _UNDER_WAY or module in _UNDER_WAY[-1].acted or module not in _BY_IMPORT:
+    under_way = _UNDER_WAY.get()
+    if not under_way or module in under_way[-1].acted or module not in _BY_IMPORT:
         return
-    _UNDER_WAY[-1].acted.add(module)
+    is_done = any(module in one.acted for one in under_way)
+    for one in under_way:
+        one.acted[module] = None
+    if is_done:
+        return
     what = _BY_IMPORT[module]
-    for package in what.packages:
-        _act(package)
+    for other in what.modules:
+        _act(other)
     for number, (before, after) in what.change.items():
-        _put(number, KINDS[number].merged(before, after, KINDS[number].read()))
-    if what.is_installed:
-        for one in _UNDER_WAY:
-            one.expect(module, what.change)
+        _put(number, KINDS[number].merged(before, after, _read(number)))
+    for one in under_way:
+        one.expect(what)
 
 
 @contextmanager
@@ -224,19 +244,17 @@ def _imports_seen() -> Iterator[None]:
 
     Garbage is collected meanwhile: elsewhere this package may let that rest, and would not see that somebody else does.
     """
-    if _IMPORT:
-        yield
-        return
-    rests = not gc.isenabled()
+    _SEEING.append(gc.isenabled())
     gc.enable()
-    _IMPORT.append(builtins.__import__)
-    builtins.__import__ = _import
+    if len(_SEEING) == 1 and builtins.__import__ is not _import:
+        _PYTHONS[0], builtins.__import__ = builtins.__import__, _import
     try:
         yield
     finally:
-        builtins.__import__ = _IMPORT.pop()
-        if rests:
+        if not _SEEING.pop():
             gc.disable()
+        if not _SEEING:
+            builtins.__import__ = _PYTHONS[0]
 
 
 def _import(
@@ -246,18 +264,17 @@ def _import(
     fromlist: Sequence[str] | None = (),
     level: int = 0,
 ) -> ModuleType:
-    original = _IMPORT[0] if _IMPORT else importlib.__import__
     by_ours = globals is not None and str(globals.get("__name__")).partition(".")[0] == _OURS
     whole = _whole_name(name, globals, level)
     if _is_loaded(whole, fromlist or ()):
         if _BY_IMPORT and not by_ours:
             for module in _modules_of(whole, fromlist or ()):
                 _act(module)
-        return original(name, globals, locals, fromlist, level)
+        return _PYTHONS[0](name, globals, locals, fromlist, level)
     loaded, this = set(sys.modules), Kept(SLOW)
-    with _alone(this) if by_ours else _under_way(this):
+    with _alone(this) if by_ours else _under_way(*_UNDER_WAY.get(), this):
         try:
-            return original(name, globals, locals, fromlist, level)
+            return _PYTHONS[0](name, globals, locals, fromlist, level)
         finally:
             _remember_import(this, whole, _modules_of(whole, fromlist or ()), loaded)
 
@@ -265,12 +282,16 @@ def _import(
 def _remember_import(this: Kept, whole: str, asked: Iterable[str], loaded: set[str]) -> None:
     """Remember what an import, which has ended, has set."""
     new = [module for module in asked if module in sys.modules and module not in loaded]
-    installed = not _is_users(getattr(sys.modules.get(whole), "__file__", None))
-    change = this.change() if installed else this.own_change()
-    _remember(new, _Import(() if installed else tuple(this.packages), change, installed))
-    if installed and change:
-        for one in _UNDER_WAY:
-            one.expect(whole, change)
+    of_users = any(module not in sys.modules or _is_users(_file(module)) for module in new or [whole])
+    what = _Import(tuple(this.acted), this.own_change(), not of_users)
+    _remember(new, what)
+    for one in _UNDER_WAY.get():
+        one.acted |= dict.fromkeys(module for module in new if module in _BY_IMPORT)
+        one.expect(what)
+
+
+def _file(module: str) -> str | None:
+    return getattr(sys.modules[module], "__file__", None)
 
 
 @cache
@@ -290,9 +311,9 @@ def _modules_of(whole: str, names: Sequence[str]) -> list[str]:
 
 def _is_loaded(module: str, names: Sequence[str]) -> bool:
     """Tell whether ``from module import names`` loads nothing; a package that loads its parts when asked may do so."""
-    if module not in sys.modules:
+    known = getattr(sys.modules.get(module), "__dict__", None)
+    if known is None:  # or None stands for a module, so that it cannot be imported
         return False
-    known = vars(sys.modules[module])
     return all(name in known or name == "*" or f"{module}.{name}" in sys.modules for name in names)
 
 

@@ -151,6 +151,22 @@ class Sets(acts.Base):
 NOT_TRIED = {"processor affinity"}  # one core may be all there is
 AT_IMPORT = [kind.name for kind in KINDS if kind.name not in {"threads", "threads of libraries", "timers", *NOT_TRIED}]
 
+REMOVES = """
+import os, sys, warnings
+import numpy as np
+
+class Removes:
+    lower, upper, start = np.full(2, -1.0), np.ones(2), np.full(2, 0.5)
+
+    def __init__(self, what="sys.path"):
+        self.what = what
+
+    def __call__(self, x):
+        module, _, name = self.what.partition(".")
+        setattr(sys.modules[module], name, None)
+        return float(x @ x)
+"""
+
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -331,3 +347,34 @@ def test_another_generator_behind_np_random_is_gone_after_the_run() -> None:
     runs = [bench.execute(Swaps(), optimizers.make("de"), budget=20) for _ in range(2)]
     assert [run.row["status"] for run in runs] == ["ok", "ok"]
     assert np.random.standard_normal(3).tolist() == expected.tolist()  # noqa: NPY002
+
+
+def test_state_that_a_run_puts_beyond_reading_is_named(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from calibench.bench.cli import main
+
+    (home / "removes.py").write_text(REMOVES)
+    monkeypatch.chdir(home)
+    lists = "problem.what=sys.path,os.environ,warnings.filters,sys.excepthook"
+    with pytest.raises(SystemExit) as ended:
+        main(
+            [
+                "run",
+                "-m",
+                "problem=removes.py:Removes",
+                lists,
+                "optimizer=de",
+                "budget=20",
+                "seeds=2",
+                f"results={tmp_path}",
+            ]
+        )
+    said = capsys.readouterr()
+    assert ended.value.code == 0, said.err
+    runs = bench.ResultStore(tmp_path / "adhoc").runs()
+    found = {(json.loads(row.problem_options)["what"], *row.process_changes) for row in runs.itertuples()}
+    assert found == {
+        ("sys.path", "sys.path"), ("os.environ", "environment"),
+        ("warnings.filters", "warnings filters"), ("sys.excepthook", "hooks of sys"),
+    }  # fmt: skip

@@ -1,7 +1,7 @@
 """Our cosine and sine against exact arithmetic: within one and a half units in the last place."""
 
 import math
-from decimal import Decimal, getcontext
+from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
@@ -16,19 +16,20 @@ ANGLES = np.concatenate(
 
 def exactly(z):
     """Return cos z and sin z by their series in 60 digits, z taken off whole turns first."""
-    getcontext().prec = 60
-    two_pi = 2 * Decimal("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899")
-    z = Decimal(float(z))
-    z -= two_pi * (z / two_pi).to_integral_value()
-    cosine, sine, term = Decimal(0), Decimal(0), Decimal(1)
-    for k in range(60):
-        sign = -1 if k % 4 >= 2 else 1
-        if k % 2:
-            sine += sign * term
-        else:
-            cosine += sign * term
-        term = term * z / (k + 1)
-    return cosine, sine
+    with localcontext() as context:
+        context.prec = 60
+        two_pi = 2 * Decimal("3.14159265358979323846264338327950288419716939937510582097494459230781640628620899")
+        z = Decimal(float(z))
+        z -= two_pi * (z / two_pi).to_integral_value()
+        cosine, sine, term = Decimal(0), Decimal(0), Decimal(1)
+        for k in range(60):
+            sign = -1 if k % 4 >= 2 else 1
+            if k % 2:
+                sine += sign * term
+            else:
+                cosine += sign * term
+            term = term * z / (k + 1)
+        return cosine, sine
 
 
 def test_cosine_and_sine_are_within_one_and_a_half_units_in_the_last_place():
