@@ -185,9 +185,10 @@ def ecdf(
     Columns: `by` (columns of runs that make a group, such as ("problem",); none: all), quantity (targets of several are
     never mixed), optimizer, optimizer_options, start, budget, target_value (the run's own, NaN: none), cost, share,
     problems, of_problems. `cost`, by default 20 values a decade up to the largest, is in charged evaluations, or these
-    / dimension. Every problem of the group counts the same, whatever the number of its runs and targets; on a problem
-    where a method was not run it reached nothing, as `problems` of `of_problems` tell. With `restarts` above 0 so many
-    costs of each target are drawn with simulated restarts (`fixed_target.restarted`) in place of the runs' own.
+    / dimension. The share is over the problems of the group on which all its methods were run: `problems` of its
+    `of_problems`. Where there is none, it is over those of the method, as its `problems` tells. Every problem counts
+    the same, whatever the number of its runs and targets. With `restarts` above 0 so many costs of each target are
+    drawn with simulated restarts (`fixed_target.restarted`) in place of the runs' own.
     """
     for name in by:
         if name not in runs:
@@ -207,9 +208,9 @@ def ecdf(
     if at is None:
         most = max((float((one.spent / s).max()) for one, s in zip(whole, scale, strict=True)), default=1.0)
         cost = 10 ** (np.arange(0, np.ceil(np.log10(max(most, 1.0)) * 20) + 1) / 20)
-    shares: dict[tuple[object, ...], dict[tuple[object, ...], list[Array]]] = {}
+    shares: dict[tuple[object, ...], dict[tuple[object, ...], dict[int, Array]]] = {}  # group, method, problem
     problems: dict[tuple[object, ...], int] = {}
-    for one, s in zip(whole, scale, strict=True):
+    for place, (one, s) in enumerate(zip(whole, scale, strict=True)):
         names = quantity_of[one.level]
         for quantity in dict.fromkeys(names.tolist()):
             group = (*(_missing_alike(value) for value in groups[one.at[0]]), quantity)
@@ -218,20 +219,22 @@ def ecdf(
                 cost, one, s, method_of[one.at], np.flatnonzero(names == quantity), restarts
             ):
                 told = tuple(np.nan if part != part else part for part in told_of[number])
-                shares.setdefault(group, {}).setdefault(told, []).append(found)
+                shares.setdefault(group, {}).setdefault(told, {})[place] = found
     keys = [*by, "quantity", *METHOD, "start", "budget", "target_value"]
     tables = [
         pd.DataFrame(
             dict(zip(keys, (*group, *told), strict=True))
             | {
                 "cost": cost,
-                "share": np.sum(found, axis=0) / problems[group],
-                "problems": len(found),
+                "share": np.mean([found[place] for place in over], axis=0),
+                "problems": len(over),
                 "of_problems": problems[group],
             }
         )
         for group, of_group in shares.items()
+        for shared in [set.intersection(*map(set, of_group.values()))]
         for told, found in of_group.items()
+        for over in [shared or found.keys()]
     ]
     if not tables:
         return pd.DataFrame(columns=[*keys, "cost", "share", "problems", "of_problems"])

@@ -118,7 +118,7 @@ def test_a_method_that_solves_one_of_two_cheaply_is_not_before_one_that_solves_t
     assert table.loc["de"].tolist() == table.loc["pso"].tolist() == [1, 0.5, 1.5]
 
 
-def test_a_method_stands_behind_where_it_was_not_run(made):
+def test_a_method_that_was_run_on_fewer_tasks_stands_behind_and_is_judged_by_its_own(made):
     one, two = {"function": 1}, {"function": 2}
     runs = frame(
         made([0.0], [10], one, optimizer="de"),
@@ -126,7 +126,7 @@ def test_a_method_stands_behind_where_it_was_not_run(made):
     )  # fmt: skip
     table = tables.overview(runs).groupby("optimizer").first()
     assert table.loc["pso", ["rank", "tasks", "of_tasks", "solved"]].tolist() == [1, 2, 2, 1.0]
-    assert table.loc["de", ["rank", "tasks", "of_tasks", "solved"]].tolist() == [2, 1, 2, 0.5]
+    assert table.loc["de", ["rank", "tasks", "of_tasks", "solved"]].tolist() == [2, 1, 2, 1.0]
 
 
 def test_at_the_goal_values_are_tied_and_above_it_they_are_not(made):

@@ -161,13 +161,29 @@ def test_the_curve_is_the_share_of_pairs_that_were_reached():
     assert halved["share"].tolist() == [0.25, 0.5]
 
 
-def test_a_problem_that_was_not_run_counts_as_not_solved():
-    runs, hits = both(study([[10]]), study([[10]], problem="q"), study([[10]], method="b"))
+def test_a_curve_is_over_the_problems_that_all_methods_were_run_on():
+    a = study([[10]]), study([[None]], problem="q"), study([[10]], problem="r")
+    runs, hits = both(*a, study([[100]], method="b"), study([[10]], problem="q", method="b"))
+    curve = ecdf(hits, runs, at=[50]).set_index("optimizer")
+    assert curve["share"].to_dict() == {"a": 0.5, "b": 0.5}
+    assert curve[["problems", "of_problems"]].drop_duplicates().to_numpy().tolist() == [[2, 3]]
+    apart = ecdf(hits, runs, by=["problem"], at=[50])
+    assert sorted(apart["share"]) == [0.0, 0.0, 1.0, 1.0, 1.0]
+    profile = performance_profile(ert(hits, runs))
+    assert {(row.optimizer, row.ratio, row.share) for row in profile.itertuples()} == {
+        ("a", 1.0, 0.5),
+        ("b", 1.0, 0.5),
+        ("b", 10.0, 1.0),
+    }
+    assert profile[["tasks", "of_tasks"]].drop_duplicates().to_numpy().tolist() == [[2, 3]]
+
+
+def test_where_no_problem_has_all_methods_each_is_over_its_own():
+    runs, hits = both(study([[10]]), study([[10]], problem="q", method="b"), study([[None]], problem="r", method="b"))
     curve = ecdf(hits, runs, at=[50]).set_index("optimizer")
     assert curve["share"].to_dict() == {"a": 1.0, "b": 0.5}
-    assert curve.loc["b", ["problems", "of_problems"]].tolist() == [1, 2]
-    apart = ecdf(hits, runs, by=["problem"], at=[50])
-    assert apart["share"].tolist() == [1.0, 1.0, 1.0]
+    assert curve[["problems", "of_problems"]].to_numpy().tolist() == [[1, 3], [2, 3]]
+    assert set(performance_profile(ert(hits, runs))["tasks"]) == {1, 2}
 
 
 def test_simulated_restarts_cost_ert_on_average():

@@ -106,10 +106,10 @@ def _is_lowest_seen(runs: pd.DataFrame) -> bool:
 
 
 def _order(cells: pd.DataFrame) -> list[Method]:
-    """Return the methods, best first; those that were not run on every task stand behind those that were."""
+    """Return the methods, best first; places are among those that were run on every task, where there are some."""
     ranked = ranking.methods(cells)
     whole = ranked.loc[ranked["tasks"] == ranked["of_tasks"], METHOD]
-    among = ranking.methods(cells.merge(whole, on=METHOD)) if len(whole) else ranked
+    among = ranking.methods(cells.merge(whole, on=METHOD)) if 0 < len(whole) < len(ranked) else ranked
     listed = [tuple(pair) for table in (among, ranked) for pair in table[METHOD].itertuples(index=False)]
     return list(dict.fromkeys(listed))
 

@@ -85,7 +85,7 @@ def ecdf_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
 def draw_ecdf(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame) -> None:
     """Draw the lines of `ecdf_of`."""
     _draw_shares(axes, numbers, "cost", looks_of(runs.assign(method=method_labels(runs)), _best_first(numbers, "cost")))
-    axes.set(xlabel="charged evaluations", ylabel="share of (run, target) pairs")
+    axes.set(xlabel="charged evaluations", ylabel=f"share of (run, target) pairs{_over(numbers, 'problem')}")
 
 
 def profile_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
@@ -100,8 +100,19 @@ def draw_profile(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame) -> None:
     _draw_shares(
         axes, numbers, "ratio", looks_of(runs.assign(method=method_names(runs)), _best_first(numbers, "ratio"))
     )
-    axes.set(xlabel="expected running time over the least of any method", ylabel="share of (problem, target) pairs")
+    shares = f"share of (problem, target) pairs{_over(numbers, 'task')}"
+    axes.set(xlabel="expected running time over the least of any method", ylabel=shares)
     axes.set_xlim(left=1)
+
+
+def _over(numbers: pd.DataFrame, what: str) -> str:
+    """Return a line on which problems or tasks the shares are of; "" where all methods were run on all."""
+    parts, whole = numbers[f"{what}s"], numbers[f"of_{what}s"]
+    if (parts == whole).all():
+        return ""
+    if parts.nunique() == 1:
+        return f"\non the {parts.iloc[0]} of {counted(int(whole.iloc[0]), what)} that all methods were run on"
+    return f"\nof each method on its own {what}s: none has all methods"
 
 
 def share_width(numbers: pd.DataFrame) -> float:

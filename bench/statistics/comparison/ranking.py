@@ -75,35 +75,30 @@ def _ranks(values: Sequence[Any], key: Callable[[Any], Any] | None = None) -> Co
 def methods(cells: pd.DataFrame) -> pd.DataFrame:
     """Return a row a method (columns optimizer, optimizer_options), best first, over all tasks of `cells`.
 
-    rank (ties share the lowest), solved (mean share of runs at the goal over the tasks that have one), place (mean),
-    tasks (on how many it was run), of_tasks. On a task where it was not run a method has solved nothing and stands
-    behind all that were.
+    rank (ties share the lowest), solved (mean share of runs at the goal) and place (mean), both over the tasks on which
+    it was run; tasks (how many these are), of_tasks. A method that was run on fewer tasks stands behind those that were
+    run on more: what was not run is not known.
     """
     import pandas as pd
 
     placed = cells.assign(place=places(cells), task=_tasks(cells))
-    goals = set(placed.loc[placed["goal"].notna(), "task"])
-    total = len(cells[METHOD].drop_duplicates())
-    listed = placed["task"].value_counts()
-    tried = placed[["task", *METHOD]].drop_duplicates()["task"].value_counts()
-    behind = {  # the mean of the places after the last, which those share that were not run
-        task: int(listed[task]) + (total - int(tried[task]) + 1) / 2 for task in sorted(listed.index)
-    }
+    total = placed["task"].nunique()
     rows = []
     for pair, mine in placed.groupby(METHOD, sort=False):
-        place, solved = _means(mine, "place"), _means(mine, "success")
+        place, solved = _means(mine, "place"), _means(mine[mine["goal"].notna()], "success")
         rows.append(
             dict(zip(METHOD, pair, strict=True))
             | {
-                "solved": sum(solved.get(task, 0.0) for task in goals) / len(goals) if goals else np.nan,
-                "place": sum(place.get(task, last) for task, last in behind.items()) / len(behind),
+                "solved": sum(solved.values()) / len(solved) if solved else np.nan,
+                "place": sum(place.values()) / len(place),
                 "tasks": len(place),
-                "of_tasks": len(behind),
+                "of_tasks": total,
             }
         )
-    found = pd.DataFrame(rows).sort_values(["solved", "place"], ascending=[False, True], kind="stable")
-    alike = list(zip(-found["solved"].fillna(0.0).round(12), found["place"].round(12), strict=True))
-    found.insert(0, "rank", [1 + alike.index(pair) for pair in alike])  # in order: the first of those that are alike
+    order = ["tasks", "solved", "place"]
+    found = pd.DataFrame(rows).sort_values(order, ascending=[False, False, True], kind="stable")
+    alike = found[order].fillna(0.0).round(12).apply(tuple, axis=1).tolist()
+    found.insert(0, "rank", [1 + alike.index(triple) for triple in alike])  # in order: the first of those alike
     return found.reset_index(drop=True)
 
 

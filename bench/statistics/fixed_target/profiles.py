@@ -2,7 +2,8 @@
 
 A performance profile (Dolan and More, 2002) counts tasks whose ERT is within `ratio` times the least ERT of any method;
 a data profile (More and Wild, 2009) those whose ERT is within `groups` of dimension + 1 evaluations. A task is a
-problem under one start, budget and target; one that no method reached counts in the whole, as solved by none.
+problem under one start, budget and target; one that no method reached counts in the whole, as solved by none. Counted
+are the tasks on which all methods were run, and where there is none, of each method its own.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ _TASK = [*PROBLEM, "start", "budget", "target_value", "quantity", "target"]
 
 
 def performance_profile(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the steps of each method's profile: optimizer, optimizer_options, ratio (>= 1), share, tasks.
+    """Return the steps of each method's profile: optimizer, optimizer_options, ratio (>= 1), share, tasks, of_tasks.
 
     `table` is what `runtime.ert` returns, best of one quantity. From `ratio` on the method has solved `share` of the
     `tasks` within it.
@@ -29,7 +30,7 @@ def performance_profile(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def data_profile(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the steps of each method's data profile: optimizer, optimizer_options, groups, share, tasks.
+    """Return the steps of each method's data profile: optimizer, optimizer_options, groups, share, tasks, of_tasks.
 
     `groups` is ERT / (dimension + 1): how many simplex gradients it could have paid.
     """
@@ -37,14 +38,17 @@ def data_profile(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _steps(table: pd.DataFrame, by: str) -> pd.DataFrame:
-    tasks = len(table[_TASK].drop_duplicates())
+    table = table.assign(task=table.groupby(_TASK, dropna=False, sort=False).ngroup())
+    tasks_of = {key: set(mine["task"]) for key, mine in table.groupby(METHOD, sort=False)}
+    shared = set.intersection(*tasks_of.values()) if tasks_of else set()
     found = []
     for key, mine in table.groupby(METHOD, sort=False):
-        costs = np.sort(mine[by].to_numpy(dtype=float))
+        over = shared or tasks_of[key]
+        costs = np.sort(mine.loc[mine["task"].isin(over), by].to_numpy(dtype=float))
         at, counts = np.unique(costs[np.isfinite(costs)], return_counts=True)
-        share = np.cumsum(counts) / tasks
+        share = np.cumsum(counts) / len(over)
         steps = pd.DataFrame({by: at, "share": share}) if len(at) else pd.DataFrame({by: [np.inf], "share": [0.0]})
         named = pd.DataFrame([key] * len(steps), columns=METHOD)
-        found.append(pd.concat([named, steps.assign(tasks=tasks)], axis=1))
-    columns = [*METHOD, by, "share", "tasks"]
+        found.append(pd.concat([named, steps.assign(tasks=len(over), of_tasks=table["task"].nunique())], axis=1))
+    columns = [*METHOD, by, "share", "tasks", "of_tasks"]
     return pd.concat(found, ignore_index=True)[columns] if found else pd.DataFrame(columns=columns)

@@ -8,17 +8,25 @@ function targetText(q, t) {
   return `${q.name} ≤ ${text(q.targets[t])}${q.unit ? ` ${q.unit}` : ""}`;
 }
 
-// The share of (run, target) pairs that a method reached, a list over the costs: the mean over `problems`.
+// Those of `problems` on which all methods were run that are shown; all where there are none, and then each has its own.
+function common(problems) {
+  const methods = shown("methods").filter((m) => problems.some((p) => cell(p, m) !== undefined));
+  const found = problems.filter((p) => methods.every((m) => cell(p, m) !== undefined));
+  return found.length ? found : problems;
+}
+
+// The share of (run, target) pairs that a method reached, a list over the costs: the mean over those of `problems` on
+// which it was run.
 function shares(method, problems, q) {
   const sum = new Array(data.costs.length).fill(0);
   let count = 0;
   for (const p of problems) {
     const every = data.methods.map((_, m) => cell(p, m)).filter((c) => c !== undefined);
-    if (!every.some((c) => q.share[c])) continue; // the problem has no such targets
-    count += 1;
     const c = cell(p, method);
-    const mine = c === undefined ? null : q.share[c];
-    if (!mine) continue; // it was not run there: it reached nothing
+    if (c === undefined || !every.some((one) => q.share[one])) continue; // not run there, or no such targets
+    count += 1;
+    const mine = q.share[c];
+    if (!mine) continue;
     const scale = state.each ? data.problems[p].parameters : 1;
     let at = -1;
     for (let i = 0; i < sum.length; i += 1) {
@@ -33,10 +41,11 @@ function shares(method, problems, q) {
 function ecdf(problems, title) {
   const q = quantity()?.share ? quantity() : data.quantities.find((one) => one.share);
   if (!q) return { empty: "No target is known here that several levels belong to, so there is no curve over targets.", lines: [], x: [], label: title };
+  const over = common(problems);
   return {
     x: data.costs, xName: `${evaluations()} [count]`, yName: "share of (run, target) pairs", xLog: state.x === "log", yRange: [0, 1], stepped: true,
     label: `${title}: share of runs and targets (${q.name}) reached, over evaluations`,
-    lines: shown("methods").filter((m) => problems.some((p) => cell(p, m) !== undefined)).map((method) => ({ method, y: shares(method, problems, q) })),
+    lines: shown("methods").filter((m) => problems.some((p) => cell(p, m) !== undefined)).map((method) => ({ method, y: shares(method, over, q) })),
     told: (line, i) => percent(line.y[i]),
   };
 }
@@ -152,10 +161,10 @@ function methodTable(problems) {
     const won = cells.reduce((sum, c) => sum + (q.reached[c][state.target] || 0), 0);
     const every = cells.filter((c) => (q.reached[c][state.target] || 0) === data.cells.runs[c]).length;
     const failed = problems.map((p) => cell(p, m)).filter((c) => c !== undefined).reduce((sum, c) => sum + data.cells.failed[c], 0);
-    const share = q.share ? shares(m, problems, q).at(-1) : null;
+    const share = q.share ? shares(m, common(problems), q).at(-1) : null;
     return make("tr", {}, make("th", { scope: "row" }, swatch(m), " ", parted(data.methods[m].name)),
       make("td", { class: "n", "data-sort": runs ? -won / runs : 1 }, runs ? `${won}/${runs}` : "–", runs ? make("small", { class: "under" }, percent(won / runs)) : null),
-      make("td", { class: "n", "data-sort": -every }, `${every}/${problems.length}`),
+      make("td", { class: "n", "data-sort": -every }, `${every}/${cells.length}`),
       ...(q.share ? [make("td", { class: "n", "data-sort": share == null ? 1 : -share }, share == null ? "–" : percent(share))] : []),
       make("td", { class: failed ? "n lost" : "n", "data-sort": failed }, failed ? `✗ ${failed}` : "0"));
   });

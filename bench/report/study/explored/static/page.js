@@ -20,7 +20,11 @@ function suite(place) {
       draw();
       return;
     }
-    what.textContent = `Every problem counts the same; one where a method was not run counts as not reached by it. Targets of the curve: ${q.share || !data.quantities.some((one) => one.share) ? q.name : data.quantities.find((one) => one.share).name}${q.share && q.unit ? ` [${q.unit}]` : ""}.`;
+    const over = common(problems);
+    const own = shown("methods").some((m) => over.some((p) => cell(p, m) === undefined));
+    const which = own ? "; no problem was run by all methods that are shown, so each is over its own" : over.length < problems.length ? `; the curves are over the ${over.length} on which all methods were run that are shown` : "";
+    const levels = q.share ? q : data.quantities.find((one) => one.share) ?? q;
+    what.textContent = `Every problem counts the same${which}. Targets of the curve: ${levels.name}${q.share && q.unit ? ` [${q.unit}]` : ""}.`;
     draw();
     success.replaceChildren(methodTable(problems));
     if (data.problems.length > 1) table.replaceChildren(...costTable(problems, all, () => { all = true; told(); }));
