@@ -83,8 +83,7 @@ class Kept:
             self._is_over = True
             now = self._now()
             change = _change(self._before, now)
-            own = _change(self._usual, now) if self.acted else change
-            self.note(KINDS[number].name for number in own)
+            self.note(KINDS[number].name for number in change if not _same(number, self._usual[number], now[number]))
             _undo(change)
             for number, (was, _) in change.items():
                 if os.getpid() == self._process and not _is(number, was):

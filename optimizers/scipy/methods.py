@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -272,7 +273,11 @@ def scipy_shgo(
         box = scipy.Bounds(units.lower, units.upper)
         descent = {"method": "SLSQP", "options": {"ftol": 0.0, "maxiter": units.remaining + 1}}
         finer = {**chosen, "n": n * 2**turn}
-        scipy.shgo(units.remembered, box, minimizer_kwargs=descent, options={"jac": units.gradient}, **finer)
+        handlers = logging.root.handlers[:]
+        try:
+            scipy.shgo(units.remembered, box, minimizer_kwargs=descent, options={"jac": units.gradient}, **finer)
+        finally:
+            logging.root.handlers[:] = handlers  # it logs by functions that give the root one
 
     return SciPy("shgo", {**chosen, "scaled": scaled}, search)
 

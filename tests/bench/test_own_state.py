@@ -297,7 +297,10 @@ def test_our_own_runs_change_nothing_and_a_users_own_process_gets_all_back() -> 
     assert run.row["merit"] == limited.row["merit"] == '{"still_set": 1.0}'
 
 
-@pytest.mark.parametrize("method", few(3, ["lm", "de", "pygmo_de", "trf", "fmincon", "ga", "pso", "nlopt_LD_SLSQP"]))
+@pytest.mark.parametrize(
+    "method",
+    few(5, ["lm", "de", "pygmo_de", "scipy_cobyla", "scipy_shgo", "trf", "fmincon", "ga", "pso", "nlopt_LD_SLSQP"]),
+)
 def test_no_method_of_ours_is_blamed_on_a_users_problem(method: str) -> None:
     """In a fresh process, where the first run loads the libraries."""
     code = f"""if True:
