@@ -13,7 +13,7 @@ import numpy as np
 
 from calibench.optimizers.base import registry
 from calibench.optimizers.scipy.adapter import SciPy, Units, optimize
-from calibench.optimizers.scipy.settings import DESCENT, ROUNDING, SETTINGS
+from calibench.optimizers.scipy.settings import DESCENT, EQUAL, ROUNDING, SETTINGS
 
 _MOST_AT_ONCE = 2_000_000  # evaluations that DIRECT holds memory for, 50 bytes each and more
 
@@ -271,7 +271,7 @@ def scipy_shgo(
     def search(units: Units, _rng: np.random.Generator, turn: int) -> None:
         scipy = optimize()
         box = scipy.Bounds(units.lower, units.upper)
-        descent = {"method": "SLSQP", "options": {"ftol": 0.0, "maxiter": units.remaining + 1}}
+        descent = {"method": "SLSQP", "options": {"ftol": EQUAL, "maxiter": units.remaining + 1}}
         finer = {**chosen, "n": n * 2**turn}
         handlers = logging.root.handlers[:]
         try:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 ROUNDING = 1e-15
+EQUAL = 1e-300  # only equal values differ by less; 0 would let SLSQP go on from them for ever
 DESCENT = {"ftol": 0.0, "gtol": 0.0}  # of an L-BFGS-B inside another method: on to rounding
 
 
@@ -83,8 +84,8 @@ SETTINGS: dict[str, Setting] = {
         why="It ends with its trust region at rounding.",
     ),
     "slsqp": Setting(
-        word="SLSQP", given={"ftol": 0.0}, gradient=True, first_per_dimension=1,
-        why="It ends where a line search finds nothing lower.",
+        word="SLSQP", given={"ftol": EQUAL}, gradient=True, first_per_dimension=1,
+        why="It ends where a line search finds nothing lower, or the same value.",
     ),
     "trust_constr": Setting(
         word="trust-constr", given={"gtol": 0.0, "xtol": ROUNDING, "barrier_tol": ROUNDING}, gradient=True,

@@ -109,7 +109,7 @@ CALLS: dict[str, Callable[[Walled, Any], Any]] = {
     "tnc": minimized("TNC", "both", ftol=0.0, xtol=0.0, gtol=0.0, maxfun=BUDGET + 1),
     "cobyla": minimized("COBYLA", tol=1e-15, maxiter=BUDGET + 1),
     "cobyqa": minimized("COBYQA", final_tr_radius=1e-15, maxfev=BUDGET + 1, maxiter=BUDGET + 1),
-    "slsqp": minimized("SLSQP", "g", ftol=0.0, maxiter=MOST),
+    "slsqp": minimized("SLSQP", "g", ftol=1e-300, maxiter=MOST),
     "trust_constr": minimized("trust-constr", "g", gtol=0.0, xtol=1e-15, barrier_tol=1e-15, maxiter=MOST),
     "newton_cg": minimized("Newton-CG", "gp", bounds=False, xtol=0.0, maxiter=MOST),
     "trust_ncg": minimized("trust-ncg", "gp", bounds=False, gtol=0.0, maxiter=MOST),
@@ -129,7 +129,7 @@ CALLS: dict[str, Callable[[Walled, Any], Any]] = {
     ),
     "shgo": lambda f, _: so.shgo(
         f.first_seen, f.box, n=100, options={"jac": f.slopes},
-        minimizer_kwargs={"method": "SLSQP", "options": {"ftol": 0.0, "maxiter": MOST}},
+        minimizer_kwargs={"method": "SLSQP", "options": {"ftol": 1e-300, "maxiter": MOST}},
     ),
     "direct": lambda f, _: so.direct(f.value, f.box, maxfun=BUDGET + 1, maxiter=BUDGET + 1, vol_tol=0, len_tol=0),
     "brute": lambda f, _: so.brute(
