@@ -21,6 +21,11 @@ from calibench.optimizers.nlopt.settings import ROUNDING, SETTING_OF
 _LARGEST = 1e100  # stands for an infinite value: models built through inf become NaN
 
 
+def _nothing(_point: Array, _gradient: Array) -> float:
+    """Be the objective of a search that is over."""
+    return 0.0
+
+
 @final
 @dataclass(frozen=True)
 class NLopt:
@@ -130,6 +135,10 @@ class NLopt:
             raise ValueError(
                 f"{self.name}: NLopt refuses {self.options} in {objective.dimension} dimensions"
             ) from error
+        finally:
+            search.set_min_objective(
+                _nothing
+            )  # each holds the other, which Python cannot see: they would stay for ever
         if caught and caught[0] is not None:
             raise caught[0]
 

@@ -97,15 +97,18 @@ class Pygmo:
             if algorithm.has_set_seed():
                 algorithm.set_seed(int(rng.integers(2**31)))
             fitness = _Fitness(objective, self.scaled, self.uses_gradient)
-            problem, seed = pygmo.problem(fitness), int(rng.integers(2**31))
-            if self.from_start:
-                first = pygmo.population(problem, size=0, seed=seed)
-                first.push_back(fitness.inside(start))
-            else:
-                first = pygmo.population(problem, size=size, seed=seed)
-            algorithm.evolve(first)
-            if fitness.caught is not None:  # ipopt swallows what a callback raises
-                raise fitness.caught
+            try:
+                problem, seed = pygmo.problem(fitness), int(rng.integers(2**31))
+                if self.from_start:
+                    first = pygmo.population(problem, size=0, seed=seed)
+                    first.push_back(fitness.inside(start))
+                else:
+                    first = pygmo.population(problem, size=size, seed=seed)
+                algorithm.evolve(first)
+            finally:
+                caught = fitness.close()
+            if caught is not None:  # ipopt swallows what a callback raises
+                raise caught
 
         return with_restarts(evolve, objective, restarts=not self.traits.self_terminating)
 
@@ -125,6 +128,12 @@ class _Fitness:
         self._origin = objective.lower if scaled else np.zeros(objective.dimension)
         self._size = 0.0
         self.caught: BaseException | None = None
+
+    def close(self) -> BaseException | None:
+        """Let all go, as pygmo's objects hold this one unseen by Python; return what was caught."""
+        caught = self.caught
+        self.__dict__.clear()
+        return caught
 
     def fitness(self, u: Array) -> list[float]:
         return self._ask(self._value, u)

@@ -1,13 +1,19 @@
-"""A run ten times as long takes no more memory, and hardly more trace."""
+"""A run ten times as long takes no more memory, and hardly more trace; of a run that is over nothing stays."""
 
 from __future__ import annotations
 
+import gc
 import json
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from calibench import bench, optimizers
+from tests.few import one_of_each
 
 _RUN = r"""
 import json, re, sys
@@ -32,3 +38,28 @@ def test_memory_and_trace_do_not_grow_with_the_budget(name):
     assert long[3] < 500  # MB, the interpreter and its libraries included
     assert long[3] < short[3] + 20
     assert long[2] < short[2] + 200  # 16 counts a decade, and an improvement by a tenth
+
+
+class Bowl:
+    def __init__(self):
+        self.lower, self.upper, self.start = np.full(2, -1.0), np.full(2, 2.0), np.full(2, 0.5)
+
+    def __call__(self, x):
+        return float(x @ x)
+
+    def residuals(self, x):
+        return x
+
+    def jacobian(self, x):
+        return np.eye(2)
+
+
+@pytest.mark.parametrize("name", one_of_each(optimizers.names()))
+def test_a_library_keeps_nothing_of_a_run_that_is_over(name):
+    problem = Bowl()
+    alive = weakref.ref(problem)
+    run = bench.execute(problem, optimizers.make(name), budget=60)
+    assert run.status == "ok"
+    del problem, run
+    gc.collect()
+    assert alive() is None
