@@ -169,6 +169,8 @@ def _measure_costs(specs: Mapping[str, Spec], store: ResultStore, tell: Callable
     for record in measured:
         if costs.UNLIKE in record:
             tell(_noisy(record["problem"], *record[costs.UNLIKE]))
+        if costs.WRONG_SLOPE in record:
+            tell(_wrong_slope(record["problem"], *record[costs.WRONG_SLOPE]))
         if costs.TWO_GOALS in record:
             tell(_two_goals(record["problem"], *record[costs.TWO_GOALS]))
 
@@ -195,6 +197,13 @@ def _two_goals(problem: str, value: float, squared: float) -> str:
     return (
         f"{problem}: at its start the value is {value:g} and the sum of its squared residuals {squared:g}: methods "
         "that use residuals search and report that sum, all others the value; let the call return r @ r"
+    )
+
+
+def _wrong_slope(problem: str, kind: str, told: float, differences: float) -> str:
+    return (
+        f"{problem}: its {kind} is wrong: along a line through the box it says {told:.3g}, differences say "
+        f"{differences:.3g}; calibench.testing.check_problem names the entry"
     )
 
 

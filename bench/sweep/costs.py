@@ -45,6 +45,9 @@ _CANDIDATES = 100  # of a batch
 _POINTS = 128
 UNLIKE = "unlike"  # key of a record: two values of one point
 TWO_GOALS = "two_goals"  # key of a record: the value of a point, and the sum of its squared residuals
+WRONG_SLOPE = "wrong_slope"  # key of a record: gradient or jacobian, its slope along a line, and that by differences
+_STEPS = (1e-7, 1e-5, 1e-3)  # of the box, on both sides
+_WRONG = 1e-3  # of the slope's terms: differences of a smooth function are nearer with one of the steps
 _QUICK = 0.5  # seconds a call
 _ROUNDING = 1e-9  # of a value: threads that add in another order
 _SINGLE = 1e-5  # of a value: a sum in single precision
@@ -137,11 +140,12 @@ def costs_of(
     return found | {kind: median(samples) / calls[kind][2] for kind, samples in times.items() if samples}
 
 
-def unlike(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+def unlike(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
     """Return as `UNLIKE` two values of the start that differ by more than rounding; an empty result where they agree.
 
     As `TWO_GOALS`, return its value and the sum of its squared residuals likewise, because methods that use residuals
-    search the sum. Noisy problems and slow ones are not tried: `record` has the seconds of its calls.
+    search the sum; as `WRONG_SLOPE` what a derivative says that is none. Noisy problems and slow ones are not tried:
+    `record` has the seconds of its calls.
     """
     if is_stochastic(problem) or not _is_quick(record[KINDS[0]]):
         return {}
@@ -152,12 +156,37 @@ def unlike(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[float, fl
             first, second = float(problem(start.copy())), float(problem(start.copy()))
             if _differ(first, second, _ROUNDING):
                 return {UNLIKE: (first, second)}
+            slope = _wrong_slope(problem, record)
             if not _is_quick(record[KINDS[2]]):
-                return {}
+                return slope
             squared = float(np.sum(np.square(problem.residuals(start.copy()))))
     except Exception:  # the rows of its runs will have the error
         return {}
-    return {TWO_GOALS: (first, squared)} if _differ(first, squared, _SINGLE) else {}
+    return slope | ({TWO_GOALS: (first, squared)} if _differ(first, squared, _SINGLE) else {})
+
+
+def _wrong_slope(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
+    """Return as `WRONG_SLOPE` a derivative that differs from central differences at each of three points."""
+    places = _points(problem)
+    for kind, name in (("gradient", "__call__"), ("jacobian", "residuals")):
+        derive, function = getattr(problem, kind, None), getattr(problem, name, None)
+        if derive is None or function is None or not _is_quick(record.get(f"{kind}_s")):
+            continue
+        found = [_slopes(function, derive, x, np.ptp(places, axis=0)) for x in places[1:4]]
+        if all(gap > _WRONG * size for _, _, gap, size in found):
+            return {WRONG_SLOPE: (kind, *found[0][:2])}
+    return {}
+
+
+def _slopes(function: Any, derive: Any, x: Array, width: Array) -> tuple[float, float, float, float]:
+    """Return the slope at `x` along a line through the box, that by differences, their gap, and the slope's size."""
+    line = width * np.where(np.arange(len(x)) % 2, -1.0, 1.0)
+    slope = np.atleast_2d(np.asarray(derive(x.copy()), dtype=float))
+    along, size = slope @ line, float(np.abs(slope @ np.diag(line)).sum())
+    there = [(np.asarray(function(x + h * line)) - np.asarray(function(x - h * line))) / (2 * h) for h in _STEPS]
+    near = min(there, key=lambda one: float(np.abs(one - along).max()))
+    worst = int(np.argmax(np.abs(near - along)))
+    return float(along[worst]), float(np.ravel(near)[worst]), float(np.abs(near - along)[worst]), size
 
 
 def _is_quick(seconds: float | None) -> bool:

@@ -217,6 +217,29 @@ def test_a_value_that_is_not_the_sum_of_the_squared_residuals_is_told_before_the
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("sign", "named"), [("", 0), ("-", 1)])
+@pytest.mark.parametrize("kind", ["gradient", "jacobian"])
+def test_a_derivative_that_is_none_is_told_before_the_first_run(kind, sign, named, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    file = tmp_path / f"slope_{kind}_{named}.py"
+    slope = "2 * x" if kind == "gradient" else "np.eye(3)"
+    file.write_text(f"""
+import numpy as np
+class Bowl:
+    lower, upper, start = np.full(3, -1.0), np.full(3, 2.0), np.full(3, 0.5)
+    def __call__(self, x):
+        return float(x @ x)
+    def residuals(self, x):
+        return x
+    def {kind}(self, x):
+        return ({slope}) * np.array([1.0, {sign}1.0, 1.0])
+""")
+    with pytest.raises(SystemExit):
+        main(["run", f"problem=./{file.name}:Bowl", "optimizer=de", "budget=9", f"results={tmp_path}"])
+    assert capsys.readouterr().err.count(f"its {kind} is wrong: along a line through the box") == named
+
+
 def test_a_sweep_measures_each_problem_once_and_tells_the_second_currency(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [*sys.path])
     for seeds in (1, 2):
