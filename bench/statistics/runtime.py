@@ -49,7 +49,8 @@ def ert(
     none). Counts are of `currency`.
 
     Problems that differ only in the options `instances`, such as ("instance",), are one. From five instances on these
-    are resampled, with all their runs. Where chance has no part in a cell there is no interval.
+    are resampled, with all their runs. A target counts the runs that have it: what one instance declares is not asked
+    of the others. There is no interval where not all runs of a cell have the target, nor where chance has no part.
     """
     columns = [str(name) for name in runs.columns]
     swept = [name for name in columns if name.startswith(PREFIXES) and name.partition(".")[2] not in instances]
@@ -81,7 +82,9 @@ def _told(whole: Sequence[Runtimes], intervals: bool, swept: Sequence[str]) -> d
     cells = by_cell(runs)
     number, chances_of = cells.number, chances(runs, cells)
     instances, repetition = pd.factorize(runs["instance"], sort=True)[0], runs["repetition"].to_numpy()
-    parts: dict[str, list[Any]] = {name: [] for name in ("run", "level", "runs", "chance", "reached", "spent", "least")}
+    parts: dict[str, list[Any]] = {
+        name: [] for name in ("run", "level", "size", "runs", "chance", "reached", "spent", "least")
+    }
     units: list[Units | None] = []
     for one in whole:
         cell, instance = pd.factorize(number[one.at])[0], instances[one.at]
@@ -90,19 +93,22 @@ def _told(whole: Sequence[Runtimes], intervals: bool, swept: Sequence[str]) -> d
         count = np.diff(begins, append=len(order))
         first, instance = one.at[order[begins]], instance[order]
         won, paid = np.isfinite(one.time[order]), one.paid[order]
-        early = np.where(won, one.earliest[order], one.spent[order, None])
+        early, asked = np.where(won, one.earliest[order], paid), one.asked[order].astype(np.int64)
         for begin, size, chance in zip(
             begins.tolist(), count.tolist(), chances_of[number[first]].tolist(), strict=True
         ):
             mine = slice(begin, begin + size)
             units.append(_units(paid[mine], won[mine], instance[mine]) if chance and intervals else None)
-        for name, values in (("run", first), ("runs", count), ("chance", chances_of[number[first]])):
+        for name, values in (("run", first), ("size", count), ("chance", chances_of[number[first]])):
             parts[name].append(np.repeat(values, len(one.level)))
         parts["level"].append(np.tile(one.level, len(begins)))
-        for name, table in (("spent", paid), ("least", early), ("reached", won.astype(np.int64))):
+        for name, table in (("spent", paid), ("least", early), ("reached", won.astype(np.int64)), ("runs", asked)):
             parts[name].append(np.add.reduceat(table, begins, axis=0).ravel())
     column = {name: np.concatenate(values) for name, values in parts.items()}
     low, high, resampled = _intervals(units, [len(one.level) for one in whole for _ in range(one.cells(number))])
+    low[column["runs"] < column["size"]] = high[column["runs"] < column["size"]] = np.nan
+    known = column["runs"] > 0
+    column, low, high, resampled = {n: v[known] for n, v in column.items()}, low[known], high[known], resampled[known]
     own = dict(zip(_CELL, CELL, strict=True)) | {name: name for name in (*swept, "dimension")}
     found: dict[str, Any] = {name: runs[source].to_numpy()[column["run"]] for name, source in own.items()}
     found |= {name: levels[name].to_numpy()[column["level"]] for name in TARGET}

@@ -153,6 +153,16 @@ def test_instances_are_pooled_and_resampled():
     assert (row["ert_low"], row["ert_high"]) == (low[0], high[0])
 
 
+def test_a_target_that_one_instance_declares_is_not_asked_of_the_others():
+    (runs, first), (others, second) = (
+        study([[50]] * 2, options=f'{{"instance":{i},"n":3}}', problem="f") for i in range(2)
+    )
+    hits = pd.concat([first, second.assign(target=0.5)], ignore_index=True)
+    table = ert(hits, pd.concat([runs, others], ignore_index=True), instances=("instance",)).set_index("target")
+    assert table[["runs", "reached", "spent", "ert"]].to_numpy().tolist() == [[2, 2, 100, 50]] * 2
+    assert table["ert_low"].isna().all()
+
+
 def test_the_curve_is_the_share_of_pairs_that_were_reached():
     runs, hits = study([[10, 100], [20, None]])
     curve = ecdf(hits, runs, at=[9, 10, 20, 99, 100, 1000])

@@ -30,7 +30,8 @@ class Runtimes:
 
     `all_runs` are those of all problems that have a hit, rows of runs with a column `instance`, and `all_targets` have
     the columns quantity, target; `at`, shape (runs,), and `level`, shape (targets,), are the places in them of those of
-    this problem. `spent`, shape (runs,), is what each run was charged; `time` and `earliest`, shape (runs, targets),
+    this problem. `spent`, shape (runs,), is what each run was charged; `asked`, shape (runs, targets), tells which
+    target is one of the run's; `time` and `earliest`, shape (runs, targets),
     are counts at which a target was surely reached and at which it may have been (a trace is thinned), infinite where
     it never was.
     """
@@ -40,6 +41,7 @@ class Runtimes:
     at: Counts
     level: Counts
     spent: Array
+    asked: NDArray[np.bool_]
     time: Array
     earliest: Array
 
@@ -55,8 +57,8 @@ class Runtimes:
 
     @property
     def paid(self) -> Array:
-        """Return what each run spent until each target, or in vain, shape (runs, targets)."""
-        return np.where(np.isfinite(self.time), self.time, self.spent[:, None])
+        """Return what each run spent until each of its targets, or in vain, shape (runs, targets)."""
+        return np.where(np.isfinite(self.time), self.time, np.where(self.asked, self.spent[:, None], 0.0))
 
     def cells(self, number: Counts) -> int:
         """Return how many cells there are here, by the `number` of the cell of each of all runs."""
@@ -95,12 +97,15 @@ def runtimes(
         sizes = len(at), len(level)
         table, early = np.full(sizes, np.nan), np.full(sizes, np.nan)
         table[place, column], early[place, column] = time[mine], after[mine] + 1
+        asked = np.zeros(sizes, dtype=bool)
+        asked[place, column] = True
         yield Runtimes(
             all_runs=rows,
             all_targets=targets,
             at=at,
             level=level,
             spent=spent[at],
+            asked=asked,
             time=np.where(np.isnan(table), np.inf, table),
             earliest=np.where(np.isnan(early), np.inf, early),
         )
