@@ -229,7 +229,7 @@ def _by_all_pairs(study: Sequence[dict[Method, Side]], first: Method, rival: Met
     signs = []
     for sides in study:
         a, b = sides[first], sides[rival]
-        found = two_methods(a.scores, b.scores, a.repetitions == b.repetitions, a.chance or b.chance)
+        found = two_methods(a.scores, b.scores, a.repetitions == b.repetitions, (a.chance or b.chance,) * 2)
         sure = found.test == "fact" or found.p * methods * (methods - 1) / 2 * len(study) <= LEVEL
         signs.append(-found.ahead if sure else 0)
     return max(signs) > 0 and min(signs) >= 0

@@ -23,14 +23,13 @@ from numpy.typing import NDArray
 from calibench.bench.execution.request.own_problem import minimum_of, unit_of
 from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.statistics.cells import PROBLEM
-from calibench.bench.statistics.summary import lowest_below
+from calibench.bench.statistics.summary import SAME, lowest_below
 from calibench.bench.statistics.tables import problem_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _ROUNDING = float(np.finfo(float).eps)  # of the value at the start: a sum of squares falls to its square by rounding
-_SAME = 1e-9  # part of f*: a value that is closer below it is f*
 _WIDE = 100.0  # ratio, beyond which values of both signs need a symlog axis
 
 
@@ -109,7 +108,7 @@ class Optimum:
         """Return a value for a table under `heading`; a dash where there is none."""
         if not isfinite(value):
             return "–"
-        under = self.is_gap and value < self.least - _SAME * abs(self.least)  # of an answer outside the box
+        under = self.is_gap and value < self.least - SAME * abs(self.least)  # of an answer outside the box
         return f"{value - self.least if under else self.above(value):.{self.digits}g}"
 
     def told(self, value: float) -> str:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Array = NDArray[np.float64]
+SAME = 1e-9  # of a value: what is closer to it is the same value
 QUARTILES = (0.25, 0.5, 0.75)
 _NORMAL_975 = 1.959963984540054  # the normal distribution's quantile at .975
 MOST_TOLD = 3  # options of a user's class, up to which all of them are told
@@ -171,7 +172,7 @@ def _lowest_below(values: Array, minimum: float) -> float | None:
     found = values[~np.isnan(values)]
     if minimum != minimum or not found.size:
         return None
-    allowed = 1e-9 * max(abs(minimum), float(np.median(np.abs(found))))
+    allowed = SAME * max(abs(minimum), float(np.median(np.abs(found))))
     return float(found.min()) if found.min() < minimum - allowed else None
 
 
@@ -259,6 +260,22 @@ def _runs_once(optimizer: str, options: str, start: str) -> bool:
     if not isinstance(getattr(made, "traits", None), optimizers.Traits):  # its row does not tell them
         return False
     return len(repetitions_of(made, "random" if start == "random" else "nominal", range(2))) == 1
+
+
+def alike(values: Array) -> Array:
+    """Return values, shape (n,), where those that follow each other within `SAME` of themselves are the least of them.
+
+    >>> alike(np.array([2.0, 1.0, np.inf, 1.0 + 1e-12, 0.0, 1e-30])).tolist()
+    [2.0, 1.0, inf, 1.0, 0.0, 1e-30]
+    """
+    order = np.argsort(values, kind="stable")
+    ordered = values[order]
+    with np.errstate(invalid="ignore"):
+        apart = ~(np.diff(ordered) <= SAME * np.minimum(np.abs(ordered[1:]), np.abs(ordered[:-1])))
+    first = np.concatenate([[0], np.cumsum(apart)]).astype(np.int64)[: len(values)]
+    found = np.empty(len(values))
+    found[order] = ordered[np.flatnonzero(np.concatenate([[True], apart]))[first]] if len(values) else ordered
+    return found
 
 
 def floor_of(goal: float) -> float:

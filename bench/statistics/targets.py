@@ -17,10 +17,11 @@ A run that failed reached nothing. Of noisy values the answer as judged counts, 
 
 A problem that declares no target has none by which it is solved, and of values at the rounding floor the order is
 chance: 3e-30 is no better than 2e-28 where f began at 4. `with_lowest_seen` gives it the lowest value seen as its goal,
-as far as rounding can tell: at most `EPS` times f's own scale, the median size of the first value of a run, above the
-declared minimum, or else above the lowest value that any run found inside the box. It does so where half of the runs of
-some method come that far; their cost is read off the traces, at the first point of the trace, which may be up to a
-seventh too late. Where none does, values differ by more than rounding, and they alone are compared.
+as far as rounding can tell: at most `EPS` times f's own scale, the median size of the first value of a run, or a
+`SAME` part of itself, above the declared minimum, or else above the lowest value that any run found inside the box; a
+run whose answer lies outside does not reach it. It does so where half of the runs of some method come that far, and two
+runs at least; their cost is read off the traces, at the first point of the trace, which may be up to a seventh too
+late. Where none does, values differ by more than rounding, and they alone are compared.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from calibench.bench.execution.merit import PREFIX, offered
 from calibench.bench.statistics.answers import answers, judged
 from calibench.bench.statistics.by_cell import by_cell
 from calibench.bench.statistics.cells import METHOD, PROBLEM
-from calibench.bench.statistics.summary import goals_of, lowest_below
+from calibench.bench.statistics.summary import SAME, goals_of, lowest_below
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.columns import floats
 from calibench.bench.store.hits import columns_for, declared_levels
@@ -206,11 +207,12 @@ def with_lowest_seen(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
         if inside.empty or not scale > 0:
             continue
         declared = problem["minimum"].iloc[0]
-        level = (inside.min() if pd.isna(declared) else float(declared)) + EPS * scale
-        reached = found & (problem["best_value"] <= level)
-        if reached.groupby([problem[name] for name in METHOD]).mean().max() < _SHARE:
+        lowest = inside.min() if pd.isna(declared) else float(declared)
+        level = lowest + max(EPS * scale, SAME * abs(lowest))
+        reached = found & problem["inside_box"] & (problem["best_value"] <= level)
+        if reached.sum() < 2 or reached.groupby([problem[name] for name in METHOD]).mean().max() < _SHARE:
             continue
-        mine = traces[traces["run_id"].isin(problem["run_id"]) & (traces["best_value"] <= level)]
+        mine = traces[traces["run_id"].isin(problem.loc[reached, "run_id"]) & (traces["best_value"] <= level)]
         first = mine.drop_duplicates("run_id").set_index("run_id")["charged"]
         for place, run_id in zip(runs.index.get_indexer(problem.index), problem["run_id"], strict=True):
             lists["targets"][place] = [level]

@@ -12,6 +12,9 @@ from calibench.bench.report.study.answer import answer
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary
 from calibench.bench.statistics.comparison.best import Rival, Side, ratio_of, rivals_of
+from calibench.bench.statistics.comparison.ranking import places
+from calibench.bench.statistics.comparison.score import order_of, scores
+from calibench.bench.statistics.comparison.two_methods import rank_sum_tails
 from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
 from calibench.bench.store.manifest import remaining_by_budget
 from calibench.bench.store.runs import ResultStore
@@ -170,6 +173,44 @@ def test_a_failed_run_counts_as_not_arrived_at_the_lowest_value_seen():
     assert cells["success"].to_dict() == {"half": 0.5, "sound": 1.0}
     told = answer(runs, summary.summary(runs), summary.method_names(runs))
     assert "sound reaches the lowest value seen (to rounding) most: in 2 of 2 runs" in told.best
+
+
+def test_who_ends_outside_the_box_does_not_reach_the_lowest_value_seen():
+    outside = made([1.0, 1.0], [[(1, 4.0), (9, 1.0)]] * 2, "outside", inside_box=[True, False])
+    inside = made([1.0, 1.0], [[(1, 4.0), (50, 1.0)]] * 2, "inside")
+    runs = with_lowest_seen(*joined(outside, inside))
+    told = answer(runs, summary.summary(runs), summary.method_names(runs))
+    assert "inside reaches the lowest value seen (to rounding) most: in 2 of 2 runs" in told.best
+
+
+def test_values_that_agree_to_nine_digits_are_ties_of_runs_and_of_places():
+    first, second = made([0.5, 0.5], [[(1, 4.0)]] * 2, "a"), made([0.5 * (1 + 1e-12)] * 2, [[(1, 4.0)]] * 2, "b")
+    third = made([0.5 * (1 + 1e-8)] * 2, [[(1, 4.0)]] * 2, "c")
+    runs, _ = joined(first, second, third)
+    assert places(summary.summary(runs)).tolist() == [1.5, 1.5, 3.0]
+    assert order_of(scores(runs)).tolist() == [2.5] * 4 + [5.5] * 2
+
+
+def test_a_value_that_one_run_alone_has_seen_is_no_goal():
+    runs = with_lowest_seen(
+        *joined(made([1.0, 3.0], [[(1, 9.0), (5, 1.0)], [(1, 9.0)]]), made([2.0], [[(1, 9.0)]], "b"))
+    )
+    assert not runs[COLUMN].any()
+
+
+def test_where_every_run_failed_no_method_is_named():
+    runs = with_lowest_seen(
+        *joined(made([1.0] * 2, [[(1, 1.0)]] * 2, status="failed"), made([2.0], [[(1, 2.0)]], "b", status="failed"))
+    )
+    told = answer(runs, summary.summary(runs), summary.method_names(runs))
+    assert told.verdict == "undecided"
+    assert told.best == "Within 100 evaluations a run, no run ended well: 3 failed."
+
+
+def test_rounding_makes_no_p_above_1_that_would_take_a_rival_out_of_the_correction():
+    same, other = np.full(10, 2.0), np.array([2, 2, 2, 2, 1, 2, 0, 1, 2, 1.0])
+    assert max(rank_sum_tails(same, other)) <= 1.0
+    assert not np.isnan(beside({BEST: side(same), OTHER: side(other)}, {BEST: side(same), OTHER: side(other)})[0].p)
 
 
 def test_values_that_differ_by_more_than_rounding_make_no_goal():

@@ -184,6 +184,13 @@ def test_without_chance_a_difference_is_a_fact():
     assert compare(*one).cells["verdict"].tolist() == ["undecided"]
 
 
+def test_one_value_without_chance_is_beside_the_runs_of_the_other_side():
+    fixed = rows([1.0], hits=[90], method="lm", start="nominal")
+    drawn = rows([1.0] * 9 + [5.0], hits=[*range(100, 109), None], method="lm")
+    found = two_methods(scores(fixed), scores(drawn), paired=False, chance=(False, True))
+    assert (found.test, found.p, found.ahead) == ("sign", stats.binomtest(10, 10).pvalue, -1)
+
+
 def test_cells_match_by_chosen_options_or_by_the_only_other_ones():
     plain, full = '{"population":150}', '{"CR":0.8,"F":0.5,"early_abandon":false,"population":150}'
     a = rows(range(8), method="de", optimizer_options=plain)

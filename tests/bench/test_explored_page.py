@@ -317,7 +317,7 @@ def test_where_all_methods_come_to_the_same_the_one_that_is_spoken_of_is_named(s
 def test_where_no_method_found_a_value_none_is_named(store):
     def lost(runs):
         return runs.assign(
-            status="failed", best_value=np.inf, hits_charged=runs["targets"].map(lambda t: [None] * len(t))
+            status="timeout", best_value=np.inf, hits_charged=runs["targets"].map(lambda t: [None] * len(t))
         )
 
     told = answered(store, lost)

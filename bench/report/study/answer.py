@@ -83,8 +83,13 @@ def answer(
     called = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
     order = _order(cells)
     first, others = order[0], order[1:]
-    goal = "the lowest value seen (to rounding)" if _is_lowest_seen(runs) else "the goal"
-    best = _best(cells, called, first, within, goal) + _outside(runs, first)
+    if (runs["status"] == "failed").all():
+        return Answer(
+            "undecided", f"{within}, no run ended well: {_spaced(len(runs))} failed.", "Nothing is compared.", compared
+        )
+    best = _best(cells, called, first, within, _goal(runs)) + _outside(runs, first)
+    if cut and not others:
+        best = f"{within}, one method has runs so far: {called[first]}."
     if cut:
         done = len(runs)
         share = f"{_spaced(done)} of {_spaced(done + cut)} planned runs are done"
@@ -100,9 +105,12 @@ def answer(
     return Answer(verdict, best, sure, compared)
 
 
-def _is_lowest_seen(runs: pd.DataFrame) -> bool:
-    """Tell whether every goal of these runs is that of `bench.statistics.targets.with_lowest_seen`."""
-    return COLUMN in runs and bool(runs[COLUMN].all())
+def _goal(runs: pd.DataFrame) -> str:
+    """Return what the goal of these runs is called: that of `bench.statistics.targets.with_lowest_seen` by its name."""
+    seen = runs[COLUMN][np.isfinite(stats.goals_of(runs))] if COLUMN in runs else pd.Series(dtype=bool)
+    if seen.any():
+        return "the lowest value seen (to rounding)" if seen.all() else "the goal (or else the lowest value seen)"
+    return "the goal"
 
 
 def _order(cells: pd.DataFrame) -> list[Method]:
@@ -125,27 +133,31 @@ def _sure(rivals: Sequence[Rival], called: Mapping[Method, str]) -> tuple[Litera
         others = "the other method" if len(rivals) == 1 else f"each of the {len(rivals)} others"
         return "decided", f"It is better than {others} ({how}).{_lead(rivals, called)}"
     reasons = [f"{_listed(open_)} {'is' if len(open_) == 1 else 'are'} not told apart from it"] if open_ else []
-    reasons += (
-        [f"{_listed(somewhere)} {'is' if len(somewhere) == 1 else 'are'} better on some problem"] if somewhere else []
+    where = (
+        "on some problem" if max(rival.tasks for rival in rivals) > 1 else "in the order of the runs (goal, then cost)"
     )
+    reasons += [f"{_listed(somewhere)} {'is' if len(somewhere) == 1 else 'are'} better {where}"] if somewhere else []
     reasons += [f"{_listed(apart)} {'shares' if len(apart) == 1 else 'share'} no problem with it"] if apart else []
     enough = max((rival.enough for rival in rivals if rival.verdict == "open"), default=0)
     what = "problems" if max(rival.tasks for rival in rivals) >= MANY else "seeds"
     more = f" So few runs cannot decide, whatever they hold: it takes {enough} {what} or more." if enough else ""
-    better = f"It is better than {len(worse) or 'none'} of {counted(len(rivals), 'other method')}"
+    better = f"It is better than {len(worse)} of {counted(len(rivals), 'other method')}"
+    better = better if worse else "No other method is shown to be worse"
     return "undecided", f"{better}; {'; '.join(reasons)} ({how}).{more}{_lead(rivals, called)}"
 
 
 def _how(rivals: Sequence[Rival]) -> str:
     """Return how the best was compared: by tests, or by facts alone."""
-    tested = sum(rival.chance for rival in rivals)
-    if not tested:
+    tested, facts = (sum(getattr(rival, name) for rival in rivals) for name in ("chance", "fact"))
+    if facts == len(rivals):
         return "no chance has a part in these runs: what differs, differs"
     tasks = max(rival.tasks for rival in rivals)
     test = f"signed-rank tests over {tasks} problems" if tasks >= MANY else "exact tests of the runs"
-    facts = len(rivals) - tested
     beside = f", {facts} of them by facts without chance" if facts else ""
-    return f"{test}{beside}, corrected for {counted(tested, 'comparison')} and for choosing the best, 5 % level"
+    corrected = (
+        f", corrected for {counted(tested, 'comparison')} and for choosing the best, 5 % level" if tested else ""
+    )
+    return f"{test}{beside}{corrected}"
 
 
 def _lead(rivals: Sequence[Rival], called: Mapping[Method, str]) -> str:
@@ -155,7 +167,18 @@ def _lead(rivals: Sequence[Rival], called: Mapping[Method, str]) -> str:
         return ""
     next_ = known[0]
     ratio = next_.ratio
-    interval = f" (95 % interval {_times(ratio.low)} to {_times(ratio.high)})" if ratio.high > ratio.low else ""
+    ends = (
+        f"{_times(ratio.low)} to {_times(ratio.high)}"
+        if ratio.low and np.isfinite(ratio.high)
+        else (
+            f"at least {_times(ratio.low)}"
+            if ratio.low
+            else f"at most {_times(ratio.high)}"
+            if np.isfinite(ratio.high)
+            else ""
+        )
+    )
+    interval = f" (95 % interval {ends})" if ends and ratio.high > ratio.low else ""
     pooled = f", pooled over {ratio.tasks} problems" if ratio.tasks > 1 else ""
     never = f", and never reaches the goal of {counted(ratio.never, 'other problem')}" if ratio.never else ""
     return (
@@ -167,18 +190,10 @@ def _lead(rivals: Sequence[Rival], called: Mapping[Method, str]) -> str:
 def _times(value: float) -> str:
     """Return a ratio as text.
 
-    >>> [_times(value) for value in (0.123, 1.0, 2.345, 17.2, 12345.0, float("inf"))]
-    ['0.12', '1.0', '2.3', '17', '12345', 'any number']
+    >>> [_times(value) for value in (0.00123, 0.123, 1.0, 2.345, 17.2, 12345.0)]
+    ['0.0012', '0.12', '1.0', '2.3', '17', '12345']
     """
-    return (
-        "any number"
-        if value == np.inf
-        else f"{value:.2f}"
-        if value < 1
-        else f"{value:.1f}"
-        if value < 10
-        else f"{value:.0f}"
-    )
+    return f"{value:.2g}" if value < 1 else f"{value:.1f}" if value < 10 else f"{value:.0f}"
 
 
 def _better_on_fewer(every: pd.DataFrame, called: dict[Method, str], problems: int, share: float) -> str:

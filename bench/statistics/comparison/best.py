@@ -33,7 +33,7 @@ from calibench.bench.statistics.cells import METHOD, TASK
 from calibench.bench.statistics.comparison import ranking
 from calibench.bench.statistics.comparison.holm import holm
 from calibench.bench.statistics.comparison.score import order_of, scores
-from calibench.bench.statistics.comparison.two_methods import rank_sum_tails, signed_rank_tails
+from calibench.bench.statistics.comparison.two_methods import beside_fixed, rank_sum_tails, signed_rank_tails
 from calibench.bench.statistics.fixed_target.ert_interval import FEWEST, RESAMPLES, weights
 from calibench.bench.statistics.summary import goal_hits, goals_of, has_chance
 
@@ -42,7 +42,7 @@ Method = tuple[str, str]  # an optimiser and its options
 Verdict = Literal["worse", "open", "better somewhere", "not compared"]
 LEVEL = 0.05
 MANY = 10  # shared tasks from which on they, not the repetitions, are what is drawn at random
-_BOUNDED = 1e6  # times a ratio: an upper end beyond this means that the runs are too few for a bound
+_BOUNDED = 1e6  # times a ratio: an end beyond this, either way, means that the runs are too few for a bound
 _MOST_RUNS = 1000  # beyond which no number of runs is proposed
 
 
@@ -67,8 +67,8 @@ class Rival:
     """One other method beside the best: the `verdict` on it, and what that rests on.
 
     `p` is one-sided, as tested; `p_adjusted` that of the whole comparison (NaN where facts decide). `p_least` is the
-    least `p` that so many runs can give, `chance` whether anything was tested. `enough` is the number of runs a method
-    and task, or of tasks, that could decide; 0 where these could, or none can.
+    least `p` that so many runs can give, `chance` whether `p` decides, `fact` whether nothing was tested. `enough` is
+    the number of runs a method and task, or of tasks, that could decide; 0 where these could, or none can.
     """
 
     method: Method
@@ -78,6 +78,7 @@ class Rival:
     p_adjusted: float = nan
     p_least: float = nan
     chance: bool = False
+    fact: bool = False
     enough: int = 0
     ratio: Ratio = Ratio()
 
@@ -157,7 +158,7 @@ def _against(tasks: Sequence[Mapping[Method, Side]], places: pd.DataFrame, first
     if behind or not tested:
         ahead = not behind and any(fact > 0 for fact in facts)
         verdict: Verdict = "better somewhere" if behind else "worse" if ahead else "open"
-        return Rival(method=rival, verdict=verdict, tasks=len(both), ratio=ratio)
+        return Rival(method=rival, verdict=verdict, tasks=len(both), fact=not tested, ratio=ratio)
     p, least = (_stouffer(some) if some else 1.0 for some in ([t.better for t in told], [t.least for t in tested]))
     return Rival(method=rival, verdict="open", tasks=len(both), p=p, p_least=least, chance=True, ratio=ratio)
 
@@ -171,7 +172,7 @@ def _sign_of_facts(a: Side, b: Side) -> int:
 def _tails(a: Side, b: Side) -> _Tails:
     """Return the one-sided tests of `a` against `b` on one task, where chance has a part in at least one."""
     if not (a.chance and b.chance):
-        signs = _beside_fixed(a, b) if b.chance else -_beside_fixed(b, a)
+        signs = beside_fixed(a.scores, b.scores) if b.chance else -beside_fixed(b.scores, a.scores)
         n, k = int((signs != 0).sum()), int((signs > 0).sum())
         return _Tails(_binomial_tail(n, k), _binomial_tail(n, n - k), 0.5 ** len(signs))
     if a.shared and a.repetitions == b.repetitions and len(set(a.repetitions)) == len(a.repetitions):
@@ -181,13 +182,6 @@ def _tails(a: Side, b: Side) -> _Tails:
     ranks = order_of(np.concatenate([a.scores, b.scores]))
     n, m = len(a.scores), len(b.scores)
     return _Tails(*rank_sum_tails(ranks[:n], ranks[n:]), 1 / comb(n + m, n))
-
-
-def _beside_fixed(fixed: Side, drawn: Side) -> Array:
-    """Return 1 for each run of `drawn` that is worse than the one value of `fixed`, -1 for a better one, else 0."""
-    ranks = order_of(np.concatenate([fixed.scores[:1], drawn.scores]))
-    signs: Array = np.sign(ranks[1:] - ranks[0])
-    return signs
 
 
 def _binomial_tail(n: int, k: int) -> float:
@@ -255,7 +249,11 @@ def ratio_of(both: Sequence[tuple[Side, Side]]) -> Ratio:
     ends = np.sort(np.where(np.isnan(t), 0.0, t))[[RESAMPLES - 1 - out, out]]
     with np.errstate(over="ignore"):
         low, high = np.exp(value - ends * error * sqrt((fewest - 1) / (fewest - 2))).tolist()
-    return replace(ratio, low=low, high=high if high < _BOUNDED * ratio.value else inf)
+    return replace(
+        ratio,
+        low=low if low > ratio.value / _BOUNDED else 0.0,
+        high=high if high < ratio.value * _BOUNDED else inf,
+    )
 
 
 def _log_ratio(shared: Sequence[tuple[Side, Side]], resampled: bool) -> tuple[Array, Array]:

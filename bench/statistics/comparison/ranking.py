@@ -14,6 +14,7 @@ import numpy as np
 from calibench.bench.statistics.by_cell import by_number
 from calibench.bench.statistics.cells import METHOD, TASK
 from calibench.bench.statistics.names.labels import in_order
+from calibench.bench.statistics.summary import alike
 from calibench.bench.store.columns import Array, Columns, Counts, floats, numbered, plain
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ def places(cells: Columns) -> Array:
     """Return the place of each cell on its task, shape (cells,): 1 is best, ties share their mean.
 
     A cell is a row of `bench.statistics.summary.summary`. The order is by the share of runs at the goal, then the cost
-    to get there, then the median value, as far as the floor.
+    to get there, then the median value, as far as the floor and to nine digits.
     """
     success, cost = floats(cells["success"]), floats(cells["charged_to_target"])
     keys = np.column_stack(
@@ -34,12 +35,12 @@ def places(cells: Columns) -> Array:
             np.maximum(floats(cells["best_median"]), floats(cells["floor"])),
         ]
     )
-    order = np.unique(keys, axis=0, return_inverse=True)[1].ravel()
-    tasks, found = by_number(_tasks(cells)), np.empty(len(order))
+    tasks, found = by_number(_tasks(cells)), np.empty(len(keys))
     for task in range(len(tasks.count)):
         mine = tasks.rows(task)
-        _, place, alike = np.unique(order[mine], return_inverse=True, return_counts=True)
-        found[mine] = (np.cumsum(alike) - (alike - 1) / 2)[place]
+        keys[mine, 2] = alike(keys[mine, 2])
+        _, place, ties = np.unique(keys[mine], axis=0, return_inverse=True, return_counts=True)
+        found[mine] = (np.cumsum(ties) - (ties - 1) / 2)[place.ravel()]
     return found
 
 

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calibench.bench.statistics.answers import answers
-from calibench.bench.statistics.summary import goal_hits
+from calibench.bench.statistics.summary import alike, goal_hits
 
 Array = NDArray[np.float64]
 By = Literal["goal", "value", "charged"]
@@ -42,11 +42,14 @@ def scores(runs: pd.DataFrame, by: By = "goal") -> Array:
 def order_of(pairs: Array) -> Array:
     """Return the ranks of scores, shape (n, 2) -> (n,): 1 is best, those that are alike share their mean rank.
 
+    Values that agree to nine digits are alike (`bench.statistics.summary.alike`).
+
     >>> order_of(np.array([[np.inf, 3.0], [20.0, 0.0], [np.inf, 1.0], [20.0, 0.0]])).tolist()
     [4.0, 1.5, 3.0, 1.5]
     """
     from scipy.stats import rankdata
 
+    pairs = np.column_stack([pairs[:, 0], alike(pairs[:, 1])])
     different = np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
     ranks: Array = rankdata(different)
     return ranks

@@ -4,7 +4,8 @@ Pairs (the same repetition of the same problem: the same data and start) are tes
 the differences of their ranks among all runs of both: where nothing differs, a pair may be exchanged, which only turns
 the sign of its difference. Runs without partners are tested by Mann and Whitney's test. Both look at the order of runs
 alone (`score`). The p-values are exact, ties and all, of up to 60 pairs and of up to 80 runs without partners; beyond
-they are by SciPy's normal approximation with its correction for ties.
+they are by SciPy's normal approximation with its correction for ties. Where one side has no chance in it, its one value
+is beside the runs of the other: that is the sign test.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from calibench.bench.statistics.comparison.score import order_of
 Array = NDArray[np.float64]
 _MOST_PAIRS = 60  # whose exchanges are all counted
 _MOST_RUNS = 80  # of both sides, whose exchanges are all counted
-Test = Literal["signed-rank", "Mann-Whitney", "equal", "fact", "none"]
+Test = Literal["signed-rank", "Mann-Whitney", "sign", "equal", "fact", "none"]
 
 
 @final
@@ -47,10 +48,11 @@ class Tested:
     ahead: int
 
 
-def two_methods(first: Array, second: Array, paired: bool, chance: bool = True) -> Tested:
+def two_methods(first: Array, second: Array, paired: bool, chance: tuple[bool, bool] = (True, True)) -> Tested:
     """Return the test of the runs `first`, scores of shape (n, 2), against `second`, shape (m, 2).
 
-    `paired`: the i-th of both belong together. Without `chance` a difference is a fact, and not tested.
+    `paired`: the i-th of both belong together. `chance` tells of both whether it has a part: where it has none in
+    either, a difference is a fact, and not tested.
     """
     n, m = len(first), len(second)
     pairs = n if paired else 0
@@ -62,8 +64,12 @@ def two_methods(first: Array, second: Array, paired: bool, chance: bool = True) 
     alike = first == second if paired else np.sort(first, axis=0) == np.sort(second, axis=0) if n == m else False
     if np.all(alike):
         return Tested("equal", (n, m), pairs, nothing, nothing, nothing, effect, 0)
-    if not chance:
+    if not any(chance):
         return Tested("fact", (n, m), pairs, nothing, nothing, nothing, effect, ahead)
+    if not all(chance):
+        signs = beside_fixed(first, second) if chance[1] else -beside_fixed(second, first)
+        p, count = _sign(signs), len(signs)
+        return Tested("sign", (n, m), 0, p, min(1.0, 2.0 ** (1 - count)), p, effect, ahead)
     ranks = order_of(np.concatenate([first, second]))
     if paired:
         difference = ranks[n:] - ranks[:n]
@@ -96,7 +102,7 @@ def signed_rank_tails(difference: Array) -> tuple[float, float]:
     ways = np.ones(1)
     for rank in twice.tolist():
         ways = np.convolve(ways, np.concatenate([[0.5], np.zeros(rank - 1), [0.5]]))
-    return float(ways[: whole - seen + 1].sum()), float(ways[: seen + 1].sum())
+    return _at_most_1(ways[: whole - seen + 1].sum()), _at_most_1(ways[: seen + 1].sum())
 
 
 def rank_sum_tails(first: Array, second: Array) -> tuple[float, float]:
@@ -120,7 +126,18 @@ def rank_sum_tails(first: Array, second: Array) -> tuple[float, float]:
     for rank in twice.tolist():
         ways[1:, rank:] += ways[:-1, : ways.shape[1] - rank].copy()
     share, seen = ways[n] / ways[n].sum(), int(twice[:n].sum())
-    return float(share[: seen + 1].sum()), float(share[seen:].sum())
+    return _at_most_1(share[: seen + 1].sum()), _at_most_1(share[seen:].sum())
+
+
+def _at_most_1(p: float) -> float:
+    return min(1.0, float(p))  # of a sum that rounding has brought above
+
+
+def beside_fixed(fixed: Array, drawn: Array) -> Array:
+    """Return 1 for each run of `drawn` that is behind the one value of `fixed`, -1 for one ahead, else 0."""
+    ranks = order_of(np.concatenate([fixed[:1], drawn]))
+    signs: Array = np.sign(ranks[1:] - ranks[0])
+    return signs
 
 
 def _sign(difference: Array) -> float:

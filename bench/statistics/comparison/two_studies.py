@@ -165,7 +165,7 @@ def partners(first: pd.DataFrame, second: pd.DataFrame) -> Sides:
 
 
 def _tested(first: pd.DataFrame, second: pd.DataFrame, paired: bool, by: By) -> Tested:
-    chance = has_chance(first) or has_chance(second)
+    chance = has_chance(first), has_chance(second)
     return two_methods(scores(first, by), scores(second, by), paired, chance)
 
 
@@ -226,6 +226,13 @@ def _verdict(result: Tested, p: float, by: By) -> tuple[Verdict, str]:
     if p <= LEVEL:
         return "undecided", f"Holm's p {p:.2g}, but of all couples as many or more say the opposite"
     if result.p_least > LEVEL:
-        of = counted(result.pairs, "pair") if result.pairs else f"{result.runs[0]} and {result.runs[1]} runs"
+        of = f"{result.runs[0]} and {result.runs[1]} runs"
+        of = (
+            counted(result.pairs, "pair")
+            if result.pairs
+            else f"{of}, of one side without chance,"
+            if result.test == "sign"
+            else of
+        )
         return "undecided", f"{of} cannot give a p below {result.p_least:.2g}"
     return "undecided", f"Holm's p {p:.2g}"
