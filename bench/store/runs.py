@@ -386,6 +386,7 @@ class ResultStore:
                 reader.path.unlink()
         with suppress(OSError):  # somebody has begun another journal
             (self.folder / FOLDER).rmdir()
+        pa.default_memory_pool().release_unused()
         return list(aside)
 
     def _move_aside(self, path: Path) -> Path:

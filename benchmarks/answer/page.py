@@ -12,6 +12,7 @@ from calibench.bench.report.shared.markdown import bullets, table, text
 from calibench.bench.statistics.comparison.many_methods import Ranked
 
 _LISTED = 5  # methods of each kind in the tables
+_MOSTLY = 0.5  # of a family's answers in the box: a family below is named
 _WORDS = {"residuals": "with residuals", "gradient": "with the gradient", "values": "with values alone"}
 
 
@@ -51,12 +52,19 @@ def page(runs: pd.DataFrame) -> str:
 
 def _answer(runs: pd.DataFrame, budget: int) -> str:
     found = leading(runs, len(runs)).set_index("name")
+    families = {str(family): standing(mine).set_index("name") for family, mine in runs.groupby("family", sort=False)}
     told = []
     for kind, name in winners(runs).items():
+        reached = {family: float(rows.loc[name, "reached"]) for family, rows in families.items()}
+        inside = {family: float(rows.loc[name, "inside"]) for family, rows in families.items()}
+        nowhere = ", ".join(f"`{family}`" for family, count in reached.items() if not count)
         said = f"{_WORDS[kind]} **`{name}`** ({_reached(found.loc[name])}"
+        said += f", none of {nowhere}" if nowhere else ""
         within = found[(found["knows"] == kind) & (found["inside"] == 1)]
         if found.loc[name, "inside"] < 1 and len(within):  # it knows no bounds
-            said += f", {found.loc[name, 'inside']:.0%} of its answers in the box; of those that never leave it"
+            low = ", ".join(f"{share:.0%} of `{family}`" for family, share in inside.items() if share < _MOSTLY)
+            said += f", {found.loc[name, 'inside']:.0%} of its answers in the box{low and f' ({low})'}; of those that"
+            said += " never leave it"
             also = f" (alike {_quoted(within.iloc[0]['alike'])})" if within.iloc[0]["alike"] else ""
             said += f" `{within.index[0]}`{also}: {_reached(within.iloc[0])}"
         told.append(f"{said})")
@@ -247,8 +255,8 @@ def _overturned(runs: pd.DataFrame) -> str:
         f"*Other noise.* It is Gaussian, independent and of one size here: {split}. Outliers or a wrong model want a "
         "robust loss: `trf` and `dogbox` have several (`loss=`), which were not run here.",
         "*Seconds.* Evaluations are counted. Where one costs microseconds, what a method does in between decides.",
-        "*Other machines.* Two machines are drawn here, a planar and a spatial parallel one. Serial arms are drawn "
-        "when they join.",
+        "*Other machines.* Here are a planar and a spatial parallel machine and two serial arms. A machine with other "
+        "singularities, or with joints whose zeros and lengths the readings hardly tell apart, may favour another.",
         "*Other draws.* Widths of the boxes, numbers of poses and noise are drawn as the page on instances says, and "
         "not measured on a population of real machines.",
     )

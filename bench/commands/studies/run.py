@@ -228,7 +228,8 @@ def _print_process_changes(rows: pa.Table) -> None:
 def _asked_for(runs: pa.Table, outcome: Outcome) -> pa.Table:
     """Return the rows of the runs that this sweep asked for."""
     asked = set(outcome.asked)
-    return kept(runs, mask_of(np.array([run_id in asked for run_id in runs["run_id"].to_pylist()], dtype=bool)))
+    mine = np.array([run_id in asked for run_id in runs["run_id"].to_pylist()], dtype=bool)
+    return runs if mine.all() else kept(runs, mask_of(mine))  # of 1e5 runs a copy is 70 MB
 
 
 def _print_failures(rows: pa.Table, request: Request) -> None:
