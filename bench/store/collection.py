@@ -46,9 +46,9 @@ from calibench.bench.store.schema import PART_SCHEMA, POINT, RUNS_SCHEMA, TRACE,
 from calibench.bench.store.tables import ORDER, RUNS, TRACES, Tables, metadata
 
 Index = NDArray[np.int64]
-_CHUNK = 10_000  # runs that are merged at a time
+_CHUNK = 4_000  # runs that are merged at a time
 _READ = 4 << 20  # bytes of lines that are read from JSON at a time
-_PIECE = 32 << 20  # bytes of a sorted piece
+_PIECE = 16 << 20  # bytes of a sorted piece
 PIECE = "piece-"  # names of their files begin so
 _BATCH = 500  # runs of a piece that are read from its file at a time
 

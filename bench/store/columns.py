@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from calibench.bench.store.arrays import cast, numbers
+from calibench.bench.store.arrays import cast, dictionary_encode, numbers
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -48,6 +48,10 @@ def floats(column: Any) -> Array:
 
 def plain(column: Any) -> list[Any]:
     """Return a column as Python has it, None where it has nothing; NaN is nothing."""
+    if isinstance(column, pa.ChunkedArray) and pa.types.is_string(column.type):
+        coded = dictionary_encode(column.combine_chunks())  # each text is kept once, however many rows have it
+        texts = [*coded.dictionary.to_pylist(), None]
+        return [texts[place] for place in numbers(coded.indices, -1).tolist()]
     if isinstance(column, pa.ChunkedArray):
         values = column.to_pylist()
     elif isinstance(column, list | np.ndarray):

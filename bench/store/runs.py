@@ -143,7 +143,9 @@ class ResultStore:
 
     def rows(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Return all finished runs as Arrow has them: columns of `RUNS_SCHEMA`, or `columns`. No pandas is loaded."""
-        return pa.concat_tables([store._gathered(store.manifest(), columns)[0] for store in self._studies()])
+        found = pa.concat_tables([store._gathered(store.manifest(), columns)[0] for store in self._studies()])
+        pa.default_memory_pool().release_unused()  # what reading took beside: of 1e5 rows 70 MB
+        return found
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
