@@ -192,7 +192,12 @@ def _levels(
 
 
 def with_lowest_seen(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs with targets and hits where their problem has none, and the column `goal_is_lowest_seen`."""
+    """Return the runs with targets and hits where their problem has none, and the column `goal_is_lowest_seen`.
+
+    Runs that have that column already are returned as they are.
+    """
+    if COLUMN in runs:
+        return runs
     runs = runs.assign(**{COLUMN: False})
     open_ = np.isnan(goals_of(runs)) & ~judged(runs)
     if not open_.any():

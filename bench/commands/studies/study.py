@@ -16,6 +16,7 @@ from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, mixed_code
 from calibench.bench.statistics.names.labels import problem_titles
+from calibench.bench.statistics.targets import with_lowest_seen
 from calibench.bench.store.merge import merge
 from calibench.bench.store.runs import ResultStore
 from calibench.core.counted import counted
@@ -34,7 +35,7 @@ def report(argv: list[str]) -> int:
     """Write tables, figures and the page, and print the summary."""
     store = _store(argv)
     damaged = store.damaged()
-    runs = store.runs()
+    runs = with_lowest_seen(store.runs(), store.traces())
     summary = stats.summary(runs, store.manifest().get("costs", [])) if len(runs) else None
     with report_progress() as tell:
         written = write_report(store, ADDITIONS, tell, summary)

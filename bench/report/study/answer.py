@@ -57,7 +57,7 @@ def answer_of(
     names = stats.method_names(runs) if names is None else names
     planned = runs[~runs["run_id"].isin(manifest.get("abandoned", ()))]
     judged = with_lowest_seen(runs if planned.empty else planned, traces)
-    if cells is None or len(judged) < len(runs) or judged[COLUMN].any():
+    if cells is None or len(judged) < len(runs) or (COLUMN not in runs and judged[COLUMN].any()):
         cells = stats.summary(judged)
     return answer(judged, cells, names[judged.index], remaining_by_budget(manifest, set(runs["run_id"])))
 

@@ -21,6 +21,7 @@ from calibench.bench.statistics.names.labels import method_titles, problem_title
 from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.statistics.priced import priced as priced_runs
 from calibench.bench.statistics.progress import without_numbers
+from calibench.bench.statistics.targets import COLUMN
 from calibench.bench.store.options import parts
 from calibench.core.counted import counted
 
@@ -225,7 +226,8 @@ def goal_text(runs: pd.DataFrame, known: Optimum) -> str:
     """Return the level that counts as success, in words; several where the runs had their own; '' where none."""
     goals = set(stats.goals_of(runs).tolist())
     said = ((known.level(goal), known.is_floor(goal)) for goal in sorted(goal for goal in goals if isfinite(goal)))
-    return ", ".join(f"{level}, the rounding floor" if floor else level for level, floor in said)
+    seen = ", the lowest value seen to rounding" if COLUMN in runs and runs[COLUMN].any() else ""
+    return ", ".join(f"{level}, the rounding floor" if floor else level for level, floor in said) + seen
 
 
 def _error_heading(runs: pd.DataFrame, known: Optimum) -> str:

@@ -18,7 +18,7 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.names.order import with_looks
-from calibench.bench.statistics.targets import levels_of
+from calibench.bench.statistics.targets import levels_of, with_lowest_seen
 from calibench.bench.store.files.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
@@ -51,6 +51,7 @@ def _written(store: ResultStore, additions: Additions, tell: Tell, summary: pd.D
     runs, traces = store.runs(), store.traces()
     if runs.empty:
         raise StoreError(f"{store.folder}: holds no finished run yet")
+    runs = with_lowest_seen(runs, traces)
     manifest = store.manifest()
     costs = manifest.get("costs", [])
     tell(1, _STEPS, "when each run reached each target")

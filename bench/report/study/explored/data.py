@@ -37,7 +37,9 @@ _NEEDED = {
     "judged_evaluations",
 }  # fmt: skip  # columns of runs that something here comes from
 _QUANTITIES = {
-    GOAL: ("the goal of each problem", "", "the level that counts as success: a run's own target, or the problem's"),
+    GOAL: ("the goal of each problem", "",
+           "the level that counts as success: a run's own target, or the problem's, or where it has none the lowest "
+           "value seen"),
     "gap": ("distance to the best value", "",
             "best value minus the least one: the declared minimum of the problem, else the best that any run of this "
             "study found"),
