@@ -96,6 +96,16 @@ def opened(browser, store):
         one.context.close()
 
 
+def test_a_table_that_is_cut_at_the_edge_has_a_shade_there(opened):
+    """On a usual screen the table of problems is whole; on a narrow one its edge tells that it goes on."""
+    table = "document.querySelector('#contents + .scroll')"
+    hidden = f"{table}.scrollWidth - {table}.clientWidth"
+    assert opened().page.evaluate(hidden) == 0
+    narrow = opened(width=400).page
+    assert narrow.evaluate(hidden) > 0
+    assert narrow.evaluate(f"getComputedStyle({table}).backgroundImage").count("linear-gradient") == 4
+
+
 def test_all_that_can_be_clicked_is_clicked_and_nothing_complains(opened):
     one = opened()
     page = one.page

@@ -157,6 +157,9 @@ def test_what_failed_stays_in_the_tables_and_is_explained_at_the_end(own):
     assert f"{failed} of {len(runs)} runs failed" in page
     assert "the &lt;controller&gt; &amp; its link are lost" in page
     assert "<controller>" not in page
+    marks = re.findall(r"<td class=\"n\"><span class=\"v no\">✗ (\d+)</span></td>", page)
+    assert sum(map(int, marks)) == failed  # in the table of problems, set as a mark
+    assert "&lt;span" not in page
     reasons = page[page.index("<h2 id=failures>") :]
     assert "never a value" in reasons
     for method in set(runs["optimizer"]):

@@ -166,14 +166,15 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
     heads = [
         ("problem", ""), *([("error", "")] if errors else []), ("parameters", "n"), ("methods", "n"), ("cells", "n"),
         *([("at the goal in every run", "n")] if goals else []),
-        ("fewest evaluations to the goal" if goals else "best", ""), ("failed runs", "n"),
+        ("fewest evaluations to the goal" if goals else "best", "why"), ("failed runs", "n"),
         *([("ended by the time limit", "n")] if late else []),
     ]  # fmt: skip
     return study_tables.table(heads, rows)
 
 
 def _marked(number: int) -> str:
-    return str(study_tables.cell_macros().tag(f"✗ {number}", "no")) if number else "0"
+    told: str = study_tables.cell_macros().tag(f"✗ {number}", "no") if number else "0"
+    return told  # as it is: `str` of it would be set as text
 
 
 def anchor(title: str) -> str:
