@@ -86,7 +86,7 @@ def test_a_method_whose_start_the_problem_decides_is_one(folder):
     numbers = plot.ecdf.data(folder)
     assert set(numbers["method"]) == {"lm", "trf", "de"}
     assert set(numbers["problems"]) == {2}
-    assert set(plot.heatmap.data(folder)["method"].str.partition(" ")[0]) == {"lm", "trf", "de"}
+    assert set(plot.heatmap.data(folder)["method"]) == {"lm", "trf", "de"}
 
 
 def test_the_profile_is_that_of_the_expected_running_times(folder, rows):
@@ -110,6 +110,70 @@ def test_of_several_problems_one_has_to_be_chosen_for_a_convergence(folder):
         plot.convergence(folder)
     with pytest.raises(ValueError, match=r"problem='full1': there is none; .*did you mean 'full11'"):
         plot.ecdf(folder, problem="full1")
+
+
+def test_a_name_that_is_among_the_choices_is_that_one_problem(rows):
+    mine = rows[rows["problem"] == "sensor_zero"]
+    own = [mine.assign(problem="own.py:Bowl", problem_options=text) for text in ("{}", '{"readings": 60}')]
+    both = pd.concat([one.assign(run_id=one["run_id"] + str(i)) for i, one in enumerate(own)], ignore_index=True)
+    assert set(plot.heatmap.data(both, problem="own.py:Bowl")["problem_options"]) == {"{}"}
+    assert set(plot.heatmap.data(both, problem="Bowl")["problem_options"]) == {"{}", '{"readings": 60}'}
+
+
+def test_a_method_has_one_look_in_all_drawings_of_one_source(folder):
+    figure = Figure()
+    axes = figure.subplots(1, 4)
+    plot.convergence(folder, axes[0], problem="full11")
+    plot.convergence(folder, axes[1], problem="sensor_zero")
+    plot.ecdf(folder, axes[2])
+    plot.profile(folder, axes[3])
+    looks = [
+        {method: (line.get_color(), line.get_linestyle()) for method, line in lines_of(one).items()} for one in axes
+    ]
+    assert len(set(looks[0].values())) == 3
+    assert all(look == looks[0] for look in looks[1:])
+    assert list(looks[0]) != list(looks[3])  # though each lists them in an order of its own
+
+
+def test_the_best_value_of_a_run_is_drawn_as_the_steps_that_it_is():
+    run = bench.execute(problems.make("sensor_zero"), optimizers.make("de"), budget=60)
+    line = lines_of(plot.convergence(run))["de"]
+    assert line.get_drawstyle() == "steps-post"
+    held = run.trace["best_value"].to_numpy()[np.searchsorted(run.trace["charged"], line.get_xdata(), side="right") - 1]
+    assert np.array_equal(line.get_ydata(), held)
+
+
+def test_all_numbers_call_a_method_alike_and_how_it_ends_stands_beside_it(folder):
+    field = plot.heatmap.data(folder)
+    assert set(field["method"]) == set(plot.ecdf.data(folder)["method"]) == {"lm", "trf", "de"}
+    assert set(zip(field["label"], field["ends"])) == {("lm · stops", "stops"), ("trf · stops", "stops"), ("de", "")}
+
+
+def apart(texts):
+    """Tell whether no two texts cover each other."""
+    boxes = [text.get_window_extent() for text in texts]
+    return not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+
+
+@pytest.mark.parametrize("layout", ["constrained", None])
+def test_names_and_numbers_in_small_axes_do_not_cover_each_other(rows, layout):
+    more = [rows.assign(data_id=f"{i}", run_id=rows["run_id"] + f"{i}") for i in range(6)]
+    more += [
+        one[one["optimizer"] != "lm"].assign(optimizer=one["optimizer"] + f"_{i}", run_id=one["run_id"] + f" {i}")
+        for i in range(4)
+        for one in more
+    ]
+    many = pd.concat(more, ignore_index=True)
+    figure = Figure(figsize=(15, 4), layout=layout)
+    _, field, ranked = figure.subplots(1, 3)
+    plot.heatmap(many, field)
+    plot.ranks(many, ranked)
+    figure.canvas.draw()
+    assert len(field.get_xticklabels()) == 12
+    assert apart(field.get_xticklabels())
+    assert apart(ranked.get_xticklabels())
+    assert len(ranked.get_xticklabels()) > 2
+    assert apart(ranked.texts)
 
 
 def test_a_table_that_does_not_know_its_traces_says_what_to_give(folder, rows):

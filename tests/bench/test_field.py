@@ -51,7 +51,7 @@ def test_the_picture_says_which_method_stops_and_which_restarts(runs: pd.DataFra
     figure, numbers = figures.overview(runs)
     labels = {text.get_text() for axes in figure.axes[:1] for text in axes.get_yticklabels()}
     assert labels == {"lm · stops", "lm · restarts", "trf · stops", "trf · restarts", "nlopt_GN_ESCH"}
-    assert set(zip(numbers["method"], numbers["ends"], strict=True)) == {
+    assert set(zip(numbers["label"], numbers["ends"], strict=True)) == {
         (label, label.partition(" · ")[2]) for label in labels
     }
 

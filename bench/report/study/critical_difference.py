@@ -15,6 +15,7 @@ from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, figur
 from calibench.bench.statistics.comparison.many_methods import Ranked
 
 _LETTER = 0.07  # inches of a letter of a name
+_TICK = 0.25  # inches between two numbers of the scale, at least
 
 
 def critical_difference(ranked: Ranked) -> Drawing:
@@ -46,13 +47,16 @@ def draw_ranks(axes: Axes, ranked: Ranked) -> None:
     span = max(high - low, 1.0)
     inches = axes.get_position().width * figure_of(axes).get_figwidth()
     least, most = _beside(ranked)
-    inch = 1.12 * span / max(inches - least - most, 0.25 * inches)  # the lines to the names take 6 % on either side
+    scale = max(inches - least - most, 0.25 * inches)
+    size = 8 * min(1.0, (inches - scale) / (least + most))  # of names, which in narrow axes are smaller
+    least, most = least * size / 8, most * size / 8
+    inch = 1.12 * span / scale  # the lines to the names take 6 % on either side
     for i, (name, rank) in enumerate(zip(ranked.methods, ranked.mean_ranks.tolist(), strict=True)):
         left = i < (count + 1) // 2
         depth = -1.0 - 0.12 * len(bars) * 4 - (i if left else count - 1 - i)
         edge = low - 0.06 * span if left else high + 0.06 * span
         axes.plot([rank, rank, edge], [0, depth, depth], color=COLOURS[6], linewidth=0.8)
-        axes.text(edge, depth, f" {name}  {rank:.2f} ", ha="right" if left else "left", va="center", fontsize=8)
+        axes.text(edge, depth, f" {name}  {rank:.2f} ", ha="right" if left else "left", va="center", fontsize=size)
     for i, (first, last) in enumerate(bars):
         ends = [ranked.mean_ranks[first] - 0.01 * span, ranked.mean_ranks[last] + 0.01 * span]
         axes.plot(ends, [-0.5 - 0.45 * i] * 2, color=COLOURS[0], linewidth=3, solid_capstyle="butt")
@@ -61,7 +65,7 @@ def draw_ranks(axes: Axes, ranked: Ranked) -> None:
     axes.set_ylim(-1.6 - 0.48 * len(bars) - (count + 1) // 2, 2.2)
     axes.set_xlim(low - 0.06 * span - least * inch, high + 0.06 * span + most * inch)
     axes.set_yticks([])
-    axes.set_xticks(np.arange(low, high + 1, max(1, round(span / 8))))
+    axes.set_xticks(np.arange(low, high + 1, max(1, np.ceil(span / min(12, scale / _TICK)))))
     axes.spines[["left", "right", "bottom"]].set_visible(False)
     axes.spines["top"].set_visible(True)
     axes.spines["top"].set_position(("data", 0.0))

@@ -159,18 +159,29 @@ def convergence_bands(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
 def draw_convergence(
     axes: Axes, drawn: pd.DataFrame, known: Optimum, named: Sequence[str], looks: Mapping[str, int]
 ) -> None:
-    """Draw the bands of `convergence_bands`: those of the `named` methods in their looks, the others grey."""
+    """Draw the bands of `convergence_bands`: those of the `named` methods in their looks, the others grey.
+
+    A best value holds until a better one is found: lines are steps.
+    """
     methods = list(dict.fromkeys(drawn["method"]))
     below: list[NDArray[np.float64]] = []  # lower quartiles
     for method in sorted(methods, key=lambda m: m in named):
         band = drawn[drawn["method"] == method]
         if method not in named:
-            axes.plot(band["charged"], band["median"], color="0.75", lw=0.7, label=others(len(methods) - len(named)))
+            axes.step(
+                band["charged"],
+                band["median"],
+                where="post",
+                color="0.75",
+                lw=0.7,
+                label=others(len(methods) - len(named)),
+            )
             continue
         look = look_of(looks[method])
         below.append(band["q1"][band["median"].notna()].to_numpy(dtype=float))
-        axes.fill_between(band["charged"], band["q1"], band["q3"], color=look["color"], alpha=0.18, linewidth=0)
-        axes.plot(band["charged"], band["median"], label=method, **look)
+        shade = {"color": look["color"], "alpha": 0.18, "linewidth": 0}
+        axes.fill_between(band["charged"], band["q1"], band["q3"], step="post", **shade)
+        axes.step(band["charged"], band["median"], where="post", label=method, **look)
     if known.floor:
         axes.axhline(known.floor, color="0.35", linestyle=":", linewidth=1)
         axes.annotate(
@@ -317,7 +328,7 @@ def overview(runs: pd.DataFrame) -> Drawing:
     again there.
     """
     table = field_of(runs)
-    order, columns = list(dict.fromkeys(table["method"])), columns_of(table)
+    order, columns = list(dict.fromkeys(table["label"])), columns_of(table)
     halves = 1 if len(order) <= 40 or len(columns) > _FIELD else 2
     rows = -(-len(order) // halves)
     width, height = field_size(order, columns, rows)
@@ -325,7 +336,8 @@ def overview(runs: pd.DataFrame) -> Drawing:
         figure = Figure(figsize=(0.9 + halves * width, height), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, halves))
         for i, axes in enumerate(panels):
-            image = draw_field(axes, table, order[i * rows : (i + 1) * rows], columns, rows)
+            mine = order[i * rows : (i + 1) * rows]
+            image = draw_field(axes, table, mine, columns, rows, inches=column_width(columns))
         put_scale(image, panels, rows)
         entitle(figure, field_title(table))
     return figure, table
@@ -335,12 +347,16 @@ FIELD_STYLE: Any = {"axes.grid": False}
 
 
 def field_of(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return `tables.overview` of these runs, and what is drawn of it: method, ends, column."""
+    """Return `tables.overview` of these runs, and of what is drawn of it: method, ends, column, and label, its row.
+
+    The label is the method and how it ends, "stops" or "restarts", which `ends` says by itself.
+    """
     table = tables.overview(runs)
     named = table.rename(columns={"options": "optimizer_options"})
     ends, spoken = endings(named), {"": "", "stops": " · stops", "restarts": " · restarts"}
-    plain = method_labels(named).str.replace(r" \(restarts=True\)|restarts=True, |, restarts=True", "", regex=True)
-    return table.assign(method=plain + ends.map(spoken), ends=ends, column=_columns(named))
+    method = method_labels(named)
+    plain = method.str.replace(r" \(restarts=True\)|restarts=True, |, restarts=True", "", regex=True)
+    return table.assign(method=method, ends=ends, column=_columns(named), label=plain + ends.map(spoken))
 
 
 def columns_of(table: pd.DataFrame) -> list[str]:
@@ -354,20 +370,38 @@ def field_title(table: pd.DataFrame) -> str:
     return f"{counted(table['method'].nunique(), 'method')}, {_range(table['budget'])} evaluations: {known}"
 
 
+_LETTER = 0.06  # inches of a letter of a name
+
+
+def column_width(columns: Sequence[str]) -> float:
+    """Return the width of a column in a figure of its own [inches]: less where they are many, or their names long."""
+    return 0.36 if len(columns) > _FIELD or _is_upright(columns, 0.85) else 0.85
+
+
+def _is_upright(columns: Sequence[str], inches: float) -> bool:
+    """Tell whether a word of the names is wider than a column, so that they stand upright."""
+    return _LETTER * max(len(word) for name in columns for word in name.split()) > inches
+
+
 def field_size(order: Sequence[str], columns: Sequence[str], rows: int) -> tuple[float, float]:
     """Return width and height of a panel of `rows` methods [inches]."""
-    upright = len(columns) > _FIELD  # names of columns
-    tall = 0.06 * max(map(len, columns)) if upright else 0.0
+    wide = column_width(columns)
+    tall = _LETTER * max(map(len, columns)) if _is_upright(columns, wide) else 0.0
     beside = max(2.1, 0.3 + 0.054 * max(map(len, order)))  # names of methods
-    return beside + (0.36 if upright else 0.85) * len(columns), 1.4 + max(0.185 * rows, 1.2) + tall
+    return beside + wide * len(columns), 1.4 + max(0.185 * rows, 1.2) + tall
 
 
-def draw_field(axes: Axes, table: pd.DataFrame, methods: Sequence[str], columns: Sequence[str], rows: int) -> AxesImage:
-    """Draw a row for each of the `methods` of `field_of`, in the height of `rows`; return the image of the places."""
-    cells = {(row["method"], row["column"]): row for row in table.to_dict("records")}
+def draw_field(
+    axes: Axes, table: pd.DataFrame, labels: Sequence[str], columns: Sequence[str], rows: int, inches: float
+) -> AxesImage:
+    """Draw a row for each of the `labels` of `field_of`, in the height of `rows`; return the image of the places.
+
+    `inches` is the width of a column: in narrow ones names stand upright, and long words are small.
+    """
+    cells = {(row["label"], row["column"]): row for row in table.to_dict("records")}
     most = table.groupby("column")["place"].max()
     grid = np.full((rows, len(columns)), np.nan)
-    for y, name in enumerate(methods):
+    for y, name in enumerate(labels):
         for x, column in enumerate(columns):
             cell = cells.get((name, column))
             if cell is None:
@@ -375,16 +409,27 @@ def draw_field(axes: Axes, table: pd.DataFrame, methods: Sequence[str], columns:
                 continue
             grid[y, x] = (cell["place"] - 1) / max(most[column] - 1, 1)
             shade = "white" if grid[y, x] < 0.45 else "black"
-            axes.text(x, y, _told(cell), ha="center", va="center", fontsize=6.5, color=shade)
+            said = _told(cell)
+            size = min(6.5, 72 * inches / (0.6 * max(len(said), 1)))
+            axes.text(x, y, said, ha="center", va="center", fontsize=size, color=shade)
     image = axes.imshow(grid, aspect="auto", cmap="cividis", vmin=0, vmax=1)
-    axes.set_yticks(range(len(methods)), methods, fontsize=7)
-    upright = len(columns) > _FIELD
-    said = columns if upright else [column.replace(" ", "\n") for column in columns]
-    axes.set_xticks(range(len(columns)), said, fontsize=7, rotation=90 if upright else 0)
+    axes.set_yticks(range(len(labels)), labels, fontsize=7)
+    upright = _is_upright(columns, inches)
+    titles = columns if upright else [column.replace(" ", "\n") for column in columns]
+    axes.set_xticks(range(len(columns)), titles, fontsize=7, rotation=90 if upright else 0)
     axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
     axes.set_ylim(rows - 0.5, -0.5)
     axes.spines[:].set_visible(False)
     return image
+
+
+def room_of_columns(axes: Axes, order: Sequence[str], columns: Sequence[str]) -> float:
+    """Return how wide a column is in axes that were given [inches], beside the names of methods and the scale."""
+    across = axes.get_position().width * figure_of(axes).get_figwidth()
+    if figure_of(axes).get_layout_engine() is None:
+        return 0.8 * across / len(columns)  # names stand outside, and the scale takes its part
+    across /= 0.775  # a layout uses the margins too, and has all inside
+    return max(across - 0.8 - 0.054 * max(map(len, order)), 0.3 * across) / len(columns)
 
 
 def put_scale(image: AxesImage, panels: Any, rows: int) -> None:

@@ -1,0 +1,130 @@
+"""What is asked of finished runs from Python: where they are kept, and the answer that they give.
+
+A source is a store, the path of its folder, a table of its runs, all or some, a `Run` or a list of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+import pandas as pd
+import pyarrow as pa
+
+from calibench.bench.execution.run import Run
+from calibench.bench.report.study.answer import Answer, answer_of
+from calibench.bench.statistics.names.labels import problem_titles
+from calibench.bench.statistics.names.order import LOOK, with_looks
+from calibench.bench.statistics.summary import summary
+from calibench.bench.statistics.targets import levels_of
+from calibench.bench.store.hits import columns_for, hit_tables
+from calibench.bench.store.runs import FOLDER_OF, ResultStore
+from calibench.bench.store.schema import HITS_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
+from calibench.core.counted import counted
+from calibench.core.options import suggest
+from calibench.problems.suites.gaps import COCO_GAPS
+
+Source = ResultStore | str | Path | pd.DataFrame | Run | Sequence[Run]
+
+
+def answer(source: Source, *, traces: pd.DataFrame | None = None) -> Answer:
+    """Return which method is best and how sure that is, as the page of a study and ``bench run`` say it.
+
+    `verdict` is "decided", "undecided", or "alone" where there is one method; `best`, `sure` and `compared` are
+    sentences. Of a store, also what is planned and not done is known: then nothing is decided yet. `traces` are
+    needed beside a table of runs that does not know its folder.
+    """
+    found = read_source(source, traces=traces)
+    store = found.of if isinstance(found.of, ResultStore) and not isinstance(source, pd.DataFrame) else None
+    manifest = store.manifest() if store is not None and store.is_begun else None
+    every = found.traces()
+    return answer_of(found.runs, every[every["run_id"].isin(found.runs["run_id"])], manifest)
+
+
+@final
+@dataclass(frozen=True)
+class Runs:
+    """The runs to draw, those of all problems that they were chosen from, and where traces are: a store, or a table."""
+
+    runs: pd.DataFrame
+    every: pd.DataFrame
+    of: ResultStore | pd.DataFrame | None
+
+    def with_looks(self) -> pd.DataFrame:
+        """Return the runs with the number of each method's colour, which is one in all drawings of one source."""
+        every = with_looks(self.every, summary(self.every))
+        return self.runs.assign(**{LOOK: every.loc[self.runs.index, LOOK]})
+
+    def traces(self) -> pd.DataFrame:
+        if self.of is None:
+            raise ValueError(
+                "traces: this table of runs does not know its folder; give traces=store.traces(), or the store itself"
+            )
+        return self.of if isinstance(self.of, pd.DataFrame) else self.of.traces()
+
+    def hits(self) -> pd.DataFrame:
+        """Return when each run reached each target above the best value known."""
+        traces = self.traces()
+        levels = levels_of(self.runs, {"gap": COCO_GAPS})
+        if levels.empty:
+            raise ValueError("no run found a value inside the box: there is no best value to set targets above")
+        names = columns_for(["gap"])
+        place = {run_id: i for i, run_id in enumerate(self.runs["run_id"])}
+        mine = traces[traces["run_id"].isin(place)]
+        mine = mine.iloc[mine["run_id"].map(place).argsort(kind="stable")]
+        rows = _arrow(self.runs, pa.schema([RUNS_SCHEMA.field(name) for name in names]))
+        found = list(hit_tables(rows, [_arrow(mine, TRACES_SCHEMA)], levels))
+        return to_pandas(pa.concat_tables([HITS_SCHEMA.empty_table(), *found]))
+
+    def told(self) -> str:
+        titles = problem_titles(self.runs).unique()
+        return str(titles[0]) if len(titles) == 1 else counted(len(titles), "problem")
+
+
+def _arrow(table: pd.DataFrame, schema: pa.Schema) -> pa.Table:
+    whole = pa.Table.from_pandas(table[schema.names], schema, preserve_index=False)
+    return whole.replace_schema_metadata(None)  # that of pandas names types which it cannot read back
+
+
+def read_source(source: Source, problem: str | None = None, traces: pd.DataFrame | None = None) -> Runs:
+    """Return the runs of `source`, or those on `problem`. Raises `ValueError` where there are none."""
+    if isinstance(source, str | Path):
+        source = ResultStore(source)
+    found: pd.DataFrame
+    of: ResultStore | pd.DataFrame | None
+    if isinstance(source, ResultStore):
+        found, of = source.runs(), source
+    elif isinstance(source, pd.DataFrame):
+        missing = [name for name in RUNS_SCHEMA.names if name not in source]
+        if missing:
+            raise ValueError(f"this is no table of runs: it has no column {missing[0]!r}; store.runs() returns one")
+        found, of = source, ResultStore(source.attrs[FOLDER_OF]) if FOLDER_OF in source.attrs else None
+    else:
+        several = [source] if isinstance(source, Run) else list(source)
+        wrong = next((one for one in several if not isinstance(one, Run)), None)
+        if wrong is not None:
+            raise TypeError(f"a store, its path, a table of runs or runs are needed, not {type(wrong).__name__}")
+        found = to_pandas(pa.Table.from_pylist([one.row | {"study": ""} for one in several], RUNS_SCHEMA))
+        of = pd.concat([one.trace.assign(run_id=one.run_id) for one in several]) if several else None
+    if found.empty:
+        raise ValueError(
+            f"{source.folder if isinstance(source, ResultStore) else 'the table'}: there is no run to draw"
+        )
+    found = found.reset_index(drop=True)
+    every = found
+    if problem is not None:
+        titles = problem_titles(found)
+        names = found["problem"]  # of a class of the user's own also without its file
+        ways = (titles == problem, names == problem, names.str.rpartition(":")[2] == problem)
+        mine = next((way for way in ways if way.any()), None)  # what the page calls it comes before shorter names
+        if mine is None:
+            raise ValueError(f"problem={problem!r}: there is none; {choice_of(titles, problem)}")
+        found = found[mine]
+    return Runs(found, every, of if traces is None else traces)
+
+
+def choice_of(titles: pd.Series, name: str = "") -> str:
+    """Return what `problem` may be, with what is near `name`."""
+    return f"problem= takes one of them; {suggest(name, dict.fromkeys(titles))}"
