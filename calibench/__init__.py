@@ -15,11 +15,13 @@ if TYPE_CHECKING:
     from calibench import bench, discrepancy, optimizers, plot, problems, testing
     from calibench.bench.discovery.from_python import discover
     from calibench.bench.execution.run import execute
+    from calibench.bench.report.from_python import answer
     from calibench.bench.store.runs import ResultStore
     from calibench.bench.sweep.from_python import sweep
 
 __all__ = [
     "ResultStore",
+    "answer",
     "bench",
     "discover",
     "discrepancy",
@@ -33,6 +35,7 @@ __all__ = [
 
 _HOMES = {
     "ResultStore": "calibench.bench.store.runs",
+    "answer": "calibench.bench.report.from_python",
     "discover": "calibench.bench.discovery.from_python",
     "execute": "calibench.bench.execution.run",
     "sweep": "calibench.bench.sweep.from_python",

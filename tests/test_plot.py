@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import json
+import shutil
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -316,8 +317,42 @@ def test_a_store_a_run_and_a_report_are_a_line_and_a_table_in_a_notebook(folder,
         assert len(repr(shown)) < 300
         assert words in shown._repr_html_()
     assert f"{len(rows)} finished runs" in store._repr_html_()
+    assert repr(store) == f"<store {store.folder}: {len(rows)} finished runs>"
+    assert repr(bench.ResultStore("nowhere/none")).startswith("<store nowhere/none: there is no such study folder")
     assert "named backlash joint 2" in repr(report)
     assert "there is no such study folder" in bench.ResultStore("nowhere")._repr_html_()
+
+
+def test_a_store_shows_what_the_page_on_python_names(folder):
+    page = (Path(__file__).resolve().parents[1] / "docs" / "api.md").read_text()
+    told = page[page.index("- `ResultStore(folder)`") : page.index("- `answer(")]
+    shown = set(dir(bench.ResultStore(folder)))
+    assert {"runs", "traces", "write"} <= shown
+    assert all(f"`{name}" in told for name in shown)
+    assert shown <= set(dir(bench.ResultStore)) | {"folder"}
+
+
+def test_a_source_answers_which_method_is_best_and_how_sure_that_is(folder, rows, capsys):
+    told = calibench.answer(folder)
+    assert told.best.startswith("Within 300 evaluations a run, ")
+    for source in (bench.ResultStore(folder), rows):
+        assert calibench.answer(source) == told
+    for said in (told.verdict, told.best, told.sure, told.compared):
+        assert said in repr(told)
+    assert "\n" not in repr(told)
+    assert told.compared in told._repr_html_()
+    alone = bench.execute(problems.make("sensor_zero"), optimizers.make("lm"), budget=60)
+    assert calibench.answer(alone).verdict == "alone"
+    with pytest.raises(ValueError, match="there is no run"):
+        calibench.answer(rows.iloc[:0])
+    assert capsys.readouterr() == ("", "")
+
+
+def test_an_answer_of_a_store_waits_for_what_is_planned(folder, tmp_path):
+    store = bench.ResultStore(shutil.copytree(folder, tmp_path / "more"))
+    left = {"of": "a cell", "another": "a cell"}
+    store.plan(left, budgets={"a cell": 300})
+    assert "not finished" in calibench.answer(store).sure
 
 
 WORDS = ("problem=sensor_zero", "optimizer=lm,trf", "budget=60", "seeds=1")
@@ -354,7 +389,12 @@ def test_in_a_notebook_a_sweep_has_a_bar_that_needs_no_widgets(tmp_path, monkeyp
 def test_the_page_on_python_writes_each_call_as_it_is():
     page = (Path(__file__).resolve().parents[1] / "docs" / "api.md").read_text()
     told = {"plot." + name: getattr(plot, name) for name in plot.__all__}
-    told |= {"execute": calibench.execute, "sweep": calibench.sweep, "discover": calibench.discover}
+    told |= {
+        "execute": calibench.execute,
+        "sweep": calibench.sweep,
+        "answer": calibench.answer,
+        "discover": calibench.discover,
+    }
     for name, function in told.items():
         signature = inspect.signature(function)
         bare = [p.replace(annotation=inspect.Parameter.empty) for p in signature.parameters.values()]

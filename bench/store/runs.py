@@ -69,6 +69,7 @@ _OK = scalar_of("ok", pa.string())
 _BEGUN = {FOLDER, LOCK, SOFT_LOCK, HOLDER}  # what may stand in a folder before its manifest
 _UNDER_LOCK = ("manifest.json", RUNS, TRACES, PIECE)  # files that only who holds the lock writes
 _SHOWN = ("problem", "optimizer", "start", "budget")
+_FOR_USERS = ("folder", "hits", "manifest", "open", "runs", "study", "traces", "write")  # what the tab key shows
 FOLDER_OF = "folder"  # the key of `attrs` under which a table of runs says where its traces are
 
 
@@ -97,7 +98,15 @@ class ResultStore:
         self._unseen: set[tuple[str, str]] = set()  # names and options that were warned of
 
     def __repr__(self) -> str:
-        return f"<store {self.folder}>"
+        try:
+            states = [state for store in self._studies() for state in store.survey().states.values()]
+        except StoreError as error:
+            return f"<store {error}>"
+        lost = sum(state.status != "ok" for state in states)
+        return f"<store {self.folder}: {counted(len(states), 'finished run')}{f', {lost} failed' if lost else ''}>"
+
+    def __dir__(self) -> list[str]:
+        return list(_FOR_USERS)
 
     def _repr_html_(self) -> str:
         """Return what stands in the folder, as a notebook shows it: a row for each problem and method."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any, Literal, final
 
 import numpy as np
@@ -38,6 +39,13 @@ class Answer:
     best: str
     sure: str
     compared: str
+
+    def __repr__(self) -> str:
+        return f"<answer {self.verdict}: {self.best} {self.sure} {self.compared}>"
+
+    def _repr_html_(self) -> str:
+        said = "".join(f"<p>{escape(sentence)}</p>" for sentence in (self.sure, self.compared))
+        return f"<div><b>{escape(self.best)}</b>{said}</div>"
 
 
 def answer_of(
