@@ -3,8 +3,10 @@
 import importlib
 import inspect
 import json
+import re
 import shutil
 import sys
+import warnings
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -16,6 +18,7 @@ from matplotlib.figure import Figure
 
 import calibench
 from calibench import bench, optimizers, plot, problems
+from calibench.bench.cli import main
 from calibench.bench.report.study import figures
 from calibench.bench.statistics.fixed_target.profiles import performance_profile
 from calibench.bench.statistics.runtime import ert
@@ -363,6 +366,50 @@ def test_a_sweep_says_nothing_unless_it_is_asked_to(tmp_path, capsys):
     assert capsys.readouterr() == ("", "")
     calibench.sweep(*WORDS, f"results={tmp_path}", "study=loud", progress=True)
     assert "2/2 runs" in capsys.readouterr().err
+
+
+REMARKED = """
+import itertools, os
+import numpy as np
+class Box:
+    lower, upper, start = -np.ones(2), np.ones(2), np.array([0.5, 0.2])
+    def __call__(self, x):
+        return float(x @ x) if x[0] < 0.55 else float("nan")
+class Drifts(Box):
+    called = itertools.count()
+    def __call__(self, x):
+        os.environ["ROBOT"] = "moves"
+        return float(x @ x) + next(self.called)
+"""
+
+
+def test_what_the_command_line_remarks_is_a_warning_in_python(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(REMARKED)
+    words = ["problem=own.py:Box,own.py:Drifts", "optimizer=scipy_nelder_mead,scipy_powell", "budget=9", "seeds=2"]
+    words += ["study=remarked"]
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        calibench.sweep(*words)
+    assert capsys.readouterr() == ("", "")
+    assert {(one.filename, one.category) for one in warned} == {(__file__, UserWarning)}
+    said = [str(one.message) for one in warned]
+    for part in ("the same point gave", "not finite", "changed the state of the process", "1 run: a deterministic"):
+        assert len([line for line in said if part in line]) == 1, part
+    with pytest.raises(SystemExit):
+        main(["run", "-m", *words[:-1], "study=told"])
+    told = "".join(capsys.readouterr())
+    assert all(re.sub(r"[\d.]+", "", line) in re.sub(r"[\d.]+", "", told) for line in said)  # Drifts has drifted on
+    with pytest.warns(UserWarning, match="ends within the first sample of de"):
+        calibench.sweep("problem=sensor_zero", "optimizer=de", "budget=60", "seeds=1", "study=vain")
+
+
+def test_a_misspelt_name_is_told_without_frames_of_ours():
+    for words, near in ((("problem=full13", "optimizer=lm"), "full12"), (("problem=full12", "optimizer=lmm"), "lm")):
+        with pytest.raises(ValueError, match=f"did you mean '{near}'") as raised:
+            calibench.sweep(*words, "budget=60")
+        assert len(raised.traceback) == 2  # the test, and the public function
+        assert raised.value.__cause__ is None
 
 
 def test_in_a_notebook_a_sweep_has_a_bar_that_needs_no_widgets(tmp_path, monkeypatch, capsys):

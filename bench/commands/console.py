@@ -16,6 +16,7 @@ from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.comparison.ranking import order_of
 from calibench.bench.statistics.names.labels import several, titles_of_problems
 from calibench.bench.statistics.summary import names_of_methods, runs_once
+from calibench.bench.sweep.remarks import ONE_RUN
 from calibench.core.words import print_plain as print
 
 _LISTED = 8  # of what was left out of a fit: more are counted
@@ -82,7 +83,7 @@ def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> N
     told += ["outside box: answers that lie outside lower .. upper"] if left_the_box else []
     told += ["kmrmse*: mm, median, modulo the gauge"] if merit else []
     if (spread or repeated) and any(row["runs"] == 1 and not row["noisy"] and _runs_once(row) for row in rows):
-        told += ["1 run: a deterministic method gives one answer from one start, whatever the seed"]
+        told += [ONE_RUN]
     print("; ".join(told), end="\n\n" if told else "\n")
 
 

@@ -6,12 +6,12 @@ number of workers, on any machines.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Timer
-from typing import final
+from typing import Any, final
 
 from calibench.bench.execution.costly import ReplayFolder, forget_finished, values_of
 from calibench.bench.execution.in_progress.running import remove_gone
@@ -166,6 +166,11 @@ def _measure_costs(specs: Mapping[str, Spec], store: ResultStore, tell: Callable
     """Measure what an evaluation of each problem costs, keep it in the manifest, and warn where it scatters."""
     measured = list(costs.measured(specs.values(), store.manifest().get("costs", [])))
     store.note_costs(measured)
+    tell_of_costs(measured, tell)
+
+
+def tell_of_costs(measured: Iterable[Mapping[str, Any]], tell: Callable[[str], None]) -> None:
+    """Tell of which problems a value or a slope was found to be none; `measured` are records of `bench.sweep.costs`."""
     for record in measured:
         if costs.UNLIKE in record:
             tell(_noisy(record["problem"], *record[costs.UNLIKE]))

@@ -1,16 +1,24 @@
-"""What is told of a sweep before its runs: goals that no run can reach, and budgets that a first sample uses up."""
+"""What is told of a sweep, on a terminal as lines and in Python as warnings.
+
+Before its runs: goals that no run can reach, and budgets that a first sample uses up. After them: what was not finite,
+or changed the process. What is found as a problem is first called, `bench.sweep.carry_out` tells.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from math import isclose
 from typing import Any
 
 import numpy as np
 
 from calibench.bench.execution.request.own_problem import minimum_of
-from calibench.core.counted import listed
+from calibench.bench.store.columns import Columns, plain
+from calibench.core.counted import counted, listed
 
+ONE_RUN = "1 run: a deterministic method gives one answer from one start, whatever the seed"
+_REASONS = 3  # methods of one remark that are named
 _ROUNDING = 1e-9  # part of a least value: a target closer below it is the same number
 _NAMED = 8  # methods that a line still names
 
@@ -50,3 +58,60 @@ def _in_vain(budget: int, first: dict[str, int]) -> str:
         f"budget={budget}: it ends within the first sample of {named}, before "
         f"{'they propose' if len(first) > 1 else 'it proposes'} a point of {'their' if len(first) > 1 else 'its'} own"
     )
+
+
+def remarks_on_rows(rows: Columns) -> Iterator[str]:
+    """Yield a line for what was not finite in these runs, what methods tried, and what changed the process."""
+    yield from _not_finite(rows)
+    yield from _tampering(rows)
+    yield from _process_changes(rows)
+
+
+def _not_finite(rows: Columns) -> Iterator[str]:
+    """Yield how many values and slopes were not finite, and of which methods on which problems."""
+    evaluations = sum(int(count or 0) for count in plain(rows["evaluations"]))
+    for column, what in (
+        ("non_finite", f"of {evaluations} values were not finite (NaN or infinite)"),
+        ("non_finite_slopes", "entries of Jacobians were not finite (NaN or infinite), and read as 0"),
+    ):
+        where = Counter[str]()
+        named = zip(*(plain(rows[key]) for key in (column, "problem", "optimizer")), strict=True)
+        for count, problem, optimizer in named:
+            where[f"{optimizer} on {problem}"] += int(count or 0)
+        if where.total():
+            told = [f"{count} of {name}" for name, count in where.most_common(_REASONS) if count]
+            more = f" and {len(+where) - len(told)} more" if len(+where) > len(told) else ""
+            yield f"{where.total()} {what}: {', '.join(told)}{more}"
+
+
+def points_outside(rows: Columns) -> str:
+    """Return how many points lay outside the box, and of which methods; "" where none: those without bounds do that."""
+    outside = Counter[str]()
+    for name, count in zip(plain(rows["optimizer"]), plain(rows["outside_evaluations"]), strict=True):
+        outside[name] += int(count or 0)
+    told = [f"{count} of {name}" for name, count in outside.most_common(_REASONS) if count]
+    more = f" and those of {len(+outside) - len(told)} more" if len(+outside) > len(told) else ""
+    return f"{outside.total()} points lay outside the box or were not finite: {', '.join(told)}{more}" if told else ""
+
+
+def _tampering(rows: Columns) -> Iterator[str]:
+    """Yield what methods tried at the gate."""
+    both = zip(plain(rows["optimizer"]), plain(rows["tampering"]), strict=True)
+    for (name, tampering), count in Counter((name, tried) for name, tried in both if tried).most_common(_REASONS):
+        yield (
+            f"{name} tried in {counted(count, 'run')} what no method may: {tampering}; the counts are true all the same"
+        )
+
+
+def _process_changes(rows: Columns) -> Iterator[str]:
+    """Yield what runs changed in their process, and of which methods and problems they were."""
+    changed = Counter[str]()
+    named = zip(*(plain(rows[key]) for key in ("problem", "optimizer", "process_changes")), strict=True)
+    for problem, optimizer, changes in named:
+        if changes is not None and len(changes):
+            changed[f"{', '.join(changes)} by {optimizer} on {problem}"] += 1
+    if changed:
+        told = [name for name, _ in changed.most_common(_REASONS)]
+        more = f"; and {len(changed) - len(told)} more (column process_changes)" if len(changed) > len(told) else ""
+        runs = counted(changed.total(), "run")
+        yield f"{runs} changed the state of the process, which was put back: {'; '.join(told)}{more}"

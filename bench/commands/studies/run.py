@@ -23,13 +23,14 @@ from calibench.bench.gate.processes.process_group import leaving_nothing
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.names.labels import method_titles, problem_titles
 from calibench.bench.statistics.progress import without_numbers
-from calibench.bench.store.arrays import kept, mask_of, numbers
+from calibench.bench.store.arrays import kept, mask_of
 from calibench.bench.store.columns import columns_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import to_pandas
 from calibench.bench.sweep.carry_out import Outcome, carry_out
 from calibench.bench.sweep.estimate import seconds_left
 from calibench.bench.sweep.progress import progress
+from calibench.bench.sweep.remarks import points_outside, remarks_on_rows
 from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.stale import Way, find_stale
 from calibench.core import collector
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
 
 _AGAIN = ("--retry-failed", "--rerun", "--keep", "--drop-planned")  # of one call, not of the study
 _LONG = 40  # rows of a summary that are still printed
-_REASONS = 3  # methods whose values were not finite that are named
 _SHORT = 12  # rows that are printed of a longer one
 _WIDE = 100  # letters of an error in the list of failures, at least: as many as the terminal has room for
 _UNTOLD = (
@@ -118,9 +118,10 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
             some = f", of which the best {len(best['runs'])} are printed" if best["runs"] else ", more than are printed"
             print(f"{counted(cells, 'cell')}{some}; the report has all")
             _print_answer(mine, request)
-        _print_not_finite(mine)
-        _print_outside(mine)
-        _print_process_changes(mine)
+        columns = columns_of(mine)
+        for line in (points_outside(columns), *remarks_on_rows(columns)):
+            if line:
+                print(line)
     if way == "keep" and outcome.stale.other:
         print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
     lost = set(outcome.asked).difference(mine["run_id"].to_pylist())
@@ -172,57 +173,6 @@ def _print_lost(lost: Collection[str], request: Request) -> None:
     if len(rows) > _LONG:
         print(f"and those of {counted(len(rows) - _LONG, 'cell')} more")
     print("see that no problem or method writes there, then give the same command again")
-
-
-def _print_not_finite(rows: pa.Table) -> None:
-    """Print how many values and slopes were not finite, and of which methods on which problems."""
-    for column, what in (
-        ("non_finite", f"of {numbers(rows['evaluations']).sum()} values were not finite (NaN or infinite)"),
-        ("non_finite_slopes", "entries of Jacobians were not finite (NaN or infinite), and read as 0"),
-    ):
-        bad = numbers(rows[column])
-        if not bad.any():
-            continue
-        where = Counter[str]()
-        for count, problem, optimizer in zip(
-            bad.tolist(), rows["problem"].to_pylist(), rows["optimizer"].to_pylist(), strict=True
-        ):
-            where[f"{optimizer} on {problem}"] += count
-        told = [f"{count} of {name}" for name, count in where.most_common(_REASONS) if count]
-        more = f" and {len(+where) - len(told)} more" if len(+where) > len(told) else ""
-        print(f"{bad.sum()} {what}: {', '.join(told)}{more}")
-
-
-def _print_outside(rows: pa.Table) -> None:
-    """Print how many points lay outside the box, of which methods, and what methods tried at the gate."""
-    names, asked = rows["optimizer"].to_pylist(), rows["outside_evaluations"].to_pylist()
-    outside, tried = Counter[str](), Counter[tuple[str, str]]()
-    for name, count, tampering in zip(names, asked, rows["tampering"].to_pylist(), strict=True):
-        outside[name] += count or 0
-        if tampering:
-            tried[name, tampering] += 1
-    told = [f"{count} of {name}" for name, count in outside.most_common(_REASONS) if count]
-    if told:
-        more = f" and those of {len(+outside) - len(told)} more" if len(+outside) > len(told) else ""
-        print(f"{outside.total()} points lay outside the box or were not finite: {', '.join(told)}{more}")
-    for (name, tampering), count in tried.most_common(_REASONS):
-        print(
-            f"{name} tried in {counted(count, 'run')} what no method may: {tampering}; the counts are true all the same"
-        )
-
-
-def _print_process_changes(rows: pa.Table) -> None:
-    """Print what runs changed in their process, and of which methods and problems they were."""
-    changed = Counter[str]()
-    names = zip(*(rows[name].to_pylist() for name in ("problem", "optimizer", "process_changes")), strict=True)
-    for problem, optimizer, changes in names:
-        if changes:
-            changed[f"{', '.join(changes)} by {optimizer} on {problem}"] += 1
-    if changed:
-        told = [name for name, _ in changed.most_common(_REASONS)]
-        more = f"; and {len(changed) - len(told)} more (column process_changes)" if len(changed) > len(told) else ""
-        runs = counted(changed.total(), "run")
-        print(f"{runs} changed the state of the process, which was put back: {'; '.join(told)}{more}")
 
 
 def _asked_for(runs: pa.Table, outcome: Outcome) -> pa.Table:
