@@ -33,12 +33,16 @@ Verdict = Literal["decided", "undecided", "alone"]
 @final
 @dataclass(frozen=True)
 class Answer:
-    """The three sentences, and whether the first is `decided`; ``alone`` where there is nothing to compare."""
+    """The three sentences, and whether the first is `decided`; ``alone`` where there is nothing to compare.
+
+    `method` is the best method that the first sentence names, "" where it names none.
+    """
 
     verdict: Verdict
     best: str
     sure: str
     compared: str
+    method: str = ""
 
     def __repr__(self) -> str:
         return f"<answer {self.verdict}: {self.best} {self.sure} {self.compared}>"
@@ -101,16 +105,18 @@ def answer(
     if cut:
         done = len(runs)
         share = f"{_spaced(done)} of {_spaced(done + cut)} planned runs are done"
-        return Answer("undecided", best, f"The sweep is not finished ({share}): nothing is decided yet.", compared)
+        return Answer(
+            "undecided", best, f"The sweep is not finished ({share}): nothing is decided yet.", compared, called[first]
+        )
     if not others:
-        return Answer("alone", best, "There is one method: nothing is compared with it.", compared)
+        return Answer("alone", best, "There is one method: nothing is compared with it.", compared, called[first])
     if not np.isfinite(cells["best_median"]).any() and not cells["reached"].sum():
         return Answer(
             "undecided", best, "No method found a value in most of its runs: they are not compared.", compared
         )
     rivals = against_each(runs, cells, first, others)
     verdict, sure = _sure(rivals, called)
-    return Answer(verdict, best, sure, compared)
+    return Answer(verdict, best, sure, compared, called[first])
 
 
 def _goal(runs: pd.DataFrame) -> str:
