@@ -2,7 +2,8 @@
 
 Best, trace and the look for what is not finite are on, and the gate is asked through its face, as an optimiser asks it.
 It has seen a better point, as it has in nearly all calls. Whether a point is in the box is looked at where the
-optimiser is a user's own, or its trait says that it is not bounded.
+optimiser is a user's own, or its trait says that it is not bounded. A plain class in Python, without a compiled kernel,
+stands below.
 """
 
 from __future__ import annotations
@@ -53,8 +54,29 @@ def rows() -> pd.DataFrame:
         },
         rounds=41,
     )
-    tables = [single, _less(single, "kernel"), _less(single, "problem"), many, _less(many, "kernel")]
+    plain = _Plain()
+    classes = interleave(
+        "one call, a plain class of five parameters",
+        {
+            "problem": _single(plain, plain.truth),
+            "gate": _single(_seen(plain, doors_of), plain.truth),
+            "gate, box looked at": _single(_seen(plain, watched_doors_of), plain.truth),
+        },
+        rounds=41,
+    )
+    tables = [
+        single, _less(single, "kernel"), _less(single, "problem"), many, _less(many, "kernel"), classes,
+        _less(classes, "problem"),
+    ]  # fmt: skip
     return pd.concat(tables, ignore_index=True)
+
+
+class _Plain:
+    lower, upper, start = np.full(5, -2.0), np.full(5, 2.0), np.zeros(5)
+    truth = np.ones(5)
+
+    def __call__(self, x: Array) -> float:
+        return float(np.sum(100 * (x[1:] - x[:-1] ** 2) ** 2 + (1 - x[:-1]) ** 2))
 
 
 def _seen(problem: Any, doors: Callable[[Evaluator], Doors]) -> Objective:

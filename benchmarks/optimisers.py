@@ -92,7 +92,7 @@ def _peers(problem: Any) -> dict[str, dict[str, Contestant]]:
     return {method: {label: partial(run, problem) for label, run in mine.items()} for method, mine in _PEERS.items()}
 
 
-def _pygmo(algorithm: str, size: int, settings: Mapping[str, Any], problem: Any) -> int:
+def _pygmo(algorithm: str, size: int, settings: Mapping[str, Any], problem: Any, batches: bool = False) -> int:
     import pygmo
 
     @final
@@ -100,11 +100,17 @@ def _pygmo(algorithm: str, size: int, settings: Mapping[str, Any], problem: Any)
         def fitness(self, x: Array) -> list[float]:
             return [problem(x)]
 
+        def batch_fitness(self, flat: Array) -> Array:
+            return np.asarray(problem.batch(flat.reshape(-1, len(problem.lower))))
+
         def get_bounds(self) -> tuple[Array, Array]:
             return problem.lower, problem.upper
 
     generations = _PEER_BUDGET // size
-    method = pygmo.algorithm(getattr(pygmo, algorithm)(gen=generations, seed=next(_SEEDS), **settings))
+    named = getattr(pygmo, algorithm)(gen=generations, seed=next(_SEEDS), **settings)
+    if batches:
+        named.set_bfe(pygmo.bfe(pygmo.member_bfe()))
+    method = pygmo.algorithm(named)
     population = pygmo.population(pygmo.problem(Udp()), size=size, seed=next(_SEEDS))
     return int(method.evolve(population).problem.get_fevals())
 
@@ -141,6 +147,7 @@ def _nlopt(algorithm: str, problem: Any) -> int:
     return int(search.get_numevals())
 
 
+_SWARM = {"variant": 1, "omega": 0.7298, "eta1": 2.0, "eta2": 2.0}
 _PEERS: dict[str, dict[str, Callable[[Any], int]]] = {
     "de": {
         "pygmo de": partial(_pygmo, "de", 150, {"F": 0.5, "CR": 0.8, "variant": 7, "ftol": 0, "xtol": 0}),
@@ -149,7 +156,8 @@ _PEERS: dict[str, dict[str, Callable[[Any], int]]] = {
         "nlopt GN_ESCH": partial(_nlopt, "GN_ESCH"),
     },
     "pso": {
-        "pygmo pso": partial(_pygmo, "pso", 100, {"variant": 1, "omega": 0.7298, "eta1": 2.0, "eta2": 2.0}),
+        "pygmo pso": partial(_pygmo, "pso", 100, _SWARM),
+        "pygmo pso_gen, batches (bfe)": partial(_pygmo, "pso_gen", 100, _SWARM, batches=True),
     },
     "ga": {
         "pygmo sga": partial(_pygmo, "sga", 100, {}),
