@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from calibench.bench.calibration.request import CalibrateRequest
 
 sys.path.append(str(ROOT))
+_SWARM = {"variant": 1, "omega": 0.7298, "eta1": 2.0, "eta2": 2.0}
 _BUDGET = 500_000
 _SEEDS = iter(range(10**9))
 _FILE = Path(__file__).with_name("small_runs.py")
@@ -77,7 +78,9 @@ def _search(name: str, options: Mapping[str, Any], budget: int, work: Mapping[st
     return timed(searched)
 
 
-def _pygmo(algorithm: str, size: int, settings: Mapping[str, Any], work: Mapping[str, Any]) -> dict[str, Any]:
+def _pygmo(
+    algorithm: str, size: int, settings: Mapping[str, Any], work: Mapping[str, Any], batches: bool = False
+) -> dict[str, Any]:
     import pygmo
 
     problem = full12()
@@ -86,10 +89,16 @@ def _pygmo(algorithm: str, size: int, settings: Mapping[str, Any], work: Mapping
         def fitness(self, x: Any) -> list[float]:
             return [problem(x)]
 
+        def batch_fitness(self, flat: Any) -> Any:
+            return problem.batch(flat.reshape(-1, len(problem.lower)))
+
         def get_bounds(self) -> tuple[Any, Any]:
             return problem.lower, problem.upper
 
-    method = pygmo.algorithm(getattr(pygmo, algorithm)(gen=15_000 // size, seed=next(_SEEDS), **settings))
+    named = getattr(pygmo, algorithm)(gen=15_000 // size, seed=next(_SEEDS), **settings)
+    if batches:
+        named.set_bfe(pygmo.bfe(pygmo.member_bfe()))
+    method = pygmo.algorithm(named)
 
     def searched() -> int:
         population = pygmo.population(pygmo.problem(Udp()), size=size, seed=next(_SEEDS))
@@ -249,7 +258,8 @@ LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = 
     },
     "pso": {
         "ours": partial(_search, "pso", {"population": 100}, _BUDGET),
-        "pygmo, our dependency": partial(_pygmo, "pso", 100, {"variant": 1, "omega": 0.7298, "eta1": 2.0, "eta2": 2.0}),
+        "pygmo, our dependency": partial(_pygmo, "pso", 100, _SWARM),
+        "pygmo pso_gen, batches (bfe)": partial(_pygmo, "pso_gen", 100, _SWARM, batches=True),
     },
     "ga": {
         "ours": partial(_search, "ga", {"population": 100}, _BUDGET),
