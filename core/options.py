@@ -18,13 +18,14 @@ from itertools import islice
 from numbers import Number, Real
 from os import PathLike
 from pathlib import PurePath
-from typing import Any, Literal, Optional, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NewType, Optional, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.words import shortened
 
+FilePath = NewType("FilePath", str)  # of an option: the path of one file, which a command line takes to the letter
 _TELLING = 3  # letters from which on a part of a name is taken for a hint
 _LONG, _BEGINNING = 30, 8  # choices: so many are not all told, but the first ones
 _FEW = 3  # choices that begin alike: more are no hint

@@ -14,6 +14,7 @@ from typing import Any, Literal, final, get_args
 
 import numpy as np
 
+from calibench.core.options import FilePath
 from calibench.problems import constants
 from calibench.problems.base import Array, Parameter, frozen, numbers_of, registry
 from calibench.problems.identifiability import Identifiability, identify
@@ -36,7 +37,7 @@ def _declared(
     plan: str = "paper",
     sigma: float = 0.0,
     seed: int = 0,
-    readings: str | None = None,
+    readings: FilePath | None = None,
     instance: int | None = None,
 ) -> None:
     """Declare the options of `orthoglide6`: plan (a name or a CSV file), sigma [mm] and seed are for data=synthetic."""

@@ -15,7 +15,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from calibench.core.options import suggest
+from calibench.core.options import FilePath, suggest
 from calibench.problems.base import Array, Parameter, frozen, numbers_of, registry
 from calibench.problems.instances import check_instance, refuse_drawn
 from calibench.problems.planar.cartesian import cartesian_coordinates
@@ -130,7 +130,7 @@ def sensor_zero(
     noise: float = 0.0,
     data_seed: int = 0,
     free: tuple[str, ...] | None = None,
-    readings: str | None = None,
+    readings: FilePath | None = None,
     at_home: tuple[float, ...] | None = None,
     instance: int | None = None,
 ) -> Case:
@@ -148,7 +148,7 @@ def link_length(
     noise: float = 0.0,
     data_seed: int = 0,
     free: tuple[str, ...] | None = None,
-    readings: str | None = None,
+    readings: FilePath | None = None,
     at_home: tuple[float, ...] | None = None,
     instance: int | None = None,
 ) -> Case:
@@ -167,7 +167,7 @@ def full11(
     noise: float = 0.0,
     data_seed: int = 0,
     free: tuple[str, ...] | None = None,
-    readings: str | None = None,
+    readings: FilePath | None = None,
     at_home: tuple[float, ...] | None = None,
     instance: int | None = None,
 ) -> Case:
@@ -189,7 +189,7 @@ def full12(
     noise: float = 0.0,
     data_seed: int = 0,
     free: tuple[str, ...] | None = None,
-    readings: str | None = None,
+    readings: FilePath | None = None,
     at_home: tuple[float, ...] | None = None,
     instance: int | None = None,
 ) -> Case:

@@ -26,7 +26,7 @@ WORDS = [
 def test_a_plain_word_is_read_as_hydra_reads_it(word):
     (mine,) = parse([word])
     key = word.partition("=")[0]
-    hydras = replace(_override(word), key_or_group=key, input_line=word)
+    hydras = replace(_override(word, key in _AS_TEXT), key_or_group=key, input_line=word)
     assert values_of(mine) == values_of(hydras)
     assert repr(mine.value()) == repr(hydras.value())
     assert last_value([mine], key, "none") == last_value([hydras], key, "none")

@@ -51,6 +51,20 @@ def test_a_path_is_taken_to_the_letter(text):
     assert (composed["results"], composed["problem"]["readings"]) == (text, text)
 
 
+@pytest.mark.parametrize(("kind", "typed", "values"), [("int", "5,6", [5, 6]), ("str", "a,1.10", ["a", "1.10"])])
+def test_readings_of_a_class_are_what_it_declares(tmp_path, monkeypatch, kind, typed, values):
+    """A word is the path of a file where the option is declared as one, whatever the option is called."""
+    monkeypatch.chdir(tmp_path)
+    start = "lower, upper, start = [-1.0], [1.0], [0.0]"
+    (tmp_path / f"reads_{kind}.py").write_text(
+        f"class Mine:\n    {start}\n\n    def __init__(self, readings: {kind} = {values[0]!r}):\n"
+        "        self.readings = readings\n\n    def __call__(self, x):\n        return float(x[0] ** 2)\n"
+    )
+    words = [f"problem=./reads_{kind}.py:Mine", f"problem.readings={typed}", "optimizer=de", "budget=9", "seeds=1"]
+    asked = [spec.problem_options for spec in read_request(words, multirun=True).specs.values()]
+    assert [options.get("readings", values[0]) for options in asked] == values
+
+
 def test_quotes_around_a_path_are_not_of_it():
     assert last_value(parse(["results='a b'"]), "results", "") == "a b"
 

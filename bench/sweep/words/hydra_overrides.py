@@ -9,21 +9,21 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from decimal import Decimal
-from typing import Any
+from typing import Any, get_args
 from unicodedata import normalize
 
+from calibench import problems
 from calibench.bench.sweep.words.plain_words import PlainOverride, plain_override
 from calibench.bench.sweep.words.values import RequestError
 from calibench.core.annotated import field_type, inside, is_text, item_type, pair_of, parts_of, unquoted
-from calibench.core.options import suggest
+from calibench.core.options import FilePath, suggest
 from calibench.core.words import check_word, shortened
 
 ONCE = ("execution", "results", "time_limit", "shard", "stop_after", "replay")  # of the whole sweep
 _KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "study", *ONCE)
 MOST_VALUES = 10_000  # of one list or range: each is composed and built, in a hundredth of a second
 _LONGEST_PARSED = 20_000  # characters: Hydra's parser takes up to two seconds for them
-# 0:10 and paths are no Hydra grammar
-_AS_TEXT = ("seeds", "results", "study", "shard", "execution.address", "problem.readings")
+_AS_TEXT = ("seeds", "results", "study", "shard", "execution.address")  # 0:10 and paths are no Hydra grammar
 _CHOICE = re.compile(r"\s*choice\s*\((.*)\)\s*", re.DOTALL)  # a list, whose quotes Hydra takes away
 _BARE = re.compile(  # what its grammar can take for a number, a truth value or null
     r"[+-]?[.\d][\w.+-]*|[+-]?(?:inf|nan)|true|false|null", re.ASCII | re.IGNORECASE
@@ -160,15 +160,26 @@ def parse(arguments: Sequence[str]) -> list[Any]:
         if key in given:
             raise RequestError(f"{key} is given twice ({given[key]} and {argument}); give it once")
         check_word(argument)
-        given[key] = _with_environment(argument)
-        check_word(given[key])
-    return [
-        plain_override(text, key in _AS_TEXT) or replace(_override(text), key_or_group=key, input_line=text)
-        for key, text in given.items()
-    ]
+        given[key] = argument
+    problem, overrides = given.get("problem", "").partition("=")[2], []
+    for key, argument in given.items():
+        as_text = key in _AS_TEXT or _is_file(key, problem)
+        text = _with_environment(argument, as_text)
+        check_word(text)
+        read = plain_override(text, as_text) or replace(_override(text, as_text), key_or_group=key, input_line=text)
+        overrides.append(read)
+    return overrides
 
 
-def _with_environment(argument: str) -> str:
+def _is_file(key: str, problem: str) -> bool:
+    """Tell whether `problem`, one or several with commas, declares the option `key` as a `FilePath`."""
+    head, _, name = key.partition(".")
+    known = [p for p in problem.split(",") if name and ":" not in p and p in problems.registry]
+    declared = [problems.registry.options(p).get(name) for p in known] if head == "problem" else []
+    return any(option is not None and FilePath in get_args(option.annotation) for option in declared)
+
+
+def _with_environment(argument: str, as_text: bool) -> str:
     """Return `argument` with ${oc.env:NAME} and ${oc.env:NAME,DEFAULT} as if their values had been typed.
 
     After a backslash it stays as it is. Raises `RequestError` where the variable is not set and has no default.
@@ -184,12 +195,12 @@ def _with_environment(argument: str) -> str:
 
     resolved = re.sub(r"(?<!\\)\$\{oc\.env:(?P<name>[^,{}]*)(?:,(?P<default>[^{}]*))?\}", resolve, argument)
     left = re.search(r"(?<!\\)\$\{oc\.[^}]*\}?", resolved)
-    if left and argument.partition("=")[0] in _AS_TEXT:
+    if left and as_text:
         raise RequestError(f"{argument}: {left[0]} cannot be resolved here; only ${{oc.env:NAME}} can")
     return resolved
 
 
-def _override(argument: str) -> Any:
+def _override(argument: str, as_text: bool = False) -> Any:
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
 
@@ -197,7 +208,7 @@ def _override(argument: str) -> Any:
         key = argument.partition("=")[0]
         raise RequestError(f"{key}=: has {len(argument)} characters; at most {_LONGEST_PARSED} are parsed")
     try:
-        return OverridesParser.create().parse_override(_quoted(argument))
+        return OverridesParser.create().parse_override(_quoted(argument, as_text))
     except (HydraException, ValueError):  # its words are those of a grammar; Python reads no 5000 digits
         key, _, value = argument.partition("=")
         raise RequestError(
@@ -206,9 +217,9 @@ def _override(argument: str) -> Any:
         ) from None
 
 
-def _quoted(argument: str) -> str:
+def _quoted(argument: str, as_text: bool) -> str:
     key, _, value = argument.partition("=")
-    if key not in _AS_TEXT:
+    if not as_text:
         readable = re.sub(
             r"[^\w.]|[.]{2,}", "_", key, flags=re.ASCII
         )  # a path of a class or file is no key of Hydra's grammar
