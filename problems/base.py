@@ -71,6 +71,15 @@ class Calibration(Problem, Protocol):
     def merit(self, x: Array, /) -> dict[str, float]: ...
 
 
+def extra_of(thing: Any, name: str, default: Any = None) -> Any:
+    """Return what a problem or a method may have beside what it must; `default` where it has none.
+
+    None is none: a subclass switches off by it what it inherits, such as ``merit = None``.
+    """
+    found = getattr(thing, name, None)
+    return default if found is None else found
+
+
 def parameters_of(problem: Any) -> tuple[Parameter, ...]:
     """Return the parameters a problem names; a plain string is a name, its box and start are the problem's own.
 
@@ -78,14 +87,14 @@ def parameters_of(problem: Any) -> tuple[Parameter, ...]:
 
     Raises `ValueError` for what is neither text nor has the fields of a `Parameter`.
     """
-    return _named(problem, "parameters", own=not hasattr(problem, "physical"))
+    return _named(problem, "parameters", own=extra_of(problem, "physical") is None)
 
 
 def coordinates_of(problem: Any) -> tuple[Parameter, ...]:
     """Return the meaning of the vector x: the `coordinates` of a problem, or its parameters where it has none."""
     if getattr(problem, "coordinates", None) is not None:
         return _named(problem, "coordinates", own=True)
-    converted = hasattr(problem, "physical") and len(getattr(problem, "parameters", None) or ()) != len(problem.lower)
+    converted = extra_of(problem, "physical") and len(extra_of(problem, "parameters", ())) != len(problem.lower)
     return _named(problem, "coordinates" if converted else "parameters", own=True)
 
 

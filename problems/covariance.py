@@ -15,7 +15,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.problems.base import Array
+from calibench.problems.base import Array, extra_of
 from calibench.problems.fitting import checked_covariance, fit, gauss_newton
 
 
@@ -276,4 +276,4 @@ def _check_rank(problem: Any, j: Array, when: str = "") -> None:
 
 
 def _name(problem: Any) -> str:
-    return str(getattr(problem, "name", type(problem).__name__))
+    return str(extra_of(problem, "name", type(problem).__name__))

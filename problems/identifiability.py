@@ -12,7 +12,7 @@ from typing import Any, final
 import numpy as np
 
 from calibench.core.one_thread import one_thread
-from calibench.problems.base import Array, coordinates_of
+from calibench.problems.base import Array, coordinates_of, extra_of
 
 _ANGLE_ARM = 244.0  # mm: an offset of 1 rad moves the joint B by a link length
 
@@ -93,10 +93,10 @@ def identify(problem: Any, x: Array | None = None, noise: float | None = None) -
     its own unit. Raises `ValueError` where there is no Jacobian.
     """
     if getattr(problem, "jacobian", None) is None:
-        who = getattr(problem, "name", type(problem).__name__)
+        who = extra_of(problem, "name", type(problem).__name__)
         raise ValueError(f"{who} has no Jacobian: identifiability needs one, jacobian(x) of shape (residuals, dim)")
     if noise is None:
-        noise = float(getattr(problem, "typical_noise", 1e-4))
+        noise = float(extra_of(problem, "typical_noise", 1e-4))
     if not noise > 0:
         raise ValueError(f"noise={noise:g}: must be above 0")
     if x is None:
@@ -129,7 +129,7 @@ def identify(problem: Any, x: Array | None = None, noise: float | None = None) -
         condition=float(s[0] / s[rank - 1]) if rank else float("inf"),
         noise=noise,
         standard_errors=errors,
-        noise_unit=getattr(problem, "noise_unit", "rad" if told else "in a residual"),
+        noise_unit=extra_of(problem, "noise_unit", "rad" if told else "in a residual"),
     )
 
 
@@ -139,6 +139,6 @@ def _weighted(problem: Any, x: Array) -> Array:
     if getattr(problem, "residual_covariance", None) is not None:
         return np.asarray(np.linalg.solve(np.linalg.cholesky(problem.residual_covariance(x)), jacobian))
     if getattr(problem, "residual_noise", None) is not None:
-        redundancy: int = getattr(problem, "redundancy", 1)
+        redundancy: int = extra_of(problem, "redundancy", 1)
         return np.asarray(jacobian / (redundancy**0.5 * problem.residual_noise(x))[:, None])
     return jacobian

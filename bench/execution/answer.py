@@ -16,6 +16,7 @@ from calibench.bench.gate.frames import frames_of
 from calibench.bench.gate.time_limit import JUDGING, Ending, text_of
 from calibench.core import own_state
 from calibench.core.seeds import begin_generators, seed_sequence
+from calibench.problems.base import extra_of
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,7 @@ def answer_of(pair: Pair, x: Array | None, ending: Ending, repetition: int) -> t
     try:
         if x is not None:
             known |= _read(pair, x)  # kept, whatever the figures of merit do
-            if hasattr(problem, "merit"):
+            if extra_of(problem, "merit"):
                 known["merit"] = merit_of(problem.merit(np.array(x)))
         known["judged"] = judged(problem, x, pair.problem_word, repetition)
         return Answer(**known), ending
@@ -75,7 +76,7 @@ def hits_of(problem: Any, gate: Evaluator, answer: Answer) -> tuple[list[int | N
 
 def _read(pair: Pair, x: Array) -> dict[str, Any]:
     problem, parameters = pair.problem, pair.parameters
-    values = np.asarray(problem.physical(x) if hasattr(problem, "physical") else x, float)
+    values = np.asarray(problem.physical(x) if extra_of(problem, "physical") else x, float)
     if values.shape != (len(parameters),):
         raise TypeError(f"physical(x) returned shape {values.shape} for {len(parameters)} parameters")
     read = {"parameter_names": [each.name for each in parameters], "parameter_values": values.tolist()}

@@ -28,6 +28,7 @@ from calibench.core.compilation.compiler import load_compiler
 from calibench.core.own_state import kept
 from calibench.core.registry import Registry
 from calibench.core.sources import file_of, is_ours
+from calibench.problems.base import extra_of
 
 _LOADED: set[tuple[str, ...]] = set()  # what problems and the optimisers beside them need that this process has
 Part = tuple[Registry[Any], str, Mapping[str, Any]]
@@ -93,12 +94,12 @@ def _load(specs: Iterable[Spec], fork: bool) -> None:
                 continue
             digest_of(part)
             if registry is optimizers.registry:
-                if hasattr(part, "compile"):
+                if extra_of(part, "compile"):
                     part.compile()
                 continue
             compile_problem(part, *(made.get(method) for method in beside[word]))
             Evaluator(part, 1).close()  # it loads what looks through a batch
-            if hasattr(part, "merit"):
+            if extra_of(part, "merit"):
                 part.merit(part.start)
     gate_digest()
     provenance()
@@ -117,11 +118,11 @@ def _compile_at_once(parts: Mapping[str, Part]) -> None:
         for registry, name, options in some:
             with suppress(Exception):  # the rows of its runs will have the error
                 made: Any = registry.make(name, **options)
-                if hasattr(made, "compile"):
+                if extra_of(made, "compile"):
                     made.compile()
 
     if len(by_module) > 1:
-        if any(hasattr(registry.factory(name), "compile") for registry, name, _ in parts.values()):
+        if any(extra_of(registry.factory(name), "compile") for registry, name, _ in parts.values()):
             tell_compiling()
         with suppress(ProcessDied):  # compiled here, then
             at_once([partial(compiled, some) for some in by_module.values()])

@@ -14,6 +14,7 @@ from calibench.bench.gate.frames import frames_of
 from calibench.bench.gate.stop_reason import StopReason
 from calibench.bench.gate.time_limit import BEFORE, Ending, text_of
 from calibench.core.counted import counted
+from calibench.problems.base import extra_of
 
 
 def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
@@ -34,9 +35,9 @@ def compile_problem(problem: Any, *optimizers: Any) -> None:
     """Compile what `optimizers` will call; of a problem with `compile_values` the values alone, if they ask no more."""
     traits = [getattr(optimizer, "traits", None) for optimizer in optimizers]
     asked = [getattr(one, trait, True) for one in traits for trait in ("uses_residuals", "uses_gradient")]
-    if not any(asked) and hasattr(problem, "compile_values"):
+    if not any(asked) and extra_of(problem, "compile_values"):
         problem.compile_values()
-    elif hasattr(problem, "compile"):
+    elif extra_of(problem, "compile"):
         problem.compile()
 
 
@@ -45,7 +46,7 @@ def check_merit(problem: Any) -> Ending | None:
 
     It would fail when the budget is spent. What merit raises itself is left to the answer: it may need one.
     """
-    if not hasattr(problem, "merit"):
+    if not extra_of(problem, "merit"):
         return None
     try:
         found = problem.merit(np.array(problem.start, dtype=float))

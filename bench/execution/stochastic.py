@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.provenance.run_id import seed_sequence
+from calibench.problems.base import extra_of
 
 Array = NDArray[np.float64]
 FRESH = 30
@@ -27,19 +28,19 @@ FRESH = 30
 
 def is_stochastic(problem: Any) -> bool:
     """Tell whether the values of `problem` are noisy."""
-    return bool(getattr(problem, "stochastic", False))
+    return bool(extra_of(problem, "stochastic", False))
 
 
 def check_stochastic(problem: Any, who: str) -> None:
     """Raise `ValueError` where `stochastic` of `problem` is not a flag, or no generator can be given to it."""
-    said = getattr(problem, "stochastic", False)
+    said = extra_of(problem, "stochastic", False)
     if not isinstance(said, bool | np.bool_):
         raise ValueError(f"problem {who}: stochastic={said!r}: True or False is needed")
     if not said:
         if getattr(problem, "noise_free", None) is not None:
             raise ValueError(f"problem {who}: noise_free(x) is for stochastic = True, and it is not said")
         return
-    if not callable(getattr(problem, "noise_free", float)):
+    if not callable(extra_of(problem, "noise_free", float)):
         raise ValueError(f"problem {who}: noise_free is no method: noise_free(x) returns the value without noise")
     try:
         _with_generator(problem, np.random.default_rng(0))

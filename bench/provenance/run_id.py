@@ -23,6 +23,7 @@ from calibench.core.options import Option, declared_options
 from calibench.core.registry import Made, Registry
 from calibench.core.seeds import digest as digest  # who asks for ids asks for these here
 from calibench.core.seeds import seed_sequence as seed_sequence
+from calibench.problems.base import extra_of
 
 OPTIONS = "options"  # the attribute by which an object may tell what it is
 UNSEEN = "unseen, box"  # stands, with a digest of the box, for a parameter that no attribute of an object tells
@@ -135,7 +136,7 @@ def _is_word_of(value: Any, option: Option) -> bool:
 
 def key_of_problem(problem: Any, name: str) -> list[Any]:
     """Return what names a problem: its name, the options that differ from the declared ones, and its data."""
-    return [name, chosen_options(problems.registry, name, options_of(problem)), getattr(problem, "data_id", "")]
+    return [name, chosen_options(problems.registry, name, options_of(problem)), extra_of(problem, "data_id", "")]
 
 
 def key_of_optimizer(optimizer: Any, name: str) -> list[Any]:

@@ -42,6 +42,7 @@ from calibench.bench.store.columns import floats
 from calibench.bench.store.hits import columns_for, declared_levels
 from calibench.bench.store.runs import ResultStore
 from calibench.core.options import suggest
+from calibench.problems.base import extra_of
 from calibench.problems.suites.gaps import COCO_GAPS
 
 EPS = float(np.finfo(float).eps)
@@ -166,7 +167,7 @@ def _noise_level(row: Mapping[str, Any] | pd.Series) -> float:
 
 
 def _declared_noise(problem: Any) -> float:
-    told = getattr(problem, "options", {}).get("noise", getattr(problem, "noise", None))
+    told = extra_of(problem, "options", {}).get("noise", getattr(problem, "noise", None))
     return float(told) if isinstance(told, int | float) else float("nan")
 
 

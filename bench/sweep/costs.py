@@ -28,6 +28,7 @@ from calibench.bench.provenance.run_id import canonical, name_of, options_of
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.priced import KINDS, key_of_costs
 from calibench.core.own_state import kept
+from calibench.problems.base import extra_of
 
 if TYPE_CHECKING:
     from calibench.bench.execution.run import Spec
@@ -88,7 +89,7 @@ def seconds_a_call(
         try:
             with kept(*foreign_modules(problems.registry, spec.problem)):
                 problem: Any = problems.make(spec.problem, **spec.problem_options)
-            names[key] = name_of(problem), canonical(options_of(problem)), getattr(problem, "data_id", "")
+            names[key] = name_of(problem), canonical(options_of(problem)), extra_of(problem, "data_id", "")
         except Exception:  # it cannot be built here: no record fits, and the child will find no cost either
             names[key] = "", "", ""
         if names[key] not in records:
@@ -219,10 +220,10 @@ def _here(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record 
 def _begun(spec: Spec, done: set[tuple[Any, ...]]) -> tuple[Any, Record | None]:
     """Return the problem, compiled, and its record without costs; None for that where it is `done`."""
     problem: Any = problems.make(spec.problem, **spec.problem_options)
-    names = (name_of(problem), canonical(options_of(problem)), getattr(problem, "data_id", ""))
+    names = (name_of(problem), canonical(options_of(problem)), extra_of(problem, "data_id", ""))
     if names in done:
         return problem, None
-    if hasattr(problem, "compile"):
+    if extra_of(problem, "compile"):
         problem.compile()
     said = {"dimension": len(problem.lower), **dict.fromkeys(KINDS), "platform": provenance()["platform"]}
     return problem, dict(zip(PROBLEM, names, strict=True)) | said | {"measured_at": datetime.now(UTC).isoformat()}

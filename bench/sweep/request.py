@@ -52,6 +52,7 @@ from calibench.bench.sweep.words.values import (
     read_time_limit,
 )
 from calibench.core.annotated import as_typed
+from calibench.problems.base import extra_of
 
 
 @final
@@ -245,7 +246,7 @@ def _expand(
             if problem.broken or optimizer.broken:
                 yield from _broken_cell(problem, optimizer, settings, start, target)
                 continue
-            budget = read_budget(settings["budget"], problem.name, getattr(problem.built, "budgets", {}))
+            budget = read_budget(settings["budget"], problem.name, extra_of(problem.built, "budgets", {}))
             wanted = read_seeds(settings["seeds"])
             needs = _unmet_need(problem, optimizer, inner, limited)
             if needs:  # a glob means all methods that can run; a method that is named must run
@@ -287,7 +288,7 @@ def _broken_cell(
     problem: Member, optimizer: Member, settings: Mapping[str, Any], start: Start | None, target: float | None
 ) -> Iterator[tuple[str, Spec, str, tuple[Member, Member]]]:
     """Yield the runs of a problem or optimiser that cannot be built, which become failed rows: as many as could be."""
-    says = {} if problem.broken else getattr(problem.built, "budgets", {})
+    says = {} if problem.broken else extra_of(problem.built, "budgets", {})
     # only the problem, which cannot be built, could tell what the word means
     worded = problem.broken and isinstance(settings["budget"], str)
     budget = 0 if worded else read_budget(settings["budget"], problem.name, says)

@@ -14,6 +14,7 @@ import numpy as np
 from calibench.bench.execution.run import Run, execute
 from calibench.bench.gate.face import KNOWN
 from calibench.optimizers.base import Array, Stop
+from calibench.problems.base import extra_of
 
 _PATIENCE = 10_000  # calls after the last one until an optimiser is taken for one that never ends; Ipopt makes hundreds
 
@@ -119,14 +120,14 @@ class _Heard:
     def __init__(self, optimizer: Any) -> None:
         self._optimizer = optimizer
         self.traits = getattr(optimizer, "traits", None)
-        self.name = getattr(optimizer, "name", type(optimizer).__name__)
-        self.library = getattr(optimizer, "library", "calibench")
+        self.name = extra_of(optimizer, "name", type(optimizer).__name__)
+        self.library = extra_of(optimizer, "library", "calibench")
         self.options: dict[str, Any] = {}
         self.deaf = False
 
     def compile(self) -> None:
         """Compile what the optimiser compiles before the clock starts."""
-        if hasattr(self._optimizer, "compile"):
+        if extra_of(self._optimizer, "compile"):
             self._optimizer.compile()
 
     def minimize(self, objective: Any, rng: np.random.Generator) -> Any:

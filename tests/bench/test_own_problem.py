@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from calibench import bench, optimizers, problems
+from calibench import bench, optimizers, problems, testing
 from calibench.bench.cli import main
 from calibench.bench.execution.request.own_problem import check_extras
 from calibench.bench.execution.stochastic import FRESH, seeded
@@ -48,6 +48,22 @@ def saying(base=Well, **said):
 
 def run_of(problem, method="de", budget=60, seed=0, **given):
     return bench.execute(problem, optimizers.make(method), budget=budget, seed=seed, **given)
+
+
+def test_none_is_that_a_problem_has_it_not():
+    """A subclass switches off by None what it inherits: any of it, and all of it together."""
+    derivatives = ("residuals", "jacobian", "gradient", "value_and_gradient", "batch", "batch_below")
+    judged = ("merit", "physical", "seeded", "noise_free", "compile", "compile_values", "stochastic", "default_start")
+    said = ("targets", "budgets", "minimum", "unit", "group", "parameters", "coordinates", "truth", "data_id", "kernel")
+    names = (*derivatives, *judged, *said, "name", "options", "side_effect_free")
+    for off in (*((name,) for name in names), names):
+        problem = saying(**dict.fromkeys(off))
+        run = run_of(problem)
+        assert (run.status, run.row["error"]) == ("ok", ""), off
+    sums = saying(__call__=lambda _, x: float(x @ x), jacobian=lambda _, x: np.eye(2), residuals=None)
+    for problem in (saying(**dict.fromkeys(names)), sums):
+        testing.check_problem(problem)
+    assert [p.name for p in parameters_of(saying(physical=None, parameters=("a", "b")))] == ["a", "b"]
 
 
 def stored(tmp_path, *runs):

@@ -17,6 +17,7 @@ from calibench.bench.execution.request.readable import check_optimizer_is_readab
 from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.provenance.run_id import name_of, seed_sequence
 from calibench.core.options import LARGEST_WHOLE, is_number, shown
+from calibench.problems.base import extra_of
 
 Array = NDArray[np.float64]
 Start = Literal["nominal", "random"]
@@ -133,7 +134,7 @@ def repetitions_of(optimizer: Any, start: Start, wanted: range, stochastic: bool
 
 def preferred_start(problem: Any, start: Start | None) -> Start:
     """Return `start`, or what the problem prefers."""
-    preferred: Start = getattr(problem, "default_start", "nominal")
+    preferred: Start = extra_of(problem, "default_start", "nominal")
     return preferred if start is None else start
 
 

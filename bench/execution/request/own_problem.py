@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from calibench.bench.execution.stochastic import check_stochastic
-from calibench.problems.base import coordinates_of, parameters_of
+from calibench.problems.base import coordinates_of, extra_of, parameters_of
 
 OPTIONAL = (
     "residuals", "jacobian", "gradient", "value_and_gradient", "batch", "targets", "minimum", "unit", "group",
@@ -56,15 +56,15 @@ def check_extras(problem: Any, who: str) -> None:
         if minimum is not None and level < minimum:
             raise ValueError(f"problem {who}: the target {level:g} lies below minimum={minimum:g}: no run can reach it")
     for attribute, such in (("unit", "mm"), ("group", "separable")):
-        text = getattr(problem, attribute, "")
+        text = extra_of(problem, attribute, "")
         if not isinstance(text, str):
             raise ValueError(f"problem {who}: {attribute}={text!r}: text is needed, such as {such!r}")
     truth = getattr(problem, "truth", None)
     if truth is not None and np.shape(truth) != np.shape(problem.lower):
         raise ValueError(f"problem {who}: truth has shape {np.shape(truth)}, lower {np.shape(problem.lower)}")
-    if not isinstance(getattr(problem, "budgets", {}), Mapping):
+    if not isinstance(extra_of(problem, "budgets", {}), Mapping):
         raise ValueError(f"problem {who}: budgets: a mapping from ci and paper to numbers is needed")
-    if not callable(getattr(problem, "merit", dict)):
+    if not callable(extra_of(problem, "merit", dict)):
         raise ValueError(f"problem {who}: merit is no method: merit(x) returns names and numbers")
     check_stochastic(problem, who)
 
@@ -77,7 +77,7 @@ def minimum_of(problem: Any) -> float | None:
 
 def unit_of(problem: Any) -> str:
     """Return the unit of the value; '' where the problem does not say."""
-    return str(getattr(problem, "unit", ""))
+    return str(extra_of(problem, "unit", ""))
 
 
 def _minimum(problem: Any, who: str) -> float | None:
@@ -92,7 +92,7 @@ def _minimum(problem: Any, who: str) -> float | None:
 
 
 def _targets(problem: Any, who: str) -> list[float]:
-    targets = getattr(problem, "targets", ())
+    targets = extra_of(problem, "targets", ())
     listed = list(targets) if isinstance(targets, tuple | list | np.ndarray) and np.ndim(targets) == 1 else None
     if listed is None or not all(_is_finite(level) for level in listed):
         raise ValueError(f"problem {who}: targets={targets!r:.60}: a list of finite numbers is needed, such as (1e-8,)")
@@ -123,4 +123,4 @@ def _asks(asked: Any, kind: str, dimension: int) -> bool:
 
 def group_of(problem: Any) -> str:
     """Return the group of its suite that the problem belongs to; '' where it does not say."""
-    return str(getattr(problem, "group", ""))
+    return str(extra_of(problem, "group", ""))

@@ -28,7 +28,7 @@ from calibench.bench.provenance.run_id import (
     options_of,
 )
 from calibench.core.registry import Registry
-from calibench.problems.base import Array, Parameter, coordinates_of, parameters_of
+from calibench.problems.base import Array, Parameter, coordinates_of, extra_of, parameters_of
 
 _MADE: dict[str, Pair] = {}
 _MOST = 64  # pairs that a process remembers; a pack is of few
@@ -96,7 +96,7 @@ def pair_of(problem: Any, optimizer: Any, problem_name: str | None = None, optim
     return Pair(
         problem, who, canonical(options_of(problem)), problem_key, int(digest(problem_key), 16),
         optimizer, method, canonical(options_of(optimizer)), optimizer_key, int(digest(optimizer_key), 16),
-        tuple(getattr(problem, "targets", None) or ()), getattr(problem, "data_id", ""), unit_of(problem),
+        tuple(extra_of(problem, "targets", ())), extra_of(problem, "data_id", ""), unit_of(problem),
         group_of(problem), minimum_of(problem), library_of(optimizer), code_digest(problem, optimizer),
         is_foreign(problem), is_foreign(optimizer),
     )  # fmt: skip

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calibench.bench.execution.request.own_problem import OPTIONAL
 from calibench.bench.gate.frames import text_of
+from calibench.problems.base import extra_of
 
 _METHODS = (
     "residuals", "jacobian", "gradient", "value_and_gradient", "batch", "batch_below", "compile", "compile_values",
@@ -44,7 +45,7 @@ def check_optimizer_is_readable(optimizer: Any, who: str) -> None:
     traits = getattr(optimizer, "traits", None)
     if traits is not None and not all(hasattr(traits, name) for name in _TRAITS):
         raise ValueError(f"optimizer {who}: traits={traits!r:.60}: an optimizers.base.Traits is needed")
-    if not callable(getattr(optimizer, "compile", float)):
+    if not callable(extra_of(optimizer, "compile", float)):
         raise ValueError(f"optimizer {who}: compile is no method")
 
 
