@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
+from calibench.bench.execution.in_progress.running import hosts_at_work
 from calibench.bench.store.manifest import in_other_shards
 from calibench.bench.store.runs import ResultStore
 
@@ -37,7 +38,8 @@ class SweepProgress:
     """Counts of runs: `left` by what a cell is called, `mixed` cells hold two codes.
 
     `in_other_shards` are runs of the same sweep that are neither planned nor done here. `pace` is in runs a second, 0
-    where nobody is at it.
+    where nobody is at it. `hosts` are the machines that are at work on it: only of this one that can be seen. `command`
+    is the last that added runs, '' where it was none.
     """
 
     planned: int
@@ -50,6 +52,8 @@ class SweepProgress:
     mixed: int
     damaged: tuple[Path, ...]
     in_other_shards: int = 0
+    hosts: frozenset[str] = frozenset()
+    command: str = ""
 
     @property
     def to_do(self) -> int:
@@ -78,7 +82,8 @@ def sweep_progress(store: ResultStore) -> SweepProgress:
     return SweepProgress(
         len(planned), len(states), ended["failed"], ended["timeout"],
         _by_name(left, manifest.get("called") or {}, set(planned.values())), reasons, survey.pace, mixed,
-        survey.damaged, len(in_other_shards(manifest, states)),
+        survey.damaged, len(in_other_shards(manifest, states)), survey.hosts | hosts_at_work(store.folder),
+        (manifest.get("commands") or [""])[-1],
     )  # fmt: skip
 
 

@@ -76,11 +76,15 @@ FOLDER_OF = "folder"  # the key of `attrs` under which a table of runs says wher
 @final
 @dataclass(frozen=True)
 class Survey:
-    """What a folder holds: how each run ended, files with damaged lines, and the runs a second of who writes now."""
+    """What a folder holds: how each run ended, files with damaged lines, and the runs a second of who writes now.
+
+    `hosts` are the machines of those writers: on another than this one they may be gone unseen.
+    """
 
     states: Mapping[str, State]
     damaged: tuple[Path, ...]
     pace: float
+    hosts: frozenset[str]
 
 
 @final
@@ -297,7 +301,7 @@ class ResultStore:
         for run_id, status, code in zip(*(rows[name].to_pylist() for name in State._fields), strict=True):
             if run_id in known:
                 new[run_id] = State(run_id, status, code or "")
-        return Survey(new, damaged, pace)
+        return Survey(new, damaged, pace, frozenset(reader.host() for reader in writing))
 
     def rows_not_ok(self, columns: Sequence[str]) -> pd.DataFrame:
         """Return the rows (of `columns`) that did not end well; of journals only these are read."""

@@ -14,7 +14,7 @@ from threading import Timer
 from typing import Any, final
 
 from calibench.bench.execution.costly import ReplayFolder, forget_finished, values_of
-from calibench.bench.execution.in_progress.running import remove_gone
+from calibench.bench.execution.in_progress.running import at_work, remove_gone
 from calibench.bench.execution.kernels import load_kernels
 from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Run, Spec
@@ -95,19 +95,22 @@ def carry_out(
         tell(f"{counted(goes_on, 'run')} {'goes' if goes_on == 1 else 'go'} on from the values of before the kill")
     skipped, before = len(request.specs) - len(left), files_in(request.folder)
     unfinished = 0
-    for attempt in range(_ATTEMPTS):
-        try:
-            unfinished = _do(request, left, store, execution, report, tell)
-        finally:
-            aside += store.collect()
-            kept = store.collected()
-            remove_gone(request.folder)
-            forget_finished(request.folder, kept)
-        left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in kept}
-        if unfinished or not left:
-            break
-        if attempt + 1 < _ATTEMPTS:
-            tell(f"{counted(len(left), 'run')} had ended, and the folder has no row of {_them(left)}: done once more")
+    with at_work(request.folder):
+        for attempt in range(_ATTEMPTS):
+            try:
+                unfinished = _do(request, left, store, execution, report, tell)
+            finally:
+                aside += store.collect()
+                kept = store.collected()
+                remove_gone(request.folder)
+                forget_finished(request.folder, kept)
+            left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in kept}
+            if unfinished or not left:
+                break
+            if attempt + 1 < _ATTEMPTS:
+                tell(
+                    f"{counted(len(left), 'run')} had ended, and the folder has no row of {_them(left)}: done once more"
+                )
     printed = tuple(sorted(files_in(request.folder) - before))
     return Outcome(tuple(request.specs), skipped, tuple(aside), stale, unfinished, printed)
 

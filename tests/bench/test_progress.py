@@ -17,12 +17,23 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
+from calibench.bench.commands.studies.status import lines_of
+from calibench.bench.commands.studies.status import run as status
 from calibench.bench.execution.costly import ReplayFolder
 from calibench.bench.execution.in_progress import progress as told
 from calibench.bench.execution.in_progress import running
 from calibench.bench.execution.in_progress.progress import Progress, publishing
-from calibench.bench.execution.in_progress.running import Running, read_running, remove_gone, running_of, to_files
+from calibench.bench.execution.in_progress.running import (
+    Running,
+    at_work,
+    read_running,
+    remove_gone,
+    running_of,
+    to_files,
+)
 from calibench.bench.gate.processes.forked_worker import forked
+from calibench.bench.statistics.progress import sweep_progress
+from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import told_after
 
 
@@ -256,3 +267,35 @@ def test_what_takes_long_before_the_first_run_is_said_and_nothing_else():
         time.sleep(0.05)  # however long: nothing has begun
     assert not said.is_set()
     assert not [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]  # none is forked
+
+
+def test_a_killed_sweep_is_told_from_one_that_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    store = ResultStore(tmp_path / "s")
+    store.open()
+    store.plan({"1" * 16: "p x de"}, "bench run problem=p optimizer=de")
+
+    def work(ours: Any) -> None:
+        with at_work(store.folder):
+            store.write(bench.execute(Slow(0), optimizers.make("de", population=5), 30))
+            ours.send(None)
+            time.sleep(600)
+
+    with forked(work) as (child, told_by):
+        told_by.recv()
+        assert sweep_progress(store).pace > 0
+        assert not [line for line in lines_of(store, sweep_progress(store)) if "nobody" in line]
+        assert child.pid is not None
+        os.kill(child.pid, signal.SIGKILL)
+        os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)  # it is dead, and stands in the system's table
+        after = sweep_progress(store)
+        assert (after.hosts, after.pace, after.eta_s) == (frozenset(), 0.0, None)
+        assert status([str(store.folder), "--watch"]) == 0
+    said = "nobody is at work on it here; the same command goes on: bench run problem=p optimizer=de"
+    assert capsys.readouterr().out.splitlines()[1] == said
+    elsewhere = json.dumps({"host": "node7", "pid": 1, "born": "1"})
+    (store.folder / "running" / "1@node7.sweep").write_text(elsewhere)
+    assert (
+        "here; whether node7 still is cannot be seen from here; the same" in lines_of(store, sweep_progress(store))[1]
+    )
+    remove_gone(store.folder)
+    assert [path.name for path in (store.folder / "running").iterdir()] == ["1@node7.sweep"]

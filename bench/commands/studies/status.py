@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import sys
 import time
 from itertools import islice
@@ -44,6 +45,7 @@ def lines_of(store: ResultStore, progress: SweepProgress) -> list[str]:
     if progress.pace > 0:
         left = f", {span(progress.eta_s)} left" if progress.eta_s is not None else ""
         told[0] += f"; {plain(progress.pace, 3)} {plural('run', progress.pace)}/s{left}"
+    told += _at_work(progress)
     if progress.mixed:
         told.append(
             f"{counted(progress.mixed, 'cell')} {'holds' if progress.mixed == 1 else 'hold'} runs of more than one "
@@ -59,6 +61,16 @@ def lines_of(store: ResultStore, progress: SweepProgress) -> list[str]:
     if len(cells) > _CELLS:
         told.append(f"          and {counted(len(cells) - _CELLS, 'cell')} more")
     return told
+
+
+def _at_work(progress: SweepProgress) -> list[str]:
+    """Return that nobody is at work on what is left, as far as this machine can tell, and what goes on with it."""
+    if not progress.to_do or platform.node() in progress.hosts:
+        return []
+    others = ", ".join(sorted(progress.hosts))
+    unseen = f"; whether {others} still {'is' if len(progress.hosts) == 1 else 'are'} cannot be seen from here"
+    way = f"the same command goes on: {progress.command}" if progress.command else "the same call goes on"
+    return [f"nobody is at work on it here{unseen if others else ''}; {way}"]
 
 
 def runs_of_other_shards(count: int) -> str:
@@ -89,7 +101,7 @@ def _watch(store: ResultStore, progress: SweepProgress) -> SweepProgress:
 
     with Live(console=Console(), transient=True, auto_refresh=False) as live:
         while progress.to_do and idle < 2:
-            idle = 0 if progress.pace > 0 else idle + 1
+            idle = 0 if progress.hosts else idle + 1
             live.update(printable("\n".join(lines_of(store, progress))), refresh=True)
             time.sleep(_EVERY)
             progress = sweep_progress(store)

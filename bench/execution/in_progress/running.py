@@ -1,4 +1,5 @@
 """The runs in progress of a folder: a small file each in ``FOLDER/running``, written every second, gone at its end.
+Beside them stands a file of each sweep, so that one that has no run to tell of yet is seen as well.
 
 What a killed process leaves there is not counted: on its own machine a process that is gone is known to be.
 """
@@ -9,16 +10,18 @@ import json
 import os
 import platform
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, final
 
 from calibench.bench.execution.in_progress.progress import Progress, Publish
-from calibench.bench.gate.processes.process_group import is_gone
+from calibench.bench.gate.processes.process_group import born, is_gone
 from calibench.core.counted import grouped, plain, span
 from calibench.core.nested_text import json_of
 
+_SWEEP = ".sweep"  # how the file of a sweep ends
 _QUIET = 10.0  # seconds without an evaluation from which on no end is foreseen
 SILENT = 600.0  # seconds without an evaluation from which on it is told
 
@@ -103,6 +106,30 @@ def read_running(folder: Path | str) -> list[Running]:
     return sorted(found, key=lambda run: (run.began_at, run.run_id))
 
 
+@contextmanager
+def at_work(folder: Path | str) -> Iterator[None]:
+    """Let others see, while the block lasts, that this process carries out a sweep in `folder`."""
+    host, pid = platform.node(), os.getpid()
+    path = Path(folder).absolute() / "running" / f"{pid}@{host}{_SWEEP}"
+    with suppress(OSError):  # no sweep fails by what is told of it
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps({"host": host, "pid": pid, "born": born(pid)}), encoding="utf-8")
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+            path.parent.rmdir()  # where no run is told of
+
+
+def hosts_at_work(folder: Path | str) -> set[str]:
+    """Return the machines on which a sweep or a run is in progress in `folder`; of others than this one, may be."""
+    sweeps = [_sweep(path) for path in (Path(folder) / "running").glob(f"*{_SWEEP}")]
+    return {host for host, pid, birth in sweeps if not is_gone(host, pid, birth)} | {
+        run.host for run in read_running(folder)
+    }
+
+
 def was_silent(folder: Path | str, run_id: str) -> bool:
     """Tell whether a run of `folder` had made no evaluation for ten minutes at its last message, or since then."""
     told = [_read(path) for path in (Path(folder) / "running").glob(f"{run_id}-*.json")]
@@ -118,6 +145,9 @@ def remove_gone(folder: Path | str) -> None:
             for left in (path, path.with_suffix(".tmp")):
                 with suppress(OSError):
                     left.unlink(missing_ok=True)
+    for path in home.glob(f"*{_SWEEP}"):
+        if is_gone(*_sweep(path)):
+            path.unlink(missing_ok=True)
     with suppress(OSError):
         home.rmdir()  # where nothing is left
 
@@ -130,6 +160,15 @@ def _read(path: Path) -> Progress | None:
         return told if isinstance(told["pid"], int) else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
+
+
+def _sweep(path: Path) -> tuple[str, int, str]:
+    """Return host, pid and birth of the process that carries out a sweep; of a file that is not whole, no process."""
+    try:
+        told = json_of(path.read_text(encoding="utf-8"))
+        return str(told["host"]), int(told["pid"]), str(told["born"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return platform.node(), os.getpid(), "-"
 
 
 def _is_gone(progress: Progress) -> bool:

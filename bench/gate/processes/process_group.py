@@ -160,7 +160,10 @@ def born(pid: int) -> str:
 
 
 def is_gone(host: str, pid: int, birth: str) -> bool:
-    """Tell whether a process that began at `birth` (`born`) is known to be gone: of another machine it never is."""
+    """Tell whether a process that began at `birth` (`born`) is known to be gone: of another machine it never is.
+
+    One that was killed is gone, though it stays in the system's table until its parent waits for it.
+    """
     if host != platform.node():
         return False
     try:
@@ -169,4 +172,4 @@ def is_gone(host: str, pid: int, birth: str) -> bool:
         return True
     except OSError:  # it is another user's
         pass
-    return bool(birth) and born(pid) != birth
+    return bool(birth) and (born(pid) != birth or _is_dead(pid))

@@ -201,6 +201,10 @@ class JournalReader:
         """Return when the file was begun, in seconds since 1970 by its writer's clock; 0 where that cannot be read."""
         return float((self.header() or {}).get("began_at", 0.0))
 
+    def host(self) -> str:
+        """Return the machine of its writer; '' where that cannot be read."""
+        return str((self.header() or {}).get("host", ""))
+
     def is_written(self) -> bool:
         """Tell whether its writer may still be there; on another machine it may. To be shown, not to be decided by."""
         told = self.header()
