@@ -62,8 +62,10 @@ def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> N
         **{name: [_setting(name, value) for value in cells[name]] for name in several(cells)},
         "runs": [str(count) for count in cells["runs"]],
     }
-    if any(row["failed"] for row in rows):
-        columns["failed"] = [str(row["failed"]) if row["failed"] else "-" for row in rows]
+    failed = [row["failed"] - row["timeouts"] for row in rows]
+    for name, counts in (("failed", failed), ("out of time", [row["timeouts"] for row in rows])):
+        if any(counts):
+            columns[name] = [str(count) if count else "-" for count in counts]
     left_the_box = any(row["outside_box"] for row in rows)
     if left_the_box:
         columns["outside box"] = [f"◇ {row['outside_box']}" if row["outside_box"] else "-" for row in rows]

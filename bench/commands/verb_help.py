@@ -134,7 +134,7 @@ _WORDS: dict[str, dict[str, dict[str, str]]] = {
             **_PLACE,
             "-m": "sweep: lists such as problem=full11,full12 are a run each",
             "--dry-run": "tell what would be done",
-            "--retry-failed": "do failed runs again",
+            "--retry-failed": "do runs that failed or ran out of time again",
             "--drop-planned": "abandon what was planned before and is not asked for now",
             "--rerun, --keep": "finished runs that other code made: again, or as they are",
         },

@@ -115,7 +115,7 @@ class RunRow:
         bool | None, Says("identity", "whether another repetition can differ; null: not known", added=True)
     ]
     non_finite_slopes: Annotated[
-        int | None, Says("cost", "entries of Jacobians that were not finite, and read as 0", added=True)
+        int | None, Says("cost", "entries of gradients and Jacobians that were not finite, and read as 0", added=True)
     ]
     process_changes: Annotated[
         list[str] | None, Says("ending", "what the run changed in its process, and was put back", added=True)

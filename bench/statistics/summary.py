@@ -87,7 +87,8 @@ def _statistics(runs: Columns, cells: ByCell) -> dict[str, Any]:
     unit = plain(runs["unit"]) if "unit" in runs else [None] * len(charged)
     return {
         "runs": count,
-        "failed": cells.sums([status != "ok" for status in plain(runs["status"])]),
+        "failed": cells.sums([status != "ok" for status in plain(runs["status"])]),  # with `timeouts`
+        "timeouts": cells.sums([status == "timeout" for status in plain(runs["status"])]),
         "goal": level,
         "reached": won,
         "success": np.where(level == level, won / count, np.nan),

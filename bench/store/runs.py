@@ -121,10 +121,10 @@ class ResultStore:
         names = [str(name) for name in found if name not in ("status", "charged", "best_value")]
         rows: list[list[object]] = []
         for _, mine in found.groupby(names, sort=False, dropna=False):
-            lost = int((mine["status"] != "ok").sum())
-            rows.append([*mine[names].iloc[0], len(mine), lost, mine["charged"].median(), mine["best_value"].median()])
+            lost = [int((mine["status"] == status).sum()) for status in ("failed", "timeout")]
+            rows.append([*mine[names].iloc[0], len(mine), *lost, mine["charged"].median(), mine["best_value"].median()])
         title = f"store {self.folder}: {counted(len(found), 'finished run')}"
-        return html_table(title, (*names, "runs", "failed", "charged, median", "best, median"), rows)
+        return html_table(title, (*names, "runs", "failed", "out of time", "charged, median", "best, median"), rows)
 
     @property
     def is_begun(self) -> bool:

@@ -72,7 +72,7 @@ def _not_finite(rows: Columns) -> Iterator[str]:
     evaluations = sum(int(count or 0) for count in plain(rows["evaluations"]))
     for column, what in (
         ("non_finite", f"of {evaluations} values were not finite (NaN or infinite)"),
-        ("non_finite_slopes", "entries of Jacobians were not finite (NaN or infinite), and read as 0"),
+        ("non_finite_slopes", "entries of gradients and Jacobians were not finite (NaN or infinite), and read as 0"),
     ):
         where = Counter[str]()
         named = zip(*(plain(rows[key]) for key in (column, "problem", "optimizer")), strict=True)

@@ -196,7 +196,10 @@ def test_a_run_that_ends_where_its_slopes_are_numbers_is_ok_and_counts_the_other
     with pytest.raises(SystemExit) as ended:
         main(["run", "problem=partly.py:Partly", "optimizer=lm", "budget=400", "seeds=1"])
     assert ended.value.code == 0
-    said = "1 entries of Jacobians were not finite (NaN or infinite), and read as 0: 1 of lm on "
+    said = "1 entries of gradients and Jacobians were not finite (NaN or infinite), and read as 0: 1 of lm on "
+    assert said in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["status", "results/adhoc"])
     assert said in capsys.readouterr().out
     run_id = bench.ResultStore(tmp_path / "results" / "adhoc").runs()["run_id"].iloc[0]
     with pytest.raises(SystemExit):

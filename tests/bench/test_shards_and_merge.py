@@ -1,11 +1,13 @@
 """Parts of a sweep that run apart, and folders that become one."""
 
 import json
+import re
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+from calibench.bench.statistics.summary import summary
 from calibench.bench.store.runs import ResultStore
 from tests.same_rows import rows
 
@@ -163,6 +165,24 @@ def test_a_sweep_stops_after_so_many_failures_and_goes_on_when_asked(run_bench, 
     told = run_bench("status results/adhoc")[1]
     assert told.splitlines()[0] == "results/adhoc: 50 done (50 failed), 0 left"
     assert "50 failed: OSError: the arm is switched off" in told
+
+
+def test_a_failed_run_is_none_that_ran_out_of_time(run_bench, tmp_path):
+    begin = "import time\n\n\nclass {}:\n    lower, upper, start = [-1.0], [1.0], [0.5]\n\n    def __call__(self, x):\n"
+    for name, does in (("Raises", "raise ArithmeticError('off')"), ("Sleeps", "time.sleep(60)")):
+        (tmp_path / f"{name.lower()}.py").write_text(f"{begin.format(name)}        {does}\n")
+    words = "-m problem=raises.py:Raises,sleeps.py:Sleeps optimizer=de budget=5 seeds=1 time_limit=0.5"
+    code, out, _ = run_bench(f"run {words} --rerun")
+    assert code == 1
+    assert "\n1 failed, 1 out of time:\n" in out
+    assert "the same command with --retry-failed runs them again, and --rerun what other code made\n" in out
+    head, *cells = (re.split(r"  +", line) for line in out.splitlines()[-20:] if re.match(r"problem|\w+\.py", line))
+    counts = [(cell[head.index("failed")], cell[head.index("out of time")]) for cell in cells[:2]]
+    assert sorted(counts) == [("-", "1"), ("1", "-")]
+    assert "2 done (1 failed, 1 out of time)" in run_bench("status results/adhoc")[1]
+    store = ResultStore("results/adhoc")
+    assert summary(store.runs())[["failed", "timeouts"]].values.tolist() == [[1, 0], [1, 1]]
+    assert "<th>failed</th><th>out of time</th>" in store._repr_html_()
 
 
 def test_status_tells_what_is_left_by_cell_and_changes_nothing(run_bench, tmp_path):

@@ -136,7 +136,7 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
         print(runs_of_other_shards(len(away)))
     ended = Counter(status for status in mine["status"].to_pylist() if status != "ok")
     if ended:
-        _print_failures(mine, request)
+        _print_failures(mine, request, way)
     if outcome.unfinished:
         print(
             f"\nstopped after {counted(ended['failed'], 'failure')} "
@@ -182,16 +182,17 @@ def _asked_for(runs: pa.Table, outcome: Outcome) -> pa.Table:
     return runs if mine.all() else kept(runs, mask_of(mine))  # of 1e5 runs a copy is 70 MB
 
 
-def _print_failures(rows: pa.Table, request: Request) -> None:
-    """Print why some of the `rows` failed, a line for each reason of a problem and a method, with one to look at."""
+def _print_failures(rows: pa.Table, request: Request, way: Way) -> None:
+    """Print why some of the `rows` did not end well, a line for each reason of a problem and a method, with one run."""
     mine = to_pandas(rows)
-    failed = mine[mine["status"] != "ok"]
-    print(f"\n{len(failed)} failed:")
-    named = failed.assign(
-        problem=problem_titles(mine)[failed.index],
-        optimizer=method_titles(mine)[failed.index],
-        error=[" ".join(str(text).split()) for text in failed["error"]],
-        alike=[without_numbers(str(text)) for text in failed["error"]],
+    lost = mine[mine["status"] != "ok"]
+    counts = {"failed": (lost["status"] == "failed").sum(), "out of time": (lost["status"] == "timeout").sum()}
+    print(f"\n{', '.join(f'{count} {what}' for what, count in counts.items() if count)}:")
+    named = lost.assign(
+        problem=problem_titles(mine)[lost.index],
+        optimizer=method_titles(mine)[lost.index],
+        error=[" ".join(str(text).split()) for text in lost["error"]],
+        alike=[without_numbers(str(text)) for text in lost["error"]],
     )
     reasons = []
     told = ["problem", "optimizer", "status", "error_type", "error"]
@@ -205,7 +206,8 @@ def _print_failures(rows: pa.Table, request: Request) -> None:
     print_table(heads, [[*row[:-1], _short(row[-1], room)] for row in shown])
     if len(reasons) > _LONG:
         print(f"and {len(reasons) - _LONG} more; `bench status {shlex.quote(str(request.folder))}` lists all reasons")
-    print("the same command with --retry-failed runs them again")
+    others = ", and --rerun what other code made" if way == "rerun" else ""
+    print(f"the same command with --retry-failed runs them again{others}")
     where = "" if request.folder.parent == Path("results") else f" results={shlex.quote(str(request.folder.parent))}"
     print(f"`bench show RUN_ID{where}` prints one of them, with the last frames of an error that Python has raised")
 

@@ -10,13 +10,16 @@ from itertools import islice
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.execution.in_progress.running import read_running
 from calibench.bench.statistics.progress import Reason, SweepProgress, sweep_progress
+from calibench.bench.store.columns import columns_of
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep.remarks import remarks_on_rows
 from calibench.core.counted import counted, plain, plural, span
 from calibench.core.words import print_plain as print
 from calibench.core.words import printable
 
 _EVERY = 2.0  # seconds between two looks
 _CELLS = 20  # of which what is left is listed
+_LOOKED_AT = ("problem", "optimizer", "evaluations", "non_finite", "non_finite_slopes", "tampering", "process_changes")
 
 
 def run(argv: list[str]) -> int:
@@ -28,7 +31,8 @@ def run(argv: list[str]) -> int:
     progress = sweep_progress(store)
     if "--watch" in flags:
         progress = _watch(store, progress)
-    print("\n".join(lines_of(store, progress)))
+    rows = {} if store.has_journals() else columns_of(store.rows(_LOOKED_AT))  # to read journals takes their time
+    print("\n".join([*lines_of(store, progress), *(remarks_on_rows(rows) if rows else ())]))
     for path in progress.damaged:
         print(
             f"bench: {path}: has lines that are damaged; `bench collect` sets them aside, the same `bench run` does "

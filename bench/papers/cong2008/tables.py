@@ -160,7 +160,7 @@ def _course(cell: pd.DataFrame) -> dict[str, Any]:
     reached = goal_hits(cell)
     return {
         "budget": int(cell["budget"].iloc[0]),
-        "failed": int((cell["status"] != "ok").sum()),
+        "failed": int((cell["status"] == "failed").sum()),
         "restarts": int(cell["restarts"].sum()),
         "reached": int(np.isfinite(reached).sum()),
         "charged_to_target": median_of_reached(reached),
