@@ -27,6 +27,7 @@ from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, name_of, options_of
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.priced import KINDS, key_of_costs
+from calibench.bench.workers.printed import nothing_printed
 from calibench.core.own_state import kept
 from calibench.problems.base import extra_of
 
@@ -207,7 +208,7 @@ def _here(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record 
     """Yield the costs of each problem, measured in this process; None of one that is known or cannot be made."""
     for spec in specs:
         try:
-            with kept(*foreign_modules(problems.registry, spec.problem)):
+            with nothing_printed(), kept(*foreign_modules(problems.registry, spec.problem)):
                 problem, record = _begun(spec, done)
                 if record is not None:
                     record |= costs_of(problem, seconds=_share(specs))
@@ -235,7 +236,7 @@ def _in_a_child(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[R
     def work(theirs: Sender) -> None:
         for spec in specs:
             try:
-                with kept(*foreign_modules(problems.registry, spec.problem)):
+                with nothing_printed(), kept(*foreign_modules(problems.registry, spec.problem)):
                     problem, record = _begun(spec, done)
                     if record is not None:
                         theirs.send(record)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import os
 import sys
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import final
 
@@ -55,6 +56,21 @@ def _is_cut_off(path: Path) -> bool:
         file.seek(max(0, path.stat().st_size - _LINE))
         lines = file.read().splitlines()
     return bool(lines) and not lines[-1].startswith(_SIGN)
+
+
+@contextmanager
+def nothing_printed() -> Iterator[None]:
+    """Let nothing be seen of what is printed in the block, by Python or by C: it is of no run."""
+    flush_output()
+    before = os.dup(_STDOUT)
+    try:
+        with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
+            os.dup2(nowhere.fileno(), _STDOUT)
+            yield
+            flush_output()
+    finally:
+        os.dup2(before, _STDOUT)
+        os.close(before)
 
 
 @final

@@ -126,3 +126,17 @@ def test_a_worker_that_prints_without_end_is_cut_off_after_a_run(capfd, monkeypa
     [text] = _texts()
     assert text.count("step 19") == 1
     assert text.endswith("-- what this worker's later runs print is left out\n")
+
+
+def test_what_a_problem_prints_as_its_cost_is_measured_is_not_on_the_terminal(capfd):
+    says = "print('a value', flush=True)\n        ctypes.CDLL(None).puts(b'of C')\n        return float(np.sum("
+    Path("loud.py").write_text(
+        LOUD.replace("return float(np.sum(", says, 1).replace('how: str = "print"', 'how: str = ""')
+    )
+    assert _bench(*RUN, "seeds=2") == 0
+    said = capfd.readouterr()
+    assert "a value" not in said.out + said.err
+    assert "of C" not in said.out + said.err
+    assert sum(text.count("a value\n") for text in _texts()) == 2 * 20
+    print("the terminal is there again")
+    assert capfd.readouterr().out == "the terminal is there again\n"
