@@ -200,9 +200,8 @@ def _read(call: Callable[[list[str]], int], words: list[str]) -> int:
     with names_of_files(trust="--trust" in words):
         code = call([word for word in words if word != "--trust"])
     if left := take_not_imported():
-        (kind, name), more = left[0], f" and {len(left) - 1} more" if len(left) > 1 else ""
-        print(
-            f"bench: {one_line(f'the {kind} is {name}{more}')}, which reading does not import; --trust does",
-            file=sys.stderr,
-        )
+        (kind, name), more = next(iter(left)), f" and {len(left) - 1} more" if len(left) > 1 else ""
+        untold = "; ".join(dict.fromkeys(what for whats in left.values() for what in whats))
+        said = f"bench: {one_line(f'the {kind} is {name}{more}')}, which reading does not import; --trust does"
+        print(f"{said}. Left out: {untold}" if untold else said, file=sys.stderr)
     return code

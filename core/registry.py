@@ -32,7 +32,8 @@ _DEPTH = 12  # of lists in lists, as rows tell them
 _DOES = {"problem": "__call__", "optimizer": "minimize", "machine": "formulate"}  # what a class of a kind has
 _LISTED = 8  # names of a user's file that a message lists; of a long file those that are near
 _NAMES: ContextVar[Literal["typed", "read", "trusted"]] = ContextVar("_NAMES", default="typed")
-_NOT_IMPORTED: dict[tuple[str, str], None] = {}  # kind and name of what files named and nobody has typed
+_LEAVES_OUT: ContextVar[str] = ContextVar("_LEAVES_OUT", default="")
+_NOT_IMPORTED: dict[tuple[str, str], dict[str, None]] = {}  # of what files named and nobody has typed, what is left out
 
 
 class UnknownName(ValueError):
@@ -44,18 +45,23 @@ class NotImported(ValueError):
 
 
 @contextmanager
-def names_of_files(trust: bool = False) -> Iterator[None]:
-    """Let registries import no class for a name, as names come from files here; with `trust` they may, inside too."""
+def names_of_files(trust: bool = False, leaves_out: str = "") -> Iterator[None]:
+    """Let registries import no class for a name, as names come from files here; with `trust` they may, inside too.
+
+    `leaves_out` is what is not told where one is not imported.
+    """
     before = _NAMES.set("trusted" if trust or _NAMES.get() == "trusted" else "read")
+    untold = _LEAVES_OUT.set(leaves_out)
     try:
         yield
     finally:
         _NAMES.reset(before)
+        _LEAVES_OUT.reset(untold)
 
 
-def take_not_imported() -> list[tuple[str, str]]:
-    """Return kind and name of each class that was not imported since the last call."""
-    found = list(_NOT_IMPORTED)
+def take_not_imported() -> dict[tuple[str, str], list[str]]:
+    """Return by kind and name, of each class that was not imported since the last call, what was left out for it."""
+    found = {key: [what for what in untold if what] for key, untold in _NOT_IMPORTED.items()}
     _NOT_IMPORTED.clear()
     return found
 
@@ -255,7 +261,7 @@ class Registry(Generic[T]):
 
     def _typed_before(self, name: str) -> str:
         if name not in self._by_path:
-            _NOT_IMPORTED[self.kind, name] = None
+            _NOT_IMPORTED.setdefault((self.kind, name), {})[_LEAVES_OUT.get()] = None
             raise NotImported(f"the {self.kind} is {name}, which reading does not import; --trust does")
         return name
 

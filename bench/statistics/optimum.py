@@ -140,7 +140,7 @@ def optimum_of(runs: pd.DataFrame) -> Optimum:
     """Return the `Optimum` of `runs`, all of one problem with its options."""
     row = {name: runs[name].iloc[0] for name in PROBLEM[:2]}
     try:
-        problem = problem_of(row)
+        problem = problem_of(row, "the rounding floor in its figure, where it has a truth")
     except ValueError:  # a user's problem that is not here any more: the rows must suffice
         problem = None
     unit, minimum = _of_rows(runs, "unit"), _of_rows(runs, "minimum")

@@ -22,7 +22,7 @@ from calibench.core.registry import NotImported, names_of_files
 from calibench.problems.base import Parameter, parameters_of
 
 PrintedValues = Callable[[str, Any], Mapping[str, float]]  # of a problem's name and the problem: parameter -> value
-
+_OF_THE_DATA = "what its data can tell and standard errors, where it has a Jacobian"
 
 _MADE: ContextVar[dict[tuple[str, str], Any] | None] = ContextVar("_MADE", default=None)
 
@@ -37,8 +37,8 @@ def problems_made_once() -> Iterator[None]:
         _MADE.reset(token)
 
 
-def problem_of(row: Mapping[str, Any] | pd.Series) -> Any:
-    """Return the problem a row was made with.
+def problem_of(row: Mapping[str, Any] | pd.Series, leaves_out: str = _OF_THE_DATA) -> Any:
+    """Return the problem a row was made with; `leaves_out` is what is not told without it.
 
     Raises `ValueError` where it cannot be built again here: its class is somebody's own, which reading does not import,
     or a file that it reads is elsewhere.
@@ -48,7 +48,7 @@ def problem_of(row: Mapping[str, Any] | pd.Series) -> Any:
     if made is not None and key in made:
         return made[key]
     try:
-        with names_of_files():
+        with names_of_files(leaves_out=leaves_out):
             problem = problems.make(key[0], **given_options(problems.registry, key[0], json.loads(key[1])))
     except NotImported:
         raise

@@ -151,7 +151,7 @@ def _noise_level(row: Mapping[str, Any] | pd.Series) -> float:
     is expected to end about p/m of it lower.
     """
     try:
-        problem = problem_of(row)
+        problem = problem_of(row, "the level that its noise leaves, where it has a truth and a noise")
     except ValueError:  # a user's own, that is not here any more
         return float("nan")
     if getattr(problem, "as_good_as_noise", None) is not None:  # an instance: the value at its truth, not the mean

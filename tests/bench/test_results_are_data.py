@@ -178,16 +178,24 @@ def test_a_class_that_is_typed_is_imported_and_its_rows_are_read_without_it(run_
     assert code == 0
     assert "true" in out
     assert "again      told with --trust alone" in out
-    assert err == "bench: the problem is mine.py:Bowl, which reading does not import; --trust does\n"
+    assert err == (
+        "bench: the problem is mine.py:Bowl, which reading does not import; --trust does. Left out: what its data can "
+        "tell and standard errors, where it has a Jacobian\n"
+    )
     for words in ("status results/s", "collect results/s", "export csv results/s --to csv", "merge results/s --to m"):
         assert run_bench(words)[::2] == (0, ""), words
     assert not sign.exists()
 
 
 @pytest.mark.parametrize(
-    "words", ["show {0}", "report results/s", "choose results/s optimizer=mine.py:Half over=seeds"]
+    ("words", "untold"),
+    [
+        ("show {0}", ["what its data can tell"]),
+        ("report results/s", ["what its data can tell", "the rounding floor in its figure"]),
+        ("choose results/s optimizer=mine.py:Half over=seeds", ["which setting is its default"]),
+    ],
 )
-def test_trust_lets_a_verb_that_reads_import_the_class(run_bench, sign, forget, words):
+def test_trust_lets_a_verb_that_reads_import_the_class(run_bench, sign, forget, words, untold):
     run_bench(
         "run -m problem=mine.py:Bowl optimizer=mine.py:Half optimizer.share=0.5,0.6 budget=20 seeds=6 study=s "
         "start=random"
@@ -196,7 +204,9 @@ def test_trust_lets_a_verb_that_reads_import_the_class(run_bench, sign, forget, 
     forget()
     code, out, err = run_bench(words.format(run_id))
     assert not sign.exists()
-    assert err.endswith("which reading does not import; --trust does\n")
+    said, _, left_out = err.splitlines()[-1].partition("; --trust does. Left out: ")
+    assert said.endswith("which reading does not import")
+    assert [what for what in untold if what not in left_out] == []
     trusted = run_bench(f"{words.format(run_id)} --trust")
     assert sign.exists()
     assert (trusted[0], "does not import" in trusted[2]) == (code, False)

@@ -202,7 +202,7 @@ def _is_default(optimizer: str, text: str, texts: list[str]) -> bool:
 def _own_defaults(optimizer: str) -> dict[str, str]:
     """Return the defaults of a class of somebody's own, as JSON; nothing where it is not here, or not imported."""
     try:
-        with names_of_files():
+        with names_of_files(leaves_out="which setting is its default"):
             declared = optimizers.registry.options(optimizer)
         plainly = {key: plain(option.default) for key, option in declared.items() if not option.required}
     except (Exception, SystemExit):  # whatever its module raises
