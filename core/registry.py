@@ -328,8 +328,10 @@ class Registry(Generic[T]):
 
     def _check_file(self, path: str, file: Path) -> None:
         if not file.is_file():
-            beside = [p.name for p in file.parent.glob("*.py")] if file.parent.is_dir() else []
-            raise ValueError(f"{self.kind} {path!r}: there is no file {file}; {suggest(file.name, sorted(beside))}")
+            beside = sorted(p.name for p in file.parent.glob("*.py"))
+            none = "its folder has no file of Python" if file.parent.is_dir() else "nor is its folder there"
+            way = suggest(file.name, beside) if beside else f"{none}; give its path from here, or from the root"
+            raise ValueError(f"{self.kind} {path!r}: there is no file {file}; {way}")
 
     def _module(self, path: str, file: Path) -> types.ModuleType:
         try:

@@ -158,8 +158,12 @@ class Tables:
         return None if file is None else _statements(file).get("pair")
 
     def _check_columns(self, path: Path, found: pa.Schema, schema: pa.Schema) -> None:
-        if not is_ours(found, schema) or _KEY not in (found.metadata or {}):
+        if not is_ours(found, schema):
             raise StoreError(f"{path}: has not our columns; is it from another program or version? It is left alone")
+        if _KEY not in (found.metadata or {}):
+            raise StoreError(
+                f"{path}: has our columns and not the mark of bench, so another program has written it; {_LEFT}"
+            )
         for field in schema:
             if field.name in found.names and not _fits(found.field(field.name).type, field.type):
                 kind = found.field(field.name).type
@@ -183,7 +187,7 @@ class Tables:
 
     def _unreadable(self, path: Path, error: Exception) -> StoreError:
         first = str(error).splitlines()[0] if str(error) else type(error).__name__
-        return StoreError(f"{path}: cannot be read ({first}); `bench collect` cannot mend it")
+        return StoreError(f"{path}: cannot be read ({first}); {_LEFT}")
 
 
 def write_table(table: pa.Table, path: Path, pair: str | None = None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any, final
 
 from calibench.bench.sweep.words.values import RequestError, read_inner, read_workers
@@ -47,8 +48,15 @@ def check_name(name: str) -> str:
 def check_option(name: str, option: str) -> None:
     """Raise `RequestError` for an option that the back end `name` has not."""
     if option not in _OPTIONS[name]:
-        who = [other for other, options in _OPTIONS.items() if option in options and other != "joblib"]
-        has = f"; add execution={' or execution='.join(who)}, which has it" if who else ""
+        every = {each: None for options in _OPTIONS.values() for each in options}
+        meant = next(iter(get_close_matches(option, every, n=1)), option)
+        who = [other for other, options in _OPTIONS.items() if meant in options and other != "joblib"]
+        near = f"; did you mean execution.{meant}?" if meant != option else ""
+        has = (
+            f"{near or ';'} add execution={' or execution='.join(who)}, which has it"
+            if name not in who and who
+            else near
+        )
         raise RequestError(
             f"execution.{option}: execution={name} has no such option{has}; choices: {', '.join(_OPTIONS[name])}"
         )

@@ -256,7 +256,7 @@ def test_another_file_of_the_name_in_a_later_command_is_noticed(call, here):
     [
         ("problem=./mime.py:Bowl", "did you mean 'mine.py'?"),
         ("problem=./mine.py:Bow", "did you mean 'Bowl'?"),
-        ("problem=./no/mine.py:Bowl", "there is no file"),
+        ("problem=./no/mine.py:Bowl", "mine.py; nor is its folder there; give its path from here"),
         ("problem=./broken.py:Bowl", "SyntaxError"),
         ("problem=./mine.py:Bowl problem.dimensions=3", "did you mean 'dimension'?"),
     ],
