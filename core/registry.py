@@ -40,6 +40,10 @@ class UnknownName(ValueError):
     """A name that is in no registry of its kind; the message suggests the nearest."""
 
 
+class MissingFile(ValueError):
+    """A class by its path, and there is no such file."""
+
+
 class NotImported(ValueError):
     """A class by its path that a file names, and nobody has typed: reading does not import it."""
 
@@ -331,7 +335,7 @@ class Registry(Generic[T]):
             beside = sorted(p.name for p in file.parent.glob("*.py"))
             none = "its folder has no file of Python" if file.parent.is_dir() else "nor is its folder there"
             way = suggest(file.name, beside) if beside else f"{none}; give its path from here, or from the root"
-            raise ValueError(f"{self.kind} {path!r}: there is no file {file}; {way}")
+            raise MissingFile(f"{self.kind} {path!r}: there is no file {file}; {way}")
 
     def _module(self, path: str, file: Path) -> types.ModuleType:
         try:

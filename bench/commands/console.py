@@ -62,10 +62,9 @@ def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> N
         **{name: [_setting(name, value) for value in cells[name]] for name in several(cells)},
         "runs": [str(count) for count in cells["runs"]],
     }
-    failed = [row["failed"] - row["timeouts"] for row in rows]
-    for name, counts in (("failed", failed), ("out of time", [row["timeouts"] for row in rows])):
-        if any(counts):
-            columns[name] = [str(count) if count else "-" for count in counts]
+    for name, column in (("failed", "failed"), ("out of time", "timeouts")):
+        if any(row[column] for row in rows):
+            columns[name] = [str(row[column]) if row[column] else "-" for row in rows]
     left_the_box = any(row["outside_box"] for row in rows)
     if left_the_box:
         columns["outside box"] = [f"◇ {row['outside_box']}" if row["outside_box"] else "-" for row in rows]

@@ -87,7 +87,7 @@ def _statistics(runs: Columns, cells: ByCell) -> dict[str, Any]:
     unit = plain(runs["unit"]) if "unit" in runs else [None] * len(charged)
     return {
         "runs": count,
-        "failed": cells.sums([status != "ok" for status in plain(runs["status"])]),  # with `timeouts`
+        "failed": cells.sums([status == "failed" for status in plain(runs["status"])]),
         "timeouts": cells.sums([status == "timeout" for status in plain(runs["status"])]),
         "goal": level,
         "reached": won,

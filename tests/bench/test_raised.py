@@ -204,7 +204,7 @@ def test_a_run_that_ends_where_its_slopes_are_numbers_is_ok_and_counts_the_other
     run_id = bench.ResultStore(tmp_path / "results" / "adhoc").runs()["run_id"].iloc[0]
     with pytest.raises(SystemExit):
         main(["show", run_id])
-    assert "not finite 1 entries of Jacobians, read as 0" in capsys.readouterr().out
+    assert "not finite 1 entries of gradients and Jacobians, read as 0" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("shape", [(3, 2), (2, 3), (4,), (2, 2, 1)])

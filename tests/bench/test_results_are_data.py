@@ -187,6 +187,14 @@ def test_a_class_that_is_typed_is_imported_and_its_rows_are_read_without_it(run_
     assert not sign.exists()
 
 
+def test_a_run_whose_file_is_not_here_says_so(run_bench, sign, forget, tmp_path):
+    run_bench("run problem=mine.py:Bowl optimizer=de budget=20 seeds=1 study=s")
+    forget()
+    (tmp_path / "mine.py").unlink()
+    _, out, _ = run_bench(f"show {ResultStore('results/s').runs()['run_id'].iloc[0]} --trust")
+    assert "again      told where the file is alone: problem 'mine.py:Bowl': there is no file" in out
+
+
 @pytest.mark.parametrize(
     ("words", "untold"),
     [

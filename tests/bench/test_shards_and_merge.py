@@ -181,7 +181,7 @@ def test_a_failed_run_is_none_that_ran_out_of_time(run_bench, tmp_path):
     assert sorted(counts) == [("-", "1"), ("1", "-")]
     assert "2 done (1 failed, 1 out of time)" in run_bench("status results/adhoc")[1]
     store = ResultStore("results/adhoc")
-    assert summary(store.runs())[["failed", "timeouts"]].values.tolist() == [[1, 0], [1, 1]]
+    assert summary(store.runs())[["failed", "timeouts"]].values.tolist() == [[1, 0], [0, 1]]
     assert "<th>failed</th><th>out of time</th>" in store._repr_html_()
 
 

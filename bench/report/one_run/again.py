@@ -10,7 +10,7 @@ from typing import Any
 
 from calibench import optimizers, problems
 from calibench.bench.provenance.run_id import UNSEEN, chosen_options, given_options
-from calibench.core.registry import NotImported, Registry, names_of_files
+from calibench.core.registry import MissingFile, NotImported, Registry, names_of_files
 
 _PLAIN = re.compile(r"[A-Za-z_][\w./:+-]*")
 _BEFORE_QUOTE = re.compile(r"\\+(?='|\Z)")  # where Hydra takes two backslashes for one; elsewhere each is itself
@@ -21,7 +21,8 @@ def again_command(row: Mapping[str, Any]) -> str | None:
     """Return the `bench run` command of this very run: the same run id, the same seed.
 
     None where no command can say it: an object made in Python, a start of one's own, or published results. Raises
-    `NotImported` where a class of somebody's own would say which options it was given, and is not imported.
+    `NotImported` or `MissingFile` where a class of somebody's own would say which options it was given, and is not
+    imported, or not there.
     """
     options = {of: json.loads(row[f"{of}_options"]) for of in ("problem", "optimizer")}
     if row["start"] not in ("nominal", "random") or "published" in options["optimizer"]:
@@ -36,7 +37,7 @@ def again_command(row: Mapping[str, Any]) -> str | None:
                 registry.options(row[of])
                 chosen = chosen_options(registry, row[of], given_options(registry, row[of], options[of]))
                 registry.check(row[of], chosen)
-        except NotImported:
+        except (NotImported, MissingFile):
             raise
         except ValueError:  # a function or an object, for which the row has a word and no command has
             return None

@@ -14,7 +14,7 @@ from calibench.bench.report.one_run.curve import curve_lines, curve_of
 from calibench.bench.report.one_run.found import Found
 from calibench.bench.statistics.tables import parameters_in, problem_of
 from calibench.core.counted import plain
-from calibench.core.registry import NotImported
+from calibench.core.registry import MissingFile, NotImported
 from calibench.problems.base import Parameter, parameters_of
 
 _TARGETS = 12  # that are listed
@@ -36,6 +36,8 @@ def show_run(found: Found) -> str:
         command = again_command(row) or "not by a command: what it ran was made in Python, or published"
     except NotImported:
         command = "told with --trust alone"
+    except MissingFile as error:
+        command = f"told where the file is alone: {error}"
     return "\n".join([*lines, "", f"again      {command}"])
 
 
@@ -68,7 +70,7 @@ def _ended(row: Mapping[str, Any]) -> list[str]:
     if _is_told(row["non_finite"]) and row["non_finite"]:
         lines.append(f"not finite {_whole(row['non_finite'])} of the values")
     if _is_told(row["non_finite_slopes"]) and row["non_finite_slopes"]:
-        lines.append(f"not finite {_whole(row['non_finite_slopes'])} entries of Jacobians, read as 0")
+        lines.append(f"not finite {_whole(row['non_finite_slopes'])} entries of gradients and Jacobians, read as 0")
     return lines
 
 

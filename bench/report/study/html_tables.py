@@ -246,10 +246,9 @@ def _method(cell: Mapping[Any, Any]) -> str:
 def _reached(cell: Mapping[Any, Any]) -> str:
     """Return how many runs reached the goal, with a mark besides its colour, how many were lost or left the box."""
     total, won, late, outside = cell["runs"], cell["reached"], cell["late"], cell["outside_box"]
-    failed = cell["failed"] - late
-    lost = [(f"✗ {n} {what}", "no") for n, what in ((failed, "failed"), (late, "ended by the time limit")) if n]
-    if failed == total:
-        tags = [(f"✗ {failed}/{total} failed", "no")]
+    lost = [(f"✗ {n} {what}", "no") for n, what in ((cell["failed"], "failed"), (late, "ended by the time limit")) if n]
+    if cell["failed"] == total:
+        tags = [(f"✗ {total}/{total} failed", "no")]
     elif not isfinite(cell["goal"]):
         tags = [(counted(total, "run"), "open"), *lost]
     else:

@@ -85,8 +85,8 @@ def methods(cells: pd.DataFrame) -> pd.DataFrame:
     placed = cells.assign(place=places(cells), task=_tasks(cells))
     total = placed["task"].nunique()
     rows = []
-    for pair, mine in placed.groupby(METHOD, sort=False):
-        place, solved = _means(mine, "place"), _means(mine[mine["goal"].notna()], "success")
+    for pair, own in placed.groupby(METHOD, sort=False):
+        place, solved = _means(own, "place"), _means(own[own["goal"].notna()], "success")
         rows.append(
             dict(zip(METHOD, pair, strict=True))
             | {
