@@ -267,10 +267,16 @@ def _run_all(
 
 def _here(packs: Packs, store: ResultStore) -> Iterator[Notice]:
     """Do the runs in this process, where no other way exists."""
+    ended: list[Notice] = []
+
+    def keep(run: Run, seconds: float) -> None:
+        store.write(run)
+        ended.append(Notice(run.run_id, run.record.status, seconds))
+
     while (pack := packs.take()) is not None:
-        told: list[Notice] = []
-        do_pack(pack, lambda run, _: store.write(run), told.extend)
-        yield from told
+        do_pack(pack, keep, lambda _: None)  # it goes on here whatever lasts: there is no other process
+        yield from ended
+        ended.clear()
 
 
 def _lost(job: Job, status: str, why: str) -> Run:

@@ -67,7 +67,7 @@ def raises(*_: Any) -> Any:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("targets", None), ("targets", 3), ("data_id", 5), ("data_id", b"a"), ("lower", "low"), ("lower", None),
+        ("targets", 3), ("data_id", 5), ("data_id", b"a"), ("lower", "low"), ("lower", None),
         ("batch", 5), ("residuals", [1.0]), ("compile", 1), ("physical", 2), ("kernel", 3), ("merit", 4),
         ("unit", property(raises)), ("data_id", property(raises)), ("kernel", property(raises)),
         ("default_start", 7),

@@ -9,6 +9,9 @@ import pytest
 
 from calibench.bench.statistics.summary import summary
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep import carry_out
+from calibench.core import own_state
+from calibench.core.process_state import KINDS
 from tests.same_rows import rows
 
 pytestmark = pytest.mark.usefixtures("one_process", "undrawn")
@@ -255,3 +258,13 @@ def test_a_file_that_is_no_study_is_one_line(run_bench, tmp_path, text, message)
     code, _, err = run_bench("run study=mine.yaml")
     assert (code, err.count("\n")) == (2, 1)
     assert message in err
+
+
+def test_where_no_process_can_be_forked_each_run_is_told_of_whatever_lasts(run_bench, monkeypatch):
+    number = next(i for i, kind in enumerate(KINDS) if kind.name == "recursion limit")
+    monkeypatch.setattr(carry_out, "CAN_FORK", False)
+    monkeypatch.setattr(own_state, "_LASTING", [(number, -1)])  # no process can have it
+    code, out, err = run_bench("run problem=sensor_zero optimizer=pygmo_de budget=60 seeds=3")
+    assert code == 0
+    assert "3/3 runs" in err
+    assert "3 runs (0 done before)" in out
