@@ -19,7 +19,7 @@ from calibench.bench.report.study.lost import lost_of
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.comparison import ranking
-from calibench.bench.statistics.comparison.best import MANY, Method, Rival, against_each
+from calibench.bench.statistics.comparison.best import MANY, Method, Ratio, Rival, against_each
 from calibench.bench.statistics.summary import outside_box, success_interval
 from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
 from calibench.bench.store.manifest import remaining_by_budget
@@ -181,24 +181,27 @@ def _lead(rivals: Sequence[Rival], called: Mapping[Method, str]) -> str:
         return ""
     next_ = known[0]
     ratio = next_.ratio
-    ends = (
-        f"{_times(ratio.low)} to {_times(ratio.high)}"
-        if ratio.low and np.isfinite(ratio.high)
-        else (
-            f"at least {_times(ratio.low)}"
-            if ratio.low
-            else f"at most {_times(ratio.high)}"
-            if np.isfinite(ratio.high)
-            else ""
-        )
-    )
-    interval = f" (95 % interval {ends})" if ends and ratio.high > ratio.low else ""
     pooled = f", pooled over {ratio.tasks} problems" if ratio.tasks > 1 else ""
     never = f", and never reaches the goal of {counted(ratio.never, 'other problem')}" if ratio.never else ""
     return (
-        f" The next, {called[next_.method]}, needs {_times(ratio.value)} times the evaluations to the goal{interval}"
-        f"{pooled}{never}."
+        f" The next, {called[next_.method]}, needs {_times(ratio.value)} times the evaluations to the goal"
+        f"{_interval(ratio)}{pooled}{never}."
     )
+
+
+def _interval(ratio: Ratio) -> str:
+    """Return the interval of a ratio as text, of one whose runs bound one side alone that; "" where they bound none."""
+    low, high = ratio.low > 0, bool(np.isfinite(ratio.high))
+    if not (low or high) or ratio.low == ratio.high:
+        return ""
+    ends = (
+        f"{_times(ratio.low)} to {_times(ratio.high)}"
+        if low and high
+        else f"at least {_times(ratio.low)}"
+        if low
+        else f"at most {_times(ratio.high)}"
+    )
+    return f" (95 % interval {ends})"
 
 
 def _times(value: float) -> str:
