@@ -18,6 +18,7 @@ from calibench import optimizers
 from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.endings import endings
 from calibench.bench.statistics.tables import problem_of
+from calibench.optimizers.scipy.settings import SETTINGS
 
 STORED = Path("results/reference/calibration24/answer.parquet")
 KNOWS = ("residuals", "gradient", "values")
@@ -98,6 +99,9 @@ def _told(row: pd.Series) -> dict[str, Any]:
 def _knows(optimizer: str, options: str) -> str:
     chosen = {key: value for key, value in json.loads(options).items() if value is not None}
     traits: Any = optimizers.make(optimizer, **chosen).traits
+    setting = SETTINGS.get(optimizer.removeprefix("scipy_")) if optimizer.startswith("scipy_") else None
+    if setting is not None and setting.hessian is not None:
+        return "residuals"  # their Hessian is 2 J'J of the residuals
     return "residuals" if traits.uses_residuals else "gradient" if traits.uses_gradient else "values"
 
 

@@ -26,7 +26,8 @@ def page(runs: pd.DataFrame) -> str:
             "*As good as the noise*: the value is at most what the true machine leaves of the noisy readings (where an"
             " instance has no noise, what readings of 1 µrad or .1 µm would leave). A Jacobian, and a gradient, is"
             " charged as many evaluations as there are parameters, which is what forward differences cost: so a user"
-            " who has residuals but no derivatives pays the same."
+            " who has residuals but no derivatives pays the same. SciPy's Newton methods make their Hessian out of the"
+            " Jacobian of the residuals, and stand with those that are told these."
         ),
         text(_worth(runs)),
         "![Share of the instances brought to the noise, over the evaluations](images/answer.png)",

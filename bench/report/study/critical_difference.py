@@ -15,6 +15,7 @@ from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, figur
 from calibench.bench.statistics.comparison.many_methods import Ranked
 
 _LETTER = 0.07  # inches of a letter of a name
+_LEAST = 1e-300  # p below it is rounding
 _TICK = 0.25  # inches between two numbers of the scale, at least
 
 
@@ -72,8 +73,9 @@ def draw_ranks(axes: Axes, ranked: Ranked) -> None:
     axes.spines["top"].set_bounds(low, high)
     axes.xaxis.tick_top()
     axes.grid(False)
+    chance = f"= {ranked.p:.2g}" if ranked.p > _LEAST else f"< {_LEAST:g}"
     axes.set_title(
-        f"mean rank over {ranked.blocks} blocks, 1 is best; Friedman p = {ranked.p:.2g}\njoined: not told apart at "
+        f"mean rank over {ranked.blocks} blocks, 1 is best; Friedman p {chance}\njoined: not told apart at "
         f"{ranked.level:g} (Nemenyi)",
         fontsize=8,
     )

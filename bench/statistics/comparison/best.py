@@ -286,8 +286,10 @@ def _log_ert(side: Side) -> float:
 
 def _places(cells: pd.DataFrame) -> pd.DataFrame:
     """Return the places of the methods (columns) on the tasks (rows)."""
-    table = cells.assign(place=ranking.places(cells))
-    return table.pivot_table(index=TASK, columns=METHOD, values="place", dropna=False, observed=True)
+    task = cells.groupby(TASK, dropna=False, sort=False).ngroup()
+    return cells.assign(place=ranking.places(cells), task=task).pivot_table(
+        index="task", columns=METHOD, values="place"
+    )
 
 
 def _tasks(runs: pd.DataFrame) -> Iterator[dict[Method, Side]]:
