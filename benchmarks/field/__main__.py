@@ -53,7 +53,7 @@ def page(before: pd.DataFrame, after: pd.DataFrame) -> str:
             f" start runs once. {_NOT_RUN}: was not run, or cannot run there. {_CUT}: the time limit ended some of the"
             " runs, and how far they came depends on the machine."
         ),
-        "```text\nbench run study=field execution=joblib results=BEFORE   # on the code before, then after\n"
+        "```text\nbench run study=field execution=processes results=BEFORE   # on the code before, then after\n"
         "python -m benchmarks.field BEFORE/field AFTER/field\n```",
         text(f"Before: {_made(before)}. After: {_made(after)}."),
         text(_moved(cells)),
