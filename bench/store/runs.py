@@ -106,7 +106,7 @@ class ResultStore:
             states = [state for store in self._studies() for state in store.survey().states.values()]
         except StoreError as error:
             return f"<store {error}>"
-        lost = sum(state.status != "ok" for state in states)
+        lost = sum(state.status == "failed" for state in states)
         return f"<store {self.folder}: {counted(len(states), 'finished run')}{f', {lost} failed' if lost else ''}>"
 
     def __dir__(self) -> list[str]:

@@ -170,11 +170,13 @@ def unlike(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[Any, ...]
 def _wrong_slope(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
     """Return as `WRONG_SLOPE` a derivative that differs from central differences at each of three points."""
     places = _points(problem)
+    middle, width = places.mean(axis=0), np.ptp(places, axis=0)
+    inner = middle + 0.9 * (places[1:4] - middle)  # so that no step leaves the box
     for kind, name in (("gradient", "__call__"), ("jacobian", "residuals")):
         derive, function = getattr(problem, kind, None), getattr(problem, name, None)
         if derive is None or function is None or not _is_quick(record.get(f"{kind}_s")):
             continue
-        found = [_slopes(function, derive, x, np.ptp(places, axis=0)) for x in places[1:4]]
+        found = [_slopes(function, derive, x, width) for x in inner]
         if all(gap > _WRONG * size for _, _, gap, size in found):
             return {WRONG_SLOPE: (kind, *found[0][:2])}
     return {}

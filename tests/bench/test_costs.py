@@ -229,9 +229,11 @@ import numpy as np
 class Bowl:
     lower, upper, start = np.full(3, -1.0), np.full(3, 2.0), np.full(3, 0.5)
     def __call__(self, x):
+        if not np.all((self.lower <= x) & (x <= self.upper)):
+            raise ValueError("the box is all that the simulator knows")
         return float(x @ x)
     def residuals(self, x):
-        return x
+        return x + 0.0 * self(x)
     def {kind}(self, x):
         return ({slope}) * np.array([1.0, {sign}1.0, 1.0])
 """)

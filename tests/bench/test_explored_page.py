@@ -111,6 +111,12 @@ def test_cells_that_differ_only_in_their_own_target_stay_apart(tmp_path):
     assert len(gap["reached"][0]) != len(gap["reached"][1])  # the one stopped early
 
 
+def test_what_is_lost_of_a_cell_is_failed_or_out_of_time(store):
+    runs = store.runs()
+    runs.loc[runs.index[:3], "status"] = ["failed", "timeout", "timeout"]
+    assert sum(numbers_of(store, runs)["cells"]["failed"]) == 3
+
+
 def test_numbers_are_data_that_no_name_can_leave():
     evil = "</script><!--\u2028&"
     told = as_json({"name": evil})

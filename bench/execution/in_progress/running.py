@@ -147,7 +147,8 @@ def remove_gone(folder: Path | str) -> None:
                     left.unlink(missing_ok=True)
     for path in home.glob(f"*{_SWEEP}"):
         if is_gone(*_sweep(path)):
-            path.unlink(missing_ok=True)
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
     with suppress(OSError):
         home.rmdir()  # where nothing is left
 

@@ -119,7 +119,7 @@ def explored(
             "problem": numbers["panel"].tolist(),
             "method": [names.index(name) for name in numbers["method"]],
             "runs": numbers["runs"].tolist(),
-            "failed": numbers["failed"].tolist(),
+            "failed": (numbers["failed"] + numbers["timeouts"]).tolist(),  # or out of time: both are lost
             "spent": _row(runs.groupby("cell")["charged"].sum().reindex(numbers["cell"])),
             "seconds": _row(numbers["wall_s_median"]),
             "median": [_short(_above(panels, p, v)) for p, v in zip(numbers["panel"], numbers["best_median"])],
