@@ -16,7 +16,7 @@ from calibench.core.lazy import loader, public_names
 if TYPE_CHECKING:
     from calibench.bench.discovery.schema import report_schema
     from calibench.bench.execution.costly import ReplayFolder, forget_replay
-    from calibench.bench.execution.in_progress.progress import publishing
+    from calibench.bench.execution.in_progress import publishing
     from calibench.bench.execution.run import Run, Spec, execute
     from calibench.bench.gate.evaluator import BudgetExhausted, Evaluator
     from calibench.bench.measured import read_measured, write_measured
@@ -36,7 +36,7 @@ _HOMES = {
     "Spec": "execution.run",
     "execute": "execution.run",
     "forget_replay": "execution.costly",
-    "publishing": "execution.in_progress.progress",
+    "publishing": "execution.in_progress",
     "read_measured": "measured",
     "report_schema": "discovery.schema",
     "write_measured": "measured",

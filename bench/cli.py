@@ -13,7 +13,8 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
-from calibench.core import collector, process_end
+from calibench.core import process as collector
+from calibench.core import process as process_end
 from calibench.core.words import check_word, one_line
 
 _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --version)
@@ -70,21 +71,21 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
 """
 _VERBS = {
     "list": "calibench.bench.commands.list:run",
-    "run": "calibench.bench.commands.studies.run:run",
-    "identify": "calibench.bench.commands.machines.identify:run",
-    "status": "calibench.bench.commands.studies.status:run",
-    "merge": "calibench.bench.commands.studies.study:merge_studies",
-    "compare": "calibench.bench.commands.studies.compare:run",
-    "choose": "calibench.bench.commands.studies.choose:run",
-    "collect": "calibench.bench.commands.studies.study:collect",
-    "report": "calibench.bench.commands.studies.study:report",
-    "export": "calibench.bench.commands.studies.export:run",
-    "import": "calibench.bench.commands.studies.import_:run",
-    "show": "calibench.bench.commands.studies.show:run",
+    "run": "calibench.bench.commands.run:run",
+    "identify": "calibench.bench.commands.identify:run",
+    "status": "calibench.bench.commands.status:run",
+    "merge": "calibench.bench.commands.study:merge_studies",
+    "compare": "calibench.bench.commands.compare:run",
+    "choose": "calibench.bench.commands.choose:run",
+    "collect": "calibench.bench.commands.study:collect",
+    "report": "calibench.bench.commands.study:report",
+    "export": "calibench.bench.commands.exchange:export",
+    "import": "calibench.bench.commands.exchange:import_study",
+    "show": "calibench.bench.commands.show:run",
     "paper": "calibench.bench.commands.paper:run",
-    "discover": "calibench.bench.commands.machines.discover:run",
-    "calibrate": "calibench.bench.commands.machines.calibrate:run",
-    "design": "calibench.bench.commands.machines.design:run",
+    "discover": "calibench.bench.commands.discover:run",
+    "calibrate": "calibench.bench.commands.calibrate:run",
+    "design": "calibench.bench.commands.design:run",
 }
 _READING = ("status", "merge", "compare", "choose", "collect", "report", "export", "import", "show")  # take --trust
 
@@ -146,7 +147,7 @@ def _refused(text: str) -> int:
 
 def _of_the_user(error: Exception) -> int:
     """Report a failure in the user's own code in one line that says where; raise again a failure of this package."""
-    from calibench.bench.gate.frames import place_of, text_of
+    from calibench.bench.gate.endings import place_of, text_of
 
     if not (place := place_of(error)):
         raise error

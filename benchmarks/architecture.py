@@ -1,6 +1,7 @@
-"""The picture of the rooms and the list of all files, made from the code: ``python -m benchmarks.architecture``.
+"""The picture of the rooms, the list of all files and the sizes of the package, made from the code.
 
-It writes docs/images/rooms.svg, and the list into docs/architecture.md: a file a line, with the first sentence in it.
+``python -m benchmarks.architecture`` writes docs/images/rooms.svg; the list of files is a page of the built site; with
+``sizes`` it prints how large the package is and how its modules hang together.
 
 A room is a package, or a folder inside one. `room_imports` reads the import statements of every module with `ast`. A
 band is a package, a box a folder of it; each stands above all that it imports, so every line runs downwards. Rooms that
@@ -13,15 +14,15 @@ from __future__ import annotations
 import ast
 import json
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
+from statistics import median
 from xml.sax.saxutils import escape
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "docs" / "images" / "rooms.svg"
-PAGE = ROOT / "docs" / "architecture.md"
-BEGIN, END = "<!-- made by python -m benchmarks.architecture -->", "<!-- end of what is made -->"
 PACKAGES = ("plot", "testing", "bench", "discrepancy", "problems", "optimizers", "core")
 _WIDE, _HIGH, _GAP, _DROP = 122, 30, 16, 34  # of a box, and between boxes and rows, in px
 _COLOURS = ("#fbe3ef", "#f2e6ff", "#e3eefc", "#e4f5e9", "#fff3d6", "#fdeae4", "#eeeeee")
@@ -204,12 +205,6 @@ def files_listed() -> str:
     return "\n".join(folds)
 
 
-def with_files(page: str) -> str:
-    """Return the text of the page with the list of files as the code has it."""
-    before, _, rest = page.partition(BEGIN)
-    return f"{before}{BEGIN}\n\n{files_listed()}\n\n{END}{rest.partition(END)[2]}"
-
-
 def _told(path: Path) -> str:
     """Return what a file says first of itself: a module its first sentence, a study its description or first remark."""
     if path.suffix == ".py":
@@ -223,7 +218,7 @@ def _first_sentence(path: Path) -> str:
     """Return the first sentence of a module's docstring, in one line; raise `ValueError` for a module without one."""
     said, _ = _read(path)
     if not said:
-        raise ValueError(f"{path}: a docstring is needed; its first sentence stands in docs/architecture.md")
+        raise ValueError(f"{path}: a docstring is needed; its first sentence stands in the list of files")
     return _first_of(" ".join(said.split("\n\n")[0].split())).replace("``", "`")
 
 
@@ -235,7 +230,77 @@ def _as_html(text: str) -> str:
     return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(text))
 
 
+FOLDERS = ("bench", "calibration", "core", "discrepancy", "optimizers", "problems", "conf", "calibench")
+_SHORT = 100  # lines, below which a module with one importer is counted
+_FEW_ARGUMENTS = 7
+
+
+def sizes() -> dict[str, float]:
+    """Return the sizes of the package: its files are those of `FOLDERS`, none of them through a link."""
+    texts = {path: path.read_text(encoding="utf-8") for folder in FOLDERS for path in _sources(ROOT / folder)}
+    trees = {path: ast.parse(text) for path, text in texts.items()}
+    lines = {path: text.count("\n") for path, text in texts.items()}
+    nodes = [node for tree in trees.values() for node in ast.walk(tree)]
+    functions = [n.end_lineno - n.lineno + 1 for n in nodes if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]  # type: ignore[operator]
+    imports = sum(n.end_lineno - n.lineno + 1 for n in nodes if isinstance(n, ast.Import | ast.ImportFrom))  # type: ignore[operator]
+    total = sum(lines.values())
+    importers = _importers(trees)
+    single = [path for path, by in importers.items() if len(by) == 1]
+    docs = [*(ROOT / "docs").glob("*.md"), ROOT / "README.md"]
+    return {
+        "lines": total,
+        "files": len(texts),
+        "folders": len({path.parent for path in texts}),
+        "median file": median(lines.values()),
+        "longest file": max(lines.values()),
+        "functions per 1000 lines": round(1000 * len(functions) / total, 1),
+        "median function": median(functions),
+        "imports %": round(100 * imports / total, 2),
+        "calls with 8 positional arguments": sum(
+            isinstance(n, ast.Call) and len(n.args) > _FEW_ARGUMENTS for n in nodes
+        ),
+        "modules with one importer": len(single),
+        "of them below 100 lines": sum(lines[path] < _SHORT for path in single),
+        "`told` as a name": sum(_is_told(node) for node in nodes),
+        "lines of tests": sum(path.read_text(encoding="utf-8").count("\n") for path in (ROOT / "tests").rglob("*.py")),
+        "words of docs": sum(len(path.read_text(encoding="utf-8").split()) for path in docs),
+    }
+
+
+def _sources(folder: Path) -> list[Path]:
+    """Return the Python files below a folder, but those behind links."""
+    found: list[Path] = []
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if not path.is_symlink():
+            found += _sources(path) if path.is_dir() else [path] * (path.suffix == ".py")
+    return found
+
+
+def _importers(trees: Mapping[Path, ast.AST]) -> dict[Path, set[Path]]:
+    """Return file -> the files of the package that import it, in functions too."""
+    names = {}
+    for path in trees:
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        whole = parts if parts[0] == "calibench" else ("calibench", *parts)
+        names[".".join(whole).removesuffix(".__init__")] = path
+    by: dict[Path, set[Path]] = {path: set() for path in trees}
+    for path, tree in trees.items():
+        for name in _imported(tree):
+            target = names.get(name) or names.get(name.rpartition(".")[0])
+            if target and target != path:
+                by[target].add(path)
+    return by
+
+
+def _is_told(node: ast.AST) -> bool:
+    names = {ast.Name: "id", ast.arg: "arg", ast.FunctionDef: "name", ast.Attribute: "attr"}
+    return any(isinstance(node, kind) and getattr(node, name) == "told" for kind, name in names.items())
+
+
 if __name__ == "__main__":
-    PAGE.write_text(with_files(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
-    PICTURE.write_text(draw(room_imports()), encoding="utf-8")
-    print(f"{PICTURE}; circles: {circles(room_imports()) or 'none'}")
+    if sys.argv[1:] == ["sizes"]:
+        for name, size in sizes().items():
+            print(f"{name:<34}{size:>8g}")
+    else:
+        PICTURE.write_text(draw(room_imports()), encoding="utf-8")
+        print(f"{PICTURE}; circles: {circles(room_imports()) or 'none'}")

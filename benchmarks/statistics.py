@@ -14,11 +14,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from calibench.bench.statistics.comparison.best import LEVEL, Method, Side, rivals_of
-from calibench.bench.statistics.comparison.score import order_of
-from calibench.bench.statistics.comparison.two_methods import two_methods
-from calibench.bench.statistics.comparison.two_studies import verdicts
-from calibench.bench.statistics.fixed_target.ert_interval import RESAMPLES, ert_interval, weights
+from calibench.bench.statistics.best import LEVEL, Method, Side, rivals_of
+from calibench.bench.statistics.fixed_target import RESAMPLES, ert_interval, weights
+from calibench.bench.statistics.ranking import order_of_scores as order_of
+from calibench.bench.statistics.two_methods import two_methods
+from calibench.bench.statistics.two_studies import verdicts
 
 Array = NDArray[np.float64]
 SEED = 20081500  # of the first batch; the next has the next
@@ -145,7 +145,7 @@ _SETTINGS = (
 def _scores(rng: np.random.Generator, n: int, target: bool, ties: bool) -> Array:
     """Return the scores of `n` runs of one random method, shape (n, 2); two of three reach the target, if there is one.
 
-    As `bench.statistics.comparison.score` makes them.
+    As `bench.statistics.ranking` makes them.
     """
     values = rng.lognormal(size=n)
     values = np.round(values) if ties else values

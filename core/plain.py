@@ -1,13 +1,22 @@
-"""Values as JSON can hold them."""
+"""Values as JSON can hold them.
+
+JSON and YAML that a user's file holds: bounds, before a parser calls itself for each bracket or copies each alias.
+
+A few hundred bytes of YAML whose aliases name aliases are gigabytes as lists; brackets that stand a thousand deep in
+each other end Python's stack. Every reader of such a file asks here first. A refusal is one line.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from math import isfinite
 from typing import Any
 
 import numpy as np
+
+from calibench.core.words import DEEPEST
 
 
 def finite(value: Any) -> Any:
@@ -27,3 +36,56 @@ def finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [finite(item) for item in value]
     return None if isinstance(value, float) and not isfinite(value) else value
+
+
+LARGEST_YAML = 100_000  # characters, with each alias written out: a study that ships has 2000
+LONGEST_WORD_OF_YAML = 10_000  # of them in one word: all optimisers in a row have 3000
+
+
+def json_of(text: str | bytes) -> Any:
+    """Return what JSON holds. Raises `ValueError`, also where a parser gives up because it is nested too deep."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("is nested too deep") from None
+
+
+def check_yaml(text: str) -> None:
+    """Raise `ValueError` for YAML that is nested too deep, or too large with its aliases written out.
+
+    It is read as a stream of events, of which none is kept. Raises `yaml.YAMLError` for what is no YAML.
+
+    >>> check_yaml("a: &a [x, x]\\nb: &b [*a, *a]\\nc: [*b, *b]")
+    >>> check_yaml("a: &a [*a]")
+    Traceback (most recent call last):
+        ...
+    ValueError: the alias *a stands inside of what it names, or names nothing
+    """
+    import yaml
+
+    size = 0  # of what stands before, written out
+    sizes: dict[str, int] = {}  # of what has an anchor
+    within: list[tuple[str | None, int]] = []  # anchors of what is open, and the size before it
+    for event in yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+        before, anchor = size, getattr(event, "anchor", None)
+        if isinstance(event, yaml.AliasEvent):
+            if anchor not in sizes:
+                raise ValueError(f"the alias *{anchor} stands inside of what it names, or names nothing")
+            size += sizes[anchor]
+        elif isinstance(event, yaml.ScalarEvent):
+            size += 1 + len(event.value)
+            if len(event.value) > LONGEST_WORD_OF_YAML:
+                raise ValueError(f"a word has {len(event.value)} characters; at most {LONGEST_WORD_OF_YAML} are read")
+        elif isinstance(event, yaml.CollectionStartEvent):
+            size += 1
+            within.append((anchor, before))
+            sizes.pop(anchor or "", None)  # of the same name before
+            if len(within) > DEEPEST:
+                raise ValueError(f"lists and mappings stand more than {DEEPEST} deep in each other; no more is read")
+            continue
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchor, before = within.pop()
+        if anchor is not None:
+            sizes[anchor] = size - before
+        if size > LARGEST_YAML:
+            raise ValueError(f"has more than {LARGEST_YAML} characters with its aliases written out; no more are read")

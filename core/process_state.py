@@ -30,7 +30,7 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.core.one_thread import libraries
+from calibench.core.process import libraries
 
 if sys.platform == "win32":
     _LIMITS: tuple[int, ...] = ()

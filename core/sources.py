@@ -3,7 +3,7 @@
 Only what Python runs counts: comments, layout and docstrings do not. Imports are read from the source and not from what
 happens to be loaded, so the digest is the same in every process. Installed packages (site-packages, the standard
 library) are told by their versions elsewhere and are left out. Not seen: modules that are imported by a computed name,
-and data files that the code reads (those that options name: `bench.provenance.data_files`).
+and data files that the code reads (those that options name: `bench.provenance.code_digest`).
 """
 
 from __future__ import annotations

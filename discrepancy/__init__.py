@@ -12,16 +12,10 @@ from calibench._checkout import one_module
 from calibench.core.lazy import public_names
 from calibench.discrepancy import machines as machines
 from calibench.discrepancy.explain import explain
-from calibench.discrepancy.model.description import Description
-from calibench.discrepancy.model.effect import Effect
-from calibench.discrepancy.model.family import Cause, EffectFamily, needs, number
-from calibench.discrepancy.model.formulations.blocks import Blocks
-from calibench.discrepancy.model.formulations.constraints import Constraints
-from calibench.discrepancy.model.formulations.predicted import Predicted
-from calibench.discrepancy.model.linear import Linear, LinearEffect
-from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
-from calibench.discrepancy.model.measured.sensor import Sensor
+from calibench.discrepancy.model.effect import Cause, Effect, EffectFamily, Linear, LinearEffect, needs, number
+from calibench.discrepancy.model.formulations import Blocks, Constraints, Predicted
+from calibench.discrepancy.model.machine import Description, Formulation, Machine
+from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
 from calibench.discrepancy.prediction import Prediction

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from calibench.discrepancy.model.formulations.constraints import Constraints
+from calibench.discrepancy.model.formulations import Constraints
 
 __all__ = ["Constraints"]

@@ -9,37 +9,37 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibench.core.counted import counted, plain
-from calibench.core.one_thread import one_thread
-from calibench.discrepancy.checks.bounds import outside_bounds
-from calibench.discrepancy.checks.unused import listening, refuse_unused
-from calibench.discrepancy.checks.validate import CROSSED, NOT_CROSSED, validated
-from calibench.discrepancy.checks.wild import far_words
-from calibench.discrepancy.diagnostics.exact_readings import exact_readings
-from calibench.discrepancy.diagnostics.few_equations import few_equations
-from calibench.discrepancy.diagnostics.noise_at_fit import law_at, learned_beside, noise_at, sound_fit
-from calibench.discrepancy.diagnostics.noise_diagnostic import (
+from calibench.core.process import one_thread
+from calibench.core.words import counted, plain
+from calibench.discrepancy.checks.validate import CROSSED, NOT_CROSSED, listening, refuse_unused, validated
+from calibench.discrepancy.checks.wild import far_words, outside_bounds
+from calibench.discrepancy.diagnostics.noise import (
+    exact_readings,
+    few_equations,
+    law_at,
+    learned_beside,
     less_than_stated,
+    noise_at,
+    one_reading,
     outliers_under,
+    sound_fit,
 )
-from calibench.discrepancy.diagnostics.one_reading import one_reading
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.effects.general.columns import measured_columns
-from calibench.discrepancy.effects.general.waves import PERIODIC
+from calibench.discrepancy.effects.general.harmonics import PERIODIC
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, with_columns
-from calibench.discrepancy.fitting.kept import keeping_fits
+from calibench.discrepancy.fitting.kept import fit_from_several, keeping_fits
 from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, nominal_of, spread
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
-from calibench.discrepancy.fitting.starts import fit_from_several
 from calibench.discrepancy.labels import effect_label, part_label, quantity_of
 from calibench.discrepancy.model.effect import Effect, is_possible
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured.data import LEARNED, MeasuredData
+from calibench.discrepancy.model.measured import LEARNED, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
-from calibench.discrepancy.noise.mixture import NoiseFinding
+from calibench.discrepancy.noise.laws import NoiseFinding
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import (
@@ -57,15 +57,13 @@ from calibench.discrepancy.report import (
     Report,
     Verdict,
 )
-from calibench.discrepancy.search.alternatives import with_alternatives
 from calibench.discrepancy.search.finding import cancelling, mostly_unseen, negative_size, parted_by
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
-from calibench.discrepancy.search.smoother import smoothed
-from calibench.discrepancy.search.stepwise import Selection, judged, select_stepwise
-from calibench.discrepancy.search.unnamed import NEAR, nearest_of, shortest_of, unnamed_of
+from calibench.discrepancy.search.smoother import NEAR, nearest_of, shortest_of, smoothed, unnamed_of
+from calibench.discrepancy.search.stepwise import Selection, judged, select_stepwise, with_alternatives
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, using
 from calibench.discrepancy.thresholds import thresholds as current_thresholds
-from calibench.discrepancy.validation.gap import gap_of
+from calibench.discrepancy.validation import gap_of
 from calibench.problems.base import Array
 
 _FAR_OFF = 20.0  # times the noise

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from calibench.discrepancy.model.family import Cause, needs, number
+from calibench.discrepancy.model.effect import Cause, needs, number
 
 __all__ = ["Cause", "needs", "number"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from calibench.discrepancy.model.description import Quantity
+from calibench.discrepancy.model.machine import Quantity
 from calibench.discrepancy.registries import description_of, descriptions, family_of
 
 NO_WORDS: Mapping[str, str] = {}

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from calibench.discrepancy.model.linear import Linear
+from calibench.discrepancy.model.effect import Linear
 
 __all__ = ["Linear"]

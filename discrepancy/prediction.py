@@ -14,9 +14,9 @@ from typing import final
 import numpy as np
 
 from calibench.discrepancy.diagnostics.smooth_term import smooth_columns
-from calibench.discrepancy.model.formulations.blocks import BLOCK
+from calibench.discrepancy.model.formulations import BLOCK
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured.data import TO_PREDICT, DataError, MeasuredData
+from calibench.discrepancy.model.measured import TO_PREDICT, DataError, MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.model.roles import inputs_of
 from calibench.problems.base import Array

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from calibench.core.registry import Registry
-from calibench.discrepancy.model.description import Description
-from calibench.discrepancy.model.machine import Machine
+from calibench.discrepancy.model.machine import Description, Machine
 
 if TYPE_CHECKING:
-    from calibench.discrepancy.model.family import EffectFamily
+    from calibench.discrepancy.model.effect import EffectFamily
 
 machines: Registry[Machine] = Registry("machine", "calibench.machines")
 effects: Registry[EffectFamily] = Registry("effect", "calibench.effects")

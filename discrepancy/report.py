@@ -9,12 +9,12 @@ from typing import Any, Literal, final, get_args
 
 import numpy as np
 
-from calibench.core.html_table import html_table
 from calibench.core.plain import finite
+from calibench.core.words import html_table
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.model.machine import Machine
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.prediction import Prediction, predicted_at
 from calibench.discrepancy.registries import machines
 

@@ -15,14 +15,21 @@ from calibench.problems.base import Calibration, Parameter, Problem, registry
 
 if TYPE_CHECKING:
     from calibench.problems.arm import ArmCalibration
-    from calibench.problems.covariance import Estimate, FTest, LeaveOneOut, estimate, f_test, leave_one_out
     from calibench.problems.delta import DeltaProbing, delta9
     from calibench.problems.fitting import fit
-    from calibench.problems.identifiability import Identifiability, identify
+    from calibench.problems.identifiability import (
+        Estimate,
+        FTest,
+        Identifiability,
+        LeaveOneOut,
+        estimate,
+        f_test,
+        identify,
+        leave_one_out,
+    )
     from calibench.problems.orthoglide import Orthoglide, orthoglide6
     from calibench.problems.planar import Planar, Tracking, full11, full12, link_length, sensor_zero, tracking_zero
-    from calibench.problems.suites.bbob import bbob
-    from calibench.problems.suites.ioh import ioh
+    from calibench.problems.suites.black_box import bbob, ioh
     from calibench.problems.suites.nist import nist
 
 _PLANAR = ("sensor_zero", "link_length", "full11", "full12", "tracking_zero")
@@ -30,8 +37,8 @@ registry.promise("calibench.problems.planar", *_PLANAR)
 registry.promise("calibench.problems.orthoglide", "orthoglide6")
 registry.promise("calibench.problems.delta", "delta9")
 registry.promise("calibench.problems.arm", "arm_ur10", "arm_panda", "arm")
-for _suite in ("bbob", "ioh", "nist"):
-    registry.promise(f"calibench.problems.suites.{_suite}", _suite)
+registry.promise("calibench.problems.suites.black_box", "bbob", "ioh")
+registry.promise("calibench.problems.suites.nist", "nist")
 
 make = registry.make
 names = registry.names
@@ -73,16 +80,17 @@ __all__ = [
 ]
 
 _HOMES = {
-    **dict.fromkeys(("Estimate", "FTest", "LeaveOneOut", "estimate", "f_test", "leave_one_out"), "covariance"),
+    **dict.fromkeys(("Estimate", "FTest", "LeaveOneOut", "estimate", "f_test", "leave_one_out"), "identifiability"),
     **dict.fromkeys(("Identifiability", "identify"), "identifiability"),
     **dict.fromkeys(("Planar", "Tracking", *_PLANAR), "planar"),
     **dict.fromkeys(("Orthoglide", "orthoglide6"), "orthoglide"),
     **dict.fromkeys(("DeltaProbing", "delta9"), "delta"),
-    **{suite: f"suites.{suite}" for suite in ("bbob", "ioh", "nist")},
+    **dict.fromkeys(("bbob", "ioh"), "suites.black_box"),
+    "nist": "suites.nist",
     "ArmCalibration": "arm",
     "fit": "fitting",
 }
-_MODULES = ("covariance", "delta", "fitting", "identifiability", "orthoglide", "planar", "suites")
+_MODULES = ("delta", "fitting", "identifiability", "orthoglide", "planar", "suites")
 __getattr__ = loader("calibench.problems", _HOMES, _MODULES)  # a start loads the problems that it asks for
 
 

@@ -13,10 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.counted import counted
-from calibench.core.html_table import html_table
 from calibench.core.options import shown
 from calibench.core.registry import Registry
+from calibench.core.words import counted, html_table
 
 Array = NDArray[np.float64]
 

@@ -3,6 +3,8 @@
 It holds the box, the start and the truth as arrays that nobody can write to, the module of the kernels (`cost`,
 `batch`, `residuals`, `jacobian`), and the constants that go with each candidate. A kernel never sees the caller's
 array: it gets a copy of the right type and length, or the caller a `ValueError` that says what is needed.
+
+A caller's candidates as a problem takes them: copies of the right type and length, or a `ValueError`.
 """
 
 from __future__ import annotations
@@ -10,7 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, final
 
-from calibench.problems import candidates
+import numpy as np
+
 from calibench.problems.base import Array, Parameter, frozen
 
 
@@ -75,8 +78,24 @@ class CompiledProblem:
 
     def vector(self, x: Array) -> Array:
         """Return x as the kernels take it: a copy, so that one compiled form serves all callers' arrays."""
-        return candidates.vector(self.name, x, len(self.lower))
+        return vector(self.name, x, len(self.lower))
 
     def vectors(self, points: Array) -> Array:
         """Return candidates as the kernels take them, shape (k, dim), likewise."""
-        return candidates.vectors(self.name, points, len(self.lower))
+        return vectors(self.name, points, len(self.lower))
+
+
+def vector(name: str, x: Array, dim: int) -> Array:
+    """Return x as an array of shape (dim,) of our own; `name` is the problem's, as the message tells it."""
+    own = np.array(x, dtype=np.float64)
+    if own.shape != (dim,):
+        raise ValueError(f"{name}: x has shape {own.shape}, ({dim},) is needed")
+    return own
+
+
+def vectors(name: str, points: Array, dim: int) -> Array:
+    """Return candidates likewise, shape (k, dim)."""
+    own = np.array(points, dtype=np.float64, order="C")
+    if own.ndim != 2 or own.shape[1] != dim:
+        raise ValueError(f"{name}: points have shape {own.shape}, (k, {dim}) is needed")
+    return own

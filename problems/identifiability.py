@@ -2,17 +2,27 @@
 
 Angles are converted to millimetres (times a link length) before singular values are taken, so that they can be
 compared. No optimiser can find a direction without a singular value.
+
+The accuracy of identified parameters: standard errors, correlations, intervals, F tests, leave-one-out.
+
+For any problem with residuals and a Jacobian. The equations are those of Pashkevich et al. 2008, section 3.4, which
+hold for every least squares fit: (12) with the covariance of the residuals, which need not be independent (13)-(14).
 """
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calibench.core.one_thread import one_thread
+from calibench.core.process import one_thread
 from calibench.problems.base import Array, coordinates_of, extra_of
+from calibench.problems.fitting import checked_covariance, fit, gauss_newton
 
 _ANGLE_ARM = 244.0  # mm: an offset of 1 rad moves the joint B by a link length
 
@@ -142,3 +152,263 @@ def _weighted(problem: Any, x: Array) -> Array:
         redundancy: int = extra_of(problem, "redundancy", 1)
         return np.asarray(jacobian / (redundancy**0.5 * problem.residual_noise(x))[:, None])
     return jacobian
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Identified parameters with their covariance, shape (dim, dim), in the squared units of the coordinates.
+
+    `sigma` is the standard deviation of one reading, as given or (`sigma_known` false) from the residuals with
+    `degrees_of_freedom`. `weighted` tells whether the residual covariance weights the fit (generalised least squares).
+    """
+
+    problem: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    x: Array
+    value: float
+    covariance: Array
+    sigma: float
+    sigma_known: bool
+    degrees_of_freedom: int
+    weighted: bool
+
+    @property
+    def standard_errors(self) -> Array:
+        """Return the standard error of each parameter, shape (dim,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def correlations(self) -> Array:
+        """Return the correlation of each pair of parameters, shape (dim, dim)."""
+        errors = self.standard_errors
+        return np.asarray(self.covariance / np.outer(errors, errors))
+
+    def intervals(self, level: float = 0.95) -> Array:
+        """Return confidence intervals, shape (dim, 2), in the units of the coordinates.
+
+        They are Student's, or normal where sigma is known. Raises `ValueError` for a `level` outside 0 to 1.
+        """
+        if not 0 < level < 1:
+            raise ValueError(f"level={level:g}: a probability between 0 and 1 is needed")
+        from scipy.stats import norm, t  # here, as listing the problems must not load SciPy
+
+        inside = (1 + level) / 2
+        width = norm.ppf(inside) if self.sigma_known else t.ppf(inside, self.degrees_of_freedom)
+        half = width * self.standard_errors
+        return np.column_stack([self.x - half, self.x + half])
+
+    def of(self, weights: dict[str, float]) -> tuple[float, float]:
+        """Return value and standard error of a combination such as ``{"drho_x": 1, "dL_x": -1}``.
+
+        Raises `ValueError` for a name that is no parameter.
+        """
+        unknown = [name for name in weights if name not in self.names]
+        if unknown:
+            raise ValueError(f"{', '.join(unknown)}: no parameter of {self.problem}; it has {', '.join(self.names)}")
+        row = np.array([weights.get(name, 0.0) for name in self.names])
+        return float(row @ self.x), float(np.sqrt(row @ self.covariance @ row))
+
+    def rows(self, level: float = 0.95) -> list[dict[str, Any]]:
+        """Return a row a parameter: parameter, unit, value, standard_error, lower, upper (the interval at `level`)."""
+        return [
+            {
+                "parameter": n,
+                "unit": u,
+                "value": float(v),
+                "standard_error": float(s),
+                "lower": float(a),
+                "upper": float(b),
+            }
+            for n, u, v, s, (a, b) in zip(
+                self.names, self.units, self.x, self.standard_errors, self.intervals(level), strict=True
+            )
+        ]
+
+    def to_dict(self, level: float = 0.95) -> dict[str, Any]:
+        """Return plain numbers for JSON."""
+        return {
+            "problem": self.problem,
+            "sum_of_squares": self.value,
+            "sigma": self.sigma,
+            "sigma_known": self.sigma_known,
+            "degrees_of_freedom": self.degrees_of_freedom,
+            "weighted": self.weighted,
+            "level": level,
+            "parameters": self.rows(level),
+            "correlations": self.correlations.tolist(),
+        }
+
+    def write_csv(self, path: str | Path, level: float = 0.95) -> None:
+        """Write `rows` to a CSV file with a header."""
+        rows = self.rows(level)
+        with open(path, "w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+
+
+def estimate(
+    problem: Any,
+    x: Array | None = None,
+    *,
+    sigma: float | None = None,
+    covariance: Array | None = None,
+    weighted: bool = False,
+) -> Estimate:
+    """Return the parameters with their covariance at `x`, the least squares answer (fitted from the start by default).
+
+    `covariance`, shape (m, m), is E(ds ds^T) / sigma^2 of the residuals, by default the identity; with `weighted` it
+    also weights the fit. `sigma` is the standard deviation of a reading; by default the residuals tell it.
+    Raises `ValueError` where the data cannot see all the parameters, or leave nothing to tell sigma by.
+    """
+    if sigma is not None and not sigma > 0:
+        raise ValueError(f"sigma={sigma:g}: a standard deviation above 0 is needed")
+    if x is None:
+        x = fit(problem, covariance=covariance if weighted else None)
+    r, j = np.asarray(problem.residuals(x)), np.asarray(problem.jacobian(x))
+    m, dim = j.shape
+    spread = checked_covariance(covariance, m)
+    if weighted:
+        half = np.linalg.cholesky(spread)
+        r, j, spread = np.linalg.solve(half, r), np.linalg.solve(half, j), np.eye(m)
+    _check_rank(problem, j)
+    inverse = np.linalg.pinv(j)  # (J^T J)^-1 J^T
+    value, unit = float(r @ r), inverse @ spread @ inverse.T  # eq. (12) for sigma = 1
+    scale = sigma
+    if scale is None:
+        left = float(np.trace(spread - j @ inverse @ spread))  # E(r @ r) / sigma^2
+        if m <= dim:
+            raise ValueError(
+                f"{_name(problem)}: {m} residuals and {dim} parameters leave nothing to tell sigma by; give it"
+            )
+        scale = float(np.sqrt(value / left))
+    return Estimate(
+        problem=_name(problem),
+        names=tuple(c.name for c in problem.coordinates),
+        units=tuple(c.unit for c in problem.coordinates),
+        x=np.array(x, dtype=float),
+        value=value,
+        covariance=scale**2 * unit,
+        sigma=scale,
+        sigma_known=sigma is not None,
+        degrees_of_freedom=m - dim,
+        weighted=weighted,
+    )
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class FTest:
+    """An F test of nested parameter sets: does the larger set explain more than its size alone would?"""
+
+    statistic: float
+    added: int
+    degrees_of_freedom: int
+    p_value: float
+    value_small: float
+    value_large: float
+
+    def sentence(self, level: float = 0.05) -> str:
+        """Return the finding in one sentence."""
+        verdict = "are supported by" if self.p_value < level else "are not supported by"
+        return (
+            f"F({self.added}, {self.degrees_of_freedom}) = {self.statistic:.3g}, p = {self.p_value:.2g}: "
+            f"{self.added} more parameters {verdict} the data"
+        )
+
+
+def f_test(small: Any, large: Any, *, covariance: Array | None = None) -> FTest:
+    """Test the problem `small` within `large`: the same data, its parameters a part of the other's.
+
+    Both are fitted from their starts, weighted by `covariance`, shape (m, m), if it is given. Raises `ValueError` where
+    the sets are not nested or the data differ.
+    """
+    names_small, names_large = ({c.name for c in p.coordinates} for p in (small, large))
+    if not names_small < names_large:
+        extra = ", ".join(sorted(names_small - names_large)) or "the same parameters"
+        raise ValueError(f"{_name(small)} is not nested in {_name(large)}: {extra}")
+    ids = [getattr(p, "data_id", None) for p in (small, large)]
+    if ids[0] != ids[1]:
+        raise ValueError(f"{_name(small)} and {_name(large)} have different data; an F test needs the same")
+    values, rows = [], 0
+    for p in (small, large):
+        r = np.asarray(p.residuals(fit(p, covariance=covariance)))
+        rows = len(r)
+        if covariance is not None:
+            r = np.linalg.solve(np.linalg.cholesky(checked_covariance(covariance, rows)), r)
+        values.append(float(r @ r))
+    return f_test_of_sums(values[0], len(names_small), values[1], len(names_large), rows)
+
+
+def f_test_of_sums(value_small: float, dim_small: int, value_large: float, dim_large: int, rows: int) -> FTest:
+    """Return the F test of two sums of squares with their numbers of parameters, from the same number of residuals.
+
+    Raises `ValueError` where the larger set adds no parameter or leaves no residual.
+    """
+    added, left = dim_large - dim_small, rows - dim_large
+    if added < 1 or left < 1:
+        raise ValueError(f"{rows} residuals, {dim_small} and {dim_large} parameters: there is nothing to test")
+    from scipy.stats import f  # here, as listing the problems must not load SciPy
+
+    statistic = (value_small - value_large) / added / (value_large / left)
+    return FTest(statistic, added, left, float(f.sf(statistic, added, left)), value_small, value_large)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LeaveOneOut:
+    """What each residual does to the answer: fits without it, shape (m, dim), and its prediction error, shape (m,)."""
+
+    names: tuple[str, ...]
+    x: Array
+    without: Array
+    prediction_errors: Array
+
+    @property
+    def shifts(self) -> Array:
+        """Return how far the answer moves without each residual, shape (m, dim)."""
+        return np.asarray(self.without - self.x)
+
+    @property
+    def rms(self) -> float:
+        """Return the root mean square of the prediction errors, in the unit of the residuals."""
+        return float(np.sqrt(np.mean(self.prediction_errors**2)))
+
+
+def leave_one_out(problem: Any, x: Array | None = None) -> LeaveOneOut:
+    """Fit without each residual in turn, from the answer `x` (fitted by default), and predict the one left out.
+
+    Raises `ValueError` where the remaining residuals cannot see all the parameters.
+    """
+    x = fit(problem) if x is None else np.array(x, dtype=float)
+    m = len(problem.residuals(x))
+    without, errors = [], []
+    for k in range(m):
+        kept = np.arange(m) != k
+        _check_rank(problem, problem.jacobian(x)[kept], f" without residual {k + 1}")
+        found = gauss_newton(_rows_of(problem.residuals, kept), _rows_of(problem.jacobian, kept), x)
+        without.append(found)
+        errors.append(problem.residuals(found)[k])
+    names = tuple(c.name for c in problem.coordinates)
+    return LeaveOneOut(names, x, np.array(without), np.array(errors))
+
+
+def _rows_of(function: Callable[[Array], Array], kept: NDArray[np.bool_]) -> Callable[[Array], Array]:
+    return lambda p: np.asarray(function(p)[kept])
+
+
+def _check_rank(problem: Any, j: Array, when: str = "") -> None:
+    scale = np.linalg.norm(j, axis=0)
+    s = np.linalg.svd(j / np.where(scale > 0, scale, 1.0), compute_uv=False)
+    rank, dim = int((s > 1e-10 * s[0]).sum()), j.shape[1]
+    if rank < dim:
+        raise ValueError(
+            f"{_name(problem)}: the data see {rank} of {dim} parameters{when}, so not all have a standard error; "
+            "hold some of them, or measure more (problems.identify names the direction)"
+        )
+
+
+def _name(problem: Any) -> str:
+    return str(extra_of(problem, "name", type(problem).__name__))

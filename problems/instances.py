@@ -33,7 +33,6 @@ import numpy as np
 from calibench.core.options import shown
 from calibench.core.seeds import seed_sequence
 from calibench.problems.base import Array
-from calibench.problems.identifiability import identify
 
 T = TypeVar("T")
 WORST_CONDITION = 1e4  # of the identifiable part: a disc of R 100 has 9e2, one circle of R 80 6e4
@@ -141,6 +140,8 @@ def can_be_identified(problem: Any, rank: int, noise: float) -> bool:
 
     `noise` is the standard deviation of a reading.
     """
+    from calibench.problems.identifiability import identify  # only an instance needs it
+
     found = identify(problem)
     least = float(found.singular_values[rank - 1])
     return found.rank == rank and found.condition <= WORST_CONDITION and noise <= WORST_ERROR * least

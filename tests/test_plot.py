@@ -20,8 +20,7 @@ import calibench
 from calibench import bench, optimizers, plot, problems
 from calibench.bench.cli import main
 from calibench.bench.report.study import figures
-from calibench.bench.statistics.fixed_target.profiles import performance_profile
-from calibench.bench.statistics.runtime import ert
+from calibench.bench.statistics.fixed_target import ert, performance_profile
 
 OF_RUNS = ("convergence", "ecdf", "profile", "heatmap")
 PACKAGES = ("", ".bench", ".problems", ".optimizers", ".discrepancy", ".testing", ".plot")
@@ -219,8 +218,8 @@ def test_ranks_are_drawn_where_there_is_a_test_and_else_say_why_not(folder, rows
 
 
 def test_names_of_a_ranking_stand_within_its_axes():
-    from calibench.bench.report.study.critical_difference import draw_ranks
-    from calibench.bench.statistics.comparison.many_methods import Blocks, friedman
+    from calibench.bench.report.study.figures import draw_ranks
+    from calibench.bench.statistics.ranking import Blocks, friedman
 
     names = ("lm", "nlopt_LD_TNEWTON_PRECOND_RESTART", "de", "nlopt_GN_DIRECT_L_RAND_NOSCAL", "pygmo_cmaes")
     ranked = friedman(Blocks(names, np.random.default_rng(0).normal(size=(20, 5)) + np.arange(5)))

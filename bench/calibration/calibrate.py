@@ -27,8 +27,8 @@ from calibench.bench.calibration.report.parts import by_joint, by_region, drawn_
 from calibench.bench.calibration.report.result import Calibration, Error, Wild
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.start import DOUBTFUL, started
-from calibench.core.counted import plain
-from calibench.core.one_thread import one_thread
+from calibench.core.process import one_thread
+from calibench.core.words import plain
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.kinematics import forward, nominal
 from calibench.problems.arm.chains.rigid import rpy_of

@@ -15,8 +15,7 @@ from typing import Any, final
 import numpy as np
 
 from calibench.bench.measured import sources
-from calibench.bench.measured.renamed import pairs_of
-from calibench.bench.measured.sockets import check_alike, read_socket, socket_files, socket_note
+from calibench.bench.measured.files import check_alike, pairs_of, read_socket, socket_files, socket_note
 from calibench.core.options import suggest
 from calibench.discrepancy import DataError, MeasuredData
 

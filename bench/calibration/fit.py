@@ -18,7 +18,7 @@ import numpy as np
 
 from calibench.bench.calibration.model import ArmModel
 from calibench.bench.calibration.readings import Index, Mask
-from calibench.core.counted import plain
+from calibench.core.words import plain
 from calibench.problems.arm.gauge import MIDDLE, WORST, standard_errors, told_apart, unexplained, well_told
 from calibench.problems.base import Array
 

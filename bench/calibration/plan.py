@@ -17,11 +17,9 @@ from calibench.bench.calibration.poses import By, Chosen, chosen_poses
 from calibench.bench.calibration.readings import Index, read_readings
 from calibench.bench.calibration.request import check_description
 from calibench.bench.calibration.start import started
-from calibench.bench.measured.renamed import pairs_of
-from calibench.bench.sweep.words.pairs import read_pairs
-from calibench.bench.sweep.words.values import RequestError
-from calibench.core.annotated import read_option
-from calibench.core.options import coerce
+from calibench.bench.measured.files import pairs_of
+from calibench.bench.sweep.words import RequestError, read_pairs
+from calibench.core.options import coerce, read_option
 from calibench.problems.arm.chains.chain import Chain, ChainJoint
 from calibench.problems.arm.chains.dh_arm import DhArm
 from calibench.problems.arm.chains.dh_file import read_dh

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from calibench.bench.calibration.files import Table
-from calibench.core.counted import counted, listed, plain
-from calibench.core.tables.marks import split_rows, valid_rows
-from calibench.core.words import as_columns
+from calibench.core.tables.cells import split_rows, valid_rows
+from calibench.core.words import as_columns, counted, listed, plain
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain, ChainJoint
 from calibench.problems.arm.chains.kinematics import forward, nominal

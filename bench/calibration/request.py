@@ -9,11 +9,9 @@ from typing import Any, Literal, final
 
 from calibench.bench.calibration.model import KNOWN_TO
 from calibench.bench.calibration.readings import OBSERVED
-from calibench.bench.measured.renamed import pairs_of
-from calibench.bench.sweep.words.pairs import read_pairs
-from calibench.bench.sweep.words.values import RequestError, check_study
-from calibench.core.annotated import read_option
-from calibench.core.options import coerce, suggest
+from calibench.bench.measured.files import pairs_of
+from calibench.bench.sweep.words import RequestError, check_study, read_pairs
+from calibench.core.options import coerce, read_option, suggest
 
 Level = Literal["auto", "frames", "zeros", "geometry", "gains"]
 _KEYS = {

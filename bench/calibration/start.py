@@ -16,9 +16,8 @@ from typing import final
 import numpy as np
 
 from calibench.bench.calibration.readings import Readings, in_unit, joints_beside
-from calibench.core.counted import plain
 from calibench.core.options import suggest
-from calibench.core.words import as_columns
+from calibench.core.words import as_columns, plain
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.chains.kinematics import forward, nominal

@@ -1,4 +1,4 @@
-"""The words of a command that are not KEY=VALUE (`bench.sweep.words.pairs`): flags, and ``--to OUT``."""
+"""The words of a command that are not KEY=VALUE (`bench.sweep.words`): flags, and ``--to OUT``."""
 
 from __future__ import annotations
 

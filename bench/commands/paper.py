@@ -7,9 +7,8 @@ import sys
 from calibench.bench.papers import KINDS, run_paper
 from calibench.bench.papers.page import NONE, by_kind
 from calibench.bench.sweep.progress import progress
-from calibench.bench.sweep.words.pairs import read_pairs
-from calibench.bench.sweep.words.values import read_budget, read_seeds
-from calibench.core.counted import counted, plain
+from calibench.bench.sweep.words import read_budget, read_pairs, read_seeds
+from calibench.core.words import counted, plain
 from calibench.core.words import print_plain as print
 
 _DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "processes", "to": ""}

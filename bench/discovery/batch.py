@@ -2,6 +2,13 @@
 
 A set that was searched before with the same data, options and code is not searched again. What cannot be read, or
 fails, is a report with an `error`; the others go on.
+
+The next measurement that separates the rivals of a finding: further poses, or a tracker beside the encoders.
+
+The distance of rivals follows from the data themselves: what remains of one, in sigma, when calibration and the other
+imitate it as well as they can (`discrepancy.design.next_poses`).
+
+A digest of the code that searched a set: after an edit of a machine its data are searched again.
 """
 
 from __future__ import annotations
@@ -14,19 +21,26 @@ from pathlib import Path
 from time import process_time
 from typing import final
 
+import numpy as np
+
 from calibench import discrepancy
-from calibench.bench.discovery.advice import with_advice
-from calibench.bench.discovery.code import search_digest
 from calibench.bench.discovery.record import SearchRecord
 from calibench.bench.discovery.request import DiscoverRequest
 from calibench.bench.discovery.store import FindingStore
-from calibench.bench.gate.frames import place_of, text_of
+from calibench.bench.gate.endings import place_of, text_of
 from calibench.bench.measured.sources import Source, sources
+from calibench.bench.provenance.code_digest import digest_of
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.provenance.run_id import digest
+from calibench.core.seeds import digest
+from calibench.core.sources import module_digest
 from calibench.core.user_file import as_usual, safe_children
 from calibench.core.words import one_line
 from calibench.discrepancy import DataError, MeasuredData, Report
+from calibench.discrepancy.design.next_poses import NextPoses, NoPool, UnknownRival, next_poses
+from calibench.discrepancy.labels import effect_label
+from calibench.discrepancy.model.machine import Completed, Machine
+from calibench.discrepancy.registries import description_of, families
+from calibench.discrepancy.report import Finding
 
 _MANY = 24  # sets of data above which pages are not drawn unless asked for: a page takes longer than its search
 
@@ -115,7 +129,7 @@ class _Task:
 
 def _drawn(record: SearchRecord, report: Report, data: MeasuredData, folder: Path) -> tuple[str, ...]:
     """Write drawings and page; return a note where they cannot be drawn, for the verdict stands without them."""
-    from calibench.bench.discovery.page.write import write_report
+    from calibench.bench.discovery.page.page import write_report
 
     try:
         write_report(record, report, data, folder)
@@ -131,3 +145,93 @@ def _said(error: Exception) -> str:
         return text
     place = place_of(error)
     return f"{type(error).__name__}: {text}{f' ({place})' if place else ''}"
+
+
+_POSES = 4
+_MOST_RIVALS = 4
+_MANY_READINGS = 200  # readings above which it is no advice to take more
+_LEAST = 0.01  # sigma of a finding's visible size
+_APART = 4.0  # sigma: separation at which data distinguish two rivals
+_UNIT = "standard deviations of the noise"
+
+
+def with_advice(report: Report, data: MeasuredData, machine: Machine) -> Report:
+    """Return the report with computed proposals added to `separated_by` of findings that have rivals.
+
+    `machine` is the very object that was searched, because the report lacks its options, such as an arm's URDF.
+    """
+    findings = []
+    for finding in report.findings:
+        computed = _advice(report, data, machine, finding) if len(finding.set) > 1 else None
+        said = [text for text in (finding.separated_by, computed) if text]
+        findings.append(replace(finding, separated_by="; ".join(said) or None))
+    return replace(report, findings=tuple(findings))
+
+
+def _advice(report: Report, data: MeasuredData, machine: Machine, finding: Finding) -> str | None:
+    """Return what would separate the rivals of `finding`, in words; None where no reading would."""
+    first, *others = finding.set[:_MOST_RIVALS]
+    size = max(_LEAST, finding.visible or 1.0)
+    completed = _completed(report, data)
+    by_kind: dict[str, list[str]] = {}
+    details: dict[str, str] = {}
+    for other in others:
+        found = _between(machine, data, completed, [first.effect, other.effect], size)
+        if found is not None:
+            kind, detail = found
+            by_kind.setdefault(kind, []).append(effect_label(report.machine, other.family, other.target, again=True))
+            details.setdefault(kind, detail)
+    name = effect_label(report.machine, first.family, first.target, again=True)  # the headline has their full words
+    said = [f"{kind} {name} from {' and '.join(names)}{details[kind]}" for kind, names in by_kind.items()]
+    if said and (more := len(finding.set) - _MOST_RIVALS) > 0:
+        said.append(f"the {more} least likely {'one was' if more == 1 else 'ones were'} not looked at")
+    return "; ".join(said) or None
+
+
+def _between(
+    machine: Machine, data: MeasuredData, completed: Completed | None, rivals: list[str], size: float
+) -> tuple[str, str] | None:
+    """Return what would separate two rivals: the means, and a remark on it."""
+    try:
+        here = _asked(machine, data, rivals, size)
+    except DataError as error:
+        return "no further readings could be planned that tell", f" ({error})"
+    if here is None:
+        return None
+    there = None if completed is None else _asked(machine, completed.data, rivals, size)
+    now = here.separation[0]
+    if completed is not None and there is not None and there.separation[0] > max(_APART, 1.5 * now):
+        reach = f" (from {now:.1f} to {there.separation[0]:.1f} {_UNIT} apart)"
+        return f"{completed.words} would tell", reach
+    if not here.helps:
+        return None
+    gained = (here.separation[-1] ** 2 - now**2) / _POSES  # sigma^2 a reading
+    needed = max(_POSES, int(np.ceil((_APART**2 - now**2) / gained)))
+    if needed > _MANY_READINGS:
+        return "more poses of this kind hardly help to tell", ""
+    places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in here.positions)
+    return (
+        f"about {needed} more readings, at places such as {places} mm, would tell",
+        f" (now {now:.1f} standard deviations of the noise apart)",
+    )
+
+
+def _asked(machine: Machine, data: MeasuredData, rivals: list[str], size: float) -> NextPoses | None:
+    """Return the next poses, or None where none can be proposed: another machine, or a rival that moves no mean."""
+    try:
+        return next_poses(machine, data, rivals, _POSES, size)
+    except (NoPool, UnknownRival):
+        return None
+
+
+def _completed(report: Report, data: MeasuredData) -> Completed | None:
+    """Return the data as a further sensor would complete them; None where the machine knows of none."""
+    made = description_of(data.machine).completed
+    there = report.before.model
+    return made(there.formulation, data, dict(zip(there.names, report.before.best.tolist()))) if made else None
+
+
+def search_digest(machine: Machine) -> str:
+    """Return the digest of the code that searches a machine's data: the machine's, its effects', the procedure's."""
+    effects = {digest_of(getattr(family.build, "func", family.build)) for family in families(machine.name)}
+    return digest(digest_of(machine), sorted(effects), module_digest("calibench.discrepancy.explain"))

@@ -8,7 +8,7 @@ from typing import Any, final
 
 from calibench.bench.discovery.request import DesignRequest
 from calibench.bench.measured.sources import sources
-from calibench.bench.sweep.words.values import RequestError
+from calibench.bench.sweep.words import RequestError
 from calibench.core.options import coerce, declared_options, suggest
 from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.design.detectability import Design, design

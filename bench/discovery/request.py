@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, final
 
-from calibench.bench.measured.renamed import pairs_of
+from calibench.bench.measured.files import pairs_of
 from calibench.bench.provenance.run_id import canonical
-from calibench.bench.sweep.words.values import RequestError, check_study, read_workers
-from calibench.core.annotated import read_option, read_word
-from calibench.core.options import Option, coerce, declared_options, suggest
-from calibench.discrepancy.checks.machine import refuse_no_machine
-from calibench.discrepancy.model.description import Stated
-from calibench.discrepancy.model.machine import Machine
+from calibench.bench.sweep.words import RequestError, check_study, read_workers
+from calibench.core.options import Option, coerce, declared_options, read_option, read_word, suggest
+from calibench.discrepancy.checks.validate import refuse_no_machine
+from calibench.discrepancy.model.machine import Machine, Stated
 from calibench.discrepancy.registries import description_of, descriptions, machines
 
 _PLAIN = ("machine", "data", "study", "results", "pages", "execution", "execution.n_jobs")

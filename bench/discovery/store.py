@@ -18,11 +18,10 @@ import pyarrow.parquet as pq
 
 from calibench.bench.discovery.record import SCHEMA_VERSION, SearchRecord
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.store.files.atomic_file import write_whole
+from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import DISCOVERY, StoreError, is_discovery
 from calibench.bench.store.schema import to_pandas
-from calibench.core.nested_text import json_of
-from calibench.core.plain import finite
+from calibench.core.plain import finite, json_of
 from calibench.discrepancy.report import Gap
 
 _TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()

@@ -15,7 +15,7 @@ import pandas as pd
 from calibench.bench.exchange.studies import Study
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.statistics.summary import summary
-from calibench.core.counted import counted
+from calibench.core.words import counted
 
 _LISTS = [column.name for column in COLUMNS if column.parquet.startswith("list")]
 

@@ -6,26 +6,32 @@ A folder an algorithm, in it ``IOHprofiler_f1_Sphere.json`` for each function, w
 else the value. What counts as an evaluation is what was charged.
 
 A run begins in the data where the evaluation is 1; so a run that made none stands last in its list, and has no lines.
+
+Published IOHprofiler folders, read: the JSON descriptions and the data files that they name.
+
+``raw_y`` is the value above the minimum, as IOHexperimenter logs it. What this package wrote says itself which problem
+it is, and whether its minimum is known.
 """
 
 from __future__ import annotations
 
 import json
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from math import isfinite
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from calibench.bench.exchange.folders import file_name, file_names
-from calibench.bench.exchange.studies import Study, ToldRun, told_runs
-from calibench.bench.exchange.targets import gap_of_value
+from calibench.bench.exchange.published import Named, PublishedRun, of_ioh, text_of_file
+from calibench.bench.exchange.studies import Study, ToldRun, file_name, file_names, gap_of_value, told_runs
 from calibench.bench.provenance.environment import library_version
 from calibench.bench.provenance.run_id import canonical
-from calibench.bench.statistics.names.labels import problem_titles
-from calibench.core.counted import counted
+from calibench.bench.statistics.names import problem_titles
+from calibench.core.plain import json_of
+from calibench.core.words import counted
 
 KEY = "calibench"  # of a description: what IOHprofiler has no place for
 _OF_A_PROBLEM = ("dimension", "instance")  # IOHprofiler has places of its own for them
@@ -154,3 +160,110 @@ def _told(runs: Sequence[ToldRun]) -> dict[str, Any]:
     values = {name: {None if pd.isna(run.row[name]) else run.row[name] for run in runs} for name in shared}
     common = {name: next(iter(value)) for name, value in values.items() if len(value) == 1}
     return {"version": library_version("calibench"), **common, "instances": instances}
+
+
+_KEPT = ("start", "budget", "library", "library_version", "unit")  # of what a description of ours says
+
+
+def read_ioh(folder: Path) -> list[PublishedRun]:
+    """Return the runs in `folder` and the folders below it.
+
+    Raises `ValueError` where there is no description of IOHprofiler, or one or its data cannot be read.
+    """
+    runs: list[PublishedRun] = []
+    for path in sorted(folder.rglob("*.json")):
+        text = text_of_file("ioh", path)
+        try:
+            description = json_of(text)
+        except ValueError:
+            raise ValueError(f"import ioh: {path}: is not JSON") from None
+        if isinstance(description, dict) and {"scenarios", "function_id", "algorithm"} <= description.keys():
+            try:
+                runs += list(_runs(path, description))
+            except (KeyError, TypeError, IndexError) as error:
+                raise ValueError(
+                    f"import ioh: {path}: is no whole description ({type(error).__name__}: {error})"
+                ) from None
+    if not runs and (older := next(folder.rglob("IOHprofiler_*.info"), None)):
+        raise ValueError(f"import ioh: {older}: is of an earlier IOHprofiler, whose .info files are not read; JSON is")
+    if not runs:
+        raise ValueError(f"import ioh: {folder} has no IOHprofiler description (*.json with scenarios)")
+    return runs
+
+
+def _runs(path: Path, description: Mapping[str, Any]) -> Iterator[PublishedRun]:
+    if description.get("maximization"):
+        raise ValueError(f"import ioh: {path}: its values are to be made large; ours are to be made small")
+    ours: Mapping[str, Any] = description.get(KEY, {})
+    for scenario in description["scenarios"]:
+        dimension = int(scenario["dimension"])
+        curves = _curves(path.parent / scenario["path"])
+        begun = [run for run in scenario["runs"] if run["evals"]]
+        empty = [run for run in scenario["runs"] if not run["evals"]]  # nothing of them stands in the data
+        if len(begun) != len(curves):
+            listed = f"lists {len(begun)} runs in {scenario['path']}"
+            raise ValueError(f"import ioh: {path}: {listed}, which has {len(curves)}")
+        for run, points in zip([*begun, *empty], [*curves, *([] for _ in empty)], strict=True):
+            instance = int(run["instance"])
+            known: Mapping[str, Any] = ours.get("instances", {}).get(f"{dimension}.{instance}", {})
+            named = _named(ours, known) or _published(description, dimension, instance)
+            yield PublishedRun(
+                algorithm=str(description["algorithm"]["name"]),
+                problem=named.problem,
+                problem_options=named.problem_options,
+                data_id=named.data_id,
+                dimension=dimension,
+                minimum=named.minimum,
+                evaluations=int(run["evals"]),
+                improvements=points,
+                targets=known.get("targets"),
+                best=run["best"]["y"],
+                best_x=[float(value) for value in run["best"].get("x") or []] or None,
+                told=_options_of(ours, known),
+            )
+
+
+def _named(ours: Mapping[str, Any], known: Mapping[str, Any]) -> Named | None:
+    """Return the problem as this package wrote it; None where it did not."""
+    if "problem" not in ours or not known:
+        return None
+    return Named(ours["problem"], known["problem_options"], known["data_id"], known["minimum"])
+
+
+def _published(description: Mapping[str, Any], dimension: int, instance: int) -> Named:
+    """Return the problem of others' data: where its minimum is not known, values above it are data of their own."""
+    function, name = int(description["function_id"]), str(description["function_name"])
+    found = of_ioh(str(description["suite"]), function, name, dimension, instance)
+    return replace(found, minimum=0.0, data_id=f"{found.data_id}_gap") if found.minimum is None else found
+
+
+def _options_of(ours: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
+    said = {**ours, **known}
+    return {key: said[key] for key in _KEPT if key in said}
+
+
+def _curves(path: Path) -> list[list[tuple[int, float]]]:
+    """Return the improvements of each run; a run begins where the evaluation is 1, or where a header stands."""
+    if not path.is_file():
+        raise ValueError(f"import ioh: {path}: is named in a description and is not there")
+    curves: list[list[tuple[int, float]]] = []
+    best, at, before = inf, 1, 0
+    for number, line in enumerate(text_of_file("ioh", path).splitlines(), 1):
+        columns = line.split()
+        if not columns:
+            continue
+        if columns[0].strip('"').startswith("eval"):
+            at, before = [name.strip('"') for name in columns].index("raw_y"), 0
+            continue
+        try:
+            evaluation, value = int(float(columns[0])), float(columns[at])
+        except (ValueError, IndexError):
+            raise ValueError(f"import ioh: {path}, line {number}: is no line of IOHprofiler data") from None
+        if evaluation == 1 or before == 0:
+            curves.append([])
+            best = inf
+        before = evaluation
+        if value < best and isfinite(value):
+            curves[-1].append((evaluation, value))
+            best = value
+    return curves

@@ -14,10 +14,10 @@ from typing import Any
 import pandas as pd
 
 from calibench.bench.exchange.studies import Study
-from calibench.bench.statistics.comparison.ranking import best_first
-from calibench.bench.statistics.names.labels import problem_titles, several
+from calibench.bench.statistics.names import problem_titles, several
+from calibench.bench.statistics.ranking import best_first
 from calibench.bench.statistics.summary import method_names, summary
-from calibench.core.counted import counted
+from calibench.core.words import counted
 
 _PAGE = 45  # lines of a table that stands on one page
 _SPECIAL = {

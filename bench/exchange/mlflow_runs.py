@@ -15,13 +15,11 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from calibench.bench.exchange.course import course_of, traces_by_run
-from calibench.bench.exchange.studies import Study, algorithm_names, records
-from calibench.bench.exchange.targets import gap_of_level
-from calibench.bench.provenance.run_id import digest
+from calibench.bench.exchange.studies import Study, algorithm_names, course_of, gap_of_level, records, traces_by_run
 from calibench.bench.statistics.cells import CELL
-from calibench.bench.statistics.names.labels import problem_titles
-from calibench.core.counted import counted
+from calibench.bench.statistics.names import problem_titles
+from calibench.core.seeds import digest
+from calibench.core.words import counted
 
 _RUN, _CELL, _DONE, _PARENT = "calibench.run_id", "calibench.cell", "calibench.done", "mlflow.parentRunId"
 _STATUS = {"ok": "FINISHED", "timeout": "KILLED"}  # MLflow's words; any other run failed

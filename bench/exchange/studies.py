@@ -2,24 +2,46 @@
 
 Elsewhere an algorithm is a name, and all its runs on a problem are repetitions. So what our cells tell apart on one
 problem (start, budget, target) goes into the name; a budget that differs from problem to problem does not.
+
+What a run had reached at which cost: each improvement that is known, from its trace and the hits of its targets.
+
+A trace keeps every improvement among the first 64 evaluations; later only those of a tenth and the value at sixteen
+counts a decade. The evaluation at which a target of the run was reached is exact all the same: its row says so. So a
+course is exact at every target that the run had. At another level it is at most one mark late: 10 ** (1/16), 15.5 %.
+
+Levels of a value and how far they stand above a minimum, free of the rounding that adding the minimum brings.
+
+A level is stored as the number nearest to minimum + gap. Where the minimum is large that sum has lost digits of the
+gap: 394.48 + 1e-8 is a level 1.00044e-8 above 394.48. A reader who works with gaps, as COCO does, must be told the gap
+that was meant, or a run that just reaches the level misses the gap.
+
+An output folder that appears whole or not at all: filled under a temporary name beside it, then renamed.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import os
+import re
+import shutil
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import inf, isfinite, log10
+from math import ulp as spacing
 from pathlib import Path
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from calibench.bench.exchange.course import Improvement, course_of, traces_by_run
 from calibench.bench.statistics.cells import METHOD, PROBLEM
-from calibench.bench.statistics.names.labels import setting_text, several
+from calibench.bench.statistics.names import setting_text, several
 from calibench.bench.statistics.summary import method_names
+from calibench.bench.store.atomic_file import temporary_name
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
+from calibench.core.seeds import digest
 
 
 @final
@@ -100,4 +122,137 @@ def algorithm_names(runs: pd.DataFrame) -> pd.Series:
         for key, same in mine.groupby(told, dropna=False) if told else ():
             said = [setting_text(column, value) for column, value in zip(told, key, strict=True)]
             names.loc[same.index] = [", ".join([name, *said]) for name in names.loc[same.index]]
+    return names
+
+
+class Improvement(NamedTuple):
+    """A better value: the charged evaluations at which it is known, the value, and the lowest target reached just then.
+
+    Where the trace has no point the value is that target: no more is known of it than that it was reached.
+    """
+
+    charged: int
+    value: float
+    reached: float | None
+
+
+def traces_by_run(traces: pd.DataFrame) -> dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]]:
+    """Return for each run the charged evaluations and best values of its trace, in their order."""
+    ids = traces["run_id"].to_numpy()
+    charged, values = traces["charged"].to_numpy(np.int64), traces["best_value"].to_numpy(float)
+    begins = np.flatnonzero(np.r_[True, ids[1:] != ids[:-1]]) if len(ids) else np.empty(0, int)
+    ends = np.r_[begins[1:], len(ids)]
+    return {str(ids[b]): (charged[b:e], values[b:e]) for b, e in zip(begins, ends, strict=True)}
+
+
+def course_of(run: Mapping[str, Any], trace: tuple[NDArray[np.int64], NDArray[np.float64]] | None) -> list[Improvement]:
+    """Return the improvements of `run`, a row of ``runs.parquet``, ever better and ever later; [] of a run without one.
+
+    Where values are noisy a target is reached by the judged answer, not by a value that was seen: hits are left out.
+    """
+    known: dict[int, float] = {}
+    for charged, value in zip(*(column.tolist() for column in trace), strict=True) if trace is not None else ():
+        known[charged] = min(value, known.get(charged, inf))
+    if run["best_evaluation"] and run["charged"] == run["evaluations"]:  # without Jacobians its cost is known too
+        at = int(run["best_evaluation"])
+        known[at] = min(float(run["best_value"]), known.get(at, inf))
+    hits = {} if _is_noisy(run) else _lowest_hits(run)
+    course: list[Improvement] = []
+    best = inf
+    for charged in sorted(known.keys() | hits.keys()):
+        level = hits.get(charged)
+        value = min(known.get(charged, inf), inf if level is None else level)
+        if value < best and isfinite(value):
+            course.append(Improvement(charged, value, level))
+            best = value
+    return course
+
+
+def _lowest_hits(run: Mapping[str, Any]) -> dict[int, float]:
+    """Return the lowest target that was reached at each charged evaluation which reached one."""
+    hits: dict[int, float] = {}
+    for level, hit in zip(run["targets"], run["hits_charged"], strict=True):
+        if hit is not None and hit == hit:
+            hits[int(hit)] = min(float(level), hits.get(int(hit), inf))
+    return hits
+
+
+def _is_noisy(run: Mapping[str, Any]) -> bool:
+    judged = run["judged_evaluations"]
+    return judged is not None and judged == judged
+
+
+_PER_DECADE = 5
+
+
+def gap_of_level(level: float, minimum: float) -> float:
+    """Return how far `level` stands above `minimum`: the gap of COCO's grid that gives this level, if there is one.
+
+    >>> gap_of_level(394.48 + 1e-8, 394.48), 394.48 + 1e-8 - 394.48 == 1e-8
+    (1e-08, False)
+    """
+    gap = level - minimum
+    if gap > 0 and isfinite(gap):
+        k = round(_PER_DECADE * log10(gap))
+        for exponent in (k - 1, k, k + 1):  # below the rounding of the minimum several gaps give one level: the least
+            meant: float = 10 ** (exponent / _PER_DECADE)
+            if abs(minimum + meant - level) <= spacing(max(abs(minimum), abs(level))):  # who summed may round powers
+                return meant
+    return gap
+
+
+def gap_of_value(value: float, minimum: float, reached: float | None) -> float:
+    """Return how far `value` stands above `minimum`; at most the gap of the level that it has just `reached`."""
+    gap = value - minimum
+    return gap if reached is None else min(gap, gap_of_level(reached, minimum))
+
+
+_NOT_PLAIN = re.compile(r"[^A-Za-z0-9_.=+-]+")
+_LONGEST = 120  # characters of a name; a file system takes 255 bytes, of which the formats add some
+
+
+def require_free(target: Path) -> None:
+    """Raise `ValueError` where `target` is there already: a file, or a folder with something in it."""
+    if target.is_dir() and not any(target.iterdir()):
+        return
+    if target.exists() or target.is_symlink():
+        what = "is there and is not empty" if target.is_dir() else "is a file"
+        raise ValueError(f"--to {target}: {what}; name a new folder")
+
+
+def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
+    """Let `fill` write into a folder that is then called `target`; what goes wrong leaves nothing behind."""
+    require_free(target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    temporary = temporary_name(target.absolute())
+    temporary.mkdir()
+    try:
+        fill(temporary)
+        os.replace(temporary, target)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def file_name(text: str) -> str:
+    """Return `text` as the name of a file or folder that any system and reader takes; a long one ends in a digest.
+
+    >>> file_name("de (population=200), budget 400")
+    'de_population=200_budget_400'
+    """
+    plain = _NOT_PLAIN.sub("_", text).strip("_.") or "unnamed"
+    return plain if len(plain) <= _LONGEST else f"{plain[:_LONGEST]}-{digest(text)[:6]}"
+
+
+def file_names(texts: list[str]) -> dict[str, str]:
+    """Return such a name for each of `texts`: no two are the same, nor the same but for capitals."""
+    names: dict[str, str] = {}
+    taken: set[str] = set()
+    for text in texts:
+        plain = name = file_name(text)
+        count = 1
+        while name.lower() in taken:
+            count += 1
+            name = f"{plain}_{count}"
+        taken.add(name.lower())
+        names[text] = name
     return names

@@ -13,18 +13,16 @@ from functools import partial
 from typing import Any
 
 from calibench import optimizers, problems
-from calibench.bench.execution.outcome import compile_problem
+from calibench.bench.execution.row_of import compile_problem
 from calibench.bench.execution.run import Spec
 from calibench.bench.gate.box import looks
 from calibench.bench.gate.evaluator import Evaluator, scans
-from calibench.bench.gate.processes.at_once import at_once
-from calibench.bench.gate.processes.worker_pool import ProcessDied
+from calibench.bench.gate.processes import ProcessDied, at_once
 from calibench.bench.gate.time_limit import stays_inside
 from calibench.bench.provenance.code_digest import digest_of, gate_digest
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical
-from calibench.core.compilation.compiled import heard, seen, tell_compiling, unseen
-from calibench.core.compilation.compiler import load_compiler
+from calibench.core.compilation.compiled import heard, load_compiler, seen, tell_compiling, unseen
 from calibench.core.own_state import kept
 from calibench.core.registry import Registry
 from calibench.core.sources import file_of, is_ours

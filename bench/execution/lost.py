@@ -11,16 +11,13 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from calibench import optimizers, problems
-from calibench.bench.execution.answer import Answer
-from calibench.bench.execution.merit import Merit
-from calibench.bench.execution.request.asked import read_asked
-from calibench.bench.execution.request.checks import preferred_start
-from calibench.bench.execution.request.pair import pair_of
+from calibench.bench.execution.answer import Answer, Merit
+from calibench.bench.execution.request import pair_of, preferred_start, read_asked
 from calibench.bench.execution.row_of import row_of
 from calibench.bench.execution.run import Run, Spec
 from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.processes.forked_worker import Lost, apart
+from calibench.bench.gate.processes import Lost, apart
 from calibench.bench.gate.time_limit import Ending
 from calibench.bench.provenance.code_digest import Library, code_digest, library_of
 from calibench.bench.provenance.environment import provenance

@@ -1,18 +1,28 @@
-"""A finished run as its row: each column of `RunRow` beside its source."""
+"""A finished run as its row: each column of `RunRow` beside its source.
+
+The end of a run: failed before it began, failed without an answer, out of time, or ended by itself and why.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
+from functools import partial
+from typing import Any
 
-from calibench.bench.execution.answer import Answer, hits_of
-from calibench.bench.execution.outcome import status_of, stop_reason_of
-from calibench.bench.execution.request.asked import Asked
+import numpy as np
+
+from calibench.bench.execution.answer import Answer, hits_of, merit_of
+from calibench.bench.execution.request import Asked
 from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
+from calibench.bench.gate.endings import StopReason, frames_of, text_of
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.time_limit import Ending
+from calibench.bench.gate.time_limit import BEFORE, Ending
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.provenance.run_id import digest
+from calibench.core.seeds import digest
+from calibench.core.words import counted
+from calibench.problems.base import extra_of
 
 
 def row_of(
@@ -87,3 +97,81 @@ def row_of(
         schema_version=SCHEMA_VERSION,
         **provenance(),
     )
+
+
+def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
+    """Do the work that is not timed; return the ending of a run whose problem or optimiser fails in it."""
+    for compile_part in (partial(compile_problem, problem, optimizer), getattr(optimizer, "compile", None)):
+        try:
+            if compile_part is not None:
+                compile_part()
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # SystemExit too
+            said = f"{BEFORE}{text_of(error)}"
+            return Ending(type(error).__name__, said, 0.0, 0.0, frames_of(error))
+    return None
+
+
+def compile_problem(problem: Any, *optimizers: Any) -> None:
+    """Compile what `optimizers` will call; of a problem with `compile_values` the values alone, if they ask no more."""
+    traits = [getattr(optimizer, "traits", None) for optimizer in optimizers]
+    asked = [getattr(one, trait, True) for one in traits for trait in ("uses_residuals", "uses_gradient")]
+    if not any(asked) and extra_of(problem, "compile_values"):
+        problem.compile_values()
+    elif extra_of(problem, "compile"):
+        problem.compile()
+
+
+def check_merit(problem: Any) -> Ending | None:
+    """Return the ending of a run whose ``merit(x)`` returns what no row can hold, seen at the start; None otherwise.
+
+    It would fail when the budget is spent. What merit raises itself is left to the answer: it may need one.
+    """
+    if not extra_of(problem, "merit"):
+        return None
+    try:
+        found = problem.merit(np.array(problem.start, dtype=float))
+    except KeyboardInterrupt:
+        raise
+    except BaseException:
+        return None
+    try:
+        merit_of(found)
+    except TypeError as error:
+        return Ending(type(error).__name__, f"{BEFORE}{error}", 0.0, 0.0)
+    return None
+
+
+def with_an_answer(gate: Evaluator, ending: Ending) -> Ending:
+    """Return the ending: a failure where nothing was asked, no value was finite, or the last slopes were not.
+
+    The last: a search that ends by itself by a Jacobian with slopes that were read as 0 has found no minimum.
+    """
+    if ending.error_type or gate.stopped == "timeout":
+        return ending
+    if gate.charged == 0:
+        why = f": the budget of {gate.budget} is below its first step" if gate.stopped == "budget" else ""
+        return replace(ending, error_type="NoEvaluation", error=f"the optimizer made no evaluation{why}")
+    if gate.best_x is None:
+        said = f"none of {gate.evaluations} values was finite" if gate.evaluations else "no value was asked for"
+        return replace(ending, error_type="NoFiniteValue", error=said)
+    if gate.unknown_slopes and stop_reason_of(gate, ending) == "converged":
+        slopes = counted(gate.unknown_slopes, "slope")
+        said = f"it stopped by itself where its last Jacobian had {slopes} not finite, read as 0: that is no minimum"
+        return replace(ending, error_type="NonFiniteSlopes", error=said)
+    return ending
+
+
+def status_of(gate: Evaluator, ending: Ending) -> str:
+    """Return failed, timeout or ok."""
+    if ending.error_type:
+        return "failed"
+    return "timeout" if gate.stopped == "timeout" else "ok"
+
+
+def stop_reason_of(gate: Evaluator, ending: Ending) -> StopReason:
+    """Return failed, or the reason for the end: timeout, target, budget, or converged with budget left."""
+    if ending.error_type:
+        return "failed"
+    return gate.stopped or ("budget" if gate.remaining <= 0 else "converged")

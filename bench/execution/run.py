@@ -17,35 +17,30 @@ import numpy as np
 
 from calibench.bench.execution.answer import answer_of, place_of_answer
 from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
-from calibench.bench.execution.in_progress.progress import Name, followed
-from calibench.bench.execution.outcome import check_merit, compile_parts, with_an_answer
-from calibench.bench.execution.request.asked import Asked, read_asked
-from calibench.bench.execution.request.checks import Array, Start
-from calibench.bench.execution.request.pair import Pair, built_by_foreign, made_pair, pair_of
-from calibench.bench.execution.row_of import row_of
+from calibench.bench.execution.in_progress import Name, followed
+from calibench.bench.execution.request import (
+    Array,
+    Asked,
+    Pair,
+    Start,
+    built_by_foreign,
+    made_pair,
+    pair_of,
+    read_asked,
+)
+from calibench.bench.execution.row_of import check_merit, compile_parts, row_of, with_an_answer
 from calibench.bench.execution.run_row import RunRow
 from calibench.bench.execution.stochastic import seeded
 from calibench.bench.gate.box import looks
 from calibench.bench.gate.evaluator import Evaluator, TracePoint, scans
 from calibench.bench.gate.guard.foreign_code import is_foreign
 from calibench.bench.gate.guard.private_class import private_evaluator
-from calibench.bench.gate.processes.forked_worker import CAN_FORK
-from calibench.bench.gate.time_limit import (
-    PASSED,
-    STALL_LIMIT,
-    Cut,
-    Ending,
-    Mirror,
-    Phase,
-    Runner,
-    Watch,
-    run_here,
-)
-from calibench.bench.provenance.run_id import seed_sequence
-from calibench.core.html_table import html_table
-from calibench.core.one_thread import hold_new, one_thread
+from calibench.bench.gate.processes import CAN_FORK
+from calibench.bench.gate.time_limit import PASSED, STALL_LIMIT, Cut, Ending, Mirror, Phase, Runner, Watch, run_here
 from calibench.core.own_state import Kept, kept
-from calibench.core.seeds import begin_generators, global_generators
+from calibench.core.process import hold_new, one_thread
+from calibench.core.seeds import begin_generators, global_generators, seed_sequence
+from calibench.core.words import html_table
 
 if TYPE_CHECKING:
     import pandas as pd

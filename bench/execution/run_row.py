@@ -9,7 +9,7 @@ from datetime import datetime
 from types import NoneType
 from typing import Annotated, Any, Literal, final, get_args, get_origin, get_type_hints
 
-from calibench.bench.gate.stop_reason import STOP_REASONS
+from calibench.bench.gate.endings import STOP_REASONS
 
 SCHEMA_VERSION = 3
 

@@ -21,9 +21,9 @@ from calibench import optimizers, problems
 from calibench.bench.execution.costly import ReplayFolder
 from calibench.bench.execution.kernels import is_own, load_new_kernels
 from calibench.bench.execution.lost import lost_run
-from calibench.bench.execution.request.checks import check_numbers
+from calibench.bench.execution.request import check_numbers
 from calibench.bench.execution.run import Found, Heard, Run, Spec, as_lost_in_judging
-from calibench.bench.gate.processes.process_group import has_children
+from calibench.bench.gate.processes import has_children
 from calibench.bench.gate.time_limit import ROOM, Cut, Larger, Phase, Runner, Watch
 from calibench.core import own_state
 from calibench.core.process_state import SLOW

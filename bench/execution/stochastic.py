@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.provenance.run_id import seed_sequence
+from calibench.core.seeds import seed_sequence
 from calibench.problems.base import extra_of
 
 Array = NDArray[np.float64]

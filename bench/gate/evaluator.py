@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.bench.gate.calls import Calls, calls_of
+from calibench.bench.gate.endings import ByGate
 from calibench.bench.gate.guard.open_gates import opened
-from calibench.bench.gate.stop_reason import ByGate
 from calibench.optimizers.base import BudgetExhausted, ObjectiveFailed, Stop, TargetReached, TimeUp
 
 __all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]

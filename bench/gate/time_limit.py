@@ -27,15 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.bench.gate.box import doors_of, watched_doors_of
-from calibench.bench.gate.costly.told_error import ToldError
+from calibench.bench.gate.endings import ToldError, frames_of, text_of
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.face import face_of, own_face_of
-from calibench.bench.gate.frames import frames_of
-from calibench.bench.gate.frames import text_of as text_of
 from calibench.bench.gate.guard.foreign_code import held, is_foreign
-from calibench.bench.gate.processes.child_messages import Receiver, Sender
-from calibench.bench.gate.processes.forked_worker import flush_output, forked
-from calibench.bench.gate.processes.process_group import exit_of
+from calibench.bench.gate.processes import Receiver, Sender, exit_of, flush_output, forked
 from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself, and for what of ours takes time beside foreign code

@@ -1,23 +1,43 @@
-"""Measured data as CSV: a header with units in brackets, a row a reading, and a first line of metadata if wanted."""
+"""Measured data as CSV: a header with units in brackets, a row a reading, and a first line of metadata if wanted.
+
+Blocks of rows that empty lines part in a text file: one table, which is told, or several, which are refused.
+
+The meaning of the cells of one column: numbers with a point or a comma, true and false, times, words, or nothing.
+
+A cell that means "no value" (n/a, NaN, -, #NV, or nothing) is NaN. A decimal comma is read where commas do not separate
+the cells, and never where the same file has decimal points too. Times become seconds.
+
+Columns of times: ISO times with their date, and times of day without one; both become seconds.
+
+A time of day is `14:03:22.5` or `14:03`. One that is more than twelve hours before the one above it is of the next day.
+A column whose unit, stated or declared, is no unit of time holds angles in hours or degrees, which are not read here.
+
+`Found`: the content of a file of measured data, whatever its format, before names and units are interpreted.
+
+Units of measured columns, as the machines declare them; any other column is in the unit that its file states.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Collection, Mapping
-from dataclasses import replace
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, final
 
 import numpy as np
 
-from calibench.bench.measured.blocks import blocks_of
-from calibench.bench.measured.cells import columns_of, like_numbers
-from calibench.bench.measured.found import Found
+from calibench.core.tables.cells import factor_to_base, is_unit, no_value, way_out, with_points
 from calibench.core.tables.csv_table import Table, read_table
-from calibench.core.tables.units import is_unit
-from calibench.core.words import shortened
+from calibench.core.tables.data_file import LARGEST_TEXT, MOST_LETTERS, read_whole, text_of
+from calibench.core.words import counted, shortened
 from calibench.discrepancy import DataError
+from calibench.discrepancy.labels import COLUMNS_OF_NAMES, column_units, columns_of_numbers
+from calibench.discrepancy.registries import description_of, descriptions
 
 _READ = {"1", "-", ""}  # cells that a row of readings may have as well as one of units
 
@@ -97,3 +117,257 @@ def _cells(column: Any) -> list[str]:
     if column.dtype.kind == "b":
         return ["true" if value else "false" for value in column.tolist()]
     return [str(value) for value in column.tolist()]
+
+
+_NUMBER = re.compile(r"\s*[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?\s*")
+_TOLD = 4  # blocks whose lines are told
+
+
+def blocks_of(path: Path, table: Table) -> tuple[str, ...]:
+    """Return a note where empty lines part the rows of a file into blocks, which may be tables of their own.
+
+    A file whose every row stands alone has no blocks. The file is read again only where lines without a row lie
+    between rows. Raises `DataError` for a block with a header of its own.
+    """
+    rows = table.rows
+    apart = [k for k in range(1, len(rows)) if rows[k][0] > rows[k - 1][0] + 1 and _any_number(rows[k - 1][1])]
+    if not apart:
+        return ()
+    lines = text_of(read_whole(path, LARGEST_TEXT)).splitlines()
+    starts = [k for k in apart if not all(line.strip() for line in lines[rows[k - 1][0] : rows[k][0] - 1])]
+    for k in (k for k in starts if k + 1 < len(rows) and _begins_table(rows[k][1], rows[k + 1][1])):
+        head = shortened(", ".join(cell.strip() for cell in rows[k][1]))
+        raise DataError(
+            f"line {rows[k][0]}: a second table begins below an empty line ({head}); give each a file of its own"
+        )
+    if not starts or len(starts) == len(rows) - 1 > 1:
+        return ()
+    where = ", ".join(str(rows[k][0]) for k in starts[:_TOLD]) + (", ..." if len(starts) > _TOLD else "")
+    later = f"the later one from line {where}" if len(starts) == 1 else f"the later ones from lines {where}"
+    said = f"empty lines part the rows into {len(starts) + 1} blocks, {later} on"
+    return (f"{said}: they are read as one table; tables that differ need a file each",)
+
+
+def _begins_table(head: Sequence[str], below: Sequence[str]) -> bool:
+    """Tell whether a row among readings is a header: names that differ, above as many cells with a number."""
+    names = [cell.strip() for cell in head]
+    words = all(names) and not _any_number(names) and len(set(names)) == len(names) > 1
+    return words and len(names) == len(below) and _any_number(below)
+
+
+def _any_number(cells: Sequence[str]) -> bool:
+    return any(map(_NUMBER.fullmatch, cells))
+
+
+_INTEGER = re.compile(r"[+-]?\d{1,18}")
+_LIKE_NUMBER = re.compile(r"[+-]?[.,]?\d")
+_TRUTH = {"true": True, "false": False, "wahr": True, "falsch": False}
+
+
+def columns_of(
+    cells: Mapping[str, Sequence[str]], text: Collection[str], commas: bool, units: Mapping[str, str]
+) -> tuple[dict[str, Any], dict[str, Seconds]]:
+    """Return the columns of a file, name -> (n,), and those that were times; those in `text` hold words.
+
+    With `commas` numbers may have a decimal comma. `units` are those that the heads state. Raises `DataError` with the
+    column and the reading of a cell that is no number among numbers.
+    """
+    stripped = {
+        name: [cell.strip() if name in text else cell.strip().replace("\u2212", "-") for cell in column]
+        for name, column in cells.items()
+    }  # U+2212 is the minus of typography
+    if commas:
+        try:
+            numbers = with_points({n: c for n, c in stripped.items() if n not in text})
+        except ValueError as error:
+            raise DataError(str(error)) from None
+        stripped = numbers | {name: column for name, column in stripped.items() if name in text}
+        stripped = {name: stripped[name] for name in cells}
+    columns: dict[str, Any] = {}
+    times: dict[str, Seconds] = {}
+    for name, column in stripped.items():
+        if name not in text and (found := times_of(name, column, units.get(name))):
+            columns[name], times[name] = found.values, found
+        else:
+            columns[name] = _column(name, column, name in text)
+    return columns, times
+
+
+def _column(name: str, stripped: Sequence[str], is_text: bool) -> Any:
+    if is_text:
+        return as_words(name, stripped)
+    if all(_INTEGER.fullmatch(cell) for cell in stripped):
+        return np.array([int(cell) for cell in stripped], dtype=np.int64)
+    if all(cell.lower() in _TRUTH for cell in stripped):
+        return np.array([_TRUTH[cell.lower()] for cell in stripped], dtype=bool)
+    values, wrong = np.full(len(stripped), np.nan), []
+    for i, cell in enumerate(stripped):
+        try:
+            values[i] = float("words" if "_" in cell else cell)  # 1_2 is the name of something, to Python 12
+        except ValueError:
+            if not no_value(cell):
+                wrong.append(i)
+    if not wrong:
+        return values
+    if name in COLUMNS_OF_NAMES:
+        return as_words(name, stripped)
+    if len(wrong) == sum(not no_value(cell) for cell in stripped) and not _holds_numbers(name):
+        return as_words(name, stripped)
+    i = wrong[0]
+    told = f"column {name}, reading {i + 1}: {shortened(stripped[i])!r} is no number"
+    raise DataError(f"{told}{way_out(stripped[i])}")
+
+
+def like_numbers(column: Any) -> str:
+    """Return the first word of a column, (n,), of which all words begin like numbers; "" for any other column."""
+    words = [word for word in column.tolist() if not no_value(word)] if column.dtype.kind == "U" else []
+    return words[0] if words and all(map(_LIKE_NUMBER.match, words)) else ""
+
+
+def as_words(name: str, words: Sequence[str]) -> Any:
+    """Return a column of words as an array, whose cells are all as wide as the widest; raise `DataError` beyond it."""
+    check_letters(name, max(map(len, words), default=0), len(words))
+    return np.array(words, dtype=str)
+
+
+def check_letters(name: str, widest: int, rows: int) -> None:
+    """Raise `DataError` for a column whose words, each as wide as the widest, would take too much room."""
+    if widest * rows > MOST_LETTERS:
+        raise DataError(f"column {name}: a cell has {widest} characters; words are needed, or leave the column out")
+
+
+def _holds_numbers(name: str) -> bool:
+    return name in columns_of_numbers()
+
+
+_TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?\s*(Z|[+-]\d\d:?\d\d)?")
+_OF_DAY = re.compile(r"([01]?\d|2[0-3]):([0-5]\d)(?::([0-5]\d(?:[.,]\d{1,9})?|60(?:[.,]0{1,9})?))?")  # 60: rounded up
+_DAY = 86400.0  # s
+_FEW = 0.1  # of a column: so many cells among times of day are mistakes, and more are words
+_DO = "write all of them alike"
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Seconds:
+    """A column of times in seconds, (n,), NaN where there is none, with a note; `of_day`: they had no date."""
+
+    values: Any
+    note: str
+    of_day: bool = False
+
+
+def times_of(name: str, column: Sequence[str], unit: str | None) -> Seconds | None:
+    """Return a column of times in seconds, None for one of other cells; `unit` is what its head states.
+
+    Raises `DataError` for a cell that is no time among times, and where some times have a date and some have none.
+    """
+    first = next((cell for cell in column if not no_value(cell)), "")
+    if _TIME.fullmatch(first):
+        return Seconds(_from_earliest(name, column), "times, turned into seconds from the earliest")
+    if not _OF_DAY.fullmatch(first) or name in COLUMNS_OF_NAMES or not _may_be_time(name, unit):
+        return None
+    others = [i for i, cell in enumerate(column) if not (no_value(cell) or _OF_DAY.fullmatch(cell))]
+    dated = next((i for i in others if _TIME.fullmatch(column[i])), None)
+    if dated is not None:
+        raise DataError(
+            f"column {name}, reading {dated + 1}: {column[dated]!r} has a date, and {first!r} has none; {_DO}"
+        )
+    if len(others) > _FEW * len(column) and name not in columns_of_numbers():
+        return None  # words, one of which looks like a time
+    if others:
+        told = shortened(column[others[0]])
+        raise DataError(f"column {name}, reading {others[0] + 1}: {told!r} is no time of day such as 14:03:22.5")
+    values, nights = seconds_of_day(column)
+    over = f", on over {counted(nights, 'midnight')}" if nights else ""
+    return Seconds(values, f"times of day, turned into seconds from the first{over}", True)
+
+
+def seconds_of_day(column: Sequence[str]) -> tuple[Any, int]:
+    """Return times of day as seconds from the first, (n,), NaN where there is none, and how often midnight passes.
+
+    >>> seconds_of_day(["23:59:58.5", "-", "0:01"])
+    (array([ 0. ,  nan, 61.5]), 1)
+    """
+    found = np.full(len(column), np.nan)
+    for i, cell in enumerate(column):
+        if told := _OF_DAY.fullmatch(cell):
+            hours, minutes, rest = told.groups("0")
+            found[i] = 3600 * int(hours) + 60 * int(minutes) + float(rest.replace(",", "."))
+    known = np.flatnonzero(~np.isnan(found))
+    nights = np.cumsum(np.diff(found[known], prepend=found[known[0]]) < -_DAY / 2)
+    found[known] += _DAY * nights - found[known[0]]
+    return found, int(nights[-1])
+
+
+def _from_earliest(name: str, column: Sequence[str]) -> Any:
+    """Return ISO times as seconds from the earliest, (n,), NaN where there is none."""
+    times: list[datetime | None] = []
+    for i, cell in enumerate(column):
+        if no_value(cell):
+            times.append(None)
+            continue
+        if _OF_DAY.fullmatch(cell):
+            raise DataError(f"column {name}, reading {i + 1}: {cell!r} has no date, and other times have one; {_DO}")
+        try:
+            times.append(datetime.fromisoformat(cell.replace(",", ".").replace(" ", "T", 1).replace(" ", "")))
+        except ValueError:
+            told = shortened(cell)
+            raise DataError(
+                f"column {name}, reading {i + 1}: {told!r} is no time such as 2026-03-01T12:30:05"
+            ) from None
+    known = [time for time in times if time is not None]
+    if len({time.tzinfo is None for time in known}) > 1:
+        raise DataError(f"column {name}: some times state their zone and some do not; {_DO}")
+    start = min(known)
+    return np.array([np.nan if time is None else (time - start).total_seconds() for time in times])
+
+
+def _may_be_time(name: str, unit: str | None) -> bool:
+    """Return whether nothing says that the column is another quantity; [h] may be hours of an angle."""
+    if name in columns_of_numbers() and COLUMN_UNITS.get(name) != "s":
+        return False
+    return unit is None or not is_unit(unit) or (factor_to_base(name, unit)[0] == "s" and unit.strip() != "h")
+
+
+@final
+@dataclass(frozen=True)
+class Found:
+    """Columns name -> (n,), the units stated of them, what stands before the header or as metadata, and notes.
+
+    `of_day` are the columns that were times of day, such as 14:03:22.
+    """
+
+    columns: dict[str, Any]
+    units: Mapping[str, str]
+    said: str = ""
+    notes: tuple[str, ...] = ()
+    of_day: frozenset[str] = frozenset()
+
+
+COLUMN_UNITS = MappingProxyType(column_units())
+
+
+def units_of(machine: str) -> dict[str, str]:
+    """Return column -> unit of the files of one machine, as it declares them; nothing for one that declares nothing."""
+    return {column.name: column.unit for column in description_of(machine).columns if column.unit}
+
+
+def factor(column: str, unit: str, machine: str = "") -> tuple[str, float]:
+    """Return the unit in which `column` of `machine` is kept and the factor that turns `unit` into it.
+
+    >>> factor("x", "m")
+    ('mm', 1000.0)
+
+    Raises `ValueError` with the column, the unit, the choices and the way out for one that is unknown or of another
+    kind; a machine whose files keep their own units takes any. The sensors of a machine that declares no columns may
+    want another unit of the same kind (`Sensor.unit`).
+    """
+    if machine in descriptions() and description_of(machine).own_units:
+        return unit, 1.0
+    needed = (units_of(machine) if machine in descriptions() else {}) if machine else dict(COLUMN_UNITS)
+    try:
+        return factor_to_base(column, unit, needed.get(column))
+    except ValueError as error:
+        way_out = f'units={{"{column}": "UNIT"}} states it where the file cannot be changed'
+        raise ValueError(f"{error}; {way_out}") from None

@@ -20,13 +20,12 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat, whosmat
 
-from calibench.bench.measured.cells import as_words
-from calibench.bench.measured.found import Found
+from calibench.bench.measured.csv_columns import Found, as_words
 from calibench.core.tables.csv_table import heads
 from calibench.core.tables.data_file import LARGEST_TEXT, MEGABYTE, MOST_NUMBERS, check_columns, read_whole
 from calibench.core.words import shortened
 from calibench.discrepancy import DataError
-from calibench.discrepancy.model.measured.data import UNREAD
+from calibench.discrepancy.model.measured import UNREAD
 
 _SMALLER = "take part of the readings or of the columns"
 _LARGEST_UNPACKED = 200 * MEGABYTE  # twice the most numbers, and words

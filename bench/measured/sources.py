@@ -9,8 +9,7 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any, final
 
-from calibench.bench.measured.files import endings_of, read_measured
-from calibench.bench.measured.sockets import read_sockets, socket_files
+from calibench.bench.measured.files import endings_of, read_measured, read_sockets, socket_files
 from calibench.core.options import suggest
 from calibench.core.tables.data_file import LARGEST_PARQUET, read_whole
 from calibench.discrepancy import DataError, MeasuredData

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from calibench.bench.papers.cong2008 import additions as cong2008
-from calibench.bench.papers.pashkevich2008 import additions as pashkevich2008
+from calibench.bench.papers.cong2008 import figures as cong2008
+from calibench.bench.papers.pashkevich2008 import figures as pashkevich2008
 from calibench.bench.report.study.additions import Addition
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pandas as pd
 
 from calibench.bench.papers.row import KINDS, VERDICTS
-from calibench.core.counted import listed
+from calibench.core.words import listed
 
 _SAME = 1e-9
 _SHOWN = 6  # keys of a group

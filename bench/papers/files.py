@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 
 from calibench.bench.papers.row import Row
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.store.files.atomic_file import write_whole
+from calibench.bench.store.atomic_file import write_whole
 
 SCHEMA_VERSION = 3
 _TEXT, _INT, _REAL, _BOOL = pa.string(), pa.int64(), pa.float64(), pa.bool_()

@@ -16,8 +16,7 @@ from typing import Any, final
 from calibench.bench.papers.files import kept, read_rows
 from calibench.bench.papers.row import KINDS, VERDICTS, Row, Verdict
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.report.shared.page import Head, Inline, Table, drawing_inside
-from calibench.bench.report.shared.templating import macros, render
+from calibench.bench.report.shared.page import Head, Inline, Table, drawing_inside, macros, render
 from calibench.problems.constants import document
 
 _MARKS = {

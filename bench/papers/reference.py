@@ -17,12 +17,11 @@ import pandas as pd
 
 from calibench.bench.papers import files
 from calibench.bench.papers.additions import ADDITIONS
-from calibench.bench.papers.cong2008 import printed_figures
+from calibench.bench.papers.cong2008 import figures as printed_figures
 from calibench.bench.papers.cong2008 import tables as paper_tables
-from calibench.bench.papers.evidence import Evidence
 from calibench.bench.papers.page import by_kind
 from calibench.bench.papers.published import quantities
-from calibench.bench.papers.row import KINDS, Row
+from calibench.bench.papers.row import KINDS, Evidence, Row
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.study import figures

@@ -1,24 +1,28 @@
-"""Rerun the papers: carry out their studies (what is done is skipped), make the rows, write the ledger."""
+"""Rerun the papers: carry out their studies (what is done is skipped), make the rows, write the ledger.
+
+One print, one verdict: rows that pass judgement on the same printed number agree, or say why they do not.
+
+A row's `about` names the printed numbers it is about. A cell that repeats another, a sentence that repeats a cell, an
+erratum of a cell: each is compared with the row of the key it names.
+"""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Protocol, final
 
 import pandas as pd
 
-from calibench.bench.gate.processes.at_once import at_once
+from calibench.bench.gate.processes import at_once
 from calibench.bench.papers import cong2008, files, page, pashkevich2008, reference
-from calibench.bench.papers.cong2008 import printed_figures
-from calibench.bench.papers.cong2008.section3 import stopping_claims as cong2008_stopping_claims
-from calibench.bench.papers.evidence import Evidence
-from calibench.bench.papers.one_print import agreed
-from calibench.bench.papers.pashkevich2008.experiments import page as orthoglide_page
-from calibench.bench.papers.row import VERDICTS, Row
+from calibench.bench.papers.cong2008 import figures as printed_figures
+from calibench.bench.papers.cong2008 import stopping as cong2008_stopping_claims
+from calibench.bench.papers.pashkevich2008 import experiments as orthoglide_page
+from calibench.bench.papers.row import VERDICTS, Evidence, Row
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import Report, carry_out
 from calibench.bench.sweep.request import Request, read_request
@@ -134,3 +138,31 @@ def _carry_out(requests: Sequence[Request], report: Report) -> Evidence:
     if not requests:  # a paper that needs no runs
         return Evidence(pd.DataFrame({"status": []}), pd.DataFrame({"run_id": []}))
     return Evidence(pd.concat(runs, ignore_index=True), pd.concat(traces, ignore_index=True))
+
+
+def agreed(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows; an explanation is kept only where the verdict differs from that of the row's subject."""
+    apart = {id(row) for row, _ in differing(rows)}
+    return [row if id(row) in apart else replace(row, differs="") for row in rows]
+
+
+def unexplained(rows: Sequence[Row]) -> list[str]:
+    """Return a sentence for each pair of rows about one print whose verdicts differ without an explanation."""
+    return [
+        f"{row.paper} {row.key}: {row.verdict}, but {other.key}: {other.verdict}"
+        for row, other in differing(rows)
+        if not row.differs
+    ]
+
+
+def differing(rows: Sequence[Row]) -> Iterator[tuple[Row, Row]]:
+    """Yield each row beside the row of a print it is about, where their verdicts differ.
+
+    Raises `KeyError` where a row is about a key that has no row.
+    """
+    by_key = {(row.paper, row.key): row for row in rows}
+    for row in rows:
+        for key in row.about.split():
+            other = by_key[row.paper, key]
+            if other.verdict != row.verdict:
+                yield row, other

@@ -15,16 +15,16 @@ import pyarrow as pa
 
 from calibench.bench.execution.run import Run
 from calibench.bench.report.study.answer import Answer, answer_of
-from calibench.bench.statistics.names.labels import problem_titles
-from calibench.bench.statistics.names.order import LOOK, with_looks
+from calibench.bench.statistics.names import problem_titles
+from calibench.bench.statistics.ranking import LOOK, with_looks
 from calibench.bench.statistics.summary import summary
 from calibench.bench.statistics.targets import levels_of
 from calibench.bench.store.hits import columns_for, hit_tables
 from calibench.bench.store.runs import FOLDER_OF, ResultStore
 from calibench.bench.store.schema import HITS_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
-from calibench.core.counted import counted
 from calibench.core.options import suggest
-from calibench.problems.suites.gaps import COCO_GAPS
+from calibench.core.words import counted
+from calibench.problems.suites.black_box import COCO_GAPS
 
 Source = ResultStore | str | Path | pd.DataFrame | Run | Sequence[Run]
 

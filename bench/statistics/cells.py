@@ -2,11 +2,26 @@
 
 A problem is its name with its options and data, a method an optimiser with its options; a cell is both under one start,
 budget and target. A task is what methods are compared on: a problem under one start, budget and goal.
+
+Numbers of every cell at once: a study of thousands of cells is sorted once, not sliced cell by cell.
+
+A cell here is any group of rows. Each statistic is computed from the rows of its own cell alone, and is the same to the
+last bit whatever other cells there are.
+
+The values of the answers of runs: as they were seen, or as they were judged afterwards where values are noisy.
+
+`bench.execution.stochastic` judges an answer.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, final
+
+import numpy as np
+
+from calibench.bench.store.columns import Array, Columns, Counts, Flags, floats, known, numbered, plain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,3 +48,130 @@ def mixed_code(runs: pd.DataFrame) -> str:
         f"{mixed} of {len(versions)} cells hold runs of more than one version of the code (column code_digest), kept "
         "with --keep or merged: their medians mix them; the same command with --rerun does them again."
     )
+
+
+@final
+@dataclass(frozen=True)
+class ByCell:
+    """Rows grouped by their cell: `order`, shape (rows,), lists the rows cell by cell.
+
+    `begins` and `count`, shapes (cells,), say where in it a cell begins, and how many rows it has.
+    """
+
+    order: Counts
+    begins: Counts
+    count: Counts
+
+    @property
+    def number(self) -> Counts:
+        """Return the number of each row's cell, shape (rows,), in the order of the rows."""
+        found = np.empty(len(self.order), dtype=np.int64)
+        found[self.order] = np.repeat(np.arange(len(self.count)), self.count)
+        return found
+
+    @property
+    def first(self) -> Counts:
+        """Return the first row of each cell."""
+        found: Counts = self.order[self.begins]
+        return found
+
+    @property
+    def last(self) -> Counts:
+        """Return the last row of each cell."""
+        found: Counts = self.order[self.begins + self.count - 1]
+        return found
+
+    def rows(self, cell: int) -> Counts:
+        """Return the rows of one cell."""
+        return self.order[self.begins[cell] : self.begins[cell] + self.count[cell]]
+
+    def sums(self, values: Any) -> Counts:
+        """Return the sum of whole numbers, or how many are true, in each cell."""
+        found: Counts = self._reduced(np.add, np.asarray(values).astype(np.int64))
+        return found
+
+    def least(self, values: Array) -> Array:
+        """Return the least of each cell's values, those that are NaN left out; NaN of none."""
+        found: Array = self._reduced(np.fmin, values)
+        return found
+
+    def most(self, values: Array) -> Array:
+        """Return the largest of each cell's values, those that are NaN left out; NaN of none."""
+        found: Array = self._reduced(np.fmax, values)
+        return found
+
+    def spreads(self, values: Array) -> Array:
+        """Return the largest minus the least of each cell's values, those that are NaN left out; NaN of none."""
+        with np.errstate(invalid="ignore"):
+            return self.most(values) - self.least(values)
+
+    def quantiles(self, values: Array, at: Sequence[float]) -> Array:
+        """Return the quantiles `at` of each cell, shape (at, cells): those of `bench.statistics.summary.quantiles`.
+
+        A value that is NaN is worse than all; a quantile on or beside it is infinite.
+        """
+        ordered = self._sorted(np.where(np.isnan(values), np.inf, values))
+        found = np.empty((len(at), len(self.begins)))
+        for i, q in enumerate(at):
+            place = q * (self.count - 1)
+            below = place.astype(np.int64)
+            share = place - below
+            low = ordered[self.begins + below]
+            high = ordered[self.begins + np.minimum(below + 1, self.count - 1)]
+            with np.errstate(invalid="ignore"):
+                between = np.where(share == 0, low, (1 - share) * low + share * high)
+            found[i] = np.clip(between, low, high)
+        return found
+
+    def medians(self, values: Array) -> Array:
+        """Return the median of each cell's values, those that are NaN left out; NaN of none."""
+        known = self.count - self.sums(np.isnan(values))
+        ordered = self._sorted(values)  # NaN last
+        low = ordered[self.begins + np.maximum(known - 1, 0) // 2]
+        high = ordered[self.begins + np.minimum(known // 2, self.count - 1)]
+        with np.errstate(invalid="ignore"):
+            between = np.where(known % 2 == 1, low, (low + high) / 2)
+        return np.where(known == 0, np.nan, between)
+
+    def _sorted(self, values: Array) -> Array:
+        """Return values cell by cell, in a cell in order, NaN last."""
+        found: Array = values[self.order]
+        return found[np.lexsort([found, np.repeat(np.arange(len(self.count)), self.count)])]
+
+    def _reduced(self, how: np.ufunc, values: Any) -> Any:
+        return how.reduceat(values[self.order], self.begins) if len(self.begins) else values[:0]
+
+
+def by_cell(runs: Columns, columns: Sequence[str] = CELL) -> ByCell:
+    """Return rows by what they have in `columns`; of two that are NaN it is the same."""
+    return by_number(numbered(runs[name] for name in columns))
+
+
+def by_number(cell: Counts) -> ByCell:
+    """Return rows by the numbers of their cells, all from 0 to the largest."""
+    order = np.argsort(cell, kind="stable").astype(np.int64)
+    begins = np.flatnonzero(np.diff(cell[order], prepend=-1)).astype(np.int64)
+    return ByCell(order, begins, np.diff(begins, append=len(order)).astype(np.int64))
+
+
+def answers(runs: Columns) -> Array:
+    """Return the value of each run's answer: as it was seen, or where values are noisy as it was judged."""
+    seen = floats(runs["best_value"])
+    return np.where(judged(runs), floats(runs["judged_value"]), seen) if "judged_value" in runs else seen
+
+
+def judged(runs: Columns) -> Flags:
+    """Tell of which runs the answer was judged apart, because values are noisy."""
+    if "judged_value" not in runs:
+        return np.zeros(len(runs["best_value"]), dtype=bool)
+    return known(runs["judged_evaluations"])
+
+
+def said_by_the_problem(cell: Columns) -> dict[str, Any]:
+    """Return `unit`, `minimum` (NaN where none is declared) and `noisy` of the runs of one cell."""
+    unit, minimum = (plain(cell[name])[-1] if name in cell else None for name in ("unit", "minimum"))
+    return {
+        "unit": unit if isinstance(unit, str) else "",
+        "minimum": float("nan") if minimum is None else float(minimum),
+        "noisy": bool(judged(cell).any()),
+    }

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.execution.request.own_problem import minimum_of, unit_of
+from calibench.bench.execution.request import minimum_of, unit_of
 from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import SAME, lowest_below

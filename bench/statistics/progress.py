@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
-from calibench.bench.execution.in_progress.running import hosts_at_work
+from calibench.bench.execution.in_progress import hosts_at_work
 from calibench.bench.store.manifest import in_other_shards
 from calibench.bench.store.runs import ResultStore
 

@@ -1,4 +1,15 @@
-"""Statistics of the runs of each cell: quartiles, success rate with its interval, convergence bands."""
+"""Statistics of the runs of each cell: quartiles, success rate with its interval, convergence bands.
+
+How a method ends: it stops by its own test, begins again where it would have stopped, or spends the whole budget.
+
+A method that stops with budget left cannot be compared with one that spends all of it. So a field of methods has each
+local method in both kinds, and marks the kind.
+
+What a method is called that a user chose by the name of a preset, ``optimizer=fmincon_matlab``: by that name.
+
+A preset is a file of ``conf/optimizer/``: a registered optimiser, or another preset, with other options. Rows hold the
+optimiser and its options; tables, figures and pages say the shorter name that stands for both.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +17,20 @@ import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from math import sqrt
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench import optimizers, problems
-from calibench.bench.execution.merit import PREFIX
-from calibench.bench.execution.request.checks import repetitions_of
-from calibench.bench.provenance.run_id import chosen_options, given_options
-from calibench.bench.statistics.answers import answers, judged
-from calibench.bench.statistics.by_cell import ByCell, by_cell, by_number
-from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
-from calibench.bench.statistics.names.presets import preset_names
+from calibench import conf, optimizers, problems
+from calibench.bench.execution.answer import PREFIX
+from calibench.bench.execution.request import repetitions_of
+from calibench.bench.provenance.run_id import canonical, chosen_options, given_options, options_of
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, ByCell, answers, by_cell, by_number, judged
 from calibench.bench.statistics.priced import priced
-from calibench.bench.store.columns import Columns, floats, known, numbered, plain, true
-from calibench.bench.store.lists import lists_of
-from calibench.bench.store.options import parts, typed
+from calibench.bench.store.arrays import lists_of
+from calibench.bench.store.columns import Columns, floats, known, numbered, parts, plain, true, typed
 from calibench.core.registry import NotImported, names_of_files
 
 if TYPE_CHECKING:
@@ -296,7 +304,7 @@ def names_of_methods(methods: Iterable[tuple[str, str]]) -> list[str]:
     """Return what each method (optimiser, options) is called: the optimiser, and of its variants what sets them apart.
 
     A variant is named by its options that are not the declared default, the first of them if that is enough; a preset
-    of two options or more by its own name (`bench.statistics.names.presets`).
+    of two options or more by its own name (`bench.statistics.summary`).
     """
     asked = list(methods)
     pairs = list(dict.fromkeys(asked))
@@ -404,3 +412,52 @@ def goal_hits(runs: Columns) -> Array:
     found[rows] = hits.flat[hits.begins[rows] + place]
     found[[status == "failed" for status in plain(runs["status"])]] = np.nan
     return found
+
+
+def endings(table: pd.DataFrame) -> pd.Series:
+    """Return of each row's method "restarts", "stops", or "" where it spends the budget or is not known here."""
+    import pandas as pd
+
+    kinds = [_ending(*key) for key in zip(*(table[column] for column in METHOD), strict=True)]
+    return pd.Series(kinds, index=table.index, dtype=str)
+
+
+@cache
+def _ending(optimizer: str, options: str) -> str:
+    said = json.loads(options)
+    if said.get("restarts"):
+        return "restarts"
+    if optimizer not in optimizers.registry:
+        return ""
+    chosen = given_options(optimizers.registry, optimizer, said)
+    try:
+        return "stops" if optimizers.make(optimizer, **chosen).traits.self_terminating else ""
+    except (ValueError, AttributeError):  # options of another version, or a class without traits
+        return ""
+
+
+CONF = Path(conf.__file__).resolve().parent
+
+
+@cache
+def preset_names() -> dict[tuple[str, str], str]:
+    """Return (optimiser, its options as canonical JSON) -> the preset that has just these options."""
+    found: dict[tuple[str, str], str] = {}
+    for path in sorted((CONF / "optimizer").glob("*.yaml")):
+        name, options = _resolved(path.stem)
+        if name in optimizers.registry:
+            found.setdefault((name, canonical(options_of(optimizers.make(name, **options)))), path.stem)
+    return found
+
+
+def _resolved(preset: str) -> tuple[str, dict[str, Any]]:
+    """Return the registered name at the end of a preset's `defaults`, and the options on the way."""
+    from omegaconf import OmegaConf
+
+    path = CONF / "optimizer" / f"{preset}.yaml"
+    if not path.is_file():
+        return preset, {}
+    said: Any = OmegaConf.to_container(OmegaConf.load(path))
+    base = next((entry for entry in said.pop("defaults", []) if entry != "_self_"), said.pop("name", preset))
+    name, options = _resolved(str(base))
+    return name, options | said

@@ -13,9 +13,8 @@ import pandas as pd
 
 from calibench import problems
 from calibench.bench.provenance.run_id import given_options
-from calibench.bench.statistics.by_cell import by_cell
-from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM
-from calibench.bench.statistics.comparison import ranking
+from calibench.bench.statistics import ranking
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, by_cell
 from calibench.bench.statistics.summary import QUARTILES, quantiles, summary
 from calibench.bench.store.columns import floats
 from calibench.core.registry import NotImported, names_of_files
@@ -136,7 +135,7 @@ def overview(
 ) -> pd.DataFrame:
     """Return a field of methods, best first: a row for each cell (`bench.statistics.cells`), a method's together.
 
-    Columns: of the method over all tasks (`bench.statistics.comparison.ranking`) rank, solved, mean_place, tasks,
+    Columns: of the method over all tasks (`bench.statistics.ranking`) rank, solved, mean_place, tasks,
     of_tasks; of the cell optimizer, options, problem, error, problem_options, data_id, dimension, start, budget,
     target, goal, place (within the task, ties share their mean), runs, failed, timeouts, reached, success,
     charged_to_target (median over those that reached it), best_median, parameter_error_mm (aligned, median), cpu_s

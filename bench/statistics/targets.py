@@ -32,10 +32,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibench.bench.execution.merit import PREFIX, offered
-from calibench.bench.statistics.answers import answers, judged
-from calibench.bench.statistics.by_cell import by_cell
-from calibench.bench.statistics.cells import METHOD, PROBLEM
+from calibench.bench.execution.answer import PREFIX, offered
+from calibench.bench.statistics.cells import METHOD, PROBLEM, answers, by_cell, judged
 from calibench.bench.statistics.summary import SAME, goals_of, lowest_below
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.columns import floats
@@ -43,7 +41,7 @@ from calibench.bench.store.hits import columns_for, declared_levels
 from calibench.bench.store.runs import ResultStore
 from calibench.core.options import suggest
 from calibench.problems.base import extra_of
-from calibench.problems.suites.gaps import COCO_GAPS
+from calibench.problems.suites.black_box import COCO_GAPS
 
 EPS = float(np.finfo(float).eps)
 _SHARE = 0.5  # of the runs of some method, that come to the floor

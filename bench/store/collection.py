@@ -39,11 +39,10 @@ from calibench.bench.store.arrays import (
     sort_indices,
     take,
 )
-from calibench.bench.store.files.atomic_file import temporary_name, write_whole
-from calibench.bench.store.files.journal import Record
-from calibench.bench.store.files.seal import sealed_writer
+from calibench.bench.store.atomic_file import temporary_name, write_whole
+from calibench.bench.store.journal import Record
 from calibench.bench.store.schema import PART_SCHEMA, POINT, RUNS_SCHEMA, TRACE, TRACES_SCHEMA, with_all
-from calibench.bench.store.tables import ORDER, RUNS, TRACES, Tables, metadata
+from calibench.bench.store.tables import ORDER, RUNS, TRACES, Tables, metadata, sealed_writer
 
 Index = NDArray[np.int64]
 _CHUNK = 4_000  # runs that are merged at a time

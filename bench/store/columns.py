@@ -1,18 +1,26 @@
 """Columns of finished runs, read in one way whether pandas, Arrow or a list holds them.
 
 So what is computed of them is written once, and a small sweep that is only told on a terminal does not load pandas.
+
+Swept options as columns: ``opt.population``, ``prob.n``, those alone that differ within the study.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any, Protocol
+import json
+import re
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
 from calibench.bench.store.arrays import cast, dictionary_encode, numbers
+from calibench.core.options import CLASS
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -80,3 +88,81 @@ def numbered(columns: Iterable[Any]) -> Counts:
     seen: dict[tuple[Any, ...], int] = {}
     rows = zip(*map(plain, columns), strict=True)
     return np.array([seen.setdefault(row, len(seen)) for row in rows], dtype=np.int64)
+
+
+_KINDS = (("prob.", "problem", "problem_options"), ("opt.", "optimizer", "optimizer_options"))
+PREFIXES = tuple(prefix for prefix, _, _ in _KINDS)  # of the columns
+OF_OPTIONS = tuple(column for _, name, options in _KINDS for column in (name, options))
+
+
+# a member of an enumeration, as rows write it; its class has a capital letter, which data:run.csv has not
+_MEMBER = re.compile(r"[A-Za-z_][\w.]*:(?:[A-Za-z_]\w*\.)*_*[A-Z]\w*\.([A-Za-z_]\w*)")
+
+
+def typed(value: Any) -> Any:
+    """Return a value of a row's options as one types it: of a member of an enumeration its name."""
+    found = _MEMBER.fullmatch(value) if isinstance(value, str) else None
+    return found[1] if found else value
+
+
+def parts(options: Mapping[str, Any], classes: bool = True) -> dict[str, Any]:
+    """Return options with the fields of an object as options of their own, and its class where `classes`.
+
+    >>> parts({"noise": {"class": "rig:Noise", "sigma": 0.1}}, classes=False)
+    {'noise.sigma': 0.1}
+    """
+    found: dict[str, Any] = {}
+    for key, value in options.items():
+        if isinstance(value, Mapping) and CLASS in value:
+            inside = parts(value, classes)
+            found |= {f"{key}.{name}": part for name, part in inside.items() if classes or name != CLASS}
+        else:
+            found[key] = value
+    return found
+
+
+def with_options(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return `runs` with a column for each option of which some problem or optimiser has several values here.
+
+    An option inside another is ``prob.noise.sigma``; a member of an enumeration is told by its name.
+
+    Numbers are a column of floats (of integers, where none is missing), flags of nullable booleans, all else text;
+    missing where the problem or optimiser has no such option, or null. A mixture of kinds is text, as JSON.
+    """
+    import pandas as pd
+
+    columns = {}
+    for prefix, name, options in _KINDS:
+        pairs = runs[[name, options]].drop_duplicates()
+        read = {text: parts(json.loads(text)) for text in pairs[options]}
+        seen: dict[str, dict[str, set[str]]] = {}
+        for owner, text in pairs.itertuples(index=False):
+            for key, value in read[text].items():
+                seen.setdefault(key, {}).setdefault(owner, set()).add(json.dumps(value, sort_keys=True))
+        for key in sorted(key for key, owners in seen.items() if any(len(values) > 1 for values in owners.values())):
+            names = {member: typed(member) for text in read for member in [read[text].get(key)] if _is_text(member)}
+            apart = len({*names.values()}) == len(names)  # no two members of one name
+            values = [read[text].get(key) for text in runs[options]]
+            told = [names[value] if apart and _is_text(value) else value for value in values]
+            columns[prefix + key] = _column(told, runs.index)
+    return pd.concat([runs, pd.DataFrame(columns, index=runs.index)], axis=1) if columns else runs
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _column(values: list[Any], index: pd.Index) -> pd.Series:
+    import pandas as pd
+
+    known = [value for value in values if value is not None]
+    if all(isinstance(value, bool) for value in known):
+        return pd.Series(values, index, dtype="boolean")
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in known):
+        whole = len(known) == len(values) and all(isinstance(value, int) for value in known)
+        return pd.Series(
+            [float("nan") if v is None else v for v in values], index, dtype="int64" if whole else "float64"
+        )
+    if not all(isinstance(value, str) for value in known):
+        values = [None if v is None else json.dumps(v, sort_keys=True, ensure_ascii=False) for v in values]
+    return pd.Series(values, index, dtype="str")

@@ -1,7 +1,7 @@
 """The first damage of a study's tables: what no run can have, with its row and column.
 
 A run is known by many columns that must agree. They are looked through column by column where a table is not as its
-store wrote it (`bench.store.files.seal`), so that who has edited it learns where; and in tables of earlier versions,
+store wrote it (`bench.store.tables`), so that who has edited it learns where; and in tables of earlier versions,
 which have no seal.
 """
 
@@ -18,11 +18,11 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from calibench import optimizers, problems
-from calibench.bench.gate.stop_reason import STOP_REASONS
-from calibench.bench.provenance.run_id import chosen_options, digest, run_id
-from calibench.bench.store.arrays import cast, dictionary_encode, index_in, kept, list_value_length, numbers
-from calibench.bench.store.lists import lists_of
+from calibench.bench.gate.endings import STOP_REASONS
+from calibench.bench.provenance.run_id import chosen_options, run_id
+from calibench.bench.store.arrays import cast, dictionary_encode, index_in, kept, list_value_length, lists_of, numbers
 from calibench.core.registry import Registry
+from calibench.core.seeds import digest
 
 Flags = NDArray[np.bool_]
 Found = tuple[str, Flags, str]  # a column, the rows that are wrong there, and the rule

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
-from calibench.bench.store.files.atomic_file import write_whole
-from calibench.core.nested_text import json_of
+from calibench.bench.store.atomic_file import write_whole
 from calibench.core.options import suggest
+from calibench.core.plain import json_of
 
 KIND = "calibench study"
 DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.discovery.store` keeps

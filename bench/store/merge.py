@@ -20,7 +20,7 @@ from calibench.bench.store.manifest import StoreError, in_other_shards, write_ma
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import RUNS_SCHEMA
 from calibench.bench.store.tables import Tables
-from calibench.core.counted import counted
+from calibench.core.words import counted
 
 _CHUNK = 10_000  # runs at a time
 _OF_THE_PLACE = ("study", "wall_s", "cpu_s")

@@ -8,7 +8,7 @@ folder, and any of them may be killed at any moment. They keep to this:
 - **Creation**: whoever comes first makes the folder, takes the lock, and writes the manifest, whole. Nothing else of
   ours is there before it but what belongs to the lock: a folder without a manifest holds somebody else's files.
 - **The plan** is a union: each command adds its runs to the manifest under the lock, and takes none out.
-- **Journals** are appended to by their writer alone, without the lock (`bench.store.files.journal`).
+- **Journals** are appended to by their writer alone, without the lock (`bench.store.journal`).
 - **Collecting**, under the lock: claim all journals, also of writers that live; write the traces, then the rows; only
   then delete what was claimed, or set it aside where lines of it are damaged. A kill in between leaves claimed
   journals to the next who collects. A journal that appears meanwhile is kept for later. A run stands once, by its id.
@@ -18,52 +18,118 @@ folder, and any of them may be killed at any moment. They keep to this:
 - **Temporary files** that only who holds the lock writes are deleted by the next who holds it.
 
 No decision is made by a clock, by the age of a file, or by whether a process on another machine is alive.
+
+One process at a time rewrites the tables of a study: a lock file in its folder, on every system and file system.
+
+The lock is the system's own (`filelock.FileLock`), which ends with the process that holds it. On a file system that has
+none, such as some network drives, the lock is that a file exists (`filelock.SoftFileLock`). Beside it stands a note of
+who holds it, for those that wait.
 """
 
 from __future__ import annotations
 
+import errno
+import getpass
 import itertools
 import json
+import logging
 import os
+import platform
 import time
 import warnings
 from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
 import pyarrow as pa
+from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
-from calibench.bench.execution.merit import offered
+from calibench.bench.execution.answer import offered
 from calibench.bench.execution.run import Run
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.run_id import UNSEEN
 from calibench.bench.store.arrays import all_true, array_of, cast_table, empty_table, is_in, kept, not_equal, scalar_of
+from calibench.bench.store.atomic_file import remove_stale, write_whole
 from calibench.bench.store.collection import PIECE, collect_into, in_order, part_table, points_of
-from calibench.bench.store.files.atomic_file import remove_stale, write_whole
-from calibench.bench.store.files.journal import (
-    ENDING,
-    FOLDER,
-    Journal,
-    JournalReader,
-    Record,
-    State,
-    claim,
-    journals_in,
-)
-from calibench.bench.store.files.lock import HOLDER, LOCK, SOFT_LOCK, locked
-from calibench.bench.store.files.seal import sealed_writer
+from calibench.bench.store.columns import OF_OPTIONS, with_options
 from calibench.bench.store.hits import PROBLEM, columns_for, declared_levels, hit_tables
+from calibench.bench.store.journal import ENDING, FOLDER, Journal, JournalReader, Record, State, claim, journals_in
 from calibench.bench.store.manifest import StoreError, new_manifest, read_manifest, studies_in, write_manifest
-from calibench.bench.store.options import OF_OPTIONS, with_options
 from calibench.bench.store.schema import HITS_SCHEMA, PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
-from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, metadata, write_table
-from calibench.core.counted import counted
-from calibench.core.html_table import html_table
+from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, metadata, sealed_writer, write_table
+from calibench.core.words import counted, html_table
 
 if TYPE_CHECKING:
     import pandas as pd
+
+LOCK, SOFT_LOCK, HOLDER = ".lock", ".lock.soft", ".lock.holder"  # what stands in the folder of a study
+_SOON = 5.0  # seconds after which a wait is logged
+_AT_MOST = 600.0  # seconds; the tables of a hundred thousand runs are folded in less
+_NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.ENOLCK}  # what a file system without locks answers
+
+_log = logging.getLogger(__name__)
+
+
+class LockHeldError(ValueError):
+    """Another process holds the lock for longer than we wait."""
+
+
+@contextmanager
+def locked(folder: Path, soon: float = _SOON, at_most: float = _AT_MOST) -> Iterator[None]:
+    """Hold the lock of `folder`. A wait of `soon` seconds is logged; one of `at_most` raises `LockHeldError`."""
+    lock = _acquired(folder, soon, at_most)
+    holder = folder / HOLDER
+    try:
+        holder.write_text(_ourselves(), encoding="utf-8")
+        yield
+    finally:
+        holder.unlink(missing_ok=True)
+        lock.release()
+
+
+def _acquired(folder: Path, soon: float, at_most: float) -> BaseFileLock:
+    try:
+        return _wait(FileLock(folder / LOCK), folder, soon, at_most)
+    except NotImplementedError:  # what filelock makes of ENOSYS
+        pass
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+    return _wait(SoftFileLock(folder / SOFT_LOCK), folder, soon, at_most)
+
+
+def _wait(lock: BaseFileLock, folder: Path, soon: float, at_most: float) -> BaseFileLock:
+    first = min(soon, at_most)
+    try:
+        lock.acquire(timeout=first)
+    except Timeout:
+        _log.warning("%s: is held by %s; waiting", lock.lock_file, _holder(folder))
+        try:
+            lock.acquire(timeout=at_most - first)
+        except Timeout:
+            raise LockHeldError(
+                f"{lock.lock_file}: has been held by {_holder(folder)} for {at_most:g} s; ask there, or end that "
+                "process, then give the same command again: finished runs are kept"
+            ) from None
+    return lock
+
+
+def _ourselves() -> str:
+    try:
+        user = getpass.getuser()
+    except (KeyError, OSError):  # a container's user without a name
+        user = "unknown"
+    return f"process {os.getpid()} of {user} on {platform.node()}"
+
+
+def _holder(folder: Path) -> str:
+    try:
+        return (folder / HOLDER).read_text(encoding="utf-8") or "another process"
+    except OSError:
+        return "another process"
+
 
 _OK = scalar_of("ok", pa.string())
 _BEGUN = {FOLDER, LOCK, SOFT_LOCK, HOLDER}  # what may stand in a folder before its manifest
@@ -141,8 +207,8 @@ class ResultStore:
     def runs(self, columns: Sequence[str] | None = None, *, options: bool = False) -> pd.DataFrame:
         """Return all finished runs, a row each, collected or not.
 
-        Columns are those of `RUNS_SCHEMA` and ``merit.KEY`` (`bench.execution.merit`), or just the `columns` asked for.
-        With `options` also those that differ within the study, ``prob.NAME`` and ``opt.NAME`` (`bench.store.options`).
+        Columns are those of `RUNS_SCHEMA` and ``merit.KEY``, or just the `columns` asked for.
+        With `options` also those that differ within the study, ``prob.NAME`` and ``opt.NAME`` (`bench.store.columns`).
         """
         asked = None if columns is None else list(columns)
         read = [*asked, *(name for name in OF_OPTIONS if name not in asked)] if asked is not None and options else asked

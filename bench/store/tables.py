@@ -1,16 +1,25 @@
 """The two tables of a study, ``runs.parquet`` and ``traces.parquet``: read with care, written whole.
 
 Read is only what this store wrote for this study: our columns with their types, each run once, all of one study and of
-a version that is known, and as it was written, which its seal tells (`bench.store.files.seal`). Anything else is
+a version that is known, and as it was written, which its seal tells (`bench.store.tables`). Anything else is
 refused, named by row and column where a value is one that no run can have (`bench.store.damage`), and left alone. The
 tables are replaced one after the other; a kill in between leaves them unlike, which the mark that both hold tells.
+
+A sealed Parquet file: it ends with a digest of itself, so that an edit with whatever tool is noticed.
+
+The digest is of all bytes before the footer, and stands in the footer. So a table and its digest get their name in one
+rename: beside it, in a manifest say, a kill between the two would leave a table that nobody reads again. What rewrites
+a table keeps the metadata of its schema, which says that it is sealed, and leaves the digest out, or keeps it beside
+other bytes. It is a guard against accidents and careless edits, not against who forges it.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any, BinaryIO, final
 
@@ -21,8 +30,7 @@ from pyarrow.fs import LocalFileSystem
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.store.arrays import array_of, count_distinct, empty_table, unique
-from calibench.bench.store.files.atomic_file import write_whole
-from calibench.bench.store.files.seal import SEALED, is_whole, sealed_writer
+from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import READABLE, StoreError
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, is_ours, with_all
 from calibench.core.words import shortened
@@ -221,3 +229,61 @@ def _fits(found: pa.DataType, wanted: pa.DataType) -> bool:
     if pa.types.is_list(found) and pa.types.is_list(wanted):
         return _fits(found.value_type, wanted.value_type)
     return bool(found == wanted) or (pa.types.is_timestamp(found) and pa.types.is_timestamp(wanted))
+
+
+SEALED = "sealed"  # of the statements in the metadata of a schema: true in those of a sealed file
+_DIGEST = b"calibench_digest"
+_TAIL = 8  # bytes after the footer: its length, and Parquet's mark
+_READ = 1 << 20
+
+
+@contextmanager
+def sealed_writer(file: BinaryIO, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
+    """Yield a writer of the Parquet file that `file` becomes; it is sealed as the context ends."""
+    digested = _Digested(file)
+    with pq.ParquetWriter(digested, schema, compression="zstd") as writer:
+        yield writer
+        writer.add_key_value_metadata({_DIGEST.decode(): digested.digest.hexdigest()})
+
+
+def is_whole(path: Path) -> bool:
+    """Tell whether a file that says it is sealed is as it was written. Raises `OSError` and Arrow's exceptions."""
+    with open(path, "rb") as file:  # one file, though another gets its name meanwhile
+        told = (pq.read_metadata(file).metadata or {}).get(_DIGEST)
+        return told is not None and told == _digest_of(file).encode()
+
+
+def _digest_of(file: BinaryIO) -> str:
+    """Return the digest of a Parquet file's bytes before the footer."""
+    end = file.seek(-_TAIL, 2)
+    left = end - int.from_bytes(file.read(4), "little")
+    digest = blake2b(digest_size=16)
+    file.seek(0)
+    while left > 0 and (some := file.read(min(left, _READ))):
+        digest.update(some)
+        left -= len(some)
+    return digest.hexdigest()
+
+
+@final
+class _Digested:
+    """A file that is written through, with the digest of what was written; who opened it closes it."""
+
+    closed = False
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, self._written, self.digest = file, 0, blake2b(digest_size=16)
+
+    def write(self, data: bytes) -> int:
+        self.digest.update(data)
+        self._written += len(data)
+        return self._file.write(data)
+
+    def tell(self) -> int:
+        return self._written
+
+    def flush(self) -> None:
+        self._file.flush()
+
+    def close(self) -> None:
+        pass

@@ -14,11 +14,11 @@ from threading import Timer
 from typing import Any, final
 
 from calibench.bench.execution.costly import ReplayFolder, forget_finished, values_of
-from calibench.bench.execution.in_progress.running import at_work, remove_gone
+from calibench.bench.execution.in_progress import at_work, remove_gone
 from calibench.bench.execution.kernels import load_kernels
 from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Run, Spec
-from calibench.bench.gate.processes.forked_worker import CAN_FORK
+from calibench.bench.gate.processes import CAN_FORK
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
 from calibench.bench.sweep.execution import Execution, read_execution
@@ -27,7 +27,7 @@ from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
 from calibench.bench.workers.packs import How, Job, Packs
 from calibench.bench.workers.printed import files_in
 from calibench.bench.workers.worker import Notice, do_pack
-from calibench.core.counted import counted
+from calibench.core.words import counted
 
 _SILENCE = 2.0  # seconds
 _COMPILING = "compiling what these runs need; it is kept, so that the next sweep begins at once"

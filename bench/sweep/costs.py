@@ -19,10 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench import problems
-from calibench.bench.execution.request.pair import foreign_modules
+from calibench.bench.execution.request import foreign_modules
 from calibench.bench.execution.stochastic import is_stochastic, seeded
-from calibench.bench.gate.processes.child_messages import Receiver, Sender
-from calibench.bench.gate.processes.forked_worker import CAN_FORK, forked
+from calibench.bench.gate.processes import CAN_FORK, Receiver, Sender, forked
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, name_of, options_of
 from calibench.bench.statistics.cells import PROBLEM

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, final
 
-from calibench.bench.sweep.words.values import RequestError, read_inner, read_workers
+from calibench.bench.sweep.words import RequestError, read_inner, read_workers
 from calibench.core.options import suggest
 
 _OPTIONS = {

@@ -14,7 +14,7 @@ from calibench.bench.sweep.progress import progress as shown_progress
 from calibench.bench.sweep.remarks import ONE_RUN, remarks_on_rows
 from calibench.bench.sweep.request import read_request
 from calibench.bench.sweep.stale import Way
-from calibench.bench.sweep.words.values import RequestError
+from calibench.bench.sweep.words import RequestError
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from calibench.bench.execution.request.own_problem import minimum_of
+from calibench.bench.execution.request import minimum_of
 from calibench.bench.store.columns import Columns, plain
-from calibench.core.counted import counted, listed
+from calibench.core.words import counted, listed
 
 ONE_RUN = "1 run: a deterministic method gives one answer from one start, whatever the seed"
 _REASONS = 3  # methods of one remark that are named

@@ -14,8 +14,8 @@ from typing import Any, Literal, final
 from calibench.bench.provenance.code_digest import changed_parts
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import Request
-from calibench.bench.sweep.words.values import RequestError
-from calibench.core.counted import counted
+from calibench.bench.sweep.words import RequestError
+from calibench.core.words import counted
 
 Way = Literal["ask", "rerun", "keep"]  # what to do with rows of other code: stop and say so, replace, or leave
 

@@ -10,10 +10,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-from calibench.bench.sweep.words.composition import CONF
-from calibench.bench.sweep.words.hydra_overrides import quoted_text
-from calibench.bench.sweep.words.values import RequestError
-from calibench.core.nested_text import LARGEST_YAML, check_yaml
+from calibench.bench.sweep.composition import CONF, quoted_text
+from calibench.bench.sweep.words import RequestError
+from calibench.core.plain import LARGEST_YAML, check_yaml
 from calibench.core.tables.data_file import read_whole, text_of
 
 

@@ -1,6 +1,6 @@
 """A child process that does what it is sent: started by a fork with a pipe, watched, and ended with its family.
 
-It is the head of a family (`bench.gate.processes.process_group`) that ends with it, and with us. Whoever has such
+It is the head of a family (`bench.gate.processes`) that ends with it, and with us. Whoever has such
 children knows what is sent and told; this knows how one of them comes and goes. Where a system cannot fork it is
 started anew.
 """
@@ -19,8 +19,7 @@ from multiprocessing.process import BaseProcess
 from time import monotonic
 from typing import Any, final
 
-from calibench.bench.gate.processes.forked_worker import CAN_FORK
-from calibench.bench.gate.processes.process_group import become_worker, end_family, exit_of
+from calibench.bench.gate.processes import CAN_FORK, become_worker, end_family, exit_of
 from calibench.core.user_file import as_usual, safe_children
 
 _PHASES = 5  # that have the time limit each: building, compiling, search; and of a run cut there building and judging

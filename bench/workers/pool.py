@@ -1,7 +1,7 @@
 """Processes of this machine, each with a journal of its own. One that dies costs the run it was at; another takes over.
 
 They are forked after the kernels were loaded, so that a new one is there at once; where a system cannot fork they are
-started anew. Each is the head of a family (`bench.gate.processes.process_group`) that ends with it, and with us.
+started anew. Each is the head of a family (`bench.gate.processes`) that ends with it, and with us.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ from pathlib import Path
 from time import monotonic
 from typing import final
 
-from calibench.bench.execution.in_progress.progress import publishing
-from calibench.bench.execution.in_progress.running import remove_gone, to_files, was_silent
+from calibench.bench.execution.in_progress import publishing, remove_gone, to_files, was_silent
 from calibench.bench.execution.run import Run
-from calibench.bench.gate.processes.process_group import prepare
-from calibench.bench.store.files.journal import Journal, kept_by, writer_name
+from calibench.bench.gate.processes import prepare
+from calibench.bench.store.journal import Journal, kept_by, writer_name
 from calibench.bench.workers.child import Child, too_late
 from calibench.bench.workers.packs import Job, Pack, Packs
 from calibench.bench.workers.printed import Printed, file_of, forget_empty

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import final
 
 from calibench.bench.execution.run_row import RunRow
-from calibench.bench.gate.processes.forked_worker import flush_output
-from calibench.bench.store.files.atomic_file import open_within
+from calibench.bench.gate.processes import flush_output
+from calibench.bench.store.atomic_file import open_within
 
 _FOLDER = "printed"
 _MOST = 16 * 1024 * 1024  # bytes a worker keeps: after the run that goes beyond, nothing more is

@@ -16,9 +16,9 @@ import pyarrow.parquet as pq
 
 from calibench import optimizers
 from calibench.bench.statistics.cells import METHOD, PROBLEM
-from calibench.bench.statistics.endings import endings
+from calibench.bench.statistics.summary import endings
 from calibench.bench.statistics.tables import problem_of
-from calibench.optimizers.scipy.settings import SETTINGS
+from calibench.optimizers.scipy import SETTINGS
 
 STORED = Path("results/reference/calibration24/answer.parquet")
 KNOWS = ("residuals", "gradient", "values")

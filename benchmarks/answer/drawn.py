@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from calibench import problems
-from calibench.bench.report.shared.markdown import table
+from calibench.bench.report.shared.page import table
 
 FAMILIES = ("sensor_zero", "link_length", "full11", "full12", "tracking_zero", "orthoglide6")
 _HEAD = ("family", "parameters", "directions seen", "poses or readings", "kinds of plan", "without noise", "condition",

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.answer.standing import curves, leading, named, ranked
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE
-from calibench.bench.report.study.critical_difference import critical_difference
+from calibench.bench.report.study.figures import critical_difference
 
 PICTURE, RANKS = Path("docs/images/answer.png"), Path("docs/images/answer_ranks.png")
 DRAWN, RANKED = 2, 4  # methods of each kind in the pictures

@@ -8,8 +8,8 @@ import pandas as pd
 from benchmarks.answer.compact import BLOCK, KNOWS
 from benchmarks.answer.standing import ert_bounds, leading, ranked, standing, winners
 from calibench import optimizers
-from calibench.bench.report.shared.markdown import bullets, table, text
-from calibench.bench.statistics.comparison.many_methods import Ranked
+from calibench.bench.report.shared.page import bullets, table, text
+from calibench.bench.statistics.ranking import Ranked
 
 _LISTED = 5  # methods of each kind in the tables
 _MOSTLY = 0.5  # of a family's answers in the box: a family below is named

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.answer.compact import BLOCK, KNOWS
-from calibench.bench.statistics.comparison.many_methods import Blocks, Ranked, friedman
-from calibench.bench.statistics.fixed_target.ert_interval import ert_interval
+from calibench.bench.statistics.fixed_target import ert_interval
+from calibench.bench.statistics.ranking import Blocks, Ranked, friedman
 from calibench.bench.statistics.summary import success_interval
 from calibench.core.seeds import digest
 

@@ -17,7 +17,7 @@ from benchmarks.arms.series import series
 from benchmarks.arms.within import Within, within
 from calibench.bench.calibration.judged import rms
 from calibench.discrepancy import MeasuredData, Report
-from calibench.discrepancy.fitting.projection import orthonormal
+from calibench.discrepancy.fitting.fit import orthonormal
 
 _FULL = 1e-10  # of the largest singular value: a direction below it is rounding
 SEEN = 0.2  # part of a name's signature: stated before seeds 100 to 119 were drawn

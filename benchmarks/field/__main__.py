@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 
 from calibench.bench import ResultStore
-from calibench.bench.report.shared.markdown import table, text
+from calibench.bench.report.shared.page import table, text
 from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics.endings import endings
+from calibench.bench.statistics.summary import endings
 
 _NOT_RUN = "–"
 _CUT = "†"

@@ -22,7 +22,7 @@ from calibench.discrepancy import explain
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import PLACE, Fit, linearise, readings_of
 from calibench.discrepancy.model.effect import Effect, name_of
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.report import Report
 from calibench.problems.base import Array

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.provenance.run_id import seed_sequence
+from calibench.core.seeds import seed_sequence
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ import pandas as pd
 
 from benchmarks.populations.sizes import cases
 from calibench import bench, optimizers
-from calibench.bench.report.shared.markdown import table
+from calibench.bench.report.shared.page import table
 
 BEFORE: Mapping[str, Mapping[str, int]] = {
     "de": {"population": 150}, "sade": {"population": 150}, "de1220": {"population": 150},

@@ -19,7 +19,7 @@ import pandas as pd
 
 from benchmarks.populations.functions import FUNCTIONS, Foreign
 from calibench import bench, optimizers, problems
-from calibench.bench.report.shared.markdown import table
+from calibench.bench.report.shared.page import table
 
 BUDGETS = (1000, 5000, 20000)
 DIMENSIONS = (2, 5, 10, 20)

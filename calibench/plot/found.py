@@ -13,8 +13,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from calibench.bench.calibration.report.page.figures import draw_joints, joints_size
-from calibench.bench.discovery.page.figures import draw_gap, draw_residuals, gap_of, means_of
-from calibench.bench.discovery.page.series import Residuals, series_of
+from calibench.bench.discovery.page.figures import Residuals, draw_gap, draw_residuals, gap_of, means_of, series_of
 from calibench.bench.discovery.page.words import compared, floor_holds_the_gap, noise_words
 from calibench.bench.report.shared.drawing import axes_in, explain_lines, figure_of
 from calibench.core.options import suggest

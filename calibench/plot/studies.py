@@ -7,13 +7,13 @@ from matplotlib.axes import Axes
 
 from calibench.bench.report.from_python import Source, choice_of, read_source
 from calibench.bench.report.shared.drawing import axes_in, entitle, explain_lines, figure_of, put_legend
-from calibench.bench.report.study import figures, runtime_figure
-from calibench.bench.report.study.critical_difference import draw_ranks, ranks_of, ranks_size
-from calibench.bench.statistics.comparison.many_methods import blocks_of, friedman
-from calibench.bench.statistics.names.labels import method_labels, problem_titles
-from calibench.bench.statistics.names.order import looks_of
+from calibench.bench.report.study import figures
+from calibench.bench.report.study import figures as runtime_figure
+from calibench.bench.report.study.figures import draw_ranks, ranks_of, ranks_size
+from calibench.bench.statistics.names import method_labels, problem_titles
 from calibench.bench.statistics.optimum import optimum_of
-from calibench.core.counted import counted
+from calibench.bench.statistics.ranking import blocks_of, friedman, looks_of
+from calibench.core.words import counted
 from calibench.plot.numbers import with_data
 
 
@@ -52,7 +52,7 @@ def convergence(
 
 
 def _ecdf(source: Source, *, problem: str | None = None, traces: pd.DataFrame | None = None) -> pd.DataFrame:
-    """Return the runtime ECDF: the columns of `bench.statistics.runtime.ecdf`, and method."""
+    """Return the runtime ECDF: the columns of `bench.statistics.fixed_target.ecdf`, and method."""
     found = read_source(source, problem, traces)
     return runtime_figure.ecdf_of(found.runs, found.hits())
 

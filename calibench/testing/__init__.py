@@ -18,8 +18,15 @@ whose first argument is what is checked. The project holds all that it ships to 
 from __future__ import annotations
 
 from calibench.core.lazy import public_names
-from calibench.testing.effect import EFFECT_LAWS, FAMILY_LAWS, check_effect, effect_checks
-from calibench.testing.machine import MACHINE_LAWS, check_machine, machine_checks
+from calibench.testing.machine import (
+    EFFECT_LAWS,
+    FAMILY_LAWS,
+    MACHINE_LAWS,
+    check_effect,
+    check_machine,
+    effect_checks,
+    machine_checks,
+)
 from calibench.testing.optimizer import OPTIMIZER_LAWS, check_optimizer, optimizer_checks
 from calibench.testing.problem import PROBLEM_LAWS, check_problem, problem_checks
 

@@ -10,9 +10,7 @@ from time import perf_counter
 from traceback import extract_tb
 from typing import Any
 
-from calibench.bench.gate.processes.child_messages import Sender
-from calibench.bench.gate.processes.forked_worker import CAN_FORK, forked
-from calibench.bench.gate.processes.process_group import exit_of
+from calibench.bench.gate.processes import CAN_FORK, Sender, exit_of, forked
 
 TIME_LIMIT = 60.0  # seconds for all laws of an object
 MOST_NUMBERS = 1_000_000  # of all points of a law together: 8 MB, of which some ten copies are made

@@ -1,14 +1,23 @@
-"""The laws of a machine: its columns and sensors, its constraints and their slopes, what its readings determine."""
+"""The laws of a machine: its columns and sensors, its constraints and their slopes, what its readings determine.
+
+The laws of an effect: the identity at zero, rows by themselves, slopes, names, units, columns that are there.
+
+An effect acts on a machine, so it is checked on one: ``check_effect(sag, Arm(), data)``, where `sag` is one `Effect` or
+a whole `EffectFamily`, of which every candidate that the data can test is checked.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from calibench.discrepancy.checks.machine import refuse_no_machine
+from calibench.discrepancy.checks.validate import refuse_no_machine
 from calibench.discrepancy.checks.wild import formulated, refuse_wild
+from calibench.discrepancy.model.effect import Effect, EffectFamily, name_of
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Machine, Quantities
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
-from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.measured import DataError, MeasuredData
+from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.registries import description_of
 from calibench.problems.base import Array
 from calibench.testing._law import TIME_LIMIT, Checks, checks_of, keep_all, require
@@ -211,3 +220,197 @@ def _at_start(machine: Machine, data: MeasuredData) -> tuple[Formulation, Quanti
     formulation = machine.formulate(data)
     model = Model(formulation)
     return formulation, model.quantities(model.start + 1e-3)[0]
+
+
+_DIFFERENCE = 1e-5
+_SAME = 1e-9  # of a change: sums of fewer numbers round otherwise
+
+
+def check_effect(
+    effect: Effect | EffectFamily, machine: Machine, data: MeasuredData, *, time_limit: float = TIME_LIMIT
+) -> None:
+    """Raise `AssertionError`, one line, for the first law that `effect` breaks on readings `data` of `machine`.
+
+    It has `time_limit` seconds for all of them, and a gigabyte: what takes longer or more breaks the law that is tried.
+    """
+    keep_all(lambda: effect_checks(effect, machine, data), time_limit)
+
+
+def effect_checks(effect: Effect | EffectFamily, machine: Machine, data: MeasuredData) -> Checks:
+    """Return (name, check) for every law, of a family for every law of every candidate of another name."""
+    formulation = machine.formulate(data)
+    if not isinstance(effect, EffectFamily):
+        return checks_of(EFFECT_LAWS, effect, formulation)
+    checks = checks_of(FAMILY_LAWS, effect, machine, data)
+    try:
+        candidates = effect.candidates(formulation).candidates
+    except Exception:  # a law of families says so
+        return checks
+    for name, each in {name_of(candidate): candidate for candidate in candidates}.items():
+        checks += [(f"{law} ({name})", check) for law, check in checks_of(EFFECT_LAWS, each, formulation)]
+    return checks
+
+
+def it_is_named_and_has_units(effect: Effect, formulation: Formulation) -> None:
+    """Family, target, formula and unit are text; every coefficient has a name of its own and a unit."""
+    for key in ("family", "target", "formula", "unit"):
+        said = getattr(effect, key, None)
+        require(isinstance(said, str) and (said or key == "unit"), f"an effect states its {key}", repr(said), "say it")
+    names, units = effect.coefficients, effect.units
+    once = len(names) > 0 and len(set(names)) == len(names) == len(units)
+    require(once, f"{name_of(effect)}: every coefficient has its unit", f"{names} and {units}", "list as many units")
+    zero = effect.amplitude(np.zeros(len(names)))
+    require(zero == 0, f"{name_of(effect)}: the amplitude of zero is zero", zero, "return a length or a coefficient")
+
+
+def its_columns_are_in_the_data(effect: Effect, formulation: Formulation) -> None:
+    """A candidate needs only columns that are there: what the data cannot test is `NotTestable`."""
+    missing = [column for column in effect.columns if column not in formulation.data and not _is_stated(column)]
+    require(not missing, f"{name_of(effect)}: its columns are there", f"no {missing}", "call needs(data, *columns)")
+
+
+def it_changes_quantities_of_the_machine(effect: Effect, formulation: Formulation) -> None:
+    """`shift` returns (n,) and `basis` (n, k), finite, for quantities that the machine has."""
+    q, data, k = _quantities(formulation), formulation.data, len(effect.coefficients)
+    for what, shape in ((effect.shift, (len(data),)), (effect.basis, (len(data), k))):
+        for name, value in what(q, data, 0.1 * np.ones(k)).items():
+            remedy = f"the machine has {', '.join(q)}"
+            require(name in q, f"{name_of(effect)}: it changes quantities of the machine", name, remedy)
+            right = np.shape(value) == shape and np.isfinite(value).all()
+            require(
+                right, f"{name_of(effect)}: {name} changes by {shape}", np.shape(value), "a finite number a reading"
+            )
+
+
+def zero_changes_nothing(effect: Effect, formulation: Formulation) -> None:
+    """At zero coefficients every change is exactly zero, and the model with the effect is the machine's own."""
+    q, data = _quantities(formulation), formulation.data
+    change = effect.shift(q, data, np.zeros(len(effect.coefficients)))
+    require(change, f"{name_of(effect)}: it changes a quantity", "nothing", "return quantity -> (n,)")
+    moved = [name for name, value in change.items() if np.any(value)]
+    require(not moved, f"{name_of(effect)}: zero changes nothing", f"a change of {moved}", "multiply by coefficients")
+    plain, more = Model(formulation), Model(formulation).with_effects(effect)
+    same = np.array_equal(plain.residuals(plain.start), more.residuals(more.start))
+    require(same, f"{name_of(effect)}: zero changes nothing", "other residuals", "change no state")
+
+
+def a_row_changes_by_what_stands_in_it(effect: Effect, formulation: Formulation) -> None:
+    """A reading changes by the same beside few other rows as beside all: held-out rows are told without the others."""
+    q, data, rng = _quantities(formulation), formulation.data, np.random.default_rng(4)
+    c = 0.1 * rng.normal(size=len(effect.coefficients))
+    whole = effect.shift(q, data, c)
+    for few in (min(2, len(data)), (len(data) + 1) // 2):
+        some = np.zeros(len(data), dtype=bool)
+        some[rng.choice(len(data), few, replace=False)] = True
+        part = effect.shift({name: value[some] if np.ndim(value) else value for name, value in q.items()},
+                            data.rows(some), c)  # fmt: skip
+        for name, value in whole.items():
+            size, there = float(np.abs(value).max()), np.asarray(part[name])
+            gap = float(np.abs(value[some] - there).max()) if there.shape == (few,) else np.inf
+            require(
+                gap <= _SAME * size, f"{name_of(effect)}: a row changes by what stands in it",
+                f"a gap of {gap:.2g} beside {size:.2g} in {name} where {few} of {len(data)} rows are given",
+                "take a mean, an extreme or an order of all rows in build(formulation, target), once, as a number",
+            )  # fmt: skip
+
+
+def basis_is_the_derivative_of_shift(effect: Effect, formulation: Formulation) -> None:
+    """`basis` is the derivative of `shift` in the coefficients, at zero and elsewhere."""
+    q, data, k = _quantities(formulation), formulation.data, len(effect.coefficients)
+    for c in (np.zeros(k), 0.1 * np.random.default_rng(2).normal(size=k)):
+        basis = effect.basis(q, data, c)
+        for j in range(k):
+            step = _DIFFERENCE * np.eye(k)[j]
+            up, down = effect.shift(q, data, c + step), effect.shift(q, data, c - step)
+            require(
+                set(up) == set(basis), f"{name_of(effect)}: shift and basis change the same",
+                f"{sorted(up)} and {sorted(basis)}", "return both for the same quantities",
+            )  # fmt: skip
+            for name, column in basis.items():
+                gap = np.abs(column[:, j] - (up[name] - down[name]) / (2 * _DIFFERENCE)).max()
+                require(
+                    gap <= 1e-7 * max(1.0, float(np.abs(column).max())),
+                    f"{name_of(effect)}: basis is the derivative of shift",
+                    f"a gap of {gap:.2g} in {name}, coefficient {effect.coefficients[j]}", "derive it again",
+                )  # fmt: skip
+
+
+def signature_is_the_derivative_of_the_residuals(effect: Effect, formulation: Formulation) -> None:
+    """What the model takes for the trace of a coefficient is the difference that it makes in the residuals."""
+    model = Model(formulation).with_effects(effect)
+    x, own, k = model.start, len(formulation.parameters), len(effect.coefficients)
+    q, slopes = _quantities(formulation), formulation.slopes(_quantities(formulation))
+    trace = signature(effect, np.zeros(k), q, slopes, formulation)
+    rounding = 1e-12 * max(float(np.abs(slope).max()) for slope in slopes.values())
+    for j in range(k):
+        basis = effect.basis(q, formulation.data, np.zeros(k))
+        whole = max(float(np.abs(slopes[name] * part[:, [j]]).max()) for name, part in basis.items())
+        size = min(1.0, 1e-4 / max(whole, 1e-300))  # of the coefficient: the residuals change by 1e-4 of their unit
+        step = size * np.eye(model.size)[own + j]
+        slope = (model.residuals(x + step) - model.residuals(x - step)) / (2 * size)
+        gap = float(np.abs(trace[:, :, j] - slope).max())
+        require(
+            gap <= 1e-5 * whole + rounding, f"{name_of(effect)}: its signature is the derivative of the residuals",
+            f"a gap of {gap:.2g} beside {whole:.2g} in {effect.coefficients[j]}",
+            "let basis be what one unit of the coefficient adds to the quantity",
+        )  # fmt: skip
+
+
+def the_family_is_named(family: EffectFamily, machine: Machine, data: MeasuredData) -> None:
+    """A family states its name, machine, cause, formula and targets; its candidates bear its name and targets."""
+    for key in ("name", "machine", "cause", "formula"):
+        said = getattr(family, key)
+        require(isinstance(said, str) and said, f"a family states its {key}", repr(said), "say it")
+    require(family.targets, f"{family.name}: it has targets", "none", "list them, such as ('joint 1',)")
+    formulation = machine.formulate(data)
+    targets = family.names_in(formulation)
+    found = family.candidates(formulation)
+    wrong = [name_of(e) for e in found.candidates if e.family != family.name or e.target not in targets]
+    require(not wrong, f"{family.name}: candidates bear its name and targets", wrong, "take both from the family")
+
+
+def the_data_can_test_some_of_it(family: EffectFamily, machine: Machine, data: MeasuredData) -> None:
+    """There is something to check: the family has a candidate in these data (one of noise has none in any)."""
+    found = family.candidates(machine.formulate(data))
+    reasons = "; ".join(f"{gap.target}: {gap.reason}" for gap in found.untestable)
+    some = found.candidates or found.alternatives or family.channel == "noise"
+    require(some, f"{family.name}: the data can test some of it", reasons or "no candidate", "check it on other data")
+
+
+def a_missing_column_makes_it_not_testable(family: EffectFamily, machine: Machine, data: MeasuredData) -> None:
+    """Without a column that its candidates need, a family has none that needs it; one that it then lacks says why."""
+    columns = {column for effect in family.candidates(machine.formulate(data)).candidates for column in effect.columns}
+    for column in sorted(columns & set(data.columns)):
+        rest = {key: values for key, values in data.columns.items() if key != column}
+        law, remedy = f"{family.name}: without {column} it is not testable", "call needs(data, *columns) in build"
+        try:
+            less = machine.formulate(MeasuredData(rest, data.machine, data.metadata, data.name))
+        except DataError:
+            continue  # no machine without it
+        try:
+            found = family.candidates(less)
+        except Exception as error:
+            raise AssertionError(f"{law}; found {type(error).__name__}: {error}; {remedy}") from error
+        left = [name_of(e) for e in found.candidates if column in e.columns and column not in less.data]
+        require(not left, law, f"candidates {left}", remedy)
+        told = found.candidates or any(column in gap.reason for gap in found.untestable)
+        require(told, law, "no reason that names it", remedy)
+
+
+EFFECT_LAWS = (
+    it_is_named_and_has_units, its_columns_are_in_the_data, it_changes_quantities_of_the_machine, zero_changes_nothing,
+    a_row_changes_by_what_stands_in_it, basis_is_the_derivative_of_shift, signature_is_the_derivative_of_the_residuals,
+)  # fmt: skip
+FAMILY_LAWS = (the_family_is_named, the_data_can_test_some_of_it, a_missing_column_makes_it_not_testable)
+
+
+def _quantities(formulation: Formulation) -> Quantities:
+    """Return the quantities of the nominal machine."""
+    model = Model(formulation)
+    q: Mapping[str, Array] = model.quantities(model.start)[0]
+    return q
+
+
+def _is_stated(column: str) -> bool:
+    """Tell whether a column is none, but a number stated of the data."""
+    return column.startswith("metadata.")

@@ -3,10 +3,15 @@
 numba's own cache notices an edit of the file a kernel stands in, but not of the files that kernel calls. So the cache
 folder is named by a digest of all our sources: another source, another folder. `fastmath` is never used: results are
 the same bits on the same inputs.
+
+Load numba's compiler in advance; that takes as long as loading ten kernels from the cache.
+
+Kernels in the cache need none of it (`core.compilation.loading`).
 """
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -164,3 +169,18 @@ def _source_digest() -> str:
             digest.update(f"{source.relative_to(root).as_posix()}\0".encode())
             digest.update(source.read_bytes())
     return digest.hexdigest()
+
+
+def load_compiler() -> None:
+    """Load now what the first compilation would load, so that forked children need not load it each.
+
+    Nothing happens where numba was not imported, or nothing is to be compiled.
+    """
+    if "numba" not in sys.modules:
+        return
+    import numba
+    from numba.core.registry import cpu_target
+
+    settings: Any = numba.config
+    if not settings.DISABLE_JIT:
+        cpu_target.target_context.refresh()

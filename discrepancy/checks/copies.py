@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import pdtrc
 
-from calibench.core.counted import plain
+from calibench.core.words import plain
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of
 from calibench.discrepancy.registries import description_of
 

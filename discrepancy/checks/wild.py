@@ -4,12 +4,21 @@ At the start values the constraints are compared with those of shuffled readings
 is hardly nearer to the readings than to shuffled ones, but much nearer after one factor or one shift, the message tells
 that factor or shift. Where none helps, the start is poor or the model is wrong: the fit may still succeed. Rows of
 different kinds, such as heights and distances, are compared and shuffled separately.
+
+Readings that no calibration can explain (a lost target, a pose that was not reached) are left out, with a note.
+
+The machine is fitted with a smaller weight for readings that lie far out. Then a row is wild if what is left of it, in
+any constraint, is `_FAR_OUT` times the middle one. Many of them are no accidents, and all are kept.
+`isolated` rows stand alone: what is left of any other is less than half, and no repeat says the same. Few times the
+middle one is enough then, because the middle one contains the effects that are looked for.
+
+Notes on parameters that end outside their bounds, which the fit does not enforce. They precede all other notes.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -19,14 +28,108 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.counted import plain
-from calibench.core.tables.units import factors_near
+from calibench.core.tables.cells import factors_near
+from calibench.core.words import plain
+from calibench.discrepancy.model.formulations import Predicted
+from calibench.discrepancy.model.learned_noise import weighted_fit
 from calibench.discrepancy.model.machine import Formulation, Machine, Numbers
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData, MisfitError
+from calibench.discrepancy.model.measured import DataError, MeasuredData, MisfitError
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import inputs_of, roles_of, unknown_noise_of
 from calibench.discrepancy.registries import description_of
-from calibench.problems.base import Array
+from calibench.problems.base import Array, Parameter
+
+_FAR_OUT = 12.0  # times the middle size of what is left
+_MOST = 0.03  # of the readings
+_ALONE, _TWICE = 3.0, 2.0  # times the middle one, and times what is left of any other row, of a row that stands alone
+_ROUNDS = 6
+_HUBER = 2.0  # robust deviations
+_MEDIAN = 0.6745
+_LEAST_SHARE = 2.0  # readings for each parameter
+_COLUMNS = 4  # by which a row is told
+
+
+def without_wild(formulation: Formulation, machine: str = "machine", isolated: bool = False) -> MeasuredData:
+    """Return the data of a formulation without wild rows, with a note that tells them, of the `machine`."""
+    data = formulation.data
+    fitted = np.asarray(data["split"]) != "hold" if "split" in data else np.ones(len(data), dtype=bool)
+    model = Model(formulation)
+    start = np.asarray(model.residuals(model.start))
+    if fitted.sum() * start.shape[1] < _LEAST_SHARE * len(formulation.parameters) or not np.isfinite(start).all():
+        return data
+    noise, made_of = _noise_and_parts(model)
+    left = np.asarray(model.residuals(robust(Model(formulation.on(data.rows(fitted))), noise[fitted])))
+    size = np.abs(left) / noise
+    middle = np.median(size[fitted], axis=0)
+    if not (np.isfinite(left).all() and (middle > _EXACT * np.median(made_of / noise, axis=0)).all()):
+        return data
+    size /= middle
+    wild = size.max(axis=1) > _FAR_OUT
+    if isolated:
+        wild = _alone(size.max(axis=1)) & ~_repeated(formulation, wild)
+    if not wild.any() or wild.mean() > _MOST:
+        return data
+    count, worst = int(wild.sum()), int(np.argmax(size.max(axis=1)))
+    how, others = ("twice", "any other") if isolated else (f"{_FAR_OUT:g} times", "the middle one")
+    many, at = count > 1, data.rows_named(np.array([worst]))
+    left_out = f"{count} wild readings are left out ({data.rows_named(wild)})" if many else "1 wild reading is left out"
+    note = (
+        f"{left_out}, more than {how} as far from the calibrated {machine} as {others}: "
+        f"{'the worst is ' if many else ''}{at}, {_told(formulation, left, size, worst)}"
+    )
+    return data.rows(~wild).with_note(note)
+
+
+def _alone(size: Array) -> NDArray[np.bool_]:
+    """Return which rows are far out, and twice as far as all others, from the `size` of what is left, (n,)."""
+    order = np.sort(size)[::-1]
+    after = np.flatnonzero((order[:-1] > _ALONE) & (order[:-1] > _TWICE * order[1:]))
+    return np.asarray(size >= order[after[-1]] if len(after) else np.zeros(len(size), dtype=bool))
+
+
+def _repeated(formulation: Formulation, wild: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the wild rows whose repeats are wild too, (n,): what the machine does twice is no accident."""
+    if not formulation.data.has("pose_id"):
+        return np.zeros(len(wild), dtype=bool)
+    _, pose = np.unique(formulation.data["pose_id"], return_inverse=True)
+    return np.asarray(wild & (np.bincount(pose, weights=wild)[pose] > 1))
+
+
+def robust(model: Model, noise: Array) -> Array:
+    """Return the parameters of a fit in which readings far out, relative to their noise (n, c), have small weight."""
+    x = model.start
+    weight = 1 / noise
+    for _ in range(_ROUNDS):
+        x = weighted_fit(model, x, weight)
+        left = np.abs(np.asarray(model.residuals(x))) / noise
+        spread = np.maximum(np.median(left, axis=0) / _MEDIAN, 1e-12)
+        weight = np.sqrt(np.minimum(1.0, _HUBER * spread / np.maximum(left, 1e-300))) / spread / noise
+    return np.asarray(x)
+
+
+def _noise_and_parts(model: Model) -> tuple[Array, Array]:
+    """Return the deviation of each constraint by its readings' noise, (n, c), and the sum of its parts' moduli."""
+    formulation, q = model.formulation, model.quantities(model.start)[0]
+    slopes = formulation.slopes(q)
+    sizes = {name: np.abs(np.asarray(q[name], dtype=float))[..., None] for name in slopes}
+    parts = np.asarray(sum(np.abs(slope) * sizes[name] for name, slope in slopes.items()))
+    sigma = {name: np.asarray(formulation.sigma[name], dtype=float)[..., None] for name in formulation.readings}
+    noise = np.sqrt(sum((slopes[name] * sigma[name]) ** 2 for name in formulation.readings))
+    return np.maximum(noise, np.finfo(float).eps * np.maximum(parts, 1e-300)), parts
+
+
+def _told(formulation: Formulation, left: Array, size: Array, row: int) -> str:
+    """Return what a row reads: what was measured and how far off it is, or the columns of a closure."""
+    data, k = formulation.data, int(np.argmax(size[row]))
+    if isinstance(formulation, Predicted):
+        name = tuple(formulation.measured)[k]
+        off = float(left[row, k])
+        where = [f"{n} {plain(float(data[n][row]), 5)}" for n in formulation.inputs if n in data][:_COLUMNS]
+        at = f" (at {', '.join(where)})" if where else ""
+        return f"{name} = {float(data[name][row]):.6g}, {plain(abs(off), 3)} too {'large' if off > 0 else 'small'}{at}"
+    names = dict.fromkeys((*inputs_of(formulation), *formulation.readings))
+    return ", ".join([f"{n} {plain(float(data[n][row]), 5)}" for n in names if n in data][: 2 * _COLUMNS])
+
 
 # parts of the misfit of shuffled readings: before a cure, after it; and the least improvement
 _FAR, _NEAR, _BETTER = 0.4, 0.2, 4.0
@@ -34,7 +137,7 @@ _ROWS = 300  # most rows that are compared
 _LEAST = 8  # rows that are needed at least
 _TURN = 72  # places of a zero that are tried
 _ALIKE = 1.02  # times the best misfit: a cure within this is as good
-_TOLD = 2  # cures that a message names
+_CURES = 2  # cures that a message names
 FAR = (
     "the calibrated model is hardly nearer to the readings than to shuffled ones"  # in a note, by which a page knows it
 )
@@ -76,7 +179,7 @@ def _refuse_wild(formulation: Formulation) -> None:
     if not cures:
         return
     best = min(cure.misfit for cure in cures)
-    alike = [cure.words for cure in cures if cure.misfit <= _ALIKE * best][:_TOLD]
+    alike = [cure.words for cure in cures if cure.misfit <= _ALIKE * best][:_CURES]
     raise DataError(
         f"{formulation.data.name}: the readings are as far from the model as shuffled ones ({plain(misfit, 2)} of "
         f"their misfit), and near to it ({plain(best, 2)}) {'; or as near '.join(alike)}"
@@ -346,3 +449,35 @@ def _shifted(formulation: Formulation, q: Mapping[str, Numbers], name: str, unit
             )
             return
     yield Cure(f"if {plain(best, 3, '+')}{unit} is added to {name}: its zero is that far off", misfit(best))
+
+
+_SHOWN = 3  # parameters with their numbers
+_NARROW = 1e-300  # bounds that leave no room
+BEYOND = "the fit is free of bounds"  # in the note, by which a page knows it
+
+
+def outside_bounds(parameters: Sequence[Parameter], found: Mapping[str, float]) -> tuple[str, ...]:
+    """Return a note for the parameters that end outside their bounds, the furthest first; none where all end inside.
+
+    If there are many, only their names are told: the table of parameters has all numbers.
+    """
+    out = sorted((p for p in parameters if _beyond(p, found) > 0), key=lambda p: -_beyond(p, found))
+    if not out:
+        return ()
+    many = len(out) > _SHOWN + 1
+    first, others = (out[:_SHOWN], out[_SHOWN:]) if many else (out, [])
+    told = "; ".join(
+        f"{p.name} ends at {found[p.name]:.6g} {p.unit}, outside {p.lower:g} to {p.upper:g}" for p in first
+    )
+    told += f"; outside theirs are {len(others)} more: {', '.join(p.name for p in others)}" if many else ""
+    return (f"{told}: {BEYOND}, and found the machine elsewhere than its owner did; are the "
+            "units, the start, and the bounds right?",)  # fmt: skip
+
+
+def _beyond(p: Parameter, found: Mapping[str, float]) -> float:
+    """Return how far a parameter ends outside its bounds, in widths of the box.
+
+    It is 0 inside, and for a parameter without a value.
+    """
+    at = found.get(p.name, p.lower)
+    return 0.0 if p.lower <= at <= p.upper else max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)

@@ -13,16 +13,15 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.core.one_thread import one_thread
 from calibench.core.plain import finite
+from calibench.core.process import one_thread
 from calibench.discrepancy.checks.validate import looked_at
-from calibench.discrepancy.diagnostics.detectable import smallest_amplitude
+from calibench.discrepancy.diagnostics.score import smallest_amplitude
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.fitting.fit import fit
-from calibench.discrepancy.fitting.projection import orthonormal, project_off
+from calibench.discrepancy.fitting.fit import fit, orthonormal, project_off
 from calibench.discrepancy.model.effect import Effect, Untestable, name_of, still_open
 from calibench.discrepancy.model.machine import Formulation, Machine, Quantities
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.noise.whiten import Noise, whitener
 from calibench.discrepancy.registries import machines

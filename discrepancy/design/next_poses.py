@@ -21,7 +21,7 @@ from calibench.discrepancy.design.detectability import WhitenedDesign, calibrate
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Machine
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.registries import description_of, machines
 from calibench.problems.base import Array
 

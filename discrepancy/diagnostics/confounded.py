@@ -13,7 +13,7 @@ from typing import final
 
 import numpy as np
 
-from calibench.core.counted import plain
+from calibench.core.words import plain
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 

@@ -13,10 +13,9 @@ from typing import final
 import numpy as np
 
 from calibench.discrepancy.fitting.fit import Fit
-from calibench.discrepancy.model.linear import size
+from calibench.discrepancy.model.effect import size
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Quantities
-from calibench.discrepancy.model.measured.data import MeasuredData
-from calibench.discrepancy.model.measured.sensor import Sensor
+from calibench.discrepancy.model.measured import MeasuredData, Sensor
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.discrepancy.thresholds import thresholds

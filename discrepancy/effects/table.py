@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from calibench.discrepancy.model.family import EffectFamily
+from calibench.discrepancy.model.effect import EffectFamily
 from calibench.discrepancy.registries import GENERAL, machines, own_families
 
 _HEAD = (

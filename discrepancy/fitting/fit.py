@@ -8,6 +8,14 @@ is missing. The cure is Pope's (1972): all slopes are taken at the *adjusted* re
 B^T)^-1 F, whose remaining noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers.
 
 With very many readings, a part of them is fitted first; all of them are fitted from where that ends.
+
+Projection off the Jacobian: remove the part of a signature that calibration absorbs. Data can show only the rest.
+
+The 95 % interval of an amplitude: its range where the log-likelihood is within the limit for one parameter.
+
+For one coefficient that is its estimate -+ 1.96 sd. The length of several (an eccentricity with its phase) has no
+such formula: its range over the ellipsoid (c - c^)' C^-1 (c - c^) <= 1.96^2 is the profile interval, and it reaches 0
+where zero coefficients lie within.
 """
 
 from __future__ import annotations
@@ -20,9 +28,9 @@ import numpy as np
 from scipy.linalg import lstsq, qr
 from scipy.special import stdtrit
 
-from calibench.discrepancy.fitting.interval import REACH
+from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.machine import Quantities
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import ROUNDING, Noise, Whitener, whitener
 from calibench.discrepancy.thresholds import thresholds
@@ -295,3 +303,55 @@ def _descend(model: Model, noise: Noise, x: Array, readings: Array, steps: int) 
         else:
             damping = max(4 * damping, 1e-6)
     return x
+
+
+def orthonormal(columns: Array, least: float) -> Array:
+    """Return an orthonormal basis (n, m) of the span of `columns`, (n, p), each scaled to length 1.
+
+    Directions whose singular value is not above `least` times the largest are left out.
+    """
+    lengths = np.linalg.norm(columns, axis=0)
+    left, values, _ = np.linalg.svd(columns / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
+    return np.asarray(left[:, values > least * values[0]])
+
+
+def project_off(columns: Array, basis: Array, times: int = 1) -> Array:
+    """Return `columns`, (..., n, k) or (n,), less their part in the span of an orthonormal `basis`, (n, p).
+
+    Twice for what the basis all but holds: the second time takes away what rounding left of the first.
+    """
+    for _ in range(times):
+        columns = columns - basis @ (basis.T @ columns)
+    return columns
+
+
+REACH = 1.959964
+
+_POINTS = 2000
+
+
+def amplitude_interval(effect: Effect, c: Array, covariance: Array, reach: float = REACH) -> tuple[float, float]:
+    """Return the 95 % interval of the amplitude at coefficients c, (k,), of `covariance` (k, k).
+
+    `reach` is that of a Gaussian in its standard deviations; Student's where the variance was learned as well.
+    """
+    k = len(c)
+    if k == 1:
+        ends = [effect.amplitude(c + side * reach * np.sqrt(covariance[0])) for side in (-1, 1)]
+        return float(min(ends)), float(max(ends))
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0))
+    directions = _directions(k)
+    sizes = [effect.amplitude(c + reach * root @ d) for d in directions]
+    signed = effect.amplitude(-c) < 0 or effect.amplitude(c) < 0
+    inside = float(c @ np.linalg.pinv(covariance) @ c) <= reach**2
+    return float(0.0 if inside and not signed else min(sizes)), float(max(sizes))
+
+
+def _directions(k: int) -> Array:
+    """Return points on the unit sphere, always the same."""
+    if k == 2:
+        angle = np.linspace(0, 2 * np.pi, 360, endpoint=False)
+        return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    drawn = np.random.default_rng(0).standard_normal((_POINTS, k))
+    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))

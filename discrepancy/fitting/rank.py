@@ -15,9 +15,9 @@ import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from calibench.discrepancy.fitting.fit import Fit, fit, fit_at, readings_of
-from calibench.discrepancy.model.formulations.learned_noise import relearned
+from calibench.discrepancy.model.learned_noise import relearned
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.problems.base import Array, Parameter
 

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 
 from calibench.discrepancy.fitting.fit import Fit, linearise, readings_of
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.problems.base import Array

@@ -18,7 +18,7 @@ from typing import final
 import numpy as np
 from scipy.special import fdtrc, fdtri, stdtr
 
-from calibench.discrepancy.fitting.projection import orthonormal, project_off
+from calibench.discrepancy.fitting.fit import orthonormal, project_off
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.model import Model

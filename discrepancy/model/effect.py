@@ -1,14 +1,28 @@
-"""What an effect is: named physics that changes quantities of a machine, and is the identity at zero coefficients."""
+"""What an effect is: named physics that changes quantities of a machine, and is the identity at zero coefficients.
+
+`EffectFamily`: one physical cause on one kind of machine, as data with a function that builds its candidates.
+
+`LinearEffect`: an effect whose change of the quantities is linear in its coefficients, as most physics here is.
+
+`Step`: a quantity that changes once during the run, at a time that is searched for.
+
+A family returns one candidate for each of at most `_PLACES` times between visits; the procedure keeps the best of them,
+charges it `positions`, and may then look between its neighbours (`finer`).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol, cast, final, runtime_checkable
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, cast, final, runtime_checkable
 
-from calibench.discrepancy.model.machine import Quantities
-from calibench.discrepancy.model.measured.data import MeasuredData
+import numpy as np
+
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured import MeasuredData, told_gaps
+from calibench.discrepancy.registries import effects
+from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 
@@ -209,3 +223,249 @@ def still_open(candidates: Iterable[Effect], taken: Collection[str]) -> list[Eff
 def is_possible(effect: Effect, size: float) -> bool:
     """Return whether an effect may have such an amplitude; any is possible for an effect that states no `largest`."""
     return bool(abs(size) <= getattr(effect, "largest", math.inf))
+
+
+@final
+@dataclass(frozen=True)
+class EffectFamily:
+    """A cause of error, with what the page of the catalogue says of it.
+
+    `build` returns the candidates for one target, or `HeldBack`; for what cannot be tested it raises `NotTestable` (see
+    `needs`). `columns` may hold `{i}` for the number of the target, and `metadata.NAME`. `twins` is a sentence for
+    readers; those of a candidate are names. `label` and `label_of_all` are the words for it, on a target and on `all`;
+    `code` is what a label that explains itself comes down to where it was told before.
+    `parted_by` says what parts its declared twins, `resolved_by` what would tell families with the same sentence apart
+    (`{target}` is filled in). `period` returns the period of its argument in the unit of its column, 0 for none, from
+    the metadata and the target. `targets_in` returns the targets of a family that finds them in what a formulation is
+    made of (`Roles`); `targets` are then words for them. `never_negative` is what no machine has less than none of.
+    """
+
+    name: str
+    machine: str
+    cause: str
+    formula: str
+    channel: str
+    columns: tuple[str, ...]
+    unit: str
+    targets: tuple[str, ...]
+    build: Callable[[Formulation, str], tuple[Effect, ...] | HeldBack]
+    twins: str = ""
+    label: str = ""
+    label_of_all: str = ""
+    parted_by: str = ""
+    resolved_by: str = ""
+    period: Callable[[Mapping[str, Any], str], float] | None = None
+    targets_in: Callable[[Formulation], tuple[str, ...]] | None = None
+    code: str = ""
+    never_negative: str = ""
+
+    def names_in(self, formulation: Formulation) -> tuple[str, ...]:
+        """Return the targets that there are in a formulation."""
+        return self.targets if self.targets_in is None else self.targets_in(formulation)
+
+    def candidates(self, formulation: Formulation) -> Catalogue:
+        """Return the candidates of all targets, and the targets that the data cannot test."""
+        found = Catalogue()
+        for target in self.names_in(formulation):
+            try:
+                built = self.build(formulation, target)
+            except NotTestable as why:
+                found += Catalogue(
+                    untestable=(Untestable(self.name, target, str(why), why.columns, why.missing),),
+                )
+                continue
+            if isinstance(built, HeldBack):
+                found += Catalogue(
+                    alternatives=built.alternatives, untestable=(Untestable(self.name, target, built.reason),)
+                )
+            else:
+                found += Catalogue(candidates=built)
+        return found
+
+    def enter(self) -> EffectFamily:
+        """Put the family into the registry, under `machine/name`, and return it."""
+        effects.register(f"{self.machine}/{self.name}")(lambda: self)
+        return self
+
+
+def needs(data: MeasuredData, *columns: str) -> None:
+    """Raise `NotTestable` unless all `columns` are there and vary.
+
+    Calibration absorbs the effect of a constant column.
+    """
+    needs_there(data, *columns)
+    for column in columns:
+        if why := told_gaps(data[column]):
+            raise NotTestable(f"column {column} {why}", (column,))
+    still = tuple(column for column in columns if not np.ptp(data[column]) > 1e-12 * np.max(np.abs(data[column])))
+    if still:
+        raise NotTestable(f"column {', '.join(still)} is constant", still)
+
+
+def needs_there(data: MeasuredData, *columns: str) -> None:
+    """Raise `NotTestable` unless all `columns` are there, constant or not."""
+    missing = tuple(column for column in columns if column not in data)
+    if missing:
+        raise NotTestable(f"needs column{'s' * (len(missing) > 1)} {', '.join(missing)}", missing, missing=True)
+
+
+def number(target: str) -> int:
+    """Return the number in a target: 2 for `joint 2`."""
+    return int(target.rpartition(" ")[2])
+
+
+Cause = EffectFamily  # the name it had first, kept for scripts
+
+
+def size(c: Array) -> float:
+    """Return a single coefficient with its sign, or the length of several."""
+    return float(c[0]) if len(c) == 1 else float(np.linalg.norm(c))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LinearEffect:
+    """An `Effect` with `shift = changes @ c`; `changes(q, data)` returns quantity -> (n, k).
+
+    No machine has an amplitude above `largest`, in the effect's unit. `begins` is the value of its column from which on
+    the effect acts, in `begins_unit`, where that was searched for. `along(data)` returns covariate -> the moments at
+    which it acts: its size may depend on the position at each of them.
+
+    `over` are the columns that together are the place on which its size may depend where its formula is off. `whole` is
+    the cause of which it is one term: the sine or the cosine of a wave whose phase is any.
+    """
+
+    family: str
+    target: str
+    formula: str
+    channel: str
+    columns: tuple[str, ...]
+    coefficients: tuple[str, ...]
+    units: tuple[str, ...]
+    unit: str
+    changes: Callable[[Quantities, MeasuredData], dict[str, Array]]
+    twins: tuple[str, ...] = ()
+    measure: Callable[[Array], float] = size
+    positions: int = 1
+    largest: float = math.inf
+    along: Along | None = None
+    begins: float = math.nan
+    begins_unit: str = ""
+    over: tuple[str, ...] = ()
+    whole: Effect | None = None
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return quantity -> (n,): the change at coefficients c, (k,)."""
+        return {name: change @ c for name, change in self.changes(q, data).items()}
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return the derivative of `shift`, the same at every c."""
+        return self.changes(q, data)
+
+    def amplitude(self, c: Array) -> float:
+        """Return the size an engineer quotes, in `unit`."""
+        return self.measure(c)
+
+
+Linear = LinearEffect  # the name it had first, kept for scripts
+
+
+IN_ROWS = "row"  # the clock where none was read; it counts from 0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class ChangePoint:
+    """An `Effect`: each of `quantities` is larger by its coefficient from time `at` [s] of the column `clock` on.
+
+    `one` is a coefficient of 1 in the unit of the quantities. For quantities of several kinds, `kinds` are the unit of
+    each coefficient and the value of 1 of it; then `unit` is that of the first kind, and the amplitude is of that kind
+    alone.
+    """
+
+    family: str
+    target: str
+    formula: str
+    channel: str
+    quantities: tuple[str, ...]
+    coefficients: tuple[str, ...]
+    unit: str
+    at: float
+    positions: int
+    columns: tuple[str, ...] = ("t_s",)
+    twins: tuple[str, ...] = ()
+    largest: float = math.inf
+    clock: str = "t_s"
+    one: float = 1.0
+    kinds: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Return the unit of each coefficient."""
+        return tuple(unit for unit, _ in self.kinds) or (self.unit,) * len(self.coefficients)
+
+    @property
+    def begins(self) -> float:
+        """Return the time from which the quantities are larger."""
+        return self.at
+
+    @property
+    def begins_unit(self) -> str:
+        """Return the unit of that time, `IN_ROWS` for the order of the rows; "" for a clock that may run in any."""
+        return {"t_s": "s", IN_ROWS: IN_ROWS}.get(self.clock, "")
+
+    @property
+    def ones(self) -> Array:
+        """Return what a coefficient of 1 is, in the unit of its quantity, (k,)."""
+        return np.array([one for _, one in self.kinds] or [self.one] * len(self.coefficients))
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return quantity -> (n,): zero before `at`, the coefficient after."""
+        after = data[self.clock] >= self.at
+        return {name: one * after * c[k] for k, (name, one) in enumerate(zip(self.quantities, self.ones, strict=True))}
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        """Return the derivative of `shift`: the step itself in the coefficient's own column."""
+        after = data[self.clock] >= self.at
+        units = np.diag(self.ones)
+        return {name: after[:, None] * units[k] for k, name in enumerate(self.quantities)}
+
+    def amplitude(self, c: Array) -> float:
+        """Return the step, of two the length."""
+        return size(np.asarray(c)[[unit == self.unit for unit in self.units]])
+
+
+def change_times(t: Array) -> Array:
+    """Return the times, at most `_PLACES`, between readings taken at `t`, (n,), s, at which a step is looked for."""
+    return _thinned(_gaps(t))
+
+
+def finer(effect: Effect, data: MeasuredData) -> tuple[Effect, ...]:
+    """Return `effect` at every time between its neighbouring places, at most `_PLACES`; () if it has no place.
+
+    An effect with places of another kind has a method for those between them (`nearer`).
+    """
+    if not isinstance(effect, ChangePoint):
+        nearer = getattr(effect, "nearer", None)
+        return tuple(nearer(data)) if nearer else ()
+    gaps = _gaps(data[effect.clock])
+    coarse = _thinned(gaps)
+    k = int(np.argmin(np.abs(coarse - effect.at)))
+    low = coarse[k - 1] if k else -np.inf
+    high = coarse[k + 1] if k + 1 < len(coarse) else np.inf
+    near = _thinned(gaps[(gaps > low) & (gaps < high)])
+    return tuple(replace(effect, at=float(at)) for at in near)
+
+
+def _gaps(t: Array) -> Array:
+    """Return the middle of every gap between two different times, without those near the ends of the run."""
+    ordered = np.sort(t)
+    edge = int(thresholds().change_edge * len(t))
+    times = np.unique(ordered[edge : len(t) - edge])
+    return np.asarray((times[1:] + times[:-1]) / 2)
+
+
+def _thinned(gaps: Array) -> Array:
+    if len(gaps) <= thresholds().change_places:
+        return gaps
+    return np.asarray(gaps[np.unique(np.linspace(0, len(gaps) - 1, thresholds().change_places).round().astype(int))])

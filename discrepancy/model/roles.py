@@ -12,7 +12,7 @@ from math import inf
 from typing import Literal, TypeVar, final
 
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.measured.data import DataError
+from calibench.discrepancy.model.measured import DataError
 
 ALL = "all"  # the target that is every part of one role together
 

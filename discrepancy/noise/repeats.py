@@ -15,7 +15,7 @@ from typing import final
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.noise.whiten import ROUNDING, Noise
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array

@@ -19,17 +19,9 @@ from calibench.discrepancy.diagnostics.score import ProjectedScores, Scored, pro
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.effect import Effect, name_of, still_open
 from calibench.discrepancy.search.off_form import near
-from calibench.discrepancy.search.select import (
-    Option,
-    best_of_each,
-    fit_with,
-    light,
-    options,
-    penalty,
-    run_tests,
-)
+from calibench.discrepancy.search.select import Option, best_of_each, fit_with, light, options, penalty, run_tests
 from calibench.discrepancy.thresholds import thresholds
-from calibench.discrepancy.validation.holdout import folds
+from calibench.discrepancy.validation import folds
 from calibench.problems.base import Array
 
 Kept = Mapping[str, tuple[Option, ...]]  # name -> its set

@@ -20,10 +20,9 @@ from calibench.discrepancy.diagnostics.score import score_all
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, curve
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.labels import quantity_label
-from calibench.discrepancy.model.effect import Along, Effect, Moment, OfFreePeriod, along_of, name_of
-from calibench.discrepancy.model.linear import size
+from calibench.discrepancy.model.effect import Along, Effect, Moment, OfFreePeriod, along_of, name_of, size
 from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of, words_of
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.select import Option, Tests, delta_bic, option

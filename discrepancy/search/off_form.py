@@ -18,9 +18,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from calibench.discrepancy.diagnostics.score import columns, signatures
-from calibench.discrepancy.fitting.projection import orthonormal, project_off
+from calibench.discrepancy.fitting.fit import orthonormal, project_off
 from calibench.discrepancy.model.effect import Effect, along_of, is_possible, name_of, over_of, whole_of
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.search.form import ALONG, MOST, SLOW, Modulated, Slow, product, slow_along, waves_over
 from calibench.discrepancy.search.select import Option, close, spared, told_apart

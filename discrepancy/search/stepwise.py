@@ -1,4 +1,17 @@
-"""The stepwise search: test, select, test again; then the verdict from what was selected and what is left."""
+"""The stepwise search: test, select, test again; then the verdict from what was selected and what is left.
+
+Add alternatives that are tested only beside a selected effect.
+
+Some causes are too unlikely to be searched for. Others have nearly the signature of a likelier cause, so that a test of
+their own would add nothing. The search does not try them. But where such a cause explains the data as well as the
+effect that was named, the name alone would be a guess: the set holds both.
+
+Which names are still significant beside smooth functions: a name that only imitates an unnamed cause is not.
+
+Where an error has no name, the nearest names explain a part of it, and smooth functions explain more. A named cause
+that is there as well explains more than any smooth function of one covariate, because it shows in all readings at once;
+and it still gains beside all smooth functions together.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +21,11 @@ from typing import final
 
 import numpy as np
 
+from calibench.discrepancy.diagnostics.score import ProjectedScores, columns, projected_scores, score_all, subspaces
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit
-from calibench.discrepancy.model.effect import Effect, name_of, still_open
-from calibench.discrepancy.noise.mixture import NoiseFinding
+from calibench.discrepancy.model.effect import Alternative, Effect, name_of, still_open
+from calibench.discrepancy.noise.laws import NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Finding, Verdict
 from calibench.discrepancy.search.exchange import (
@@ -27,8 +41,17 @@ from calibench.discrepancy.search.exchange import (
 from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
 from calibench.discrepancy.search.form import FORM_DIFFERS, Modulated, form_words, residuals_within, share, unlike
 from calibench.discrepancy.search.off_form import bonus
-from calibench.discrepancy.search.select import Option, Tests, fit_with, gains_of_any_phase, options, penalty, run_tests
-from calibench.discrepancy.search.standing import standing, with_smooth_terms
+from calibench.discrepancy.search.select import (
+    Option,
+    Tests,
+    delta_bic,
+    fit_with,
+    gains_of_any_phase,
+    option,
+    options,
+    penalty,
+    run_tests,
+)
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -382,3 +405,84 @@ def _doubt(base: Fit, at: Fit, r: Array | None = None) -> float:
 def _excess(at: Fit, r: Array | None = None) -> float:
     y = at.noise.scores(at.r if r is None else r)
     return float(y @ y) / int(len(y) - at.J.shape[1]) - 1.0
+
+
+Sets = tuple[tuple[Option, ...], ...]
+
+
+def with_alternatives(sets: Sets, base: Fit, beside: Sequence[Alternative]) -> Sets:
+    """Return the sets of all picks, each with those of `beside` that gain nearly as much as its first name, or more."""
+    if not beside:
+        return sets
+    limits = {b.effect: b.largest for b in beside}
+    found = []
+    for one in sets:
+        without = fit_with(base, [s[0].effect for s in sets if s is not one])
+        on = projected_scores(without)
+        first = one[0].gain
+        scored = [
+            s
+            for s, _ in score_all(without, on, list(limits))
+            if s.m and delta_bic(s, on) > first - thresholds().refit_within
+        ]
+        fitted = [option(without, s, on) for s in scored]
+        close = [o for o in fitted if o.gain > first - thresholds().close and o.amplitude <= limits[o.effect]]
+        found.append((*one, *close))
+    return tuple(found)
+
+
+def with_smooth_terms(base: Fit, terms: Sequence[SmoothTerm], most: int) -> Fit:
+    """Return the fit with the smooth terms that gain, at most as many as names, with which they are compared."""
+    current = base
+    for _ in range(max(most, thresholds().smooth_beside)):
+        tests = run_tests(current, (), terms, None)
+        if not tests.smooth_gain > 0:
+            break
+        best = tests.smooth[0].effect
+        if not isinstance(best, SmoothTerm) or len(best.quantities) > 1:
+            break
+        [seen] = subspaces(tests.on, columns(current, best)[None], thresholds().smooth_visible)
+        kept = replace(best, mix=seen.back)
+        [(scored, _)] = score_all(current, tests.on, [kept])
+        trial = option(current, scored, tests.on)
+        if not (trial.gain > 0 and trial.fit.converged):
+            break
+        current = trial.fit
+    return current
+
+
+def standing(
+    sets: Sequence[tuple[Option, ...]], base: Fit, terms: Sequence[SmoothTerm]
+) -> tuple[tuple[Option, ...], ...]:
+    """Return the sets that stand, each beside those before it, in the order of their gains.
+
+    The first name of a set must gain more than the best smooth term, and beside all smooth terms as much as a further
+    name must. `base` is the fit without effects. Of very many readings, where sets have no fits of their own, none
+    stands.
+    """
+    if len(base.r) >= thresholds().drawn_rows:
+        return ()
+    held: list[tuple[Option, ...]] = []
+    at, free = base, None
+    for own in sorted(sets, key=lambda own: -own[0].gain):
+        tests = run_tests(at, (), terms, None)
+        beside = _with(at, own[0])
+        if beside is None or _gain(at, beside, own[0], tests.on) <= tests.smooth_gain:
+            continue
+        free = free or with_smooth_terms(base, terms, len(sets))
+        smooth = _with(free, own[0])
+        if smooth is not None and _gain(free, smooth, own[0], tests.on) >= thresholds().further_gain:
+            held.append(own)
+            at = beside
+    return tuple(held)
+
+
+def _with(at: Fit, one: Option) -> Fit | None:
+    """Return a fit with one more name; None where it does not converge."""
+    found = fit_with(at, [one.effect])
+    return found if found.converged and np.isfinite(found.cost) else None
+
+
+def _gain(without: Fit, beside: Fit, one: Option, on: ProjectedScores) -> float:
+    gained = without.noise.gained(without.cost, beside.cost, beside.degrees)
+    return gained - penalty(one.effect, one.rank, on)

@@ -20,6 +20,10 @@ from typing import Any
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT))
+
+from benchmarks.architecture import files_listed  # noqa: E402
+
 FROM_ROOT = {
     "index.md": "README.md",
     "contributing.md": "CONTRIBUTING.md",
@@ -68,6 +72,7 @@ def on_files(files: Files, config: Any) -> Files:
         if page == "examples.md":
             text += "".join(_scripts())
         files.append(File.generated(config, page, content=text))
+    files.append(File.generated(config, "files.md", content=f"# Every file\n\n{files_listed()}\n"))
     for page, text in reference():
         files.append(File.generated(config, f"reference/{page}", content=text))
     return files

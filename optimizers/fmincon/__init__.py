@@ -14,11 +14,11 @@ from calibench.optimizers.fmincon.options import Options, optimoptions
 
 if TYPE_CHECKING:
     from calibench.optimizers.fmincon.direct import Multipliers, Output, Result, fmincon
-    from calibench.optimizers.fmincon.search.told import OptimValues
+    from calibench.optimizers.fmincon.state import OptimValues
 
 __all__ = ["Fmincon", "Multipliers", "OptimValues", "Options", "Output", "Result", "fmincon", "optimoptions"]
 
-_HOMES = dict.fromkeys(("Multipliers", "Output", "Result", "fmincon"), "direct") | {"OptimValues": "search.told"}
+_HOMES = dict.fromkeys(("Multipliers", "Output", "Result", "fmincon"), "direct") | {"OptimValues": "state"}
 __getattr__ = loader(__name__, _HOMES)  # as every start lists the names of all that there is
 
 

@@ -2,16 +2,29 @@
 
 Inequalities are stacked as [A x - b; c(x)] <= 0, equalities as [Aeq x - beq; ceq(x)] = 0. The nonlinear part is asked
 once a point. Whether the linear part has a point at all is a linear programme, and told before the search begins.
+
+The scaled coordinates u of `fmincon`, in which closed boxes are the unit box; scales of values; iterates.
+
+Multipliers and first-order optimality at a point, from the derivatives alone: one formula for both algorithms.
+
+With slacks s >= 0 of the inequalities, lambda solves
+    min |g + J_eq^T l_eq + J_in^T l|^2 + |k s * l|^2,  l >= 0,
+a non-negative least-squares problem (Lawson and Hanson 1974, ch. 23) once the free l_eq are projected out. At a KKT
+point both terms vanish for the true multipliers; near one, no threshold has to say which constraints are active,
+whether iterates stand on them (SQP) or approach them from inside (interior point). The weight k = 100 keeps a
+constraint with slack .1 from taking more than a hundredth of what is left of the gradient, and costs one with slack
+1e-6 only 1e-8 of its multiplier. Coordinates are expected in which slacks are of order one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, final
+from itertools import pairwise
+from typing import Any, NamedTuple, final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from calibench.optimizers.base import Array
 from calibench.optimizers.derivatives import differences
@@ -232,3 +245,191 @@ def _slopes(name: str, values: Any, n: int, m: int) -> Array:
             f"nonlcon returned {name} of shape {slopes.shape}: ({n}, {m}), one column a constraint, is needed"
         )
     return slopes
+
+
+_STEEPEST = 100.0  # the largest component of a gradient at the start, after scaling
+_FLATTEST = 1e-8  # below this the start is stationary, and its gradient tells nothing about the size of f
+_VERY_WIDE = 1e3  # a box that much wider than its contents is no measure of a variable
+_INSIDE = 1e-2  # an interior point begins at least this far, in u, from its bounds
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The coordinates u of the variables that are free: x = origin + width u, inside the bounds."""
+
+    x0: Array
+    lower: Array
+    upper: Array
+    free: NDArray[np.bool_]
+    origin: Array
+    width: Array
+
+    @staticmethod
+    def of(region: Region, x0: Array, scale: bool) -> Frame:
+        """Return the frame: unit boxes where bounds are closed and not very wide, else sizes of x0 (1 without)."""
+        lower, upper = region.lower, region.upper
+        size = np.maximum(np.abs(x0), 1.0)
+        closed = (upper - lower <= _VERY_WIDE * size) & (upper > lower)
+        origin, width = np.where(closed, lower, 0.0), np.where(closed, upper - lower, size)
+        if not scale:
+            origin, width = np.zeros_like(x0), np.ones_like(x0)
+        free = lower < upper
+        return Frame(np.clip(x0, lower, upper), lower, upper, free, origin[free], width[free])
+
+    def x(self, u: Array) -> Array:
+        """Return the point of u, never outside the bounds."""
+        point = self.x0.copy()
+        point[self.free] = self.origin + self.width * u
+        return np.clip(point, self.lower, self.upper)
+
+    def u(self, x: Array) -> Array:
+        """Return the coordinates of x."""
+        coordinates: Array = (x[self.free] - self.origin) / self.width
+        return coordinates
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the bounds of u."""
+        return self.u(self.lower), self.u(self.upper)
+
+    def inside(self, u: Array) -> Array:
+        """Return u moved off its bounds, where an interior point can begin."""
+        low, high = self.bounds()
+        room = np.minimum(_INSIDE, 0.25 * (high - low))
+        return np.minimum(np.maximum(u, low + room), high - room)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """A point with all that is known about it. Multipliers are those of the constraints as given, not as scaled."""
+
+    x: Array
+    value: float
+    gradient: Array
+    J_in: Array
+    J_eq: Array
+    violation: float
+    first_order: float
+    inequalities: Array
+    equalities: Array
+    at_lower: Array
+    at_upper: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """What f, the inequalities and the equalities are divided by."""
+
+    f: float
+    inside: Array
+    on: Array
+
+    @staticmethod
+    def of(frame: Frame, gradient: Array, J_in: Array, J_eq: Array, *, on: bool) -> Scales:
+        """Return the scales from derivatives at a start; ones where not `on`. Constraints are never made larger."""
+        free, width = frame.free, frame.width
+        rows_in, rows_eq = (np.max(np.abs(J[:, free] * width), axis=1, initial=0.0) for J in (J_in, J_eq))
+        if not on:
+            return Scales(1.0, np.ones(len(J_in)), np.ones(len(J_eq)))
+        steepest, f = float(np.max(np.abs(gradient[free] * width), initial=0.0)), 1.0
+        if steepest > _STEEPEST:
+            f = steepest / _STEEPEST
+        elif _FLATTEST < steepest < 1.0:
+            f = steepest
+        return Scales(f, np.maximum(1.0, rows_in / _STEEPEST), np.maximum(1.0, rows_eq / _STEEPEST))
+
+
+def iterate_at(
+    region: Region, frame: Frame, scales: Scales, x: Array, value: float, gradient: Array, J_in: Array, J_eq: Array
+) -> Iterate:
+    """Return the iterate x with its multipliers; a slope that is not defined counts as 0.
+
+    The multipliers are found in u, where slacks are of order one, and returned for f and constraints as given.
+    """
+    gradient = np.nan_to_num(gradient, posinf=0.0, neginf=0.0)
+    inside, _ = region.values(x)
+    free, width, n = frame.free, frame.width, int(frame.free.sum())
+    u, (low, high) = frame.u(x), frame.bounds()
+    rows = np.vstack([J_in[:, free] * width / scales.inside[:, None], -np.eye(n), np.eye(n)])
+    slack = np.concatenate([-inside / scales.inside, u - low, high - u])
+    kept = np.isfinite(slack)
+    on = J_eq[:, free] * width / scales.on[:, None]
+    found = kkt(gradient[free] * width / scales.f, on, rows[kept], slack[kept])
+    scaled = np.zeros(len(slack))
+    scaled[kept] = found.inequalities * scales.f
+    at_inside, at_low, at_high = np.split(scaled, [len(inside), len(inside) + n])
+    inequalities, equalities = at_inside / scales.inside, found.equalities * scales.f / scales.on
+    at_lower, at_upper = np.zeros(len(x)), np.zeros(len(x))
+    at_lower[free], at_upper[free] = at_low / width, at_high / width
+    left = gradient + J_in.T @ inequalities + J_eq.T @ equalities  # what a fixed variable's own bounds carry
+    at_lower[~free], at_upper[~free] = np.maximum(left[~free], 0.0), np.maximum(-left[~free], 0.0)
+    first_order = max(
+        scales.f * float(np.max(np.abs(found.stationarity / width), initial=0.0)),
+        float(np.max(scaled[kept] * np.maximum(slack[kept], 0.0), initial=0.0)),
+    )
+    violation = region.violation(x)
+    return Iterate(x, value, gradient, J_in, J_eq, violation, first_order, inequalities, equalities, at_lower, at_upper)
+
+
+_WEIGHT = 100.0
+
+
+@final
+class Kkt(NamedTuple):
+    """Multipliers of the equalities and inequalities, and the gradient of the Lagrangian they leave, shape (n,)."""
+
+    equalities: Array
+    inequalities: Array
+    stationarity: Array
+
+
+def kkt(gradient: Array, J_eq: Array, J_in: Array, slack: Array) -> Kkt:
+    """Return the multipliers at a point: `gradient` (n,), Jacobians (m_eq, n) and (m_in, n), `slack` (m_in,)."""
+    m_eq, m_in = len(J_eq), len(J_in)
+    columns = np.vstack([J_in.T, np.diag(_WEIGHT * np.maximum(slack, 0.0))])
+    free = np.vstack([J_eq.T, np.zeros((m_in, m_eq))])
+    wanted = np.concatenate([-gradient, np.zeros(m_in)])
+    if m_eq:
+        u, sizes, _ = np.linalg.svd(free, full_matrices=False)
+        basis = u[:, sizes > 1e-12 * max(sizes[0], 1e-300)]  # dependent equalities share what they span
+        columns_left, wanted_left = columns - basis @ (basis.T @ columns), wanted - basis @ (basis.T @ wanted)
+    else:
+        columns_left, wanted_left = columns, wanted
+    inequalities = _non_negative(columns_left, wanted_left)
+    equalities: Array = np.zeros(0)
+    if m_eq:
+        equalities = np.asarray(np.linalg.lstsq(free, wanted - columns @ inequalities, rcond=None)[0], dtype=np.float64)
+    return Kkt(equalities, inequalities, gradient + J_eq.T @ equalities + J_in.T @ inequalities)
+
+
+def _non_negative(matrix: Array, wanted: Array) -> Array:
+    from scipy.optimize import lsq_linear, nnls
+
+    if not matrix.shape[1]:
+        return np.zeros(0)
+    try:
+        return np.asarray(nnls(matrix, wanted, maxiter=30 * matrix.shape[1])[0])
+    except RuntimeError:  # it cycles where rounding decides which constraints are active
+        return np.maximum(np.asarray(lsq_linear(matrix, wanted, (0.0, np.inf)).x), 0.0)
+
+
+def lagrangian_hessian(path: list[tuple[Array, Array]], n: int) -> Array:
+    """Return the BFGS approximation, shape (n, n), from points and the gradients of the Lagrangian there.
+
+    Damped (Powell 1978; Nocedal and Wright 2006, proc. 18.2), so that it stays positive definite.
+    """
+    B = np.eye(n)
+    for (x, slope), (x_next, slope_next) in pairwise(path):
+        s, y = x_next - x, slope_next - slope
+        Bs = B @ s
+        sBs, sy = float(s @ Bs), float(s @ y)
+        if not sBs > 0:
+            continue
+        theta = 1.0 if sy >= 0.2 * sBs else 0.8 * sBs / (sBs - sy)
+        r = theta * y + (1.0 - theta) * Bs
+        sr = float(s @ r)
+        if sr > 0 and np.isfinite(r).all():
+            B = B - np.outer(Bs, Bs) / sBs + np.outer(r, r) / sr
+    return B

@@ -16,9 +16,17 @@ import numpy as np
 
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 from calibench.optimizers.derivatives import Memoized
-from calibench.optimizers.fmincon.options import Algorithm, DifferenceType, Display, Options, optimoptions
-from calibench.optimizers.fmincon.steps import Numbers, StepRule
-from calibench.optimizers.fmincon.stop import StopPlace, StopRule
+from calibench.optimizers.fmincon.options import (
+    Algorithm,
+    DifferenceType,
+    Display,
+    Numbers,
+    Options,
+    StepRule,
+    StopPlace,
+    StopRule,
+    optimoptions,
+)
 
 
 @registry.register("fmincon")
@@ -77,7 +85,7 @@ class Fmincon:
         """Import the search and SciPy's part of it, so that no clock sees it."""
         import scipy.optimize  # noqa: F401
 
-        import calibench.optimizers.fmincon.search.run  # noqa: F401
+        import calibench.optimizers.fmincon.search  # noqa: F401
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
@@ -85,7 +93,7 @@ class Fmincon:
 
     def _descend(self, objective: Objective, start: Array) -> None:
         from calibench.optimizers.fmincon.constraints import region  # here, as the names of all methods are listed
-        from calibench.optimizers.fmincon.search.run import search
+        from calibench.optimizers.fmincon.search import search
 
         asked = Memoized(objective, self.SpecifyObjectiveGradient, self.FiniteDifferenceType)
         while not np.isfinite(asked.value(start)):

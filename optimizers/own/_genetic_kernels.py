@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from calibench.core.compilation.compiled import njit, part
 from calibench.core.compilation.lanes import LANES, exchange
 from calibench.optimizers.base import Array
-from calibench.optimizers.own._partial_restart_kernels import half
-from calibench.optimizers.own._random_kernels import WHOLE, State, halves, index, scaled
+from calibench.optimizers.own._random_kernels import WHOLE, State, half, halves, index, scaled
 
 Words = NDArray[np.int64]
 

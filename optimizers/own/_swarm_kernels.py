@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from calibench.core.compilation.compiled import njit, part
 from calibench.optimizers.base import Array
-from calibench.optimizers.own._partial_restart_kernels import half
-from calibench.optimizers.own._random_kernels import WHOLE, State, between, halves
+from calibench.optimizers.own._random_kernels import WHOLE, State, between, half, halves
 
 BEST, STILL, FLIGHT = range(3)  # of `memory`: the row of G_best, flights without an improvement, flights so far
 

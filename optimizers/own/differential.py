@@ -12,8 +12,7 @@ from typing import ClassVar, final
 import numpy as np
 
 from calibench.optimizers.base import Objective, Reason, Traits, registry
-from calibench.optimizers.own.population_traits import population_traits
-from calibench.optimizers.own.warm_up import rehearse
+from calibench.optimizers.own.population import population_traits, rehearse
 
 
 @registry.register("de")

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry
-from calibench.optimizers.own.population_traits import population_traits
-from calibench.optimizers.own.warm_up import rehearse
+from calibench.optimizers.own.population import population_traits, rehearse
 
 _LONGEST = 53  # bits of a parameter that a double holds exactly
 _ROWS = 16  # in which the box is written down: a multiple of any vector's width

@@ -21,8 +21,7 @@ from calibench.problems.arm.gauge import observability, reach
 from calibench.problems.arm.readings import GAP, Readings
 from calibench.problems.base import Array, Parameter, frozen, line_of, table_of
 from calibench.problems.compiled_problem import CompiledProblem
-from calibench.problems.fitting import fit
-from calibench.problems.noise_floor import least_in_box, levels, value_of_noise
+from calibench.problems.fitting import fit, least_in_box, levels, value_of_noise
 
 FINEST = 1e-4  # mm: noise that is assumed for an instance without noise
 

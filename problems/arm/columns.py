@@ -15,7 +15,7 @@ from typing import final
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.core.tables.units import factor_to_base
+from calibench.core.tables.cells import factor_to_base
 from calibench.core.words import as_columns
 from calibench.problems.base import Array
 

@@ -14,9 +14,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.tables.cells import factor_to_base, split_rows, valid_rows
 from calibench.core.tables.csv_table import Table, read_table
-from calibench.core.tables.marks import split_rows, valid_rows
-from calibench.core.tables.units import factor_to_base
 from calibench.problems.arm.chains.chain import Chain, ChainError
 from calibench.problems.arm.chains.kinematics import forward
 from calibench.problems.arm.chains.rigid import Rotation, quaternion, turn

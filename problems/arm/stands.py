@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibench.core.counted import plain
+from calibench.core.words import plain
 from calibench.problems.arm.frames import LEAST, Frames, frames_of_positions
 from calibench.problems.base import Array
 

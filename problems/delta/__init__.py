@@ -3,7 +3,6 @@
 `plans` says where it is measured, `instances` what is drawn, `probing` is the error, `calibration` the named problem.
 """
 
-from calibench.problems.delta.calibration import delta9
-from calibench.problems.delta.probing import DeltaProbing
+from calibench.problems.delta.calibration import DeltaProbing, delta9
 
 __all__ = ["DeltaProbing", "delta9"]

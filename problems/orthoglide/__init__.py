@@ -4,7 +4,6 @@
 `leg_parallelism` the error, `calibration` the named problem.
 """
 
-from calibench.problems.orthoglide.calibration import orthoglide6
-from calibench.problems.orthoglide.leg_parallelism import Orthoglide
+from calibench.problems.orthoglide.calibration import Orthoglide, orthoglide6
 
 __all__ = ["Orthoglide", "orthoglide6"]

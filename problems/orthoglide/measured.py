@@ -14,8 +14,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from calibench.core.options import suggest
+from calibench.core.tables.cells import factor_to_base
 from calibench.core.tables.csv_table import read_table as read_cells
-from calibench.core.tables.units import factor_to_base
 from calibench.problems import constants
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, PAPER, geometry

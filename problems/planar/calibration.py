@@ -2,6 +2,10 @@
 
 A problem is a set of free parameters, a plan of end-effector positions, and the encoder readings which the true machine
 would give there (or a user's own readings). The functions below name the papers' cases.
+
+J3's search coordinates: l_a cos z and l_a sin z in place of l_a and z, eq. (44) inverted (Cong et al. 2008).
+
+Measured encoder readings: a CSV file or an array, validated once.
 """
 
 from __future__ import annotations
@@ -16,16 +20,105 @@ from typing import Any, Literal, final
 import numpy as np
 
 from calibench.core.options import FilePath, suggest
+from calibench.core.tables.cells import factor_to_base, with_points
+from calibench.core.tables.csv_table import Table, read_table
 from calibench.problems.base import Array, Parameter, frozen, numbers_of, registry
 from calibench.problems.instances import check_instance, refuse_drawn
-from calibench.problems.planar.cartesian import cartesian_coordinates
 from calibench.problems.planar.closed_loop import ErrorName, Planar
-from calibench.problems.planar.gauge import Gauge
-from calibench.problems.planar.gpm2002 import NAMES, UNITS, home, inverse_kinematics, to_cartesian
+from calibench.problems.planar.gpm2002 import (
+    NAMES,
+    UNITS,
+    Gauge,
+    PlanName,
+    Setting,
+    home,
+    inverse_kinematics,
+    own_machine,
+    plan_points,
+    section3,
+    section4,
+    to_cartesian,
+)
 from calibench.problems.planar.instances import PlanarInstance, planar_instance
-from calibench.problems.planar.plans import PlanName, plan_points
-from calibench.problems.planar.readings import check_readings, read_csv
-from calibench.problems.planar.settings import Setting, own_machine, section3, section4
+
+
+def cartesian_coordinates(parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
+    """Return J3's search coordinates: l_a becomes l_a cos z (lac) and z becomes l_a sin z (las), eq. (44) inverted.
+
+    Their box is the bounding box of the sector that the box of (l_a, z) cuts.
+    """
+    by_name = {p.name: p for p in parameters}
+    swapped = []
+    for p in parameters:
+        if not p.name.startswith(("la", "z")):
+            swapped.append(p)
+            continue
+        la, z = by_name["la" + p.name[-1]], by_name["z" + p.name[-1]]
+        side = np.cos if p.name.startswith("la") else np.sin
+        low, high = _range_of(side, z.lower, z.upper)
+        corners = [radius * trig for radius in (la.lower, la.upper) for trig in (low, high)]
+        true = None if la.true is None or z.true is None else la.true * float(side(z.true))
+        name = ("lac" if side is np.cos else "las") + p.name[-1]
+        swapped.append(Parameter(name, "mm", la.start * float(side(z.start)), min(corners), max(corners), true))
+    return tuple(swapped)
+
+
+def _range_of(side: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """Return the least and largest value of cos or sin between two angles."""
+    quarter = np.pi / 2
+    turns = [k * quarter for k in range(int(np.ceil(low / quarter)), int(np.floor(high / quarter)) + 1)]
+    values = [float(side(angle)) for angle in (low, high, *turns)]
+    return min(values), max(values)
+
+
+_COLUMNS = ("enc_1", "enc_2", "enc_3")
+
+
+def read_csv(path: str | Path) -> Array:
+    """Return the readings of a CSV file [rad], shape (n, 3): columns enc_1..3, or three columns without header.
+
+    A unit behind a name (`enc_1 [deg]`) is turned into radians; lines that begin with # and other columns are passed
+    over, so a file of measured data is read as well. Decimal commas are read where commas do not part the cells. Raises
+    `ValueError` with the file, the row and what is wrong.
+    """
+    try:
+        found = read_table(path, bare=True)
+        factors = [factor_to_base(name, found.units.get(name, "rad"), "rad")[1] for name in _COLUMNS]
+        cells = _cells(found)
+    except (OSError, ValueError) as error:
+        raise ValueError(f"readings={path}: cannot be read: {error}") from None
+    names = found.names or _COLUMNS
+    missing = [name for name in _COLUMNS if name not in names]
+    if missing:
+        raise ValueError(f"readings={path}: no column {', '.join(missing)}; the header has {', '.join(names)}")
+    table = []
+    for (line, row), *three in zip(found.rows, *(cells[name] for name in _COLUMNS), strict=True):
+        try:
+            table.append([float(cell) for cell in three])
+        except ValueError:
+            raise ValueError(f"readings={path}: row {line} does not hold three numbers: {list(row)!r:.80}") from None
+    return np.array(table) * factors if table else np.empty((0, 0))
+
+
+def _cells(found: Table) -> dict[str, list[str]]:
+    """Return the cells of each column that has a name, "" where its row ends before, with decimal points."""
+    names = found.names or _COLUMNS
+    rows = [row for _, row in found.rows]
+    columns = {n: [row[k].strip() if k < len(row) else "" for row in rows] for k, n in enumerate(names) if n}
+    own = (cell for name in _COLUMNS for cell in columns.get(name, ()))
+    return with_points(columns) if found.delimiter != "," and any("," in cell for cell in own) else columns
+
+
+def check_readings(readings: Array) -> None:
+    """Raise `ValueError` for readings that are not finite radians of shape (n, 3)."""
+    if readings.ndim != 2 or readings.shape[1] != 3 or not len(readings):
+        raise ValueError(f"readings have shape {readings.shape}: (n, 3) is needed, a column for each encoder")
+    bad = np.flatnonzero(~np.isfinite(readings).all(axis=1))
+    if bad.size:
+        raise ValueError(f"readings: row {bad[0] + 1} is not finite ({bad.size} such rows); leave them out")
+    if np.abs(readings).max() > 4 * np.pi:
+        raise ValueError(f"readings reach {np.abs(readings).max():.4g}: they look like degrees, radians are needed")
+
 
 _MOST_CONFIGURATIONS = 1_000_000  # one evaluation takes some 20 ms there, its Jacobian 300 MB
 _OFFSETS = ("z1", "z2", "z3")

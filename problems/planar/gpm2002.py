@@ -1,12 +1,29 @@
 """The GPM2002 itself (Cong et al. 2008): fifteen numbers, its home, its inverse kinematics, its two coordinate systems.
 
 A machine is an array of shape (15,): xa1 ya1 xa2 ya2 xa3 ya3 la1 la2 la3 lb1 lb2 lb3 z1 z2 z3, mm and rad.
+
+The gauge of the GPM2002: the moves of the whole machine that angle readings cannot see.
+
+Turn the whole machine by phi about A_1, scale it by s, and add phi to the three sensor offsets: every reading stays as
+it was. Fixing three base coordinates leaves one such curve through every machine: with x_a2 (section 4) or y_a2
+(section 3 of Cong et al. 2008) held, s follows from phi. So "12 parameters" are 11 and a free choice.
+
+The settings of the paper's sections: true machine, nominal machine, start and box; and those of a user's machine.
+
+Named sampling plans: the positions of the end-effector, about home, at which readings are taken.
+
+The papers do not publish their plans. `disc` and `box` are random points drawn from a seed, the others are fixed.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, assert_never
+
 import numpy as np
 
+from calibench.core.options import suggest
 from calibench.core.same_bits import arccos, arctan2, cos, sin
 from calibench.problems import constants
 from calibench.problems.base import Array
@@ -60,3 +77,181 @@ def to_polar(machine: Array, turn: Array) -> Array:
     z = arctan2(las, lac)
     z = z + 2 * np.pi * np.round((turn - z) / (2 * np.pi))
     return np.concatenate([machine[:6], np.hypot(lac, las), machine[9:12], z])
+
+
+@dataclass(frozen=True, slots=True)
+class Gauge:
+    """The one-parameter family that keeps x_a1, y_a1 and the `held` coordinate of A_2."""
+
+    held: Literal["xa2", "ya2"]
+
+    def scale(self, machine: Array, phi: float) -> float:
+        """Return s(phi) for the 15-vector `machine`: that which keeps the held coordinate."""
+        dx, dy = machine[2] - machine[0], machine[3] - machine[1]
+        if self.held == "xa2":
+            return float(dx / (dx * np.cos(phi) - dy * np.sin(phi)))
+        return float(dy / (dy * np.cos(phi) + dx * np.sin(phi)))
+
+    def move(self, machine: Array, phi: float) -> Array:
+        """Return the machine, shape (15,), that has the same readings and offsets larger by `phi` [rad]."""
+        s, c, d = self.scale(machine, phi), np.cos(phi), np.sin(phi)
+        moved = machine.copy()
+        for base in (0, 2, 4):
+            dx, dy = machine[base] - machine[0], machine[base + 1] - machine[1]
+            moved[base] = machine[0] + s * (c * dx - d * dy)
+            moved[base + 1] = machine[1] + s * (d * dx + c * dy)
+        moved[6:12] *= s
+        moved[12:15] += phi
+        return moved
+
+    def align(self, machine: Array, positions: Array, true_positions: Array) -> tuple[float, Array]:
+        """Return (phi, aligned machine): where on its curve `machine` brings its end-effectors nearest to the truth.
+
+        The scale s is positive. `positions` and `true_positions` have shape (n, 2). phi is the gauge angle of `machine`
+        seen from the truth.
+        With u = tan(turn), the held coordinate gives s cos(turn) = h / (h - k u), so that the sum of squares over the
+        positions is a ratio of polynomials in u whose derivative has one root: no search is needed.
+        """
+        anchor = machine[:2]
+        h, k = machine[2] - machine[0], machine[3] - machine[1]
+        if self.held == "ya2":
+            h, k = k, -h
+        arm, wanted = positions - anchor, true_positions - anchor
+        size = np.sum(arm * arm)
+        along, across = np.sum(arm * wanted), np.sum(arm[:, 0] * wanted[:, 1] - arm[:, 1] * wanted[:, 0])
+        lever = h * across + k * along
+        up, down = h * (lever - k * size), h * h * size + k * lever
+        turn = float(np.arctan2(up, down))
+        return -turn, self.move(machine, turn)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The machine of one of the papers' sections: 15 numbers each. `actual` is None for a user's own machine."""
+
+    actual: Array | None
+    nominal: Array
+    start: Array
+    lower: Array
+    upper: Array
+
+
+def section3(table: str) -> Setting:
+    """Return section 3's setting: `table`'s actual machine, the start it prints from (210, 245), boxes of PAPERS."""
+    actual = makers_machine()
+    column = constants.column(PAPER, f"{table}.actual")
+    for name in NAMES:
+        if name in column:
+            actual[NAMES.index(name)] = column[name]
+    start = makers_machine()
+    start[12:15] = _start_offsets(actual)
+    lower, upper = start - 10.0, start + 10.0  # bases
+    lower[6:12], upper[6:12] = makers_machine()[6:12] - 5.0, makers_machine()[6:12] + 5.0
+    lower[12:15], upper[12:15] = 1.0 - 0.2, 1.0 + 0.2
+    return Setting(actual, makers_machine(), start, lower, upper)
+
+
+def section4() -> Setting:
+    """Return section 4's setting, Table 5: actual machine, nominal start, box."""
+    machines = {}
+    for role in ("actual", "nominal", "lower", "upper"):
+        machine, column = makers_machine(), constants.column(PAPER, f"table5.{role}")
+        for name in column:
+            machine[NAMES.index(name)] = column[name]
+        machines[role] = machine
+    return Setting(machines["actual"], machines["nominal"], machines["nominal"], machines["lower"], machines["upper"])
+
+
+def own_machine(
+    nominal: Mapping[str, float], box: Mapping[str, tuple[float, float]], at_home: Sequence[float] | None
+) -> Setting:
+    """Return the setting of a user's machine: Table 5's widths about their nominal values."""
+    table5 = section4()
+    start = makers_machine()
+    for name, value in nominal.items():
+        if name not in NAMES:
+            raise ValueError(f"nominal: unknown parameter {name!r}; {suggest(name, NAMES)}")
+        if not np.isfinite(value) or (name[0] == "l" and value <= 0):
+            raise ValueError(
+                f"nominal {name}={value}: a {'length above 0' if name[0] == 'l' else 'finite number'} is needed"
+            )
+        start[NAMES.index(name)] = value
+    if at_home is not None:
+        if len(at_home) != 3:
+            raise ValueError(f"at_home={list(at_home)}: three readings [rad] are needed")
+        joints = inverse_kinematics(start, home()[None])[0]
+        if not np.isfinite(joints).all():
+            leg = int(np.argmin(np.isfinite(joints))) + 1
+            raise ValueError(
+                f"at_home: leg {leg} cannot reach the home position with nominal la{leg}, lb{leg}, base {leg}"
+            )
+        start[12:15] = joints - np.asarray(at_home)
+    half = np.maximum((table5.upper - table5.lower) / 2, [5.0] * 12 + [0.0] * 3)
+    lower, upper = start - half, start + half
+    for name, bounds in box.items():
+        if name not in NAMES:
+            raise ValueError(f"box: unknown parameter {name!r}; {suggest(name, NAMES)}")
+        i = NAMES.index(name)
+        try:
+            lower[i], upper[i] = (float(bound) for bound in bounds)
+        except (TypeError, ValueError):
+            raise ValueError(f"box {name}={bounds}: a pair of numbers (lower, upper) is needed") from None
+        if not lower[i] <= start[i] <= upper[i]:
+            raise ValueError(f"start {name}={start[i]:g} lies outside its box {lower[i]:g} .. {upper[i]:g}")
+    return Setting(None, start, start, lower, upper)
+
+
+def _start_offsets(actual: Array) -> Array:
+    """Return the initial offsets of Tables 2-4: the hand stops at (210, 245), taken for the home position."""
+    geometry = constants.column(PAPER, "geometry")
+    estimate = np.array([[geometry["estimate_x"], geometry["estimate_y"]]])
+    assumed = inverse_kinematics(makers_machine(), home()[None])[0]
+    return np.asarray(actual[12:15] + assumed - inverse_kinematics(actual, estimate)[0])
+
+
+_FARTHEST = 1000.0
+PlanName = Literal["grid", "disc", "box", "line", "circle", "two_circles"]
+
+
+def plan_points(plan: PlanName, home: Array, radius: float, n: int, rng: np.random.Generator) -> Array:
+    """Return `n` end-effector positions, shape (n, 2), mm, within `radius` of `home` (along x for grid, line, box).
+
+    Raises `ValueError` where n points cannot make the plan.
+    """
+    if not radius > 0:
+        raise ValueError(f"radius={radius:g}: must be above 0 mm")
+    if radius > _FARTHEST:
+        raise ValueError(f"radius={radius:g}: out of reach; the legs reach some 490 mm")
+    if plan == "grid":
+        return home + radius * _grid(n)
+    if plan == "disc":
+        r, angle = np.sqrt(rng.random(n)), 2 * np.pi * rng.random(n)
+        return home + radius * np.column_stack([r * cos(angle), r * sin(angle)])
+    if plan == "box":
+        return np.asarray(home + radius * (2 * rng.random((n, 2)) - 1))
+    if plan == "line":
+        return home + radius * np.column_stack([np.linspace(-1, 1, n), np.zeros(n)])
+    if plan == "circle":
+        return home + radius * _circle(n)
+    if plan == "two_circles":  # the outer one has twice the radius and twice the points
+        inner = n // 3
+        return home + radius * np.vstack([_circle(n - inner), 0.5 * _circle(inner)])
+    assert_never(plan)
+
+
+def _circle(n: int) -> Array:
+    angle = 2 * np.pi * np.arange(n) / n
+    return np.column_stack([cos(angle), sin(angle)])
+
+
+def _grid(n: int) -> Array:
+    """Return a grid of equal pitch, three rows where n allows, scaled to reach from -1 to 1 in x; n = 3 is a corner."""
+    if n == 3:
+        return np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    rows = 3 if n % 3 == 0 and n >= 9 else max(d for d in range(1, int(n**0.5) + 1) if n % d == 0)
+    columns = n // rows
+    if rows < 2 or columns < 2:
+        raise ValueError(f"n={n}: a grid needs rows and columns, such as n=9, 21 or 50; or choose another plan")
+    pitch = 2.0 / (columns - 1)
+    x, y = np.meshgrid(np.arange(columns) * pitch - 1.0, (np.arange(rows) - (rows - 1) / 2) * pitch)
+    return np.column_stack([x.ravel(), y.ravel()])

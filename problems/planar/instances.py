@@ -23,9 +23,16 @@ import numpy as np
 from calibench.core.same_bits import cos, sin
 from calibench.problems.base import Array, frozen
 from calibench.problems.instances import Box, Noise, Stream, can_be_identified, first_that_fits
-from calibench.problems.planar.gpm2002 import NAMES, UNITS, home, makers_machine
-from calibench.problems.planar.plans import PlanName, plan_points
-from calibench.problems.planar.settings import Setting, section4
+from calibench.problems.planar.gpm2002 import (
+    NAMES,
+    UNITS,
+    PlanName,
+    Setting,
+    home,
+    makers_machine,
+    plan_points,
+    section4,
+)
 
 NOISES = (1e-6, 3e-4)  # rad
 FINEST = 1e-6  # rad: the readings that an instance without noise is held to

@@ -10,13 +10,21 @@ feasible subspace, P_j delta_j = 0, change nothing at all (Proposition 1). The g
 -(2/n) J(O)^T sum_j P_j delta_j: it vanishes, and the minimum stays, where the *projected* errors have mean zero. For
 Proposition 2 that takes both its conditions: mean(delta) = 0 and each delta_j in span P_j, as P_j delta_j is then
 delta_j. Errors of mean zero alone are not enough, since P_j changes along the circle.
+
+Instances of `tracking_zero`: another machine, reference point, path, noise and box for each ``instance=K``.
+
+- *machine*: as the nominal machine of `planar.instances`, and it is known: the geometry is no unknown here.
+- *path*: as the plan there, its centre being the reference point O; n poses from 9.
+- *box*: as `problems.instances` says, with h = 10 mm about a start uniform in -10 .. 10 mm. The truth is not (0, 0): dx
+  and dy are measured from a mark beside O, so that a method which favours the origin gains nothing.
+- *noise* of a recorded reading: none, or 1e-6 .. 3e-4 rad.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from hashlib import blake2b
 from typing import Any, ClassVar, Literal, final
 
@@ -25,12 +33,18 @@ import numpy as np
 from calibench.problems import constants
 from calibench.problems.base import Array, Parameter, frozen, line_of, registry, table_of
 from calibench.problems.compiled_problem import CompiledProblem
-from calibench.problems.instances import check_instance, refuse_drawn
-from calibench.problems.noise_floor import least_in_box, levels, value_of_noise
-from calibench.problems.planar.gpm2002 import home, makers_machine
-from calibench.problems.planar.instances import FINEST
-from calibench.problems.planar.plans import PlanName, plan_points
-from calibench.problems.planar.tracking_instances import TrackingInstance, tracking_instance
+from calibench.problems.fitting import least_in_box, levels, value_of_noise
+from calibench.problems.instances import (
+    Box,
+    Noise,
+    Stream,
+    can_be_identified,
+    check_instance,
+    first_that_fits,
+    refuse_drawn,
+)
+from calibench.problems.planar.gpm2002 import PlanName, home, makers_machine, plan_points
+from calibench.problems.planar.instances import FINEST, NOISES, DrawnPlan, decided, nominal_machine, within_reach
 
 _PAPER = "cong2008"
 _OFFSETS = ("z1", "z2", "z3")
@@ -74,10 +88,7 @@ class Tracking:
     _repr_html_ = table_of
 
     def __post_init__(self) -> None:
-        from calibench.problems.planar.compiled import (  # here, as listing the names must not load the compiler
-            _settling_kernels,
-            _tracking_kernels,
-        )
+        from calibench.problems.planar import _settling_kernels, _tracking_kernels
 
         machine = np.array(self.machine)
         angles, slopes = _tracking_kernels.joint_angles(machine, self.points)
@@ -327,7 +338,7 @@ def _table1(experiment: int) -> tuple[Array, Array, Array]:
 
     Initial minus result is dz, three numbers of (dx, dy): theta(O) - theta(O + x) = dz by least squares (Gauss-Newton).
     """
-    from calibench.problems.planar.compiled import _tracking_kernels
+    from calibench.problems.planar import _tracking_kernels
 
     initial, result = (
         np.array([constants.column(_PAPER, f"table1.experiment{experiment}_{which}")[z] for z in _OFFSETS])
@@ -346,3 +357,47 @@ def _projectors(slopes: Array) -> Array:
     """Return P_j, shape (n, 3, 3), of Jacobians J_j, shape (n, 3, 2)."""
     transposed = slopes.transpose(0, 2, 1)
     return np.asarray(np.eye(3) - slopes @ np.linalg.solve(transposed @ slopes, transposed))  # eq. (15), corrected
+
+
+_FAMILY = "tracking_zero"
+_FEWEST_POSES = 9
+_HALF = np.array([10.0, 10.0])  # mm
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class TrackingInstance:
+    """What ``instance=K`` of `tracking_zero` draws; `attempts` were drawn until one could be identified."""
+
+    instance: int
+    machine: Array
+    start: Array
+    box: Box
+    plan: DrawnPlan
+    noise: Noise
+    attempts: int
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Return what the instance decides of the family's options."""
+        return decided(self.plan, self.noise)
+
+
+@cache
+def tracking_instance(instance: int) -> TrackingInstance:
+    """Return the instance of this number."""
+    return first_that_fits(_FAMILY, instance, lambda attempt: _attempt(instance, attempt))
+
+
+def _attempt(instance: int, attempt: int) -> TrackingInstance | None:
+
+    streams = {thing: Stream.of(_FAMILY, instance, attempt, thing) for thing in ("machine", "box", "plan", "noise")}
+    machine = nominal_machine(streams["machine"])
+    start = np.array([round(streams["box"].between(-10, 10), 3) for _ in "xy"])
+    box = Box.drawn(streams["box"], start, _HALF, (3, 3))
+    plan, noise = DrawnPlan.drawn(streams["plan"], _FEWEST_POSES), Noise.drawn(streams["noise"], *NOISES)
+    drawn = TrackingInstance(instance, machine, start, box, plan, noise, attempt + 1)
+    points, _ = plan.points(noise.data_seed)
+    if not within_reach(machine, points):
+        return None
+    return drawn if can_be_identified(tracked(drawn, quiet=True), len(start), noise.level) else None

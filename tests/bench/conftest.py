@@ -9,8 +9,8 @@ import pytest
 from calibench import optimizers, problems
 from calibench.bench.calibration.judged import predicted
 from calibench.bench.cli import main
-from calibench.bench.execution.request import probe
-from calibench.bench.report.shared import drawn
+from calibench.bench.execution import request as probe
+from calibench.bench.report.shared import drawing as drawn
 from calibench.bench.sweep import carry_out, costs
 from calibench.core import user_file
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibench import bench, optimizers, problems
 from calibench.bench.store.runs import ResultStore
-from calibench.problems.suites.gaps import COCO_GAPS
+from calibench.problems.suites.black_box import COCO_GAPS
 
 
 class Raised:

@@ -16,7 +16,7 @@ from benchmarks.answer.page import later, page
 from benchmarks.answer.standing import ert_bounds, leading, ranked, standing, winners
 from calibench import bench, optimizers
 from calibench.bench.cli import main
-from calibench.bench.statistics.runtime import ert
+from calibench.bench.statistics.fixed_target import ert
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.statistics.targets import levels_of
 from calibench.bench.sweep.request import study_preset

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from calibench.bench.gate.processes import at_once as module
-from calibench.bench.gate.processes.at_once import at_once
+from calibench.bench.gate import processes as module
+from calibench.bench.gate.processes import at_once
 
 
 def test_answers_come_in_the_order_of_the_calls():

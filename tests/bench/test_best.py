@@ -11,11 +11,11 @@ from benchmarks.statistics import best_of_many
 from calibench.bench.report.study.answer import answer
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary
-from calibench.bench.statistics.comparison.best import Rival, Side, ratio_of, rivals_of
-from calibench.bench.statistics.comparison.ranking import places
-from calibench.bench.statistics.comparison.score import order_of, scores
-from calibench.bench.statistics.comparison.two_methods import rank_sum_tails
+from calibench.bench.statistics.best import Rival, Side, ratio_of, rivals_of
+from calibench.bench.statistics.ranking import order_of_scores as order_of
+from calibench.bench.statistics.ranking import places, scores
 from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
+from calibench.bench.statistics.two_methods import rank_sum_tails
 from calibench.bench.store.manifest import remaining_by_budget
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import read_request

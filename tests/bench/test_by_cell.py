@@ -12,8 +12,7 @@ from calibench import bench, optimizers, problems
 from calibench.bench.report.study import figures, page
 from calibench.bench.report.study.page import StudyPage
 from calibench.bench.statistics import tables
-from calibench.bench.statistics.by_cell import by_number
-from calibench.bench.statistics.cells import CELL
+from calibench.bench.statistics.cells import CELL, by_number
 from calibench.bench.statistics.summary import QUARTILES, quantiles
 from calibench.bench.store.schema import TRACES_SCHEMA
 

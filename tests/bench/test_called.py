@@ -10,7 +10,7 @@ import pytest
 
 from calibench import optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.commands.studies.status import lines_of
+from calibench.bench.commands.status import lines_of
 from calibench.bench.statistics.progress import sweep_progress
 from calibench.bench.store.merge import merge
 from calibench.bench.store.runs import ResultStore

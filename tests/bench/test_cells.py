@@ -18,11 +18,10 @@ from calibench.bench.papers.cong2008 import tables as paper_tables
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.html_tables import methods, ranked
 from calibench.bench.report.study.write import write_report
+from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics import tables
 from calibench.bench.statistics.cells import CELL, mixed_code
-from calibench.bench.statistics.comparison import ranking
-from calibench.bench.statistics.names.labels import method_labels, problem_titles
+from calibench.bench.statistics.names import method_labels, problem_titles
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import RUNS_SCHEMA, to_pandas
 

@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibench.bench.statistics.choosing.nested import Scored, nest
-from calibench.bench.statistics.choosing.settings import choose, score_of
+from calibench.bench.statistics.choosing import Scored, choose, nest, score_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.from_python import sweep
 from tests.few import few

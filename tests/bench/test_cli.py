@@ -401,7 +401,7 @@ def test_a_full_disk_is_told_with_the_way_out(run_bench, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("calibench.bench.store.files.journal.Journal.append", full)
+    monkeypatch.setattr("calibench.bench.store.journal.Journal.append", full)
     code, _, err = run_bench("run problem=sensor_zero optimizer=lm budget=20 seeds=1")
     assert code == 2
     assert err.endswith("No space left on device; make room and give the same command again: finished runs are kept\n")

@@ -12,13 +12,11 @@ from scipy import optimize, stats
 from benchmarks.statistics import false_positives
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.report.study.critical_difference import critical_difference
-from calibench.bench.statistics.comparison.effect_size import a12
-from calibench.bench.statistics.comparison.holm import holm
-from calibench.bench.statistics.comparison.many_methods import FEWEST, Blocks, blocks_of, friedman
-from calibench.bench.statistics.comparison.score import order_of, scores
-from calibench.bench.statistics.comparison.two_methods import two_methods
-from calibench.bench.statistics.comparison.two_studies import compare
+from calibench.bench.report.study.figures import critical_difference
+from calibench.bench.statistics.ranking import FEWEST, Blocks, blocks_of, friedman, holm, scores
+from calibench.bench.statistics.ranking import order_of_scores as order_of
+from calibench.bench.statistics.two_methods import a12, two_methods
+from calibench.bench.statistics.two_studies import compare
 from calibench.bench.store.runs import ResultStore
 
 pytestmark = pytest.mark.usefixtures("one_process")

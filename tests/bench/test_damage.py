@@ -12,12 +12,11 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.exchange.studies import read_study
 from calibench.bench.execution.lost import lost_run
-from calibench.bench.execution.request.asked import read_asked
-from calibench.bench.execution.request.pair import pair_of
+from calibench.bench.execution.request import pair_of, read_asked
 from calibench.bench.execution.run import Spec
 from calibench.bench.store import tables
+from calibench.bench.store import tables as seal
 from calibench.bench.store.damage import first_damage
-from calibench.bench.store.files import seal
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.merge import merge
 from calibench.bench.store.runs import ResultStore

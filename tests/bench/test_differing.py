@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from calibench.bench.report.study.differing import differing
-from calibench.bench.statistics.comparison.many_methods import Blocks, friedman
+from calibench.bench.report.study.html_tables import differing
+from calibench.bench.statistics.ranking import Blocks, friedman
 
 
 @pytest.fixture

@@ -19,14 +19,14 @@ from benchmarks.blind.gpm2002.simulate import case
 from benchmarks.blind.malformed import SPOILED
 from calibench import bench, discrepancy, optimizers
 from calibench.bench.cli import main
-from calibench.bench.discovery import advice
-from calibench.bench.discovery.advice import with_advice
+from calibench.bench.discovery import batch as advice
+from calibench.bench.discovery.batch import with_advice
 from calibench.bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
 from calibench.bench.measured.files import read_measured
 from calibench.bench.measured.sources import sources
 from calibench.bench.store.runs import ResultStore
 from calibench.discrepancy.design.detectability import WhitenedDesign
-from calibench.discrepancy.machines.gpm2002.plan import planned, reachable
+from calibench.discrepancy.machines.gpm2002.description import planned, reachable
 from tests.few import few
 
 CONTRACT = {

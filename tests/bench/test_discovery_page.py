@@ -9,8 +9,10 @@ import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
 from calibench import discrepancy
-from calibench.bench.discovery.page import noise_charts as page_noise_charts
+from calibench.bench.discovery.page import figures as page_noise_charts
 from calibench.bench.discovery.page.figures import (
+    Residuals,
+    Series,
     candidate_chart,
     discovery_figures,
     gap_chart,
@@ -18,7 +20,6 @@ from calibench.bench.discovery.page.figures import (
     where_map,
 )
 from calibench.bench.discovery.page.page import Page
-from calibench.bench.discovery.page.series import Residuals, Series
 from calibench.bench.discovery.page.words import (
     as_sentence,
     chance_sentence,
@@ -28,8 +29,8 @@ from calibench.bench.discovery.page.words import (
     next_sentences,
 )
 from calibench.bench.report.shared.page import inline_svg
-from calibench.discrepancy.model.description import Correction
-from calibench.discrepancy.model.measured.data import UNSTATED
+from calibench.discrepancy.model.machine import Correction
+from calibench.discrepancy.model.measured import UNSTATED
 from calibench.discrepancy.report import Place, Report
 
 RIVALS = [

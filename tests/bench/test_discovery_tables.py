@@ -12,16 +12,22 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from benchmarks.blind.gpm2002.simulate import case as planar_case
 from benchmarks.blind.orthoglide import case
 from calibench import discrepancy
-from calibench.bench.discovery.page.figures import candidate_chart, gap_chart, residual_chart, where_map, workspace_map
-from calibench.bench.discovery.page.limits import untested_lines
-from calibench.bench.discovery.page.page import Page
-from calibench.bench.discovery.page.series import Residuals, Workspace, series_of
-from calibench.bench.discovery.page.tables import parameter_table, score_table, set_table
+from calibench.bench.discovery.page.figures import (
+    Residuals,
+    Workspace,
+    candidate_chart,
+    gap_chart,
+    residual_chart,
+    series_of,
+    where_map,
+    workspace_map,
+)
+from calibench.bench.discovery.page.page import Page, parameter_table, score_table, set_table, untested_lines
 from calibench.bench.discovery.page.words import column_sentence, headline, next_sentences
-from calibench.bench.report.shared.templating import macros
+from calibench.bench.report.shared.page import macros
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.effect import Untestable
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.report import Candidate, Gap, Place
 from tests.bench.test_discovery_page import FINDING, GAP, told
 from tests.discrepancy.test_form import sprung

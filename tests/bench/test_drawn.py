@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from calibench.bench.report.shared import drawn
+from calibench.bench.report.shared import drawing as drawn
 
 
 def _drawable(count):

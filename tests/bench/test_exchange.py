@@ -13,18 +13,22 @@ import pandas as pd
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.commands.studies.compare import _why_none
+from calibench.bench.commands.compare import _why_none
 from calibench.bench.exchange import latex
 from calibench.bench.exchange.coco import NOT_FINITE
-from calibench.bench.exchange.course import course_of, traces_by_run
-from calibench.bench.exchange.folders import file_names, write_folder
 from calibench.bench.exchange.mlflow_runs import _FOUND, _metrics
-from calibench.bench.exchange.studies import algorithm_names
-from calibench.bench.exchange.targets import gap_of_level
+from calibench.bench.exchange.studies import (
+    algorithm_names,
+    course_of,
+    file_names,
+    gap_of_level,
+    traces_by_run,
+    write_folder,
+)
 from calibench.bench.execution.run_row import COLUMNS
-from calibench.bench.statistics.runtime import ecdf
+from calibench.bench.statistics.fixed_target import ecdf
 from calibench.bench.store.runs import ResultStore
-from calibench.problems.suites.gaps import COCO_GAPS
+from calibench.problems.suites.black_box import COCO_GAPS
 from tests.bench.exchange_studies import Falls, Raised, mixed_study, suite_study
 
 pytestmark = pytest.mark.usefixtures("one_process", "undrawn")

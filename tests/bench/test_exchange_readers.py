@@ -14,7 +14,7 @@ from calibench.bench.cli import main
 from calibench.bench.exchange.studies import algorithm_names
 from calibench.bench.execution.run import execute
 from calibench.bench.store.runs import ResultStore
-from calibench.problems.suites.gaps import COCO_GAPS
+from calibench.problems.suites.black_box import COCO_GAPS
 from tests.bench.exchange_studies import mixed_study, suite_study
 
 pytestmark = pytest.mark.filterwarnings("default")  # what others' packages say as they are loaded is theirs

@@ -8,24 +8,26 @@ import pandas as pd
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.report.shared.drawing import COLOURS, DASHES
-from calibench.bench.report.shared.drawn import Drawings
+from calibench.bench.report.shared.drawing import COLOURS, DASHES, Drawings
 from calibench.bench.report.study import write
 from calibench.bench.report.study.answer import answer
-from calibench.bench.report.study.explored.curves import bands
-from calibench.bench.report.study.explored.data import Panel, as_json, explored
-from calibench.bench.report.study.explored.groups import groups_of
-from calibench.bench.report.study.explored.reached import reached_targets
-from calibench.bench.report.study.explored.script import policy, scripts
-from calibench.bench.report.study.headline import anchor, contents, headline
+from calibench.bench.report.study.explored import (
+    Panel,
+    as_json,
+    bands,
+    explored,
+    groups_of,
+    policy,
+    reached_targets,
+    scripts,
+)
 from calibench.bench.report.study.html_tables import by_error, methods
-from calibench.bench.report.study.page import problems_of
-from calibench.bench.report.study.progress import report_progress
-from calibench.bench.report.study.write import write_report
+from calibench.bench.report.study.page import anchor, contents, headline, problems_of
+from calibench.bench.report.study.write import report_progress, write_report
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL
+from calibench.bench.statistics.fixed_target import ecdf, ert
 from calibench.bench.statistics.optimum import optimum_of
-from calibench.bench.statistics.runtime import ecdf, ert
 from calibench.bench.statistics.targets import hits_of
 from calibench.bench.store.runs import ResultStore
 from tests.few import few
@@ -127,7 +129,7 @@ def test_numbers_are_data_that_no_name_can_leave():
 @pytest.mark.slow
 def test_many_cells_take_no_more_than_the_room_there_is(store, monkeypatch):
     for name, room in (("_CURVES", 11_000), ("_SHARES", 16_000), ("_TARGETS", 6_000)):  # a tenth of what a page has
-        monkeypatch.setattr(f"calibench.bench.report.study.explored.data.{name}", room)
+        monkeypatch.setattr(f"calibench.bench.report.study.explored.{name}", room)
     runs = store.runs()
     many = pd.concat(
         [runs.assign(start=f"start {i}", run_id=runs["run_id"] + str(i)) for i in range(20)], ignore_index=True
@@ -355,7 +357,7 @@ def test_a_report_tells_its_steps(store):
 
 def test_a_log_has_plain_lines_only_where_a_report_takes_long(capsys, monkeypatch):
     now = [0.0]
-    monkeypatch.setattr("calibench.bench.report.study.progress.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("calibench.bench.report.study.write.time.monotonic", lambda: now[0])
     with report_progress() as tell:
         tell(0, 3, "the runs")
         now[0] = 6.0

@@ -10,7 +10,7 @@ from benchmarks.field.__main__ import compared, page
 from calibench import bench, optimizers
 from calibench.bench.cli import main
 from calibench.bench.report.study import figures
-from calibench.bench.statistics.endings import endings
+from calibench.bench.statistics.summary import endings
 from calibench.bench.sweep.studies import study_preset
 
 

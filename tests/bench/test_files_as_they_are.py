@@ -18,7 +18,8 @@ from scipy.io import savemat
 
 from calibench.bench.cli import main
 from calibench.bench.measured import matlab_table, read_measured, shipped_path, write_measured
-from calibench.core.tables import data_file, excel_table
+from calibench.core.tables import csv_table as excel_table
+from calibench.core.tables import data_file
 from calibench.discrepancy import DataError
 
 GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data"))

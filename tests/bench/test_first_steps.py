@@ -10,11 +10,11 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.gate.frames import frames_of
+from calibench.bench.gate.endings import frames_of
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.study.answer import answer_of
 from calibench.bench.report.study.figures import convergence, target_chart
-from calibench.bench.report.study.headline import headline
+from calibench.bench.report.study.page import headline
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.optimum import Optimum

@@ -4,8 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibench.bench.statistics.fixed_budget.anytime import anytime
-from calibench.bench.statistics.fixed_budget.gaps import gaps
+from calibench.bench.statistics.fixed_budget import anytime, gaps
 from tests.bench.test_runtime import ORACLE
 
 BUDGET = 50

@@ -16,7 +16,8 @@ import pytest
 
 from calibench import problems
 from calibench.bench.cli import main
-from calibench.bench.measured import Source, files, parquet_table, read_measured, shipped_path, write_measured
+from calibench.bench.measured import Source, files, read_measured, shipped_path, write_measured
+from calibench.bench.measured import files as parquet_table
 from calibench.core.tables import data_file
 from calibench.core.tables.csv_table import read_table
 from calibench.core.tables.data_file import LARGEST_PARQUET, LARGEST_TEXT, MOST_CELLS, MOST_COLUMNS, read_whole

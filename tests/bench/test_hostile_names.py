@@ -14,9 +14,8 @@ from calibench.bench.discovery.page.page import Page
 from calibench.bench.papers import page as ledger_page
 from calibench.bench.papers.row import Row
 from calibench.bench.report.shared.drawing import axes_in, figure_of, save
-from calibench.bench.report.shared.page import Head, Table, inline_svg
-from calibench.bench.report.shared.templating import macros, render
-from calibench.bench.report.study.explored.script import scripts
+from calibench.bench.report.shared.page import Head, Table, inline_svg, macros, render
+from calibench.bench.report.study.explored import scripts
 from calibench.bench.report.study.page import StudyPage
 from calibench.bench.store.runs import ResultStore
 from calibench.discrepancy.report import Report

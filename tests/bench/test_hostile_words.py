@@ -15,7 +15,7 @@ from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.commands import paper
 from calibench.bench.sweep.request import read_request
-from calibench.bench.sweep.words.values import MOST_RUNS
+from calibench.bench.sweep.words import MOST_RUNS
 from calibench.core.options import coerce, shown
 from calibench.core.words import DEEPEST, LONGEST_WORD, check_word, one_line
 
@@ -354,7 +354,7 @@ def test_what_no_door_expected_is_still_one_line_that_says_where(monkeypatch, fa
     def identify(*_args, **_options):
         raise fault
 
-    monkeypatch.setattr("calibench.bench.commands.machines.identify.identify", identify)
+    monkeypatch.setattr("calibench.bench.commands.identify.identify", identify)
     line = refused("identify", "problem=sensor_zero")
     assert type(fault).__name__ in line
     assert "test_hostile_words.py, line " in line

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.provenance.plain import plain
 from calibench.bench.provenance.run_id import (
     canonical,
     key_of_optimizer,
@@ -18,6 +17,7 @@ from calibench.bench.provenance.run_id import (
     name_of,
     options_as_asked,
     options_of,
+    plain,
     run_id,
 )
 from calibench.bench.store.runs import ResultStore

@@ -19,8 +19,8 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.execution.costly import with_batches
 from calibench.bench.gate import time_limit as watch
-from calibench.bench.gate.costly.told_error import ToldError
-from calibench.bench.gate.processes.forked_worker import forked
+from calibench.bench.gate.endings import ToldError
+from calibench.bench.gate.processes import forked
 from tests.few import few
 
 TIMES = {"wall_s", "cpu_s", "started_at"}

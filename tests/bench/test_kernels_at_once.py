@@ -11,9 +11,9 @@ import pytest
 
 from calibench import optimizers, problems
 from calibench.bench.execution import kernels
-from calibench.bench.execution.outcome import compile_parts
+from calibench.bench.execution.row_of import compile_parts
 from calibench.bench.execution.run import Spec
-from calibench.bench.gate.processes import at_once
+from calibench.bench.gate import processes as at_once
 from calibench.core.compilation import compiled
 
 SPECS = [Spec(name, {}, method, {}, 10, 0) for name in ("sensor_zero", "orthoglide6") for method in ("de", "lm")]

@@ -19,11 +19,11 @@ from calibench.bench.papers import KINDS, VERDICTS, Ours, Tolerance, judge, run_
 from calibench.bench.papers import PAPERS as REGISTERED
 from calibench.bench.papers.cong2008.tables import runs_of
 from calibench.bench.papers.files import LEDGER_SCHEMA, read_rows, to_table
-from calibench.bench.papers.one_print import agreed, unexplained
 from calibench.bench.papers.page import Kept, page
-from calibench.bench.papers.pashkevich2008.experiments import page as orthoglide_page
-from calibench.bench.papers.pashkevich2008.fits import fitted, table2_differences
+from calibench.bench.papers.pashkevich2008 import experiments as orthoglide_page
+from calibench.bench.papers.pashkevich2008.machine import fitted, table2_differences
 from calibench.bench.papers.published import Printed, quantities
+from calibench.bench.papers.rerun import agreed, unexplained
 from calibench.bench.papers.row import at_budget, judge_at_least, judge_level, judge_limit
 from calibench.bench.store.runs import ResultStore
 from calibench.problems import constants
@@ -143,7 +143,7 @@ def test_an_erratum_of_the_second_paper_is_corrected_unless_it_is_none_or_of_no_
 
 @pytest.mark.parametrize(("key", "data", "name"), [("exp3", "exp3_t2", "z_y"), ("exp2", "exp2", "x_y")])
 def test_two_data_sets_would_be_one_if_the_fit_said_so(monkeypatch, key, data, name):
-    from calibench.bench.papers.pashkevich2008.errata import numbers
+    from calibench.bench.papers.pashkevich2008 import errata as numbers
 
     number = 11 if key == "exp3" else 12
     assert numbers.two_sets(key, data, name)(Printed("pashkevich2008"), number).verdict == "reproduced"

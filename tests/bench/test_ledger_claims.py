@@ -5,12 +5,12 @@ import pandas as pd
 import pytest
 
 from calibench.bench.papers import compare
+from calibench.bench.papers.cong2008 import actual
 from calibench.bench.papers.cong2008.machine import counted_closure
-from calibench.bench.papers.cong2008.section3 import actual
-from calibench.bench.papers.evidence import Evidence
-from calibench.bench.papers.pashkevich2008 import assumptions, equations
+from calibench.bench.papers.pashkevich2008 import claims as assumptions
+from calibench.bench.papers.pashkevich2008 import claims as equations
 from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import judge_either
+from calibench.bench.papers.row import Evidence, judge_either
 
 CONG, PASHKEVICH = Printed("cong2008"), Printed("pashkevich2008")
 
@@ -67,7 +67,7 @@ def test_when_de_improves_no_more_on_a_noisy_circle_is_read_off_its_trace(at, bu
 
 
 def test_the_printed_equations_hold():
-    rows = by_key(equations.rows(PASHKEVICH))
+    rows = by_key(equations.equation_rows(PASHKEVICH))
     assert {rows[f"equation{n}"].verdict for n in (5, 6, 7, 8, 9)} == {"reproduced"}
     assert rows["equation11_rest"].verdict == "reproduced"
     assert rows["linearisation_rho"].verdict == "reproduced"
@@ -85,7 +85,9 @@ def test_an_equation_with_a_wrong_sign_is_not_reproduced(name, monkeypatch):
 
     monkeypatch.setattr(equations, name, wrong)
     key = name.replace("_", "")
-    row = next(row for row in equations.rows(PASHKEVICH) if row.key.endswith(key))  # those after it take seconds
+    row = next(
+        row for row in equations.equation_rows(PASHKEVICH) if row.key.endswith(key)
+    )  # those after it take seconds
     assert row.verdict == "not reproduced"
 
 
@@ -97,11 +99,11 @@ def test_the_range_of_the_linearisation_is_where_it_leaves_the_noise():
 
 
 def test_noise_is_judged_alike_before_and_after_the_tuning(monkeypatch):
-    rows = by_key(assumptions.rows(PASHKEVICH))
+    rows = by_key(assumptions.assumption_rows(PASHKEVICH))
     assert rows["sigma_unrealistic"].verdict == "reproduced"
     assert rows["assumptions_valid"].verdict == "not reproduced"
     monkeypatch.setattr(assumptions, "noise_of", lambda data: (0.011, 0.008))  # as the gauges are
-    rows = by_key(assumptions.rows(PASHKEVICH))
+    rows = by_key(assumptions.assumption_rows(PASHKEVICH))
     assert rows["sigma_unrealistic"].verdict == "not reproduced"
     assert rows["assumptions_valid"].verdict == "reproduced"
 

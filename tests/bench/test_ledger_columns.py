@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from calibench.bench.papers import Tolerance, judge
-from calibench.bench.papers.cong2008.section3.columns import quantity, row, searches, tolerance_of
-from calibench.bench.papers.cong2008.section3.stopping import COLUMNS, RELEASES
+from calibench.bench.papers.cong2008.actual import quantity, row, searches, tolerance_of
+from calibench.bench.papers.cong2008.stopping import COLUMNS, RELEASES
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import judge_share
 from tests.few import few

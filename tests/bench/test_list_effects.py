@@ -12,7 +12,7 @@ import pytest
 
 from calibench.bench.cli import main
 from calibench.bench.commands import list as list_command
-from calibench.bench.papers.cong2008 import printed_figures
+from calibench.bench.papers.cong2008 import figures as printed_figures
 
 
 def listed(capsys: pytest.CaptureFixture[str], *argv: str) -> str:

@@ -4,7 +4,7 @@ import pyarrow as pa
 import pytest
 
 from calibench.bench.statistics.summary import goal, goal_hits, goals_of
-from calibench.bench.store.lists import lists_of
+from calibench.bench.store.arrays import lists_of
 from calibench.bench.store.schema import to_pandas
 
 

@@ -9,14 +9,13 @@ from pathlib import Path
 import filelock
 import pytest
 
-from calibench.bench.store.files.lock import LockHeldError, locked
-from calibench.bench.store.runs import ResultStore
+from calibench.bench.store.runs import LockHeldError, ResultStore, locked
 
 ROOT = Path(__file__).resolve().parents[2]
 HOLD = """
 import sys
 from pathlib import Path
-from calibench.bench.store.files.lock import locked
+from calibench.bench.store.runs import locked
 with locked(Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.readline()
@@ -24,7 +23,7 @@ with locked(Path(sys.argv[1])):
 COUNT = """
 import sys
 from pathlib import Path
-from calibench.bench.store.files.lock import locked
+from calibench.bench.store.runs import locked
 folder = Path(sys.argv[1])
 for _ in range(50):
     with locked(folder):

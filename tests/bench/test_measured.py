@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calibench.bench.measured.csv_columns import factor
 from calibench.bench.measured.files import read_measured, write_measured
 from calibench.bench.measured.sources import shipped, sources
-from calibench.bench.measured.units import factor
 from calibench.discrepancy import DataError, MeasuredData
 
 METADATA = {"schema_version": 1, "machine": "gpm2002", "sigma_enc": 5e-5, "tooth_numbers": [40, 48, 56]}

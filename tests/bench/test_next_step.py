@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from calibench.bench.discovery.next_step import clearest_place, next_step
+from calibench.bench.discovery.page.words import clearest_place, next_step
 from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.report import Place
 from tests.bench.test_discovery_page import FINDING, told

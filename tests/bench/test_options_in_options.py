@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from calibench.bench.cli import main
-from calibench.bench.report.one_run.again import again_command
-from calibench.bench.statistics.names.labels import problem_titles
+from calibench.bench.report.one_run import again_command
+from calibench.bench.statistics.names import problem_titles
 from calibench.bench.statistics.tables import problem_of
-from calibench.bench.store.options import typed
+from calibench.bench.store.columns import typed
 from calibench.bench.store.runs import ResultStore
 from tests.few import few
 

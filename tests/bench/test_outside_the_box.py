@@ -7,7 +7,7 @@ import pytest
 
 from calibench.bench import ResultStore
 from calibench.bench.report.study.html_tables import methods
-from calibench.bench.statistics.names.labels import method_titles
+from calibench.bench.statistics.names import method_titles
 from calibench.bench.statistics.summary import outside_box, summary
 from calibench.bench.statistics.tables import overview
 

@@ -10,7 +10,7 @@ import pytest
 
 from calibench import bench, optimizers, problems, testing
 from calibench.bench.cli import main
-from calibench.bench.execution.request.own_problem import check_extras
+from calibench.bench.execution.request import check_extras
 from calibench.bench.execution.stochastic import FRESH, seeded
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats

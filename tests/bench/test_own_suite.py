@@ -16,14 +16,13 @@ from calibench import bench as calibench_bench
 from calibench import optimizers, problems, testing
 from calibench.bench.cli import main
 from calibench.bench.exchange import latex
-from calibench.bench.exchange.folders import file_name
-from calibench.bench.provenance import data_files
-from calibench.bench.provenance.code_digest import changed_parts
-from calibench.bench.provenance.data_files import digest_of_files
+from calibench.bench.exchange.studies import file_name
+from calibench.bench.provenance import code_digest as data_files
+from calibench.bench.provenance.code_digest import changed_parts, digest_of_files
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics.summary import summary
-from calibench.bench.store.options import with_options
+from calibench.bench.store.columns import with_options
 from calibench.bench.store.runs import ResultStore
 from calibench.core import user_file
 

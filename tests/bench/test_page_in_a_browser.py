@@ -11,7 +11,7 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.report.study.write import write_report
-from calibench.bench.statistics.runtime import ert
+from calibench.bench.statistics.fixed_target import ert
 from calibench.bench.statistics.targets import hits_of
 from calibench.bench.store.runs import ResultStore
 

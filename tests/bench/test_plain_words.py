@@ -4,10 +4,20 @@ from dataclasses import replace
 
 import pytest
 
-from calibench.bench.sweep.words import composition
-from calibench.bench.sweep.words.composition import CONF, compose_by_hydra, compose_texts, enter, registry_of
-from calibench.bench.sweep.words.hydra_overrides import _AS_TEXT, _override, last_value, parse, values_of
-from calibench.bench.sweep.words.plain_words import PlainOverride
+from calibench.bench.sweep import composition
+from calibench.bench.sweep.composition import (
+    _AS_TEXT,
+    CONF,
+    _override,
+    compose_by_hydra,
+    compose_texts,
+    enter,
+    last_value,
+    parse,
+    registry_of,
+    values_of,
+)
+from calibench.bench.sweep.words import PlainOverride
 from tests.few import few
 
 WORDS = [

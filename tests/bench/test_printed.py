@@ -8,7 +8,7 @@ import pytest
 
 from calibench import optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.gate.processes.forked_worker import CAN_FORK
+from calibench.bench.gate.processes import CAN_FORK
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.workers import printed
 from calibench.core import user_file

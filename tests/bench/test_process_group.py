@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from calibench import bench
-from calibench.bench.gate.processes.forked_worker import CAN_FORK, Lost, apart, forked
+from calibench.bench.gate.processes import CAN_FORK, Lost, apart, forked
 
 pytestmark = pytest.mark.skipif(not CAN_FORK or sys.platform != "linux", reason="the death signal is Linux's")
 
@@ -114,7 +114,7 @@ def test_a_long_message_comes_whole() -> None:
 STUCK = """
 import ctypes, os, sys, time
 sys.path[:0] = {path!r}
-from calibench.bench.gate.processes.forked_worker import forked
+from calibench.bench.gate.processes import forked
 
 def work(theirs):
     print(os.getpid(), flush=True)

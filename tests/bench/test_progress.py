@@ -17,21 +17,22 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.commands.studies.status import lines_of
-from calibench.bench.commands.studies.status import run as status
+from calibench.bench.commands.status import lines_of
+from calibench.bench.commands.status import run as status
+from calibench.bench.execution import in_progress as running
+from calibench.bench.execution import in_progress as told
 from calibench.bench.execution.costly import ReplayFolder
-from calibench.bench.execution.in_progress import progress as told
-from calibench.bench.execution.in_progress import running
-from calibench.bench.execution.in_progress.progress import Progress, publishing
-from calibench.bench.execution.in_progress.running import (
+from calibench.bench.execution.in_progress import (
+    Progress,
     Running,
     at_work,
+    publishing,
     read_running,
     remove_gone,
     running_of,
     to_files,
 )
-from calibench.bench.gate.processes.forked_worker import forked
+from calibench.bench.gate.processes import forked
 from calibench.bench.statistics.progress import sweep_progress
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import told_after

@@ -11,7 +11,7 @@ import pytest
 
 from calibench import bench, optimizers
 from calibench.bench.cli import main
-from calibench.bench.gate.costly.told_error import ToldError
+from calibench.bench.gate.endings import ToldError
 
 BUDGET = 3000
 SLOPES_ASKED = (

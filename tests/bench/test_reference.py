@@ -11,10 +11,10 @@ from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.papers import pashkevich2008
-from calibench.bench.papers.evidence import Evidence
 from calibench.bench.papers.files import LEDGER_SCHEMA
 from calibench.bench.papers.published import quantities
 from calibench.bench.papers.reference import Asked, check_folder, study_tables, thinned, write_printed, write_reference
+from calibench.bench.papers.row import Evidence
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA

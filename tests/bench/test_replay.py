@@ -19,9 +19,9 @@ import pytest
 from calibench import bench, optimizers
 from calibench.bench.execution import costly
 from calibench.bench.execution.costly import ReplayFolder, forget_finished, forget_replay
-from calibench.bench.gate.costly import replayed
-from calibench.bench.gate.costly.replay_file import Record, ReplayFile
-from calibench.bench.gate.processes.forked_worker import forked
+from calibench.bench.gate import replay as replayed
+from calibench.bench.gate.processes import forked
+from calibench.bench.gate.replay import Record, ReplayFile
 from tests.few import few
 
 TIMES = {"wall_s", "cpu_s", "started_at"}
@@ -222,7 +222,7 @@ def test_values_of_other_code_or_of_another_run_are_not_used(tmp_path: Path, mon
     problem = Valley()
     bench.execute(problem, Wanderer(0.1, 0.2), 99, replay=folder)
     assert problem.calls == 0
-    monkeypatch.setattr("calibench.bench.execution.request.pair.code_digest", lambda *_: "other.code.here")
+    monkeypatch.setattr("calibench.bench.execution.request.code_digest", lambda *_: "other.code.here")
     bench.execute(problem, Wanderer(0.1, 0.2), 99, replay=folder)
     assert problem.calls == 2
 
@@ -423,7 +423,7 @@ def test_a_full_disk_ends_the_journal_and_not_the_run(tmp_path: Path, monkeypatc
             raise OSError(errno.ENOSPC, "no space")
         return write(fd, data[: max(0, len(data) + min(0, room[0]))])
 
-    monkeypatch.setattr("calibench.bench.gate.costly.replay_file.os.write", almost_full)
+    monkeypatch.setattr("calibench.bench.gate.replay.os.write", almost_full)
     assert told(bench.execute(Valley(), method, 60, replay=folder)) == told(alone)
     monkeypatch.undo()
     problem = Valley()

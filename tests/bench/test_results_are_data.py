@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.report.one_run.again import again_command
+from calibench.bench.report.one_run import again_command
 from calibench.bench.statistics.summary import has_chance
 from calibench.bench.statistics.tables import calibrated, problem_of
 from calibench.bench.store.runs import ResultStore

@@ -14,10 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.execution.merit import Merit
+from calibench.bench.execution.answer import Merit
 from calibench.bench.execution.run_row import COLUMNS, RunRow
-from calibench.bench.report.one_run.found import Found
-from calibench.bench.report.one_run.story import show_run
+from calibench.bench.report.one_run import Found, show_run
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
 from calibench.bench.store.runs import ResultStore

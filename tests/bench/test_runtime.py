@@ -5,11 +5,15 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from calibench.bench.statistics.comparison.log_rank import at_risk, log_rank
-from calibench.bench.statistics.fixed_target.ert_interval import ert_interval
-from calibench.bench.statistics.fixed_target.profiles import data_profile, performance_profile
-from calibench.bench.statistics.fixed_target.restarted import restarted
-from calibench.bench.statistics.runtime import ecdf, ert, runtimes
+from calibench.bench.statistics.fixed_target import (
+    data_profile,
+    ecdf,
+    ert,
+    ert_interval,
+    performance_profile,
+    restarted,
+    runtimes,
+)
 
 ORACLE = "an independent library, not installed here (see docs/statistics.md)"
 
@@ -226,21 +230,6 @@ def test_profiles_of_no_task_have_no_steps():
     assert len(table) == len(performance_profile(table)) == len(data_profile(table)) == 0
 
 
-def test_log_rank_takes_who_stopped_by_itself_as_never_arriving():
-    runs, _ = study([[None], [None]], spent=[100, 100])
-    runs["stop_reason"] = ["budget", "converged"]
-    assert at_risk(runs).tolist() == [100.0, np.inf]
-    first = np.array([10.0, 20.0, np.inf, np.inf]), np.array([99.0, 99.0, 99.0, np.inf])
-    second = np.array([60.0, 70.0, np.inf, np.inf]), np.array([99.0, 99.0, 99.0, np.inf])
-    statistic, p = log_rank(first, second)
-    assert statistic > 0  # the first arrives sooner
-    assert 0 < p < 1
-    assert log_rank(second, first) == (pytest.approx(-statistic), pytest.approx(p))
-    never = np.array([np.inf]), np.array([9.0])
-    assert np.isnan(log_rank(never, never)).all()
-    assert np.isnan(log_rank(first, never)).all()  # its only run had ended before anybody arrived
-
-
 def test_ert_is_that_of_cocopp():
     toolsstats = pytest.importorskip("cocopp.toolsstats", reason=ORACLE)
     runs, hits = random_study(11)
@@ -264,21 +253,6 @@ def test_the_curve_is_that_of_statsmodels():
         ids = runs.loc[runs["optimizer"] == method, "run_id"]
         times = hits.loc[hits["run_id"].isin(ids), "charged"].fillna(np.inf)
         assert mine["share"].to_numpy() == pytest.approx(distributions.ECDF(times)(at), abs=1e-12)
-
-
-def test_log_rank_is_that_of_statsmodels():
-    survival = pytest.importorskip("statsmodels.duration.survfunc", reason=ORACLE)
-    rng = np.random.default_rng(13)
-    sides = []
-    for scale in (50.0, 80.0):
-        time = rng.exponential(scale, 25).round()
-        sides.append((np.where(time <= 90, time, np.inf), np.full(25, 90.0)))
-    statistic, p = log_rank(*sides)
-    time = np.concatenate([np.minimum(t, r) for t, r in sides])
-    status = np.concatenate([np.isfinite(t) for t, _ in sides]).astype(int)
-    known, known_p = survival.survdiff(time, status, np.repeat([0, 1], 25))
-    assert statistic**2 == pytest.approx(known, rel=1e-9)
-    assert p == pytest.approx(known_p, rel=1e-9)
 
 
 def test_problems_without_an_option_are_one_group_of_the_curve():

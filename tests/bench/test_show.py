@@ -8,8 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from calibench.bench.report.one_run.again import again_command
-from calibench.bench.report.one_run.curve import Curve, sparkline
+from calibench.bench.report.one_run import Curve, again_command, sparkline
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.runs import ResultStore
 from tests.few import few

@@ -22,7 +22,7 @@ carry_out.CAN_FORK = costs.CAN_FORK = sys.argv.pop(1) == "fork"
 try:
     main()
 except SystemExit as ended:
-    planar = sys.modules.get("calibench.problems.planar.compiled._closed_loop_kernels")
+    planar = sys.modules.get("calibench.problems.planar._closed_loop_kernels")
     kernels = [k for k, v in (vars(planar) if planar else {}).items()
                if getattr(v, "signatures", None)]
     print(json.dumps([ended.code, sorted(sys.modules), kernels]), file=sys.stderr)
@@ -44,7 +44,7 @@ SPARED = {
     "calibench.discrepancy", "calibench.bench.report", "calibench.bench.papers", "calibench.bench.sweep.tuner",
     "calibench.bench.statistics.choosing",
     "calibench.problems.orthoglide", "calibench.problems.delta", "calibench.problems.suites.nist",
-    "calibench.problems.covariance", "calibench.optimizers.pygmo", "calibench.optimizers.nlopt",
+    "calibench.problems.identifiability", "calibench.optimizers.pygmo", "calibench.optimizers.nlopt",
     "calibench.problems.arm.build", "calibench.optimizers.fmincon.direct", "xml.etree.ElementTree",
 }  # fmt: skip
 

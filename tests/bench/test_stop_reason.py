@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.gate.stop_reason import BY_GATE, STOP_REASONS
+from calibench.bench.gate.endings import BY_GATE, STOP_REASONS
 
 PAGE = Path(__file__).parents[2] / "docs" / "results.md"
 

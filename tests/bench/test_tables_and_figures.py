@@ -11,7 +11,7 @@ from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.papers.additions import ADDITIONS
 from calibench.bench.papers.cong2008 import tables as paper_tables
-from calibench.bench.papers.cong2008.gauge_points import gauge_points
+from calibench.bench.papers.cong2008.figures import gauge_points
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables

@@ -9,10 +9,10 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.statistics.targets import hits_of, levels_of, levels_of_study, references
 from calibench.bench.store import hits as hits_module
-from calibench.bench.store.crossings import Points, crossings
+from calibench.bench.store.hits import Points, crossings
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import HITS_SCHEMA
-from calibench.problems.suites.gaps import COCO_GAPS
+from calibench.problems.suites.black_box import COCO_GAPS
 
 pytestmark = pytest.mark.usefixtures("one_process")
 

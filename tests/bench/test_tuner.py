@@ -9,12 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibench.bench.statistics.choosing.settings import choose, score_of
+from calibench.bench.statistics.choosing import choose, score_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import carry_out
-from calibench.bench.sweep.tuner.space import read_tuning
-from calibench.bench.sweep.tuner.trials import first_request, trials
-from calibench.bench.sweep.words.values import RequestError
+from calibench.bench.sweep.tuner import first_request, read_tuning, trials
+from calibench.bench.sweep.words import RequestError
 from tests.bench.test_cli import REPEATABLE
 
 pytestmark = pytest.mark.usefixtures("one_process")

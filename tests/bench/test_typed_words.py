@@ -9,12 +9,12 @@ import pytest
 
 from calibench.bench.calibration.request import read_calibrate
 from calibench.bench.discovery.request import read_discover
-from calibench.bench.execution.request.checks import check_request, starting_point
-from calibench.bench.measured.renamed import pairs_of
+from calibench.bench.execution.request import check_request, starting_point
+from calibench.bench.measured.files import pairs_of
 from calibench.bench.sweep.request import read_request
-from calibench.bench.sweep.tuner.space import read_tuning
-from calibench.bench.sweep.words.values import RequestError
-from calibench.core.annotated import read_word
+from calibench.bench.sweep.tuner import read_tuning
+from calibench.bench.sweep.words import RequestError
+from calibench.core.options import read_word
 
 pytestmark = pytest.mark.usefixtures("one_process")
 

@@ -9,8 +9,8 @@ from calibench.bench.calibration import request as calibrate
 from calibench.bench.calibration.hand_eye import request as hand_eye
 from calibench.bench.cli import _VERBS, main
 from calibench.bench.discovery import request as discovery
-from calibench.bench.sweep.tuner import space
-from calibench.bench.sweep.words import hydra_overrides
+from calibench.bench.sweep import composition as hydra_overrides
+from calibench.bench.sweep import tuner as space
 from calibench.discrepancy.registries import description_of
 
 ARM = {"machine.dh", "machine.convention", "machine.urdf", "machine.base", "machine.tip"}

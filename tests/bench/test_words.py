@@ -7,10 +7,9 @@ import pytest
 from calibench import optimizers
 from calibench.bench.cli import main
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep.composition import compose, last_value, parse, values_of
 from calibench.bench.sweep.request import read_request
-from calibench.bench.sweep.words.composition import compose
-from calibench.bench.sweep.words.hydra_overrides import last_value, parse, values_of
-from calibench.bench.sweep.words.values import RequestError
+from calibench.bench.sweep.words import RequestError
 
 pytestmark = pytest.mark.usefixtures("one_process")
 

@@ -16,10 +16,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibench.bench.execution.in_progress import running
+from calibench.bench.execution import in_progress as running
 from calibench.bench.execution.lost import lost_run
-from calibench.bench.execution.request.asked import read_asked
-from calibench.bench.execution.request.pair import made_pair
+from calibench.bench.execution.request import made_pair, read_asked
 from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.workers.packs import Job, Packs

@@ -26,7 +26,7 @@ import warnings
 warnings.simplefilter("error")
 import numpy as np
 from calibench import problems
-from calibench.problems.planar.compiled import _closed_loop_kernels
+from calibench.problems.planar import _closed_loop_kernels
 print("compiled", hasattr(_closed_loop_kernels.cost, "py_func"))
 cases = [("sensor_zero", {}), ("full11", {"paper_section": 3}), ("full12", {"n": 12}), ("full12", {"gauge": "ya2"})]
 for name, options in cases:
@@ -118,7 +118,7 @@ def test_the_cache_folder_is_named_by_a_digest_of_the_sources(copied, tmp_path):
 
 @pytest.mark.parametrize(
     "edited",
-    few(1, ["problems/planar/compiled/_closed_loop_kernels.py", "problems/base.py", "core/compilation/compiled.py"]),
+    few(1, ["problems/planar/_closed_loop_kernels.py", "problems/base.py", "core/compilation/compiled.py"]),
 )
 def test_an_edit_of_any_source_gives_another_cache(copied, tmp_path, edited):
     before = cache_folder(copied, tmp_path)
@@ -154,7 +154,7 @@ def test_a_home_that_cannot_be_written_costs_the_cache_and_nothing_else(copied, 
 def test_numba_is_told_that_folder_and_keeps_what_it_compiles_there(tmp_path):
     code = (
         "import numba, calibench.core.compilation.compiled as c\n"
-        "from problems.planar.compiled import _closed_loop_kernels as k\n"
+        "from problems.planar import _closed_loop_kernels as k\n"
         "print(numba.config.CACHE_DIR == str(c._cache_folder()))\n"
         "print(k._reach_and_link(1.0, 1.0, 2.0).hex())\n"
         "print(len(list(c._cache_folder().rglob('*_reach_and_link*.nbi'))))\n"

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibench.core.compilation.compiled import exact, njit
-from calibench.core.compilation.fused import fma
+from calibench.core.compilation.lanes import fma
 
 SIZED = st.floats(-1e60, 1e60).filter(lambda v: v == 0 or abs(v) > 1e-60)
 

@@ -5,9 +5,9 @@ import pytest
 
 from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.readings import read_readings
-from calibench.core.tables.marks import split_rows, valid_rows
+from calibench.core.tables.cells import split_rows, valid_rows
 from calibench.discrepancy import MeasuredData
-from calibench.discrepancy.checks.enter import entered
+from calibench.discrepancy.checks.validate import entered
 from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.arm.measured import read_measured
 from tests.bench.arm_by_hand import measured, table, urdf

@@ -10,7 +10,7 @@ import pytest
 import scipy.linalg  # noqa: F401  the libraries whose threads are counted
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from calibench.core.one_thread import STATED, one_thread
+from calibench.core.process import STATED, one_thread
 
 _RUNS = """
 from calibench import bench, optimizers, problems

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-AT_ONCE = "import atexit, sys; from calibench.core import process_end; process_end.at_once()\n"
+AT_ONCE = "import atexit, sys; from calibench.core import process as process_end; process_end.at_once()\n"
 
 
 def ended(script, *arguments):

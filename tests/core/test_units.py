@@ -2,7 +2,7 @@
 
 import pytest
 
-from calibench.core.tables.units import between, factor_to_base
+from calibench.core.tables.cells import between, factor_to_base
 
 
 @pytest.mark.parametrize("spelt", ["px", "pixel", "pixels"])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibench.discrepancy import Constraints, MeasuredData
-from calibench.discrepancy.model.measured.sensor import Sensor
+from calibench.discrepancy.model.measured import Sensor
 from calibench.problems.base import Parameter
 
 PARAMETERS = (

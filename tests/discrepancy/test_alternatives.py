@@ -9,8 +9,7 @@ import pytest
 from benchmarks.blind.orthoglide import case
 from calibench.discrepancy import MeasuredData, machines
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.model.effect import Alternative, HeldBack, NotTestable, Untestable, name_of
-from calibench.discrepancy.model.family import EffectFamily
+from calibench.discrepancy.model.effect import Alternative, EffectFamily, HeldBack, NotTestable, Untestable, name_of
 from calibench.discrepancy.search.finding import _held
 from tests.discrepancy.orthoglide_score import explained
 from tests.few import few

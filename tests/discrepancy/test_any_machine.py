@@ -15,10 +15,9 @@ from calibench.bench.measured.sources import sources
 from calibench.core.plain import finite
 from calibench.discrepancy import explain, machines
 from calibench.discrepancy.design.detectability import design
-from calibench.discrepancy.machines.gpm2002.plan import planned
-from calibench.discrepancy.machines.orthoglide.printed import printed
-from calibench.discrepancy.model.measured.data import DataError
-from calibench.discrepancy.model.measured.sensor import Sensor, sensor_of
+from calibench.discrepancy.machines.gpm2002.description import planned
+from calibench.discrepancy.machines.orthoglide.kinematics import printed
+from calibench.discrepancy.model.measured import DataError, Sensor, sensor_of
 from calibench.discrepancy.registries import description_of
 from tests.discrepancy.arm import Arm, readings
 

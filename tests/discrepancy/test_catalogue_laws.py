@@ -16,12 +16,12 @@ import pytest
 from benchmarks.blind import orthoglide as blind
 from benchmarks.blind.gpm2002.simulate import case
 from calibench import testing
-from calibench.core.tables.units import is_unit
+from calibench.core.tables.cells import is_unit
 from calibench.discrepancy import Machine, MeasuredData, machines
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.machines.mount import Mount
-from calibench.discrepancy.machines.mount.plan import planned as stars
+from calibench.discrepancy.machines.mount.description import planned as stars
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.registries import own_families
 from tests.discrepancy.test_laws import CASES

@@ -8,8 +8,8 @@ import pytest
 from benchmarks.blind.orthoglide import case, unequal
 from calibench.discrepancy import MeasuredData, machines
 from calibench.discrepancy.diagnostics.confounded import confounded
-from calibench.discrepancy.machines.orthoglide.plan import planned
-from calibench.discrepancy.validation.holdout import folds
+from calibench.discrepancy.machines.orthoglide.description import planned
+from calibench.discrepancy.validation import folds
 from tests.discrepancy.orthoglide_score import explained
 from tests.few import few
 

@@ -8,7 +8,7 @@ import pytest
 from calibench import discrepancy
 from calibench.discrepancy import DataError, Instrument, Joint, Length, MeasuredData, Roles
 from calibench.discrepancy.checks.validate import validated
-from calibench.discrepancy.model.formulations.constraints import Constraints, check_kinds
+from calibench.discrepancy.model.formulations import Constraints, check_kinds
 from calibench.discrepancy.model.model import Model
 from calibench.problems.base import Parameter
 

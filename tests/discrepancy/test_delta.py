@@ -13,14 +13,12 @@ from calibench.bench.discovery.page.words import gap_sentence, next_sentences
 from calibench.bench.measured.files import read_measured
 from calibench.bench.measured.sources import shipped_path
 from calibench.discrepancy import DataError, MeasuredData, Model
-from calibench.discrepancy.diagnostics.sensor_scale import sensor_scales
+from calibench.discrepancy.diagnostics.noise import sensor_scales
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.labels import quantity_label
-from calibench.discrepancy.machines.delta.correction import corrected
+from calibench.discrepancy.machines.delta.description import corrected, planned, read_printer_cfg
 from calibench.discrepancy.machines.delta.kinematics import IMPERFECTIONS, TOWERS, nozzle
-from calibench.discrepancy.machines.delta.plan import planned
-from calibench.discrepancy.machines.delta.printer_cfg import read_printer_cfg
 from calibench.discrepancy.model.machine import complex_step_slopes
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import own_families

@@ -13,10 +13,10 @@ from calibench.discrepancy import explain, machines
 from calibench.discrepancy.design.detectability import WhitenedDesign, design
 from calibench.discrepancy.design.next_poses import NoPool, next_poses
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.machines.gpm2002.plan import planned
+from calibench.discrepancy.machines.gpm2002.description import planned
 from calibench.discrepancy.machines.table import Table
 from calibench.discrepancy.model.effect import name_of
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 
@@ -174,7 +174,7 @@ def test_rivals_there_are_not_are_refused(rivals: list[str], k: int, said: str) 
 
 
 def test_power_is_that_of_the_noncentral_chi_square() -> None:
-    from calibench.discrepancy.diagnostics.detectable import noncentrality
+    from calibench.discrepancy.diagnostics.score import noncentrality
 
     assert ncx2.sf(chi2.isf(0.01, 2), 2, noncentrality(2, 0.01, 0.9)) == pytest.approx(0.9)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibench import discrepancy
-from calibench.bench.measured.renamed import pairs_of
+from calibench.bench.measured.files import pairs_of
 from calibench.discrepancy import DataError, Joint, MeasuredData, Predicted, Roles
 from calibench.problems.base import Parameter
 

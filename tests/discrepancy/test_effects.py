@@ -11,10 +11,9 @@ from calibench import testing
 from calibench.discrepancy import EffectFamily, MeasuredData, machines
 from calibench.discrepancy.design.detectability import WhitenedDesign
 from calibench.discrepancy.effects import catalogue, families
-from calibench.discrepancy.effects.general.warmth import warmth
-from calibench.discrepancy.machines.gpm2002.plan import planned
-from calibench.discrepancy.model.change_point import ChangePoint, change_times, finer
-from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.effects.general.lengths import warmth
+from calibench.discrepancy.machines.gpm2002.description import planned
+from calibench.discrepancy.model.effect import ChangePoint, Effect, change_times, finer, name_of
 from calibench.discrepancy.thresholds import THRESHOLDS
 from calibench.problems.base import Array
 

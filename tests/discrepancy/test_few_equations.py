@@ -6,7 +6,7 @@ import pytest
 from calibench import discrepancy
 from calibench.bench.discovery.page.words import first_notes
 from calibench.discrepancy import MeasuredData
-from calibench.discrepancy.diagnostics.few_equations import FEW_EQUATIONS
+from calibench.discrepancy.diagnostics.noise import FEW_EQUATIONS
 from calibench.discrepancy.machines.arm import Arm
 from tests.bench.arm_by_hand import NAMES, measured, placed, urdf
 from tests.few import few

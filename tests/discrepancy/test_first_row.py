@@ -13,7 +13,7 @@ from calibench.bench.measured import read_measured
 from calibench.discrepancy import MeasuredData, explain
 from calibench.discrepancy.machines.arm import Arm
 from calibench.discrepancy.machines.arm.validate import accepted
-from calibench.discrepancy.model.measured.data import TO_PREDICT
+from calibench.discrepancy.model.measured import TO_PREDICT
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 

@@ -23,7 +23,7 @@ from calibench.discrepancy import (
 )
 from calibench.discrepancy.effects import catalogue, families
 from calibench.discrepancy.effects.general import FAMILIES
-from calibench.discrepancy.effects.general.waves import PERIODIC
+from calibench.discrepancy.effects.general.harmonics import PERIODIC
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.registries import effects

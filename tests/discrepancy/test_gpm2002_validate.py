@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from calibench.discrepancy import machines
-from calibench.discrepancy.machines.gpm2002.plan import planned
+from calibench.discrepancy.machines.gpm2002.description import planned
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
-from calibench.discrepancy.model.measured.visits import told_visits
+from calibench.discrepancy.model.measured import DataError, MeasuredData, told_visits
 from calibench.discrepancy.noise.repeats import pairs_of
 
 

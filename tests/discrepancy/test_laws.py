@@ -11,8 +11,8 @@ from calibench import testing
 from calibench.bench.measured.sources import sources
 from calibench.discrepancy import EffectFamily, Machine, MeasuredData, machines
 from calibench.discrepancy.effects import families
-from calibench.discrepancy.machines.gpm2002.plan import planned
-from calibench.discrepancy.machines.orthoglide.printed import printed
+from calibench.discrepancy.machines.gpm2002.description import planned
+from calibench.discrepancy.machines.orthoglide.kinematics import printed
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.registries import machines as registry
 from tests.discrepancy.arm import Arm, readings

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from calibench.discrepancy import machines
-from calibench.discrepancy.machines.gpm2002.plan import planned
+from calibench.discrepancy.machines.gpm2002.description import planned
 from calibench.discrepancy.model.machine import complex_step_slopes
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.problems.planar.gpm2002 import NAMES, makers_machine
 

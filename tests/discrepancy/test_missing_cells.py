@@ -6,7 +6,7 @@ import pytest
 from calibench import discrepancy
 from calibench.bench.measured import read_measured, shipped_path
 from calibench.discrepancy import DataError, MeasuredData
-from calibench.discrepancy.machines.delta.validate import accepted as of_a_printer
+from calibench.discrepancy.machines.delta.formulation import accepted as of_a_printer
 from calibench.discrepancy.machines.mount.validate import accepted as of_a_mount
 
 WAYS = ("travel_a", "travel_b", "travel_c")

@@ -7,11 +7,16 @@ import pytest
 
 from calibench.discrepancy import machines
 from calibench.discrepancy.design.detectability import WhitenedDesign
-from calibench.discrepancy.machines.gpm2002.plan import planned
-from calibench.discrepancy.model.measured.data import MeasuredData
-from calibench.discrepancy.model.measured.sensor import blamable
-from calibench.discrepancy.noise.laws import heavy_tails_in, outliers_of, quantisation_of
-from calibench.discrepancy.noise.mixture import NoiseFinding, lattice, mixture
+from calibench.discrepancy.machines.gpm2002.description import planned
+from calibench.discrepancy.model.measured import MeasuredData, blamable
+from calibench.discrepancy.noise.laws import (
+    NoiseFinding,
+    heavy_tails_in,
+    lattice,
+    mixture,
+    outliers_of,
+    quantisation_of,
+)
 from calibench.problems.base import Array
 
 SIGMA = 5e-5

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibench.discrepancy.machines.arm.validate import accepted
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 
 CHAIN = SimpleNamespace(
     told="URDF",

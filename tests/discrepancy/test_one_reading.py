@@ -6,7 +6,7 @@ import pytest
 from calibench import discrepancy
 from calibench.bench.discovery.page.words import first_notes
 from calibench.discrepancy import MeasuredData
-from calibench.discrepancy.diagnostics.one_reading import ALONE, one_reading
+from calibench.discrepancy.diagnostics.noise import ALONE, one_reading
 from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.machines.table import Table
 from calibench.discrepancy.model.model import Model

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calibench import problems
-from calibench.bench.papers.pashkevich2008.experiments.page import page
+from calibench.bench.papers.pashkevich2008.experiments import page
 from calibench.discrepancy import machines
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.explain import explain
@@ -24,8 +24,8 @@ from calibench.discrepancy.machines.orthoglide.experiments import (
     read_instead,
     told_apart,
 )
-from calibench.discrepancy.machines.orthoglide.printed import names, printed
-from calibench.problems.covariance import f_test, leave_one_out
+from calibench.discrepancy.machines.orthoglide.kinematics import names, printed
+from calibench.problems.identifiability import f_test, leave_one_out
 
 PAGE = Path(__file__).parents[2] / "docs" / "orthoglide-experiments.md"
 

@@ -8,7 +8,7 @@ import pytest
 from calibench import problems
 from calibench.discrepancy import DataError, MeasuredData, Model, machines
 from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide
-from calibench.discrepancy.machines.orthoglide.printed import names, printed
+from calibench.discrepancy.machines.orthoglide.kinematics import names, printed
 from calibench.discrepancy.model.machine import complex_step_slopes
 from calibench.problems.orthoglide.plans import covariance, paper_plan
 

@@ -10,7 +10,7 @@ import pytest
 from calibench.core.options import declared_options
 from calibench.discrepancy.checks.wild import wild_rows
 from calibench.discrepancy.design.detectability import design
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.registries import description_of, descriptions, machines
 from tests.few import few
 

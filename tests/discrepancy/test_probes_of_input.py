@@ -16,11 +16,11 @@ import pytest
 from calibench import discrepancy
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError, Sensor
-from calibench.discrepancy.checks.bounds import outside_bounds
 from calibench.discrepancy.checks.copies import SAME, copied_rows
 from calibench.discrepancy.checks.validate import validated
-from calibench.discrepancy.machines.gpm2002.plan import planned
-from calibench.discrepancy.machines.orthoglide.printed import printed
+from calibench.discrepancy.checks.wild import outside_bounds
+from calibench.discrepancy.machines.gpm2002.description import planned
+from calibench.discrepancy.machines.orthoglide.kinematics import printed
 from calibench.discrepancy.noise.repeats import pairs_of
 from calibench.discrepancy.registries import machines
 from calibench.problems.base import Parameter

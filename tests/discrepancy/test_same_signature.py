@@ -13,8 +13,7 @@ from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
-from calibench.discrepancy.search.finding import _separated_by
-from calibench.discrepancy.search.same_signature import same_in_any_pose
+from calibench.discrepancy.search.finding import _separated_by, same_in_any_pose
 from calibench.problems.base import Parameter
 from tests.discrepancy import arm as closed_arm
 from tests.discrepancy.test_general_families import PARAMETERS, SIGMA, place, readings

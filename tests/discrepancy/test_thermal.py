@@ -6,7 +6,7 @@ import pytest
 from benchmarks.blind.gpm2002 import member_effects
 from benchmarks.blind.gpm2002.simulate import case
 from calibench.discrepancy import MeasuredData, explain
-from calibench.discrepancy.effects.general.warmth import warmth
+from calibench.discrepancy.effects.general.lengths import warmth
 from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibench.bench.discovery.page.limits import limits
+from calibench.bench.discovery.page.page import limits
 from calibench.bench.discovery.page.words import headline, left_sentence, shortest_words, unnamed_sentences
 from calibench.discrepancy import Constraints, Joint, MeasuredData, Roles, explain
 from calibench.discrepancy.report import Left, Nearest, Place, Report, Shortest, Unnamed
-from calibench.discrepancy.search.unnamed import _course, _place
+from calibench.discrepancy.search.smoother import _course, _place
 from calibench.problems.base import Array, Parameter
 from tests.discrepancy.test_probes_of_predicted import Polar, polar_readings
 

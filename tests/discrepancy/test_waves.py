@@ -14,7 +14,7 @@ from calibench.discrepancy import Joint, MeasuredData, Predicted, Roles, explain
 from calibench.discrepancy.diagnostics.score import projected_scores, score_all
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.effects.general import FAMILIES
-from calibench.discrepancy.effects.general.waves import PERIODIC
+from calibench.discrepancy.effects.general.harmonics import PERIODIC
 from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.model.effect import OfFreePeriod, is_possible
 from calibench.discrepancy.model.model import Model

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibench.discrepancy import Constraints, Joint, MeasuredData, Predicted, Roles, explain
-from calibench.discrepancy.checks.wild_readings import without_wild
+from calibench.discrepancy.checks.wild import without_wild
 from calibench.problems.base import Parameter
 from tests.few import few
 

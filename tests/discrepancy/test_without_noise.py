@@ -8,7 +8,7 @@ import pytest
 from calibench.discrepancy import explain
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.model.effect import Effect, name_of
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.registries import description_of, machines
 from tests.few import few

@@ -12,7 +12,7 @@ import pytest
 
 from calibench import optimizers
 from calibench.optimizers.base import Traits
-from calibench.testing import book
+from calibench.testing import optimizer as book
 from calibench.testing import optimizer as laws
 from tests.few import one_of_each
 

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibench.optimizers.fmincon.constraints import region
-from calibench.optimizers.fmincon.frame import Frame, Iterate, Scales
+from calibench.optimizers.fmincon.constraints import Frame, Iterate, Scales, region
 from calibench.optimizers.fmincon.options import Options
-from calibench.optimizers.fmincon.search.endings import met_at
-from calibench.optimizers.fmincon.search.state import Seen, State
+from calibench.optimizers.fmincon.state import Seen, State, met_at
 
 NONE, NO_ROWS = np.zeros(0), np.zeros((0, 2))
 

@@ -13,8 +13,8 @@ import pytest
 from calibench import bench, optimizers
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.core.registry import Registry
-from calibench.optimizers.nlopt._table import ALGORITHMS, EXCLUDED
-from calibench.optimizers.pygmo.adapter import _Fitness
+from calibench.optimizers.nlopt import ALGORITHMS, EXCLUDED
+from calibench.optimizers.pygmo import _Fitness
 from tests.few import one_of_each
 
 nlopt = pytest.importorskip("nlopt")

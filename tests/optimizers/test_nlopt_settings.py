@@ -7,8 +7,7 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.report.methods.page import PAGE, filled
-from calibench.optimizers.nlopt._table import ALGORITHMS
-from calibench.optimizers.nlopt.settings import SETTING_OF, SETTINGS
+from calibench.optimizers.nlopt import ALGORITHMS, SETTING_OF, SETTINGS
 
 nlopt = pytest.importorskip("nlopt")
 

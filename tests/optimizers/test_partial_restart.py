@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibench.optimizers.own._partial_restart_kernels import from_the_worst
+from calibench.optimizers.own._random_kernels import from_the_worst
 
 
 @pytest.mark.parametrize("size", [0, 1, 2, 3, 7, 8, 31, 200])

@@ -11,7 +11,7 @@ from calibench import bench, optimizers
 from calibench.bench.provenance.run_id import key_of_optimizer, options_of
 from calibench.bench.report.methods.page import PAGE, TABLES, filled
 from calibench.bench.report.methods.pygmo_table import pygmo_table
-from calibench.optimizers.pygmo.population_sizes import RULES
+from calibench.optimizers.pygmo import RULES
 
 pytest.importorskip("pygmo")
 METHODS = [n for n in optimizers.names() if "population" in optimizers.registry.options(n) and n.startswith("pygmo_")]

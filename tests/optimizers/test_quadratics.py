@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.optimizers.nlopt._table import ALGORITHMS
-from calibench.optimizers.nlopt.settings import SETTING_OF
+from calibench.optimizers.nlopt import ALGORITHMS, SETTING_OF
 from tests.few import one_of_each
 
 nlopt = pytest.importorskip("nlopt")

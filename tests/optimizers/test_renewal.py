@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibench.optimizers.own._partial_restart_kernels import half
-from calibench.optimizers.own._random_kernels import random_state
+from calibench.optimizers.own._random_kernels import half, random_state
 
 
 @pytest.mark.parametrize("size", [2, 5, 8])

@@ -13,7 +13,7 @@ import scipy.optimize as so
 from calibench import optimizers
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import Stop
-from calibench.optimizers.scipy.settings import SETTINGS
+from calibench.optimizers.scipy import SETTINGS
 
 NAMES = [n for n in optimizers.names() if n.startswith("scipy_")]
 BUDGET = 120

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.execution.request.checks import Start, repetitions_of
+from calibench.bench.execution.request import Start, repetitions_of
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import Optimizer, TimeUp, Traits
 from tests.few import one_of_each

@@ -10,8 +10,8 @@ from scipy import stats
 
 from calibench import problems
 from calibench.problems import Parameter
-from calibench.problems.covariance import estimate, f_test, f_test_of_sums, leave_one_out
 from calibench.problems.fitting import fit
+from calibench.problems.identifiability import estimate, f_test, f_test_of_sums, leave_one_out
 
 
 @dataclass

@@ -5,8 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from calibench import problems, testing
-from calibench.problems.delta.instances import ANGLES, WEIGHT
-from calibench.problems.delta.plans import places, travels
+from calibench.problems.delta.calibration import ANGLES, WEIGHT, places, travels
 
 
 def carriages(problem, x, travel):

@@ -8,7 +8,7 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from calibench import problems
 from calibench.problems import constants
-from calibench.problems.planar.gauge import Gauge
+from calibench.problems.planar.gpm2002 import Gauge
 
 FULL12 = [case for case in PLANAR if case[0] == "full12"]
 WITHOUT = [case for case in PLANAR if case[0] != "full12"]

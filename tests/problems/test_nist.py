@@ -10,7 +10,7 @@ from calibench import bench, optimizers, problems, testing
 from calibench.bench.cli import main
 from calibench.problems import estimate
 from calibench.problems.suites.nist import models, regression
-from calibench.problems.suites.nist.tables import table
+from calibench.problems.suites.nist.regression import table
 
 NAMES = get_args(regression.Name)
 DIFFICULTY = {

@@ -5,7 +5,7 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.problems import constants
-from calibench.problems.covariance import estimate, f_test, f_test_of_sums
+from calibench.problems.identifiability import estimate, f_test, f_test_of_sums
 from calibench.problems.orthoglide.kinematics import NAMES, calibration_matrix
 from calibench.problems.orthoglide.measured import measured
 from calibench.problems.orthoglide.plans import covariance, paper_plan

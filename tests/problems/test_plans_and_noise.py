@@ -7,8 +7,7 @@ import pytest
 from planar_cases import PLANAR, coordinates_of, made, named, over, points, true_machine
 
 from calibench import problems
-from calibench.problems.planar.gpm2002 import home
-from calibench.problems.planar.plans import PlanName, plan_points
+from calibench.problems.planar.gpm2002 import PlanName, home, plan_points
 
 PLANS = typing.get_args(PlanName)
 DRAWN = ("disc", "box")

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from calibench import bench, optimizers, problems
 from calibench.problems import constants
 from calibench.problems.base import Array
-from calibench.problems.planar.compiled import _tracking_kernels
+from calibench.problems.planar import _tracking_kernels
 from calibench.problems.planar.gpm2002 import home, inverse_kinematics, makers_machine
 from calibench.problems.planar.tracking import Tracking, tracking_zero
 

@@ -6,7 +6,7 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from calibench.core.compilation.trigonometry import FAR, cos_sin, near_cos_sin
+from calibench.core.compilation.lanes import FAR, cos_sin, near_cos_sin
 
 ANGLES = np.concatenate(
     [np.random.default_rng(0).uniform(-w, w, 200) for w in (1e-8, 0.1, math.pi, 100.0, FAR)]

@@ -159,7 +159,7 @@ def test_a_broken_law_of_machines_is_told_in_one_line(law: str, machine: Any, sa
 
 def test_a_unit_that_is_declared_otherwise_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     from calibench.discrepancy import Description
-    from calibench.discrepancy.model.description import Quantity
+    from calibench.discrepancy.model.machine import Quantity
     from calibench.discrepancy.registries import _descriptions
 
     told = Arm(instruments=tuple(Sensor(name, "sensor", "mm" if name in "xy" else "rad") for name in (

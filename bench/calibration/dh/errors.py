@@ -20,8 +20,8 @@ from calibench.bench.calibration.files import Table
 from calibench.bench.calibration.readings import read_readings
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.calibration.start import APART, DOUBTFUL, slid, started, unit_of
-from calibench.core.counted import plain
-from calibench.core.tables.units import between
+from calibench.core.tables.cells import between
+from calibench.core.words import plain
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.chain import ChainError
 from calibench.problems.arm.chains.dh import FORMS

@@ -21,9 +21,9 @@ from calibench.bench.calibration.hand_eye.undetermined import check_determined, 
 from calibench.bench.calibration.judged import FOLDS, HeldOut, crossed_out, predicted, rms
 from calibench.bench.calibration.model import ArmModel
 from calibench.bench.calibration.readings import Mask, poses_of
-from calibench.bench.store.files.atomic_file import write_whole
-from calibench.core.counted import counted
-from calibench.core.one_thread import one_thread
+from calibench.bench.store.atomic_file import write_whole
+from calibench.core.process import one_thread
+from calibench.core.words import counted
 from calibench.discrepancy import DataError
 from calibench.problems.base import Array
 

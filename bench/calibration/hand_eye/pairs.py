@@ -18,11 +18,10 @@ from calibench.bench.calibration.files import Table, read_table
 from calibench.bench.calibration.hand_eye.request import HandEyeRequest
 from calibench.bench.calibration.readings import Index, Mask, held_back, without_copies
 from calibench.bench.calibration.start import meanings
-from calibench.bench.measured.renamed import pairs_of
-from calibench.core.counted import listed, plain
+from calibench.bench.measured.files import pairs_of
 from calibench.core.options import suggest
-from calibench.core.tables.marks import valid_rows
-from calibench.core.words import as_columns
+from calibench.core.tables.cells import valid_rows
+from calibench.core.words import as_columns, listed, plain
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import inverse
 from calibench.problems.arm.columns import Matched, in_base_units, match_columns

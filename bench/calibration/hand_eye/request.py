@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, final
 
-from calibench.bench.measured.renamed import pairs_of
-from calibench.bench.sweep.words.pairs import read_pairs
-from calibench.bench.sweep.words.values import RequestError, check_study
-from calibench.core.annotated import read_option
-from calibench.core.options import coerce, suggest
+from calibench.bench.measured.files import pairs_of
+from calibench.bench.sweep.words import RequestError, check_study, read_pairs
+from calibench.core.options import coerce, read_option, suggest
 
 Mounting = Literal["eye_in_hand", "eye_to_hand"]
 Flange = Literal["flange_in_base", "base_in_flange"]

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.stats import norm, t
 
 from calibench.bench.calibration.hand_eye.adjust import Adjusted, rows_of
-from calibench.core.counted import plain
+from calibench.core.words import plain
 
 _CHANCE = 1e-3  # of noise alone to be told as a scale
 _SPARE = 3.0  # degrees of freedom: with fewer a scale is not told from noise

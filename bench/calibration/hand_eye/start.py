@@ -20,8 +20,7 @@ import numpy as np
 
 from calibench.bench.calibration.hand_eye.pairs import Pairs, Pose
 from calibench.bench.calibration.readings import Mask
-from calibench.core.counted import plain
-from calibench.core.words import as_columns
+from calibench.core.words import as_columns, plain
 from calibench.discrepancy import DataError
 from calibench.problems.arm.chains.rigid import inverse
 from calibench.problems.arm.frames import angle_between, nearest_rotation

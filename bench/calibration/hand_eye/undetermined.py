@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from calibench.bench.calibration.hand_eye.adjust import Adjusted
 from calibench.bench.calibration.hand_eye.frames import slopes_of, spread
 from calibench.bench.calibration.readings import poses_of
-from calibench.core.counted import counted, plain
+from calibench.core.words import counted, plain
 from calibench.discrepancy import DataError
 from calibench.problems.base import Array
 

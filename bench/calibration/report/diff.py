@@ -6,7 +6,7 @@ import numpy as np
 
 from calibench.bench.calibration.fit import Fit, is_length, order_of
 from calibench.bench.calibration.report.result import UNMOVED, Change, Undetermined
-from calibench.core.counted import plain
+from calibench.core.words import plain
 from calibench.problems.arm.chains.rigid import rpy, rpy_of, shift, slide, turn
 from calibench.problems.arm.chains.urdf import Joint, Robot
 from calibench.problems.base import Array

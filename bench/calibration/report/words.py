@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import degrees, isfinite
 
 from calibench.bench.calibration.report.result import Calibration, Change, Error
-from calibench.core.counted import plain
+from calibench.core.words import plain
 
 LEVEL_WORDS = {
     "frames": "nothing (base and target only)",

@@ -15,7 +15,7 @@ from calibench.bench.calibration.report.result import Calibration
 from calibench.bench.calibration.request import CalibrateRequest
 from calibench.bench.measured import write_measured
 from calibench.bench.measured.sources import OF_A_CALIBRATION
-from calibench.bench.store.files.atomic_file import write_whole
+from calibench.bench.store.atomic_file import write_whole
 from calibench.discrepancy import MeasuredData
 from calibench.problems.arm.chains.rigid import rpy_of
 

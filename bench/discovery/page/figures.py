@@ -2,25 +2,43 @@
 
 Where the disagreement is (target by covariate, and over the workspace); the candidates by what they explain; the
 residuals before and after over what the effect depends on; the error on unseen readings, and the best possible one.
+
+Drawings for findings that blame the noise: where the outlying readings stand, the steps of a sensor, the tails.
+
+Such a finding moves no mean, so nothing is drawn before and after: the chart shows what was seen.
+
+The series behind the drawings of a search, in plain arrays, units and words.
+
+Nothing is fitted here: `discovery.implied` computes the implied errors of a quantity.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from textwrap import fill
+from typing import final
 
 import numpy as np
 import pandas as pd
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.special import erfc
 
-from calibench.bench.discovery.page.series import Residuals, Series, Workspace
-from calibench.bench.discovery.page.words import compared, floor_holds_the_gap, noise_words
+from calibench.bench.discovery.implied import Implied, error_of, implied_errors
+from calibench.bench.discovery.page.words import compared, floor_holds_the_gap, in_small_units, largest, noise_words
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
+from calibench.core.tables.cells import between
+from calibench.core.words import plain
+from calibench.discrepancy.diagnostics.noise import outliers_under
+from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.labels import NO_WORDS, effect_label, quantity_label, quantity_of
-from calibench.discrepancy.report import Gap, Place, Report
+from calibench.discrepancy.model.effect import name_of
+from calibench.discrepancy.model.machine import WORKSPACE, Formulation
+from calibench.discrepancy.model.measured import sensor_of
+from calibench.discrepancy.model.roles import roles_of, words_of
+from calibench.discrepancy.report import Finding, Gap, Place, Report
 from calibench.problems.base import Array
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
@@ -299,3 +317,249 @@ def _binned(table: pd.DataFrame, few: bool) -> pd.DataFrame:
     weight = table.groupby(label)["weight"].sum()
     means = weighted.div(weight, axis=0)
     return means.assign(standard_error=1 / np.sqrt(weight), readings=table.groupby(label).size()).reset_index(drop=True)
+
+
+CAPTIONS = {
+    "outlier": "What the misfit of each reading would be as an error of this sensor. The quarter of the readings that "
+    "know it least is left out.",
+    "quantisation": "Readings of a sensor without steps lie anywhere between two steps (dashed); these lie on them.",
+    "heavy_tails": "How many residuals are at least so large. Gaussian noise would follow the dashed line and has an "
+    "excess kurtosis of 0; rare shocks reach beyond it and raise that number.",
+}
+_SIZE = (7.2, 2.8)
+_BINS = 41
+_MANY = 800  # dots from which on they are drawn as pixels
+
+
+def noise_charts(report: Report) -> Iterator[tuple[str, Drawing]]:
+    """Yield (name, drawing) for every finding of `report` that blames the noise."""
+    made: dict[str, Callable[[Report, Finding], Drawing]] = {
+        "outlier": outliers_in_time, "quantisation": steps_of_the_sensor, "heavy_tails": tails_of_the_residuals,
+    }  # fmt: skip
+    told = [finding for finding in report.findings if finding.family in made]
+    for number, finding in enumerate(told, start=1):
+        yield f"noise_{number}", made[finding.family](report, finding)
+
+
+def outliers_in_time(report: Report, finding: Finding) -> Drawing:
+    """Draw the error that each reading of the sensor implies over time, and mark those taken for outlying."""
+    fit = report.model.fit
+    sensor = sensor_of(fit.model.formulation.sensors, finding.target)
+    encoder, data = sensor.column, fit.model.formulation.data
+    label = sensor.label or quantity_label(report.machine, encoder)
+    error, weight = error_of(encoder, fit)
+    factor, unit = in_small_units(sensor.unit, largest(error))
+    error = factor * error
+    timed = data.has("t_s")
+    at = np.asarray(data["t_s"] if timed else np.arange(len(data)), dtype=float)
+    outlying = outliers_under(fit.model, fit.x, finding.target).weights > 0.5
+    stated = factor * float(np.median(fit.model.formulation.sigma[encoder]))
+    table = pd.DataFrame({"t_s" if timed else "reading": at, f"error_{unit}".rstrip("_"): error, "outlying": outlying})
+    known = weight if outlying.all() else weight[~outlying]
+    sure = ~outlying & (weight >= np.quantile(known, 0.25))  # others hardly know this encoder
+    with rc_context(STYLE):
+        figure = Figure(figsize=_SIZE, layout="constrained")
+        axes = figure.subplots()
+        two = f"two stated deviations, ±{plain(2 * stated, 3)} {unit}".rstrip()
+        axes.axhspan(-2 * stated, 2 * stated, color="0.9", zorder=0, label=two)
+        many = len(table) > _MANY
+        axes.plot(at[sure], error[sure], ".", color=COLOURS[0], ms=4, mec="none", rasterized=many)
+        axes.plot(at[outlying], error[outlying], "x", color=COLOURS[1], ms=6, mew=1.4,
+                  label=f"{outlying.sum()} of {len(table)} readings taken for outlying")  # fmt: skip
+        axes.set(xlabel="time [s]" if timed else "reading", ylabel=f"error of {label}" + (f" [{unit}]" if unit else ""))
+        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, borderaxespad=0.2, fontsize=8)
+    return figure, table
+
+
+def steps_of_the_sensor(report: Report, finding: Finding) -> Drawing:
+    """Draw how far the sensor's readings lie from the nearest step: all at 0 where it is read in such steps."""
+    formulation, step = report.before.fit.model.formulation, finding.amplitude.value
+    sensor = sensor_of(formulation.sensors, finding.target)
+    factor, unit = in_small_units(sensor.unit, step)
+    label = sensor.label or quantity_label(report.machine, sensor.column)
+    turns = np.asarray(formulation.data[sensor.column]) / step
+    origin = np.angle(np.exp(2j * np.pi * turns).mean()) / (2 * np.pi)
+    off = (turns - origin + 0.5) % 1.0 - 0.5
+    counts, edges = np.histogram(off, _BINS, (-0.5, 0.5))
+    table = pd.DataFrame({"off_step": (edges[:-1] + edges[1:]) / 2, "readings": counts, "smooth": len(off) / _BINS})
+    with rc_context(STYLE):
+        figure = Figure(figsize=_SIZE, layout="constrained")
+        axes = figure.subplots()
+        axes.bar(table["off_step"], counts, 0.9 / _BINS, color=COLOURS[1])
+        axes.axhline(len(off) / _BINS, color="black", ls="--", lw=1.2, label="readings without steps")
+        size = f"{plain(factor * step, 4)} {unit}".rstrip()
+        axes.set(xlabel=f"distance of {label} from the nearest step of {size} [steps]", ylabel="readings",
+                 xlim=(-0.5, 0.5))  # fmt: skip
+        axes.legend(loc="upper right", fontsize=8)
+    return figure, table
+
+
+def tails_of_the_residuals(report: Report, finding: Finding) -> Drawing:
+    """Draw how many residuals are larger than a size, and how many Gaussian noise of the same core would leave."""
+    size = np.sort(np.abs(report.before.fit.r))[::-1]
+    core = float(np.median(size)) / 0.6745  # the deviation of a Gaussian of the same median
+    table = pd.DataFrame({"size": size / core, "larger": np.arange(1, len(size) + 1)})
+    reach = np.linspace(0, max(4.5, float(table["size"].max())), 200)
+    gauss = len(size) * _beyond(reach)
+    with rc_context(STYLE):
+        figure = Figure(figsize=_SIZE, layout="constrained")
+        axes = figure.subplots()
+        axes.plot(table["size"], table["larger"], ".-", color=COLOURS[1], ms=4, lw=0.8, label="these residuals")
+        seen = gauss > 0.2
+        axes.plot(reach[seen], gauss[seen], "--", color="black", lw=1.2, label="Gaussian noise")
+        axes.set(xlabel="size of a residual, in standard deviations of the middle half", ylabel="as large or larger",
+                 yscale="log", ylim=(0.5, None), xlim=(0, None))  # fmt: skip
+        axes.legend(loc="upper right", fontsize=8)
+    return figure, table
+
+
+def _beyond(size: Array) -> Array:
+    """Return the part of Gaussian noise that is beyond `size` standard deviations on either side."""
+    return np.asarray(erfc(size / np.sqrt(2)))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """The error of one quantity that each reading implies, (n,), without and with the effects, and its weight.
+
+    `effect` is its name in words; `values`, (n,), is what it depends on; `label` and `error` say what stands on the
+    two axes.
+    """
+
+    effect: str
+    label: str
+    error: str
+    values: Array
+    before: Array
+    after: Array
+    weight: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """Where the tool stood [mm] and the whitened residual without an effect, (n,) each."""
+
+    x: Array
+    y: Array
+    residual: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Series:
+    """`candidates`: effect, family, target, gain, in_set, chosen. `workspace` is None where there is none to draw."""
+
+    candidates: pd.DataFrame
+    residuals: tuple[Residuals, ...] = ()
+    workspace: Workspace | None = None
+
+
+def series_of(report: Report) -> Series:
+    """Return what the drawings of `report` show."""
+    return Series(_candidates(report), _residuals(report), _workspace(report))
+
+
+def _candidates(report: Report) -> pd.DataFrame:
+    chosen = {finding.effect for finding in report.findings}
+    inside = {rival.effect for finding in report.findings for rival in finding.set} | chosen
+    table = pd.DataFrame(
+        {
+            "effect": [c.effect for c in report.candidates],
+            "family": [c.family for c in report.candidates],
+            "target": [c.target for c in report.candidates],
+            "gain": [c.gain for c in report.candidates],
+            "p": [c.p for c in report.candidates],
+            "visible_fraction": [c.visible_fraction for c in report.candidates],
+        }
+    )
+    return table.assign(in_set=table["effect"].isin(inside), chosen=table["effect"].isin(chosen))
+
+
+def _residuals(report: Report) -> tuple[Residuals, ...]:
+    """Return a chart an effect, in the order of the findings; curves over the same axes are drawn once."""
+    implied = implied_errors(report)
+    periods = {finding.effect: finding.period for finding in report.findings}
+    drawn = [_drawn(each, periods.get(name_of(each.effect), 0.0)) for each in implied]
+    if any(each.effect.family == "smooth" for each in implied):  # one correction, however many curves
+        return tuple({(residuals.label, residuals.error): residuals for residuals in reversed(drawn)}.values())[::-1]
+    return tuple(drawn)
+
+
+def _drawn(implied: Implied, period: float) -> Residuals:
+    """Return an implied error in the unit and words of a drawing, over one `period` of its column; 0 is without one.
+
+    An effect that depends on no column is drawn over its own signature: what it changes, calibrated anew, of each
+    reading.
+    """
+    effect, quantity, column = implied.effect, implied.quantity, implied.column
+    formulation = implied.without.model.formulation
+    data, machine = formulation.data, formulation.data.machine
+    factor, unit = _drawn_in(quantity, formulation, largest(implied.before))
+    if column is None:
+        values = factor * (implied.before - implied.after)
+        label = _with_unit("what the effect changes of it", unit)
+    elif period > 0:
+        own = quantity_of(machine, column).unit
+        values = np.mod(data[column], period)
+        label = _with_unit(f"{_words(column, formulation)} within one period", own)
+    else:
+        values, label = np.asarray(data[column], dtype=float), _axis_label(column, implied.without)
+    name = "a smooth correction" if effect.family == "smooth" else effect_label(machine, effect.family, effect.target)
+    error = _with_unit(f"error of {_words(quantity, formulation)}", unit)
+    before, after = factor * implied.before, factor * implied.after
+    return Residuals(name, label, error, values, before, after, factor**-2 * implied.weight)
+
+
+def _drawn_in(quantity: str, formulation: Formulation, size: float) -> tuple[float, str]:
+    """Return the factor to the unit in which errors of a quantity are drawn, and its name; a joint may declare it.
+
+    `size` is the largest of the errors.
+    """
+    joint = next((j for j in roles_of(formulation).joints if j.reading == quantity and j.told), None)
+    if joint is not None:
+        return between(quantity, joint.unit, joint.told), joint.told
+    return in_small_units(_unit_of(quantity, formulation), size)
+
+
+def _unit_of(quantity: str, formulation: Formulation) -> str:
+    """Return the unit of a quantity as its joint, sensor, parameter, machine or file states it; "" where none does."""
+    stated = {joint.reading: joint.unit for joint in roles_of(formulation).joints}
+    stated |= {p.name: p.unit for p in formulation.parameters}
+    stated |= {s.column: s.unit for s in formulation.sensors if s.unit}
+    told = stated.get(quantity) or quantity_of(formulation.data.machine, quantity).unit
+    return told or formulation.data.units.get(quantity, "")
+
+
+def _words(quantity: str, formulation: Formulation) -> str:
+    """Return a quantity in words: those of its sensor, or what the machine declares."""
+    labels = {sensor.column: sensor.label for sensor in formulation.sensors if sensor.label}
+    words = words_of(roles_of(formulation))
+    return labels.get(quantity) or quantity_label(formulation.data.machine, quantity, words)
+
+
+def _with_unit(words: str, unit: str) -> str:
+    return f"{words} [{unit}]" if unit else words
+
+
+def _axis_label(column: str, at: Fit) -> str:
+    """Return a column, or a covariate that a machine made of several, in words with its unit."""
+    formulation = at.model.formulation
+    name = column
+    for target in formulation.covariates(at.at.recorded):
+        name = name.removeprefix(f"{target} ")  # of the rows of one target
+    return _with_unit(_words(name, formulation), _unit_of(name, formulation))
+
+
+def _workspace(report: Report) -> Workspace | None:
+    """Return the place of each reading that has one, and the mean of its residuals; None where no place is told."""
+    fit = report.before.fit
+    place = fit.model.formulation.covariates(fit.at.recorded).get(WORKSPACE, {})
+    if not {"x", "y"} <= set(place):
+        return None
+    n, c = fit.at.misclosure.shape
+    residual = fit.r.reshape(n, c).sum(axis=1) / (np.sqrt(c) * fit.noise.scale)
+    x, y = np.asarray(place["x"]), np.asarray(place["y"])
+    there = np.isfinite(x) & np.isfinite(y)  # readings of another kind, of two places, have none
+    return Workspace(x[there], y[there], residual[there])

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from calibench.bench.papers.published import Printed
 
 if TYPE_CHECKING:
-    from calibench.bench.papers.evidence import Evidence
-    from calibench.bench.papers.row import Row
+    from calibench.bench.papers.row import Evidence, Row
 
 KEY = "cong2008"
 STUDIES = ("cong2008", "cong2008_plans", "cong2008_readings", "cong2008_circle")
@@ -20,4 +19,4 @@ def rows(evidence: Evidence) -> Iterator[Row]:
     from calibench.bench.papers.cong2008.topics import TOPICS  # what a report of a study does without
 
     for topic in TOPICS:
-        yield from topic.rows(Printed(KEY), evidence)
+        yield from topic(Printed(KEY), evidence)

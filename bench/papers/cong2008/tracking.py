@@ -11,10 +11,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from calibench import bench, optimizers
-from calibench.bench.papers.evidence import Array, Evidence
-from calibench.bench.papers.evidence import problem as make_problem
 from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import Ours, Row, Tolerance, judge_at_least, judge_limit
+from calibench.bench.papers.row import Array, Evidence, Ours, Row, Tolerance, judge_at_least, judge_limit
+from calibench.bench.papers.row import problem as make_problem
 from calibench.problems.planar.gpm2002 import home, inverse_kinematics, makers_machine
 from calibench.problems.planar.tracking import Tracking
 

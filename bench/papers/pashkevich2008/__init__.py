@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from calibench.bench.papers.published import Printed
 
 if TYPE_CHECKING:
-    from calibench.bench.papers.evidence import Evidence
-    from calibench.bench.papers.row import Row
+    from calibench.bench.papers.row import Evidence, Row
 
 KEY = "pashkevich2008"
 STUDIES: tuple[str, ...] = ()
@@ -20,4 +19,4 @@ def rows(evidence: Evidence) -> Iterator[Row]:
     from calibench.bench.papers.pashkevich2008.topics import TOPICS  # what a report of a study does without
 
     for topic in TOPICS:
-        yield from topic.rows(Printed(KEY))
+        yield from topic(Printed(KEY))

@@ -9,9 +9,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from calibench.bench.report.methods.pygmo_table import pygmo_table
-from calibench.bench.report.shared.markdown import table
-from calibench.optimizers.nlopt.settings import SETTINGS
-from calibench.optimizers.scipy.settings import SETTINGS as OF_SCIPY
+from calibench.bench.report.shared.page import table
+from calibench.optimizers.nlopt import SETTINGS
+from calibench.optimizers.scipy import SETTINGS as OF_SCIPY
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "optimizers.md"
 

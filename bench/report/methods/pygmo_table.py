@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from calibench.bench.report.shared.markdown import table
-from calibench.optimizers.pygmo.population_sizes import RULES
+from calibench.bench.report.shared.page import table
+from calibench.optimizers.pygmo import RULES
 
 _EXAMPLES = ((2, 1000), (12, 5000), (12, 20_000), (20, 20_000))  # dimension, budget
 

@@ -2,26 +2,39 @@
 
 Colours are Okabe and Ito's, then four of Tol's muted ones, told apart by colour-blind readers too; line styles differ
 as well.
+
+The minor ticks of logarithmic axes as one artist an axis: Matplotlib makes five for every tick, forty ticks an axis.
+
+They stand where Matplotlib's own locator sets them, in the size, width and colour of its style.
+
+Drawings that are made beside the rest of a report: a figure takes half a second, and no figure waits for another.
 """
 
 from __future__ import annotations
 
+import os
 import re
 import textwrap
-from collections.abc import Iterable, Iterator
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
+from types import TracebackType
 from typing import Any, final
 
+import numpy as np
 import pandas as pd
-from matplotlib import rc_context
+from matplotlib import rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogFormatterSciNotation
+from matplotlib.lines import Line2D
+from matplotlib.markers import TICKDOWN, TICKLEFT
+from matplotlib.ticker import LogFormatterSciNotation, NullLocator
 
-from calibench.bench.report.shared.minor_ticks import join_minor_ticks
+from calibench.bench.gate.processes import CAN_FORK, WorkerPool
 from calibench.bench.report.shared.ticks_once import ticks_once
 
 Drawing = tuple[Figure, pd.DataFrame]
@@ -162,3 +175,132 @@ def _write_powers_as_text(figure: Figure) -> None:
             ):
                 if type(of) is LogFormatterSciNotation:
                     put(_Powers(scale.base, of.labelOnlyBase))
+
+
+_SAME = 1e-5  # of the axis' length: Matplotlib draws no minor tick so near to a major one
+
+
+@final
+class _MinorTicks(Line2D):
+    """The minor ticks of an axis without labels, found anew as they are drawn: they depend on the axis' length."""
+
+    def __init__(self, axis: Any, locator: Any) -> None:
+        across, name = axis.axis_name == "x", axis.axis_name
+        style: Any = rcParams
+        mark: Any = TICKDOWN if across else TICKLEFT
+        super().__init__(
+            [], [], linestyle="none", marker=mark, clip_on=False,
+            markersize=style[f"{name}tick.minor.size"], markeredgewidth=style[f"{name}tick.minor.width"],
+            color=style[f"{name}tick.color"], zorder=axis.get_zorder(),
+        )  # fmt: skip
+        self._axis, self._locator, self._across = axis, locator, across
+        axis.axes.add_artist(self)
+        self.set_transform(axis.axes.get_xaxis_transform("tick1") if across else axis.axes.get_yaxis_transform("tick1"))
+        self.set_in_layout(False)
+
+    def draw(self, renderer: Any) -> None:
+        """Draw the ticks that the locator sets now."""
+        to_length = self._axis.get_transform().transform
+        low, high = np.sort(to_length(np.asarray(self._axis.get_view_interval(), dtype=float)))
+        places = np.asarray(self._locator(), dtype=float)
+        major = to_length(np.asarray(self._axis.get_majorticklocs(), dtype=float))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = to_length(places)
+        near = _SAME * (high - low)
+        seen = (at >= low - near) & (at <= high + near)
+        if major.size:
+            seen &= np.abs(at[:, None] - major).min(axis=1) > near
+        zeros = np.zeros(int(seen.sum()))
+        self.set_data(*((places[seen], zeros) if self._across else (zeros, places[seen])))
+        super().draw(renderer)
+
+
+def join_minor_ticks(figure: Figure) -> None:
+    """Let each logarithmic axis of `figure` draw its minor ticks as one artist; where they have labels nothing changes.
+
+    The view of the axes must be final.
+    """
+    found: list[tuple[Any, Any]] = []  # all before the first is changed: panels of one axis share their locator
+    for axes in figure.axes:
+        axis: Any
+        for axis, side in ((axes.xaxis, "bottom"), (axes.yaxis, "left")):
+            if axis.get_scale() != "log" or axis.get_tick_params(which="minor").get(side) is False:
+                continue
+            places = axis.get_minorticklocs()
+            if len(places) and not any(axis.get_minor_formatter().format_ticks(places)):
+                found.append((axis, axis.get_minor_locator()))
+    for axis, locator in found:
+        _MinorTicks(axis, locator)
+        axis.set_minor_locator(NullLocator())
+
+
+Drawable = tuple[str, Callable[[], Drawing]]  # its name, and what draws it
+_MOST = 4  # processes: each holds what it changes of the runs
+_WORTH = 3  # figures: fewer are drawn before the processes are there
+
+
+@final
+class Drawings(Mapping[str, Path]):
+    """Drawings by name, as a context: the path of an SVG, which is there when it is asked for.
+
+    They are drawn in forked processes, as many as there are cores, the last first: those of the whole field come last
+    and take the longest. Where there is one core or the system cannot fork, they are drawn in this process, as the
+    context begins. `tell(name)` is called before the wait for each. Asking for a drawing raises what it raised.
+    """
+
+    def __init__(self, drawable: Sequence[Drawable], folder: Path, tell: Callable[[str], None]) -> None:
+        self._drawable, self._folder, self._tell = drawable, folder, tell
+        self._files: dict[str, Future[list[Path]]] = {name: Future() for name, _ in drawable}
+        self._pool: WorkerPool | None = None
+        self._collector = threading.Thread(target=self._collect, name="drawings", daemon=True)
+
+    def files(self) -> list[Path]:
+        """Return the paths of all files of all drawings, when they are there."""
+        return [path for each in self._files.values() for path in each.result()]
+
+    def __enter__(self) -> Drawings:
+        size = min(os.cpu_count() or 1, _MOST, len(self._drawable))
+        if size > 1 and len(self._drawable) >= _WORTH and CAN_FORK:
+            self._pool = WorkerPool(self._saved, size)
+            self._pool.__enter__()
+            self._pool.begin(range(len(self._drawable))[::-1])
+            self._collector.start()
+        else:
+            for number in range(len(self._drawable))[::-1]:
+                name, _ = self._drawable[number]
+                self._tell(name)
+                self._files[name].set_result(self._saved(number))
+        return self
+
+    def __exit__(self, failed: type[BaseException] | None, *_: BaseException | TracebackType | None) -> None:
+        if self._pool is not None:
+            if failed is not None:
+                self._pool.interrupt()
+            self._collector.join()
+            self._pool.close()
+
+    def __getitem__(self, name: str) -> Path:
+        return self._files[name].result()[0]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._files)
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+    def _saved(self, number: int) -> list[Path]:
+        name, draw = self._drawable[number]
+        return save(name, draw(), self._folder)
+
+    def _collect(self) -> None:
+        """Take the answers of the processes as they come; after one that raised the others have nobody to wait for."""
+        assert self._pool is not None
+        for name, future in reversed(self._files.items()):
+            try:
+                self._tell(name)
+                future.set_result(self._pool.take())
+            except BaseException as error:  # of a drawing, or as the processes are ended: whoever asks is told
+                for other in self._files.values():
+                    if not other.done():
+                        other.set_exception(error)
+                return

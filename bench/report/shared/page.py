@@ -1,17 +1,28 @@
 """What goes into a page of any kind: tables that scroll by themselves, and drawings that stand inside it.
 
-`bench.report.shared.templating` sets them, by the macros of ``templates/parts.html.j2``.
+`bench.report.shared.page` sets them, by the macros of ``templates/parts.html.j2``.
+
+The one Jinja2 environment of all pages: text is escaped wherever it stands, and a value that is missing is an error.
+
+A template is named by its path below the package ``calibench.bench``. `render` makes a whole page; `macros` gives the
+macros of a template to who builds the cells of a table. No HTML is put together anywhere else.
+
+Paragraphs, lists and tables of a page in Markdown, filled to the width of the documents.
 """
 
 from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Sequence
+import textwrap
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
+from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 _HEAVY = 450_000  # characters from which on an SVG goes in as its PNG, where that is smaller
@@ -90,3 +101,61 @@ def drawing_inside(path: Path, name: str) -> Inline:
         if len(coded) < size:
             return Inline(name, drawing.width, png=coded)
     return drawing
+
+
+def render(template: str, **values: Any) -> str:
+    """Return the page that `template` makes of `values`. Raises `jinja2.UndefinedError` for a value that is missing."""
+    return _environment().get_template(template).render(values)
+
+
+@cache
+def macros(template: str) -> Any:
+    """Return the macros of `template` as functions, by name: text in, safe `Markup` out."""
+    return _environment().get_template(template).module
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FunctionLoader(_source), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.globals["css"] = _css
+    return environment
+
+
+def _css(name: str) -> Markup:
+    """Return a style sheet of ours as it is."""
+    return Markup(_source(name))
+
+
+def _source(name: str) -> str:
+    return files("calibench.bench").joinpath(*name.split("/")).read_text(encoding="utf-8")
+
+
+_WIDTH = 118
+
+
+def text(paragraph: str) -> str:
+    """Return a paragraph, its white space made even."""
+    return textwrap.fill(" ".join(paragraph.split()), _WIDTH, break_long_words=False, break_on_hyphens=False)
+
+
+def bullets(*items: str) -> str:
+    """Return a list, an item an argument."""
+    return "\n".join(
+        textwrap.fill(
+            " ".join(item.split()),
+            _WIDTH,
+            initial_indent="- ",
+            subsequent_indent="  ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        for item in items
+    )
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of cells that are Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

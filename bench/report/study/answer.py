@@ -2,7 +2,7 @@
 
 The best over all tasks is who reaches the goal in most runs, then who stands first in the mean (`ranking.methods`);
 only a method that was run on every task can be it. Against each other one it is compared on the tasks that both have
-(`bench.statistics.comparison.best`).
+(`bench.statistics.best`).
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from typing import Any, Literal, final
 import numpy as np
 import pandas as pd
 
-from calibench.bench.report.study.lost import lost_of
+from calibench.bench.report.study.html_tables import lost_of
+from calibench.bench.statistics import ranking
 from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.best import MANY, Method, Ratio, Rival, against_each
 from calibench.bench.statistics.cells import METHOD, PROBLEM
-from calibench.bench.statistics.comparison import ranking
-from calibench.bench.statistics.comparison.best import MANY, Method, Ratio, Rival, against_each
 from calibench.bench.statistics.summary import outside_box, success_interval
 from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
 from calibench.bench.store.manifest import remaining_by_budget
-from calibench.core.counted import counted
+from calibench.core.words import counted
 
 _NAMED = 4  # methods named one by one
 _FEW = 2  # methods that were run on fewer problems that are named

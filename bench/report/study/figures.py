@@ -1,4 +1,11 @@
-"""Figures from runs: convergence, evaluations to target, the overview of a field."""
+"""Figures from runs: convergence, evaluations to target, the overview of a field.
+
+The figures of how fast targets fall: runtime ECDF of every method over some problems, and performance profiles.
+
+The critical-difference diagram: mean ranks of methods on a line, those that no test tells apart joined by a bar.
+
+Source: Demsar, J. Machine Learning Research 7 (2006), figure 1.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +23,6 @@ from matplotlib.image import AxesImage
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from calibench.bench.provenance.run_id import digest
 from calibench.bench.report.shared.drawing import (
     COLOURS,
     STYLE,
@@ -28,19 +34,18 @@ from calibench.bench.report.shared.drawing import (
     put_legend,
 )
 from calibench.bench.report.study.additions import Additions, Mark, figures_for, marks_for
-from calibench.bench.report.study.critical_difference import critical_difference
-from calibench.bench.report.study.explored.curves import bands
+from calibench.bench.report.study.explored import bands
+from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics import tables
-from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, TASK
-from calibench.bench.statistics.comparison import ranking
-from calibench.bench.statistics.comparison.many_methods import FEWEST, Ranked, blocks_of, friedman
-from calibench.bench.statistics.endings import endings
-from calibench.bench.statistics.names.labels import in_order, method_labels, problem_titles
-from calibench.bench.statistics.names.order import looks_of
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, TASK
+from calibench.bench.statistics.fixed_target import ecdf, ert, performance_profile
+from calibench.bench.statistics.names import in_order, method_labels, problem_titles, settings_told
 from calibench.bench.statistics.optimum import Optimum, optimum_of
-from calibench.bench.store.lists import lists_of
-from calibench.core.counted import counted
+from calibench.bench.statistics.ranking import FEWEST, Ranked, blocks_of, friedman, looks_of
+from calibench.bench.statistics.summary import endings, method_names
+from calibench.bench.store.arrays import lists_of
+from calibench.core.seeds import digest
+from calibench.core.words import counted
 
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _SEEN = 1500  # cells up to which they have room in one drawing; of more the numbers are in ``overview.csv``
@@ -484,3 +489,208 @@ def file_name(title: str) -> str:
     plain = "".join(c if c.isalnum() or c in "._-" else "-" for c in text)
     short = plain.encode()[:_LONGEST].decode(errors="ignore")  # no half of a character
     return plain if short == plain else f"{short}-{digest(title)[:6]}"
+
+
+_NAMED = 12  # methods that get a colour; the others are a grey background
+_QUANTITY = "gap"
+
+
+def ecdf_figures(runs: pd.DataFrame, hits: pd.DataFrame, groups: pd.Series) -> Iterator[tuple[str, str, Drawable]]:
+    """Yield (name, caption, how it is drawn) of the whole study and of each of several `groups`, by index of `runs`.
+
+    Nothing where no gap to a best value is known. With one problem a group there is only the whole.
+    """
+    targets = hits[hits["quantity"] == _QUANTITY]
+    if targets.empty:
+        return
+    total = len(runs[PROBLEM].drop_duplicates())
+    yield "ecdf", f"Runtime ECDF, {counted(total, 'problem')}", partial(runtime_ecdf, runs, targets, "All problems")
+    parts = {str(name): mine for name, mine in runs.groupby(groups.to_numpy(), sort=False)}
+    if not 1 < len(parts) < total:
+        return
+    for name, mine in parts.items():
+        some = targets[targets["run_id"].isin(set(mine["run_id"]))]
+        title = f"Group {name}"
+        caption = f"Runtime ECDF, {title}, {counted(len(mine[PROBLEM].drop_duplicates()), 'problem')}"
+        label = f"ecdf_{file_name(name)}"
+        yield (
+            label if label != "ecdf_" else f"ecdf_{digest(name)[:6]}",
+            caption,
+            partial(runtime_ecdf, mine, some, title),
+        )
+
+
+def runtime_ecdf(runs: pd.DataFrame, hits: pd.DataFrame, title: str = "") -> Drawing:
+    """Draw the share of (run, target) pairs that each method reached, over charged evaluations; the numbers beside it.
+
+    `hits` are of one quantity. A problem counts as much as any other.
+    """
+    numbers = ecdf_of(runs, hits)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(share_width(numbers), 3.7), layout="constrained")
+        axes = figure.subplots()
+        draw_ecdf(axes, numbers, runs)
+        put_legend(figure, [axes])
+        count = hits["target"].nunique()
+        entitle(figure, f"{title}: {counted(count, 'target')} above the best value" if title else "")
+    return figure, numbers
+
+
+def ecdf_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
+    """Return `runtime.ecdf` of hits of one quantity, with the name of each row's method (`method_labels`)."""
+    runs = runs.copy(deep=False)
+    for _, mine in runs.groupby(METHOD, sort=False):  # a method whose start each problem decides is one
+        told = settings_told(mine)
+        for column in SETTING:
+            if column not in told:
+                runs.loc[mine.index, column] = mine[column].iloc[0]
+    numbers = ecdf(hits, runs)
+    called = runs[[*METHOD, *SETTING]].assign(method=method_labels(runs)).drop_duplicates()
+    called = called.rename(columns={"target": "target_value"})
+    numbers = numbers.merge(called, on=[*METHOD, "start", "budget", "target_value"], how="left")
+    return numbers.assign(share=np.asarray(numbers["share"], dtype=float))
+
+
+def draw_ecdf(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame) -> None:
+    """Draw the lines of `ecdf_of`."""
+    _draw_shares(
+        axes, numbers, "cost", looks_of(runs.assign(method=method_labels(runs)), _methods_best_first(numbers, "cost"))
+    )
+    axes.set(xlabel="charged evaluations", ylabel=f"share of (run, target) pairs{_over(numbers, 'problem')}")
+
+
+def profile_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
+    """Return `performance_profile` of hits of one quantity, with the name of each row's method."""
+    steps = performance_profile(ert(hits, runs, intervals=False))
+    called = dict(zip(zip(*(runs[key] for key in METHOD)), method_names(runs)))
+    return steps.assign(method=[called[pair] for pair in zip(*(steps[key] for key in METHOD))])
+
+
+def draw_profile(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame) -> None:
+    """Draw the lines of `profile_of`."""
+    _draw_shares(
+        axes, numbers, "ratio", looks_of(runs.assign(method=method_names(runs)), _methods_best_first(numbers, "ratio"))
+    )
+    shares = f"share of (problem, target) pairs{_over(numbers, 'task')}"
+    axes.set(xlabel="expected running time over the least of any method", ylabel=shares)
+    axes.set_xlim(left=1)
+
+
+def _over(numbers: pd.DataFrame, what: str) -> str:
+    """Return a line on which problems or tasks the shares are of; "" where all methods were run on all."""
+    parts, whole = numbers[f"{what}s"], numbers[f"of_{what}s"]
+    if (parts == whole).all():
+        return ""
+    if parts.nunique() == 1:
+        return f"\non the {parts.iloc[0]} of {counted(int(whole.iloc[0]), what)} that all methods were run on"
+    return f"\nof each method on its own {what}s: none has all methods"
+
+
+def share_width(numbers: pd.DataFrame) -> float:
+    """Return the width of a figure of these methods' shares with their names beside it [inches]."""
+    return 4.4 + 0.068 * max(map(len, numbers["method"]), default=0)
+
+
+def _methods_best_first(numbers: pd.DataFrame, over: str) -> list[str]:
+    """Return the methods by the share at which they end, of equal ones first what has half of it earliest."""
+    ends = numbers.groupby("method", sort=False)["share"].max()
+    half = numbers[numbers["share"] >= numbers["method"].map(ends) / 2].groupby("method", sort=False)[over].min()
+    order = pd.DataFrame({"share": -ends, "half": half}).sort_values(["share", "half"], kind="stable")
+    return [str(method) for method in order.index]
+
+
+def _draw_shares(axes: Axes, numbers: pd.DataFrame, over: str, looks: Mapping[str, int]) -> None:
+    """Draw the share of each method over a column, as steps; the best have a colour, and are named in their order."""
+    order = _methods_best_first(numbers, over)
+    most = float(numbers[over][np.isfinite(numbers[over])].max())  # where all lines end
+    for i, method in enumerate(order):
+        mine, named = numbers[(numbers["method"] == method) & np.isfinite(numbers[over])], i < _NAMED
+        look = look_of(looks[method]) if named else {"color": "0.8", "lw": 0.7}
+        label = method if named else others(len(order) - _NAMED) if i == _NAMED else None
+        at, share = [1.0, *mine[over], most], [0.0, *mine["share"], mine["share"].max() if len(mine) else 0.0]
+        axes.step(at, share, where="post", label=label, zorder=2.5 - 0.001 * i, **look)
+    axes.set(xscale="log", ylim=(0, 1.02))
+
+
+_DIAGRAM_LETTER = 0.07  # inches of a letter of a name
+_LEAST_P = 1e-300  # p below it is rounding
+_TICK = 0.25  # inches between two numbers of the scale, at least
+
+
+def critical_difference(ranked: Ranked) -> Drawing:
+    """Return the diagram of `ranked` and its numbers; raises `ValueError` where there is no test (`ranked.refused`)."""
+    numbers = ranks_of(ranked)
+    with rc_context(STYLE):
+        figure = Figure(figsize=ranks_size(ranked), layout="constrained")
+        draw_ranks(figure.add_subplot(), ranked)
+    return figure, numbers
+
+
+def ranks_size(ranked: Ranked) -> tuple[float, float]:
+    """Return width and height of the diagram [inches]."""
+    return 3.6 + sum(_beside(ranked)), 1.1 + 0.24 * len(ranked.methods) + 0.12 * len(ranked.groups())
+
+
+def _beside(ranked: Ranked) -> tuple[float, float]:
+    """Return the room for the names at the left and at the right [inches]."""
+    half = (len(ranked.methods) + 1) // 2
+    left, right = (max(map(len, names), default=0) for names in (ranked.methods[:half], ranked.methods[half:]))
+    return _DIAGRAM_LETTER * (left + 8), _DIAGRAM_LETTER * (right + 8)
+
+
+def draw_ranks(axes: Axes, ranked: Ranked) -> None:
+    """Draw the diagram, the names of the methods within the axes: what stands beside them is left alone."""
+    count = len(ranked.methods)
+    bars = ranked.groups()
+    low, high = np.floor(ranked.mean_ranks.min()), np.ceil(ranked.mean_ranks.max())
+    span = max(high - low, 1.0)
+    inches = axes.get_position().width * figure_of(axes).get_figwidth()
+    least, most = _beside(ranked)
+    scale = max(inches - least - most, 0.25 * inches)
+    size = 8 * min(1.0, (inches - scale) / (least + most))  # of names, which in narrow axes are smaller
+    least, most = least * size / 8, most * size / 8
+    inch = 1.12 * span / scale  # the lines to the names take 6 % on either side
+    for i, (name, rank) in enumerate(zip(ranked.methods, ranked.mean_ranks.tolist(), strict=True)):
+        left = i < (count + 1) // 2
+        depth = -1.0 - 0.12 * len(bars) * 4 - (i if left else count - 1 - i)
+        edge = low - 0.06 * span if left else high + 0.06 * span
+        axes.plot([rank, rank, edge], [0, depth, depth], color=COLOURS[6], linewidth=0.8)
+        axes.text(edge, depth, f" {name}  {rank:.2f} ", ha="right" if left else "left", va="center", fontsize=size)
+    for i, (first, last) in enumerate(bars):
+        ends = [ranked.mean_ranks[first] - 0.01 * span, ranked.mean_ranks[last] + 0.01 * span]
+        axes.plot(ends, [-0.5 - 0.45 * i] * 2, color=COLOURS[0], linewidth=3, solid_capstyle="butt")
+    axes.plot([low, low + ranked.critical_difference], [1.1, 1.1], color=COLOURS[1], linewidth=2)
+    axes.text(low, 1.3, f"critical difference {ranked.critical_difference:.2f}", fontsize=8, va="bottom")
+    axes.set_ylim(-1.6 - 0.48 * len(bars) - (count + 1) // 2, 2.2)
+    axes.set_xlim(low - 0.06 * span - least * inch, high + 0.06 * span + most * inch)
+    axes.set_yticks([])
+    axes.set_xticks(np.arange(low, high + 1, max(1, np.ceil(span / min(12, scale / _TICK)))))
+    axes.spines[["left", "right", "bottom"]].set_visible(False)
+    axes.spines["top"].set_visible(True)
+    axes.spines["top"].set_position(("data", 0.0))
+    axes.spines["top"].set_bounds(low, high)
+    axes.xaxis.tick_top()
+    axes.grid(False)
+    chance = f"= {ranked.p:.2g}" if ranked.p > _LEAST_P else f"< {_LEAST_P:g}"
+    axes.set_title(
+        f"mean rank over {ranked.blocks} blocks, 1 is best; Friedman p {chance}\njoined: not told apart at "
+        f"{ranked.level:g} (Nemenyi)",
+        fontsize=8,
+    )
+
+
+def ranks_of(ranked: Ranked) -> pd.DataFrame:
+    """Return the numbers of the diagram; raises `ValueError` where there is no test."""
+    if ranked.refused:
+        raise ValueError(ranked.refused)
+    return pd.DataFrame(
+        {
+            "method": ranked.methods,
+            "mean_rank": ranked.mean_ranks,
+            "p_against_best_holm": ranked.against_best,
+            "p_against_best_nemenyi": ranked.nemenyi[0],
+            "blocks": ranked.blocks,
+            "critical_difference": ranked.critical_difference,
+            "friedman_p": ranked.p,
+        }
+    )

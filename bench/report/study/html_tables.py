@@ -1,29 +1,38 @@
-"""The tables of a study's page: a problem's methods, printed numbers beside ours, what failed and why."""
+"""The tables of a study's page: a problem's methods, printed numbers beside ours, what failed and why.
+
+Which methods differ over all problems: Friedman's test as a table, with what each pair's test says.
+
+Runs that did not end well: who failed reached nothing, who was ended by its time limit keeps what it reached.
+
+`bench.statistics.summary.goal_hits` counts them so. In the tables of a summary `failed` is both together.
+
+The versions, commits, machines and dates of the runs of a study; more than one where they differ.
+"""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from math import isfinite
-from typing import Any
+from typing import Any, final
 
+import numpy as np
 import pandas as pd
 
-from calibench.bench.execution.merit import PREFIX, heading
-from calibench.bench.report.shared.page import Head, Table
-from calibench.bench.report.shared.templating import macros
+from calibench.bench.execution.answer import PREFIX, heading
+from calibench.bench.report.shared.page import Head, Table, macros
 from calibench.bench.report.study import figures
-from calibench.bench.report.study.lost import with_late
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, PROBLEM
-from calibench.bench.statistics.comparison.ranking import best_first
-from calibench.bench.statistics.names.labels import method_titles, problem_titles, setting_text, several
+from calibench.bench.statistics.names import method_titles, problem_titles, setting_text, several
 from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.statistics.priced import priced as priced_runs
 from calibench.bench.statistics.progress import without_numbers
+from calibench.bench.statistics.ranking import Ranked, best_first
 from calibench.bench.statistics.targets import COLUMN
-from calibench.bench.store.options import parts
-from calibench.core.counted import counted
+from calibench.bench.store.columns import parts
+from calibench.core.words import counted, listed
 
 Costs = Sequence[Mapping[str, Any]]  # records of `bench.sweep.costs`
 _TALL = 48  # rows from which on a table scrolls in a box of its own height
@@ -303,3 +312,131 @@ def _why(row: pd.Series) -> str:
 
 def _raised(text: str) -> str:
     return text.replace("^2", "²").replace("^4", "⁴")
+
+
+@final
+@dataclass(frozen=True)
+class Differing:
+    """A sentence on the test, and a row a method, best first."""
+
+    told: str
+    table: Table
+
+
+def differing(ranked: Ranked) -> Differing:
+    """Return the table of a test that was not refused: mean ranks, p-values after correction, and who differs."""
+    alike = ranked.nemenyi >= ranked.level
+    np.fill_diagonal(alike, False)
+    differ = int((~alike).sum() - len(ranked.methods)) // 2
+    pairs = len(ranked.methods) * (len(ranked.methods) - 1) // 2
+    level = f"{100 * ranked.level:g} %"
+    told = (
+        f"Friedman's test over {counted(ranked.blocks, 'block')} (a problem with its instance under one start and "
+        f"budget; seeds are none): p = {number(ranked.p)}. "
+        + (
+            f"Of {counted(pairs, 'pair')} of methods {differ} differ at the {level} level (Nemenyi's test, which is "
+            f"corrected for all pairs): mean ranks that are {number(ranked.critical_difference, 3)} apart or more."
+            if ranked.p < ranked.level
+            else f"The ranks do not tell the methods apart at the {level} level, and what pairs say is not to be read."
+        )
+        + (f" {ranked.left_out}." if ranked.left_out else "")
+    )
+    heads = [
+        ("method", ""), ("mean rank", "n"), ("p against the first, Holm", "n"), ("p against the first, Nemenyi", "n"),
+        ("differs from", "why"), ("not told apart from", "why"),
+    ]  # fmt: skip
+    rows = []
+    for i, name in enumerate(ranked.methods):
+        others = [j for j in range(len(ranked.methods)) if j != i]
+        rows.append(
+            [
+                name, f"{ranked.mean_ranks[i]:.2f}", number(ranked.against_best[i]),
+                number(ranked.nemenyi[0, i]) if i else "–",
+                *(_named(ranked, [j for j in others if alike[i, j] == same]) for same in (False, True)),
+            ]
+        )  # fmt: skip
+    return Differing(told, table(heads, rows))
+
+
+_SHOWN = 8  # names in a cell, beyond which they are counted
+
+
+def _named(ranked: Ranked, at: list[int]) -> str:
+    if len(at) == len(ranked.methods) - 1 and len(at) > 1:
+        return "all others"
+    return listed([ranked.methods[j] for j in at], _SHOWN) or "none"
+
+
+@final
+@dataclass(frozen=True)
+class Lost:
+    """How many of some runs failed, and how many were ended by their time limit."""
+
+    failed: int
+    late: int
+
+    def told(self, of: int | None = None) -> str:
+        """Return both counts in words, `of` so many runs; "" where every run ended well.
+
+        >>> Lost(2, 0).told()
+        '2 runs failed and count as not arrived'
+        >>> Lost(0, 1).told(of=8)
+        '1 of 8 runs was ended by its time limit and keeps what it reached'
+        """
+        failed = "failed and counts" if self.failed == 1 else "failed and count"
+        late = ("was", "its", "keeps", "it") if self.late == 1 else ("were", "their", "keep", "they")
+        said = (
+            (self.failed, f"{failed} as not arrived"),
+            (self.late, "{} ended by {} time limit and {} what {} reached".format(*late)),
+        )
+        return "; ".join(f"{_runs(n, of)} {what}" for n, what in said if n)
+
+
+def lost_of(runs: pd.DataFrame) -> Lost:
+    """Return how many of the runs failed and how many were late."""
+    late = int((runs["status"] == "timeout").sum())
+    return Lost(int((runs["status"] != "ok").sum()) - late, late)
+
+
+def with_late(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the summary of cells with `late`, how many of the `runs` of each were ended by their time limit."""
+    ended = runs[runs["status"] == "timeout"]
+    if ended.empty:
+        return cells.assign(late=0)
+    late = ended.groupby(CELL, dropna=False).size().rename("late").reset_index()
+    found = cells.merge(late, on=CELL, how="left")
+    return found.assign(late=found["late"].fillna(0).astype(int))
+
+
+def _runs(n: int, of: int | None) -> str:
+    return counted(n, "run") if of is None else f"{n} of {counted(of, 'run')}"
+
+
+def versions(runs: pd.DataFrame) -> dict[str, list[str]]:
+    """Return the versions that the runs were made with; of a package more than one where they differ."""
+    versions: dict[str, list[str]] = {}
+    for text in runs["versions"].dropna().unique():
+        for package, version in json.loads(text).items():
+            if version and version not in versions.setdefault(package, []):
+                versions[package].append(version)
+    return {package: found for package, found in versions.items() if found}
+
+
+def commits(runs: pd.DataFrame) -> str:
+    """Return the commits, and whether something stood uncommitted beside them."""
+    commits = runs[["git_commit", "git_dirty"]].drop_duplicates().to_numpy().tolist()
+    return ", ".join(f"{c[:10]}{' with uncommitted changes' if d is True else ''}" for c, d in commits if c)
+
+
+def machines(runs: pd.DataFrame) -> str:
+    """Return the platforms."""
+    return ", ".join(runs["platform"].dropna().unique())
+
+
+def began(runs: pd.DataFrame) -> str:
+    """Return when the first and the last run were begun, to the minute."""
+    began = runs["started_at"].dropna()
+    if began.empty:
+        return ""
+    first, last = f"{began.min():%Y-%m-%d %H:%M}", f"{began.max():%Y-%m-%d %H:%M}"
+    return f"{first} UTC" if first == last else f"{first} to {last} UTC"

@@ -1,30 +1,74 @@
-"""Write the report of a study: ``summary.csv``, the table of calibrated values, the figures, and the page."""
+"""Write the report of a study: ``summary.csv``, the table of calibrated values, the figures, and the page.
+
+How far a report is: a bar on a terminal, plain lines elsewhere, and neither where it is done at once.
+"""
 
 from __future__ import annotations
 
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
 import pandas as pd
 
-from calibench.bench.report.shared.drawn import Drawings
+from calibench.bench.report.shared.drawing import Drawings
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.additions import Additions, captions_of, filled_sections, links_for, printed_values
-from calibench.bench.report.study.explored.groups import groups_of
+from calibench.bench.report.study.explored import groups_of
+from calibench.bench.report.study.figures import ecdf_figures
 from calibench.bench.report.study.page import StudyPage
-from calibench.bench.report.study.progress import Tell, nobody
-from calibench.bench.report.study.runtime_figure import ecdf_figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables
 from calibench.bench.statistics.cells import METHOD, PROBLEM
-from calibench.bench.statistics.names.order import with_looks
+from calibench.bench.statistics.ranking import with_looks
 from calibench.bench.statistics.targets import levels_of, with_lowest_seen
-from calibench.bench.store.files.atomic_file import write_whole
+from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import to_pandas
 from calibench.bench.store.tables import parquet_file
 from calibench.bench.sweep.studies import study_preset
+from calibench.core.words import print_plain as print
+from calibench.core.words import printable
+
+Tell = Callable[[int, int, str], None]
+_SOON = 2.0  # seconds, within which nothing is told to a file
+_EVERY = 5.0  # seconds between two lines
+
+
+def nobody(done: int, of: int, what: str) -> None:
+    """Tell nobody how far a report is."""
+
+
+@contextmanager
+def report_progress() -> Iterator[Tell]:
+    """Yield a tell(done, of, what) to call before each step of a report."""
+    if not sys.stderr.isatty():
+        yield _lines()
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("")
+        yield lambda done, of, what: bar.update(task, completed=done, total=of, description=printable(what[:60]))
+
+
+def _lines() -> Tell:
+    told = time.monotonic() + _SOON - _EVERY
+
+    def tell(done: int, of: int, what: str) -> None:
+        nonlocal told
+        if time.monotonic() - told >= _EVERY:
+            told = time.monotonic()
+            print(f"  report: step {done + 1} of {of}, {what}", file=sys.stderr, flush=True)
+
+    return tell
+
 
 _STEPS = 4  # besides the figures
 _DRAWN = 12  # problems with drawings as files: the page draws every problem, and a drawing takes a second

@@ -12,11 +12,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, final
 
-from calibench.bench.execution.in_progress.progress import Progress
-from calibench.bench.execution.in_progress.running import to_files, was_silent
+from calibench.bench.execution.in_progress import Progress, to_files, was_silent
 from calibench.bench.execution.run import Run
 from calibench.bench.provenance.environment import Provenance
-from calibench.bench.store.files.journal import Journal
+from calibench.bench.store.journal import Journal
 from calibench.bench.workers.dask.cluster import Cluster
 
 _MESSAGES = 64  # on their way, after which workers wait for us

@@ -22,11 +22,10 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from time import monotonic
 
-from calibench.bench.execution.in_progress.progress import publishing
+from calibench.bench.execution.in_progress import publishing
 from calibench.bench.execution.kernels import load_kernels
 from calibench.bench.execution.run import Run
-from calibench.bench.gate.processes.forked_worker import forked
-from calibench.bench.gate.processes.process_group import exit_of, prepare
+from calibench.bench.gate.processes import exit_of, forked, prepare
 from calibench.bench.workers.child import Child, too_late
 from calibench.bench.workers.dask.home import OURS, Home, difference, moved, settle
 from calibench.bench.workers.packs import Pack

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from calibench.discrepancy.effects.general import changes as changes
-from calibench.discrepancy.effects.general import columns as columns
-from calibench.discrepancy.effects.general import harmonics as harmonics
-from calibench.discrepancy.effects.general import instruments as instruments
+from calibench.discrepancy.effects.general import columns, harmonics, lengths
+from calibench.discrepancy.effects.general import columns as changes
+from calibench.discrepancy.effects.general import columns as shapes
+from calibench.discrepancy.effects.general import harmonics as waves
 from calibench.discrepancy.effects.general import joints as joints
-from calibench.discrepancy.effects.general import lengths as lengths
-from calibench.discrepancy.effects.general import shapes as shapes
-from calibench.discrepancy.effects.general import waves as waves
+from calibench.discrepancy.effects.general import lengths as instruments
 
 RECIPES = (
     joints.scale, joints.backlash, joints.compliance, joints.lag, joints.zero,

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibench.core.tables.units import between
+from calibench.core.tables.cells import between
+from calibench.discrepancy.effects.general.lengths import reference_of, time_constants, warmth
 from calibench.discrepancy.effects.general.recipe import (
     Built,
     declared,
@@ -17,13 +18,9 @@ from calibench.discrepancy.effects.general.recipe import (
     joints_of,
     recipe,
 )
-from calibench.discrepancy.effects.general.reference import reference_of
-from calibench.discrepancy.effects.general.warmth import time_constants, warmth
-from calibench.discrepancy.model.effect import NotTestable
-from calibench.discrepancy.model.family import EffectFamily, needs
-from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.effect import EffectFamily, LinearEffect, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import Joint, roles_of
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.thresholds import thresholds

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, final
 
-from calibench.discrepancy.model.effect import Effect, HeldBack, NotTestable
-from calibench.discrepancy.model.family import EffectFamily
+from calibench.discrepancy.model.effect import Effect, EffectFamily, HeldBack, NotTestable
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.roles import ALL, Instrument, Joint, Length, roles_of
 from calibench.discrepancy.registries import GENERAL

@@ -6,7 +6,7 @@ from calibench.discrepancy.machines.arm.formulation import AIM, DEMONSTRATIONS, 
 from calibench.discrepancy.machines.arm.geometry import PLACE, TURNS
 from calibench.discrepancy.machines.arm.turns import QUATERNION
 from calibench.discrepancy.machines.arm.validate import PAYLOAD, ROW, SITE, SOCKET, WARMTH
-from calibench.discrepancy.model.description import Description, Quantity, Stated
+from calibench.discrepancy.model.machine import Description, Quantity, Stated
 from calibench.discrepancy.registries import describe
 
 _COLUMNS = (

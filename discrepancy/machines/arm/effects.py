@@ -11,16 +11,13 @@ from functools import partial
 
 import numpy as np
 
-from calibench.discrepancy.effects.general.changes import run_terms
+from calibench.discrepancy.effects.general.columns import run_terms
 from calibench.discrepancy.effects.general.recipe import Built, declared
 from calibench.discrepancy.machines.arm.formulation import TOOL_TURNS, loads_in
 from calibench.discrepancy.machines.arm.geometry import BASE, TOOL, TURNS
-from calibench.discrepancy.model.change_point import ChangePoint, change_times
-from calibench.discrepancy.model.effect import NotTestable
-from calibench.discrepancy.model.family import EffectFamily, needs
-from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.effect import ChangePoint, EffectFamily, LinearEffect, NotTestable, change_times, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array

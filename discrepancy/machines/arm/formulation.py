@@ -16,9 +16,8 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from calibench.core.counted import plain
-from calibench.core.words import as_columns
-from calibench.discrepancy.checks.wild_readings import without_wild
+from calibench.core.words import as_columns, plain
+from calibench.discrepancy.checks.wild import without_wild
 from calibench.discrepancy.machines.arm.geometry import (
     BASE,
     PLACE,
@@ -59,11 +58,9 @@ from calibench.discrepancy.machines.arm.validate import (
     stated_teeth,
 )
 from calibench.discrepancy.machines.arm.weights import loads, torques, with_loads
-from calibench.discrepancy.model.formulations.predicted import Predicted
+from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
-from calibench.discrepancy.model.measured.sensor import Sensor
-from calibench.discrepancy.model.measured.stated import positive
+from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive
 from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
 from calibench.discrepancy.registries import machines
 from calibench.problems.arm.chains.chain import Chain, ChainError

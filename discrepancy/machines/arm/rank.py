@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.problems.arm.gauge import MIDDLE, WORST, told_apart, unexplained, well_told
 from calibench.problems.base import Array
 

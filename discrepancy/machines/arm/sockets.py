@@ -30,11 +30,9 @@ from calibench.discrepancy.machines.arm.geometry import (
 from calibench.discrepancy.machines.arm.rank import determined_names, with_held
 from calibench.discrepancy.machines.arm.validate import SITE, SOCKET, completed
 from calibench.discrepancy.machines.arm.weights import torques
-from calibench.discrepancy.model.formulations.predicted import Predicted
+from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Quantities
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
-from calibench.discrepancy.model.measured.sensor import Sensor
-from calibench.discrepancy.model.measured.stated import positive
+from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive
 from calibench.discrepancy.model.roles import Instrument, Roles
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array, Parameter

@@ -19,7 +19,7 @@ from typing import final
 
 import numpy as np
 
-from calibench.core.counted import plain
+from calibench.core.words import plain
 from calibench.problems.arm.frames import frames_of_positions
 from calibench.problems.arm.stands import moved
 from calibench.problems.base import Array

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibench.core.words import as_columns
 from calibench.discrepancy.machines.arm.geometry import cross
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.problems.arm.chains.rigid import quaternion, turn
 from calibench.problems.base import Array
 

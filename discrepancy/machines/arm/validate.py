@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.counted import counted, listed
 from calibench.core.options import suggest
-from calibench.discrepancy.checks.enter import entered
+from calibench.core.words import counted, listed
+from calibench.discrepancy.checks.validate import entered
 from calibench.discrepancy.machines.arm.geometry import PLACE, READING
 from calibench.discrepancy.machines.arm.turns import ANGLES, CALLED, QUATERNION
-from calibench.discrepancy.model.measured.data import TO_PREDICT, DataError, MeasuredData
+from calibench.discrepancy.model.measured import TO_PREDICT, DataError, MeasuredData
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.arm.columns import OF_A_JOINT, in_base_units, match_columns
 from calibench.problems.base import Array

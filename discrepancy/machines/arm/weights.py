@@ -11,7 +11,7 @@ import numpy as np
 from calibench.discrepancy.machines.arm.geometry import READING, Stand, walk
 from calibench.discrepancy.machines.arm.loads import GRAVITY, ROD, as_rods, moments
 from calibench.discrepancy.machines.arm.validate import PAYLOAD, stated_number
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array
 

@@ -1,19 +1,191 @@
-"""What the GPM2002 declares for files, commands and pages: columns, words, what may be stated, plans, what ships."""
+"""What the GPM2002 declares for files, commands and pages: columns, words, what may be stated, plans, what ships.
+
+The readings that a plan would give, before anything is measured: positions, and loads and speeds there.
+
+The positions are those of a plan about the home point. What happens on the way is stated here, not known: each pose is
+approached from the one before, at 50 mm/s, in the order of the visits; a force of 20 N pulls the end-effector towards a
+direction that differs from pose to pose, and the legs share it by least squares; the machine warms by 6 K, and halfway
+to that in a quarter of the run.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calibench.discrepancy.machines.gpm2002.plan import planned, reachable
-from calibench.discrepancy.model.description import Completed, Description, Quantity, Stated
-from calibench.discrepancy.model.machine import WORKSPACE, Formulation
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.machine import (
+    WORKSPACE,
+    Completed,
+    Description,
+    Formulation,
+    Quantities,
+    Quantity,
+    Stated,
+)
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.registries import describe
+from calibench.problems.base import Array
+from calibench.problems.planar.gpm2002 import NAMES, PlanName, home, makers_machine, plan_points
+
+_MOST_READINGS = 100_000  # of a plan: each is a row of every matrix of the search
+_FARTHEST = 1e6  # mm
+LEGS = (1, 2, 3)
+_SPEED, _FORCE, _WARMING, _PAUSE = 50.0, 20.0, 6.0, 4.0  # mm/s, N, K, s
+
+
+def planned(
+    plan: PlanName = "disc",
+    n: int = 60,
+    radius: float = 120.0,
+    seed: int = 0,
+    visits: int = 2,
+    repeats: int = 2,
+    tracked: bool = False,
+    without: Sequence[str] = (),
+    sigma_enc: float = 5e-5,
+    sigma_xy: float = 0.02,
+    machine: Mapping[str, float] | None = None,
+    tooth_numbers: Sequence[int] = (40, 48, 56),
+    branches: Sequence[float] = (1.0, 1.0, 1.0),
+) -> MeasuredData:
+    """Return the noiseless readings of `n` poses, each visited `visits` times and read `repeats` times.
+
+    `without` leaves columns out, by name or by kind (`vel` for `vel_1..3`); `machine` changes numbers of the maker's;
+    `branches` are the signs of the elbows.
+    Raises `DataError` for a pose out of reach or more readings than can be planned, `ValueError` for a plan that n
+    points cannot make.
+    """
+    if not min(n, visits, repeats) >= 1 or n * visits * repeats > _MOST_READINGS:
+        raise DataError(
+            f"plan.n={n}, visits={visits}, repeats={repeats}: 1 or more each and, multiplied, at most {_MOST_READINGS} "
+            "readings can be planned"
+        )
+    if len(branches) != len(LEGS):
+        raise DataError(f"plan.branches={list(branches)}: a sign for each of the {len(LEGS)} elbows is needed")
+    if seed < 0:
+        raise DataError(f"plan.seed={seed}: must be 0 or above")
+    for name, value in (machine or {}).items():
+        if not abs(value) <= _FARTHEST:
+            raise DataError(f"plan.machine: {name}={value:g}: at most {_FARTHEST:g} mm can be meant")
+    rng = np.random.default_rng(seed)
+    q: dict[str, Any] = dict(zip(NAMES, makers_machine().tolist())) | dict(machine or {})
+    points = plan_points(plan, home(), radius, n, rng)
+    order = np.concatenate([rng.permutation(n) for _ in range(visits)])
+    columns = {**met(q, points[order], branches, rng), "pose_id": order, "visit_id": np.arange(visits * n)}
+    bad = np.flatnonzero(~np.isfinite(columns["enc_1"] + columns["enc_2"] + columns["enc_3"]))
+    if len(bad):
+        x, y = points[order][bad[0]]
+        raise DataError(f"plan={plan}: ({x:.0f}, {y:.0f}) mm is out of reach; choose a radius below {radius:g}")
+    columns = {name: np.repeat(column, repeats) for name, column in columns.items()}
+    columns["repeat"] = np.tile(np.arange(repeats), visits * n)
+    columns["t_s"] = columns["t_s"] + 0.25 * _PAUSE * columns["repeat"]
+    gone = [*without, *(() if tracked else ("x", "y"))]
+    kept = {name: v for name, v in columns.items() if name not in gone and name.rpartition("_")[0] not in gone}
+    metadata = {"machine": "gpm2002", "sigma_enc": sigma_enc, "sigma_xy": sigma_xy, "nominal": q}
+    if "tooth_numbers" not in without:
+        metadata["tooth_numbers"] = list(tooth_numbers)
+    return MeasuredData(kept, "gpm2002", metadata, f"{plan} of {n} poses")
+
+
+def met(
+    q: Mapping[str, Any], points: Array, branches: Sequence[float], rng: np.random.Generator
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of one reading at each of `points`, (n, 2), mm, visited in that order by the machine `q`.
+
+    `branches` are the signs of the legs' elbows. Angles out of reach are NaN.
+    """
+    n = len(points)
+    way = np.diff(points, axis=0, prepend=home()[None])
+    heading = np.arctan2(way[:, 1], way[:, 0])
+    velocity = _SPEED * np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    turn = 2 * np.pi * rng.random(n)
+    force = _FORCE * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    angle, along, arm = np.empty((n, 3)), np.empty((n, 3, 2)), np.empty((n, 3, 2))
+    for k, i in enumerate(LEGS):
+        theta = _angle(q, i, points, branches[k])
+        angle[:, k] = theta - q[f"z{i}"]
+        arm[:, k] = q[f"la{i}"] * np.stack([-np.sin(theta), np.cos(theta)], axis=1)  # the elbow's way per radian
+        elbow = np.stack([q[f"xa{i}"] + q[f"la{i}"] * np.cos(theta), q[f"ya{i}"] + q[f"la{i}"] * np.sin(theta)], axis=1)
+        along[:, k] = (points - elbow) / q[f"lb{i}"]
+    lever = (along * arm).sum(axis=2)  # the distal link's pull on the drive, mm
+    rate = (along @ velocity[:, :, None])[:, :, 0] / lever
+    share = np.linalg.inv(np.nan_to_num(np.einsum("nki,nkj->nij", along, along)) + 1e-12 * np.eye(2))
+    axial = np.einsum("nki,nij,nj->nk", along, share, force)  # least squares: the legs pull against the force
+    t = _PAUSE * np.arange(n)
+    columns: dict[str, NDArray[Any]] = {"t_s": t, "x": points[:, 0], "y": points[:, 1]}
+    columns |= {"load_x": force[:, 0], "load_y": force[:, 1], "speed": np.full(n, _SPEED), "heading": heading}
+    columns["temp_K"] = _WARMING * (1 - 0.5 ** (4 * t / max(t[-1], 1.0)))
+    for k, i in enumerate(LEGS):
+        columns |= {f"enc_{i}": angle[:, k], f"vel_{i}": rate[:, k], f"dir_{i}": np.sign(rate[:, k])}
+        columns |= {f"axial_{i}": axial[:, k], f"tau_{i}": axial[:, k] * lever[:, k]}
+    return columns
+
+
+def reachable(formulation: Formulation, q: Quantities, n: int = 300, seed: int = 0) -> MeasuredData:
+    """Return about `n` readings that could be taken next, anywhere in reach around where the others were taken.
+
+    They have the columns of the data. Each comes from anywhere, under a force of any direction, as strong and as fast
+    as was usual; after all others; at temperatures met so far or somewhat above.
+    """
+    data, rng = formulation.data, np.random.default_rng(seed)
+    machine = {name: float(q[name]) for name in NAMES}
+    x, y = formulation.covariates(q)["workspace"].values()
+    middle = np.array([np.median(x), np.median(y)])
+    far = 1.3 * float(np.hypot(x - middle[0], y - middle[1]).max())
+    points = middle + far * plan_points("disc", np.zeros(2), 1.0, 2 * n, rng)
+    columns = met(machine, points, elbows(formulation, q), rng)
+    reached = np.flatnonzero(np.isfinite(np.sum([columns[f"enc_{i}"] for i in LEGS], axis=0)))[:n]
+    if not len(reached):
+        raise DataError(
+            f"the machine, as these readings calibrate it, reaches no place within {far:.3g} mm of the middle of theirs"
+        )
+    columns = {name: column[reached] for name, column in columns.items() if name in data}
+    if "temp_K" in columns:
+        low, high = data["temp_K"].min(), data["temp_K"].max()
+        columns["temp_K"] = rng.uniform(low, high + 0.2 * (high - low), len(reached))
+    if "t_s" in columns:
+        columns["t_s"] = columns["t_s"] - columns["t_s"].min() + data["t_s"].max() + _PAUSE
+    for kind in _STRENGTHS:
+        there = [name for name in columns if name == kind or name.rpartition("_")[0] == kind]
+        if there:
+            usual, own = (np.sqrt(np.mean([np.square(of[c]).mean() for c in there])) for of in (data, columns))
+            columns |= {name: columns[name] * (usual / own) for name in there}
+    return MeasuredData(columns, data.machine, data.metadata, "reachable")
+
+
+_STRENGTHS = ("load", "tau", "axial", "vel", "speed")  # scaled to what was usual in the data
+
+
+def elbows(formulation: Formulation, q: Quantities) -> tuple[float, ...]:
+    """Return the signs of the legs' elbows that most of the readings show."""
+    x, y = mean_point(formulation, q)
+    signs = []
+    for i in LEGS:
+        theta = formulation.data[f"enc_{i}"] + q[f"z{i}"]
+        turned = (x - q[f"xa{i}"]) * np.sin(theta) - (y - q[f"ya{i}"]) * np.cos(theta)
+        signs.append(1.0 if np.median(turned) > 0 else -1.0)
+    return tuple(signs)
+
+
+def mean_point(formulation: Formulation, q: Quantities) -> tuple[float, float]:
+    """Return the middle of the places that were measured, mm."""
+    place = formulation.covariates(q)["workspace"]
+    return float(np.median(place["x"])), float(np.median(place["y"]))
+
+
+def _angle(q: Mapping[str, Any], i: int, points: Array, branch: float) -> Array:
+    """Return the joint angle of leg i at `points`, (n,), rad, its elbow on the side of `branch`; NaN out of reach."""
+    dx, dy = points[:, 0] - q[f"xa{i}"], points[:, 1] - q[f"ya{i}"]
+    reach, la, lb = np.hypot(dx, dy), q[f"la{i}"], q[f"lb{i}"]
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.arctan2(dy, dx) + branch * np.arccos((la**2 + reach**2 - lb**2) / (2 * la * reach)))
+
 
 _LEGS = (1, 2, 3)
 _SIGMA_XY = 0.02  # mm: a usual tracker

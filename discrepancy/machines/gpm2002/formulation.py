@@ -3,35 +3,383 @@
 Angles only: the end-effector is eliminated and one constraint a reading is left, the power of the radical centre of
 the three distal circles, eqs. (32)-(33); a planar similarity is invisible, so 11 of 15 numbers are free. With an
 external tracker's x, y each leg closes on its own: three constraints a reading, all 15 numbers free.
+
+The start of the fit: encoder offsets at which the legs of the nominal machine nearly meet.
+
+Offsets are known up to a few tenths of a radian, or not at all; a fit from there may end in another configuration. So
+all three are scanned over the turn on a few readings of the nominal machine, and the best are refined.
+
+What is checked of measured data of the GPM2002 before anything is computed: columns, units, rows, stated noise.
+
+What makes a fit meaningless is a `DataError`; what only costs something is a note, which every report repeats.
 """
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import final
+from itertools import chain, product
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calibench.core.counted import plain
+from calibench.core.options import shown, suggest
+from calibench.core.words import plain
+from calibench.discrepancy.checks.validate import entered
 from calibench.discrepancy.machines.gpm2002.roles import roles_of
-from calibench.discrepancy.machines.gpm2002.start import closing_offsets
-from calibench.discrepancy.machines.gpm2002.validate import (
-    ENCODERS,
-    OWN,
-    SHARED,
-    rows_for_start,
-    stated_numbers,
-    validated,
-)
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities
-from calibench.discrepancy.model.measured.data import MeasuredData, MisfitError
-from calibench.discrepancy.model.measured.sensor import Sensor
+from calibench.discrepancy.model.measured import (
+    NO_REPEATS,
+    DataError,
+    MeasuredData,
+    MisfitError,
+    Sensor,
+    finite,
+    nominal_numbers,
+    positive,
+    with_numbers,
+)
 from calibench.discrepancy.model.roles import Roles
 from calibench.discrepancy.registries import machines
 from calibench.problems.base import Array, Parameter
 from calibench.problems.planar.gpm2002 import NAMES, UNITS, makers_machine
+
+_STEPS = (24, 36)  # of the turn, in each offset; the second where the first finds nothing that closes
+_ROWS = 7  # that the scan looks at
+_TRIED = 80
+_CLOSED = 1.0  # mm: offsets that close the nominal legs as well as this are not searched for any longer
+_WILD = 150.0  # mm: a miss beyond counts as this much; near-singular readings must not decide
+_ROUNDS = 30
+_LINK = 244.0  # mm
+_STEP = 1e-4  # mm, of differences
+_CLEARLY = 0.5  # offsets elsewhere must close this many times better than those near the stated ones
+
+
+def closing_offsets(
+    formulation: Formulation, nominal: Mapping[str, float], free: tuple[str, ...], stated: bool
+) -> tuple[dict[str, float], float]:
+    """Return the offsets `free`, rad, with which the nominal machine closes best on the rows, and the misclosure, mm.
+
+    The misclosure is a median over readings. Where the offsets are `stated`, those in `nominal` are a start as well,
+    and are kept unless others close clearly better.
+    """
+    q = {name: np.asarray(value) for name, value in {**formulation.fixed, **nominal}.items()}
+    q |= {name: formulation.data[name] for name in formulation.readings}
+    begin = np.array([nominal[name] for name in free])
+    if not free:
+        return {}, float(np.median(np.abs(_missed(formulation, q, free, begin)[0]).max(axis=1)))
+    near, miss = _refined(formulation, q, free, begin)
+    if not (stated and miss < 3.0):
+        far, other = begin, np.inf
+        for place in chain.from_iterable(_scan(formulation, q, free, steps) for steps in _STEPS):
+            end, left = _refined(formulation, q, free, place)
+            if left < other:
+                far, other = end, left
+            if other < _CLOSED:
+                break
+        if not stated or other < _CLEARLY * miss:
+            near, miss = far, other
+    turns = 2 * np.pi * np.round((begin - near) / (2 * np.pi))
+    return dict(zip(free, (near + turns).tolist())), miss
+
+
+def _scan(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...], steps: int) -> list[Array]:
+    """Return the offsets of the scan with the smallest misclosure, at most `_TRIED`, the best first.
+
+    With a tracker each leg's constraint depends on its own offset alone, and three scans suffice.
+    """
+    turn = np.linspace(0, 2 * np.pi, steps, endpoint=False)
+    apart = len(formulation.readings) > 3
+    axes = [turn] if apart else [turn] * len(free)
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    few = np.unique(np.linspace(0, len(formulation.data) - 1, _ROWS).round().astype(int))
+    at = {name: value[few] if np.ndim(value) else value for name, value in q.items()}
+    at |= {name: grid[:, 0 if apart else k, None] for k, name in enumerate(free)}
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        power = formulation.constraints(at)
+        spread = np.zeros_like(power)
+        for name in formulation.readings:
+            step = _STEP / _arm(name)
+            spread += ((formulation.constraints({**at, name: at[name] + step}) - power) / _STEP) ** 2
+        missed = np.minimum(np.nan_to_num(np.abs(power) / np.sqrt(spread), nan=_WILD), _WILD).mean(axis=1)
+    if not apart:
+        return list(grid[np.argsort(missed[:, 0])[:_TRIED]])
+    best = [turn[np.argsort(missed[:, int(name[1]) - 1])[:2]] for name in free]
+    return [np.array(choice) for choice in product(*best)]
+
+
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # elbows in line: a step there is refused by its miss
+def _refined(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...], z: Array) -> tuple[Array, float]:
+    """Return the offsets after damped Gauss-Newton steps from `z`, and the median over readings of the largest miss."""
+    damping, (missed, jacobian) = 1e-2, _missed(formulation, q, free, z)
+    for _ in range(_ROUNDS):
+        flat, columns = missed.ravel(), jacobian.reshape(-1, len(z))
+        normal = columns.T @ columns
+        damped = normal + damping * (np.diag(np.diag(normal)) + 1e-12 * np.eye(len(z)))
+        trial = z - np.linalg.solve(damped, columns.T @ flat)
+        there = _missed(formulation, q, free, trial)
+        before, after = float(flat @ flat), float(np.square(there[0]).sum())
+        if after < before:
+            z, (missed, jacobian), damping = trial, there, damping / 10
+            if before - after < 1e-9 * before:
+                break
+        else:
+            damping = max(damping, 1e-6) * 10
+            if damping > 1e6:
+                break
+    return z, float(np.median(np.abs(missed).max(axis=1)))
+
+
+def _missed(formulation: Formulation, q: dict[str, Array], free: tuple[str, ...], z: Array) -> tuple[Array, Array]:
+    """Return the misclosure of the legs, (n, c), in mm of displacement, and its slopes in `free`.
+
+    It is the power over the power's slope in the readings, because the power alone has no meaning where the elbows are
+    almost in line and the radical centre is far away.
+    """
+    at = q | dict(zip(free, z))
+    slopes = formulation.slopes(at)
+    spread = np.sqrt(sum((slopes[name] / _arm(name)) ** 2 for name in formulation.readings))
+    return formulation.constraints(at) / spread, np.stack([slopes[name] / spread for name in free], axis=-1)
+
+
+def _arm(reading: str) -> float:
+    """Return the factor that turns a unit of a reading into about a millimetre."""
+    return _LINK if reading.startswith("enc") else 1.0
+
+
+ENCODERS = ("enc_1", "enc_2", "enc_3")
+SHARED = ("t_s", "temp_K", "speed", "heading", "load_x", "load_y")
+OWN = ("vel", "dir", "tau", "axial")
+COVARIATES = (*SHARED, *(f"{kind}_{i}" for kind in OWN for i in (1, 2, 3)))
+_KNOWN = (*ENCODERS, "x", "y", *COVARIATES, "pose_id", "visit_id", "repeat", "split", "valid")
+_MOST_TEETH = 1e6  # of a gear: a tooth has an angle that doubles still tell
+_SPARE = 0.05  # of the rows may go for the sake of a covariate that is not a number there; beyond, the column goes
+
+
+def validated(data: MeasuredData) -> MeasuredData:
+    """Return the data as they can be used, with notes; raise `DataError` for data that cannot be used."""
+    _of_this_machine(data)
+    data = _usable_rows(_known_columns(entered(data)))
+    data = _in_radians(data)
+    data = _stated_noise(data)
+    _check_stated(data)
+    _enough(data)
+    return _remarks(data)
+
+
+def _of_this_machine(data: MeasuredData) -> None:
+    stated = data.metadata.get("machine", data.machine)
+    if stated != "gpm2002":
+        raise DataError(f"{data.name}: these data are of machine {stated!r}; machine=gpm2002 cannot use them")
+    missing = [column for column in ENCODERS if column not in data]
+    if len(missing) == len(ENCODERS) and not any(_nearest(column, list(data.columns)) for column in missing):
+        raise DataError(
+            f"{data.name}: columns {', '.join(missing)} are missing, there are {', '.join(data.in_file)}: "
+            "data of another machine? (state it: machine=NAME)"
+        )
+    if missing:
+        near = {column: name for column in missing if (name := _nearest(column, list(data.in_file)))}
+        told = f" (is {missing[0]} called {near[missing[0]]}?)" if missing[0] in near else ""
+        raise DataError(
+            f"{data.name}: column {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing{told}; there are "
+            f"{', '.join(data.in_file)}; rename it in the file, or state its name: "
+            f'columns={{"{missing[0]}": "{near.get(missing[0], "NAME")}"}}'
+        )
+
+
+def _nearest(column: str, there: list[str]) -> str:
+    plain = {_plain(name): name for name in there if name not in _KNOWN}
+    close = difflib.get_close_matches(_plain(column), list(plain), n=1, cutoff=0.75)
+    return plain[close[0]] if close else ""
+
+
+def _plain(name: str) -> str:
+    return "".join(letter for letter in name.lower() if letter.isalnum())
+
+
+def _known_columns(data: MeasuredData) -> MeasuredData:
+    """Return the data with columns of numbers; a note for every unknown column says which known one it may be."""
+    columns: dict[str, NDArray[Any]] = {}
+    for name, column in data.columns.items():
+        if name in ("split", "pose_id", "visit_id", "valid") or name not in _KNOWN:
+            columns[name] = column
+            continue
+        try:
+            columns[name] = np.asarray(column, dtype=float)
+        except (TypeError, ValueError):
+            raise DataError(f"{data.name}: column {name} holds {str(column[0])!r}: numbers are needed") from None
+    data = data.with_columns(columns)
+    for name in data.columns:
+        wanted = [known for known in _KNOWN if known not in data and _nearest(known, [name])]
+        if name not in _KNOWN and wanted:
+            data = data.with_note(f"column {name} is not known and not used; did you mean {wanted[0]}?")
+    if data.has("x") != data.has("y"):
+        data = _without(data, ("x", "y"), "x and y go together: one of them is missing, so only the angles are used")
+    return data
+
+
+def _without(data: MeasuredData, columns: tuple[str, ...], note: str) -> MeasuredData:
+    kept = {name: column for name, column in data.columns.items() if name not in columns}
+    return replace(data, columns=kept).with_note(note)
+
+
+def _usable_rows(data: MeasuredData) -> MeasuredData:
+    still = [column for column in ENCODERS if len(data) > 1 and (data[column] == data[column][0]).all()]
+    if still and np.isfinite(data[still[0]][0]):
+        raise DataError(f"{data.name}: {', '.join(still)} never varies: is the encoder read at all?")
+    needed = list(ENCODERS)
+    there = np.all([np.isfinite(data[column]) for column in ENCODERS], axis=0)
+    if there.any() and data.has("x", "y"):
+        tracked = np.isfinite(data["x"]) & np.isfinite(data["y"])
+        if tracked[there].mean() < 0.5:
+            data = _without(data, ("x", "y"), "x, y are missing in most rows, so only the angles are used")
+        else:
+            needed += ["x", "y"]
+    for name in COVARIATES:
+        if name not in data:
+            continue
+        bad = ~np.isfinite(data[name])
+        if bad.mean() > _SPARE:
+            data = _without(data, (name,), f"column {name} is not a number in {bad.mean():.0%} of the rows: not used")
+        else:
+            needed.append(name)
+    return with_numbers(data, dict.fromkeys(needed, np.ones(len(data), dtype=bool)))
+
+
+def _in_radians(data: MeasuredData) -> MeasuredData:
+    turned = []
+    for column in ENCODERS:
+        reading = data[column]
+        if np.ptp(reading) > 2.02 * np.pi:
+            raise DataError(
+                f"{data.name}: {column} ranges over {np.ptp(reading):.4g}, more than a turn: it looks like degrees; "
+                "radians are needed (multiply by pi/180)"
+            )
+        middle = float(np.angle(np.exp(1j * reading).mean()))
+        whole = reading - 2 * np.pi * np.round((reading - middle) / (2 * np.pi))
+        if np.ptp(whole) < np.ptp(reading) - np.pi:
+            data = data.with_columns({column: whole})
+            turned.append(column)
+    if "heading" in data and np.ptp(data["heading"]) > 4.04 * np.pi:
+        raise DataError(f"{data.name}: heading ranges over {np.ptp(data['heading']):.4g}: radians are needed")
+    if turned:
+        data = data.with_note(f"{', '.join(turned)} jumps by a turn; whole turns are taken out")
+    return data
+
+
+def _stated_noise(data: MeasuredData) -> MeasuredData:
+    """Return the data with sigma_enc, and with a tracker sigma_xy, in the metadata: as stated, or from repeats."""
+    groups = {"sigma_enc": ENCODERS} | ({"sigma_xy": ("x", "y")} if data.has("x", "y") else {})
+    for key, columns in groups.items():
+        stated = data.metadata.get(key)
+        if stated is not None:
+            positive(data, key, stated)
+            continue
+        told = _from_repeats(data, columns)
+        if told > 0:
+            data = replace(data, metadata={**data.metadata, key: told})
+            data = data.with_note(f"{key} is not stated; back-to-back repeats give {told:.3g}, which is used")
+        elif key == "sigma_xy":
+            data = _without(data, ("x", "y"), "sigma_xy is not stated and no repeats tell it: only the angles are used")
+        else:
+            raise DataError(f"{data.name}: {key} is neither in the metadata nor told by repeats; state it [rad]")
+    return data
+
+
+def _check_stated(data: MeasuredData) -> None:
+    """Refuse statements on the encoders that cannot be right; a missing statement is no error."""
+    resolution, teeth = data.metadata.get("encoder_lsb"), data.metadata.get("tooth_numbers")
+    if resolution is not None:
+        positive(data, "encoder_lsb", resolution)
+    each = list(teeth.values()) if isinstance(teeth, Mapping) else teeth
+    if isinstance(each, Sequence) and not isinstance(each, str):
+        good = (isinstance(teeth, Mapping) or len(each) in (0, len(ENCODERS))) and all(_counts(n) for n in each)
+    else:
+        good = _counts(each)
+    if not good:
+        raise DataError(
+            f"{data.name}: metadata tooth_numbers={shown(teeth)}: a number for each of the three joints is needed "
+            "(null: not known), or one for all"
+        )
+
+
+def _counts(number: Any) -> bool:
+    return number is None or (isinstance(number, int | float) and 0 <= number <= _MOST_TEETH)
+
+
+def _from_repeats(data: MeasuredData, columns: tuple[str, ...]) -> float:
+    """Return the spread of readings that follow each other within a visit over sqrt 2, robust; 0 without ten pairs."""
+    if "visit_id" not in data:
+        return 0.0
+    order = np.argsort(data["visit_id"], kind="stable")
+    same = data["visit_id"][order][1:] == data["visit_id"][order][:-1]
+    if same.sum() < 10:
+        return 0.0
+    change = np.concatenate([np.diff(data[column][order])[same] for column in columns])
+    return float(np.median(np.abs(change)) / 0.6745 / np.sqrt(2))
+
+
+def _enough(data: MeasuredData) -> None:
+    each, free = (3, 15) if data.has("x", "y") else (1, 11)
+    sigma = float(data.metadata["sigma_enc"])
+    poses = len(np.unique(np.round(np.stack([data[c] for c in ENCODERS]) / (100 * sigma)), axis=1).T)
+    if poses * each < free + 3:
+        raise DataError(
+            f"{data.name}: {poses} different poses give {poses * each} equations: too few for {free} parameters; "
+            f"measure {-(-2 * free // each)} poses or more"
+        )
+
+
+def _remarks(data: MeasuredData) -> MeasuredData:
+    if "t_s" in data:
+        again = len(data) - len(np.unique(data["t_s"]))
+        if again:
+            data = data.with_note(f"{again} rows repeat a time stamp; steps in time cannot fall between them")
+    repeated = "visit_id" in data and len(np.unique(data["visit_id"])) < len(data)
+    if not repeated:
+        why = "" if data.has("pose_id", "visit_id") else " can be told without columns pose_id and visit_id"
+        data = data.with_note(
+            f"no repeats{why}: the stated noise is taken on trust; "
+            "were it larger, noise would be taken for a missing effect",
+            NO_REPEATS,
+        )
+    if "split" not in data or not (data["split"] == "hold").any():
+        data = data.with_note("no rows are held out: the gap on unseen poses is by cross-validation")
+    needed = [name for name in COVARIATES if name in data and name.partition("_")[0] in ("t", "temp", *OWN)]
+    still = [name for name in needed if not np.ptp(data[name]) > 0]
+    if still:
+        data = data.with_note(f"{', '.join(still)} never varies; effects that need it cannot be tested")
+    return data
+
+
+def stated_numbers(data: MeasuredData) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return the nominal numbers, and the names of those held, that the metadata state (names alone, or with values).
+
+    Raises `DataError` for a name there is not and for a value that is no finite number.
+    """
+    numbers = nominal_numbers(data, NAMES)
+    fixed = data.metadata.get("fixed_parameters") or ()
+    if not isinstance(fixed, str | Sequence | Mapping):
+        raise DataError(f"{data.name}: metadata fixed_parameters={fixed!r}: names, or names with values, are needed")
+    held = (fixed,) if isinstance(fixed, str) else tuple(fixed)
+    for name in held:
+        if name not in NAMES:
+            told = shown(name)
+            raise DataError(f"{data.name}: metadata fixed_parameters names {told!r}; {suggest(told, NAMES)}")
+    if len(set(held)) == len(NAMES):
+        raise DataError(f"{data.name}: metadata fixed_parameters holds all parameters: nothing is left to calibrate")
+    if isinstance(fixed, Mapping):
+        numbers |= {name: finite(data, name, value) for name, value in fixed.items()}
+    return numbers, held
+
+
+def rows_for_start(data: MeasuredData, n: int) -> Array:
+    """Return the indices of at most `n` rows spread over the data."""
+    return np.unique(np.linspace(0, len(data) - 1, min(n, len(data))).round().astype(int))
+
 
 LEGS = (1, 2, 3)
 _GAUGE = ("xa1", "ya1", "xa2", "ya2")  # held where nothing but angles is read

@@ -7,14 +7,11 @@ from functools import partial
 
 import numpy as np
 
-from calibench.discrepancy.machines.mount.geometry import Kind
-from calibench.discrepancy.machines.mount.terms import TERMS, Term, of_kind, seen
+from calibench.discrepancy.machines.mount.geometry import TERMS, Kind, Term, of_kind, seen
 from calibench.discrepancy.machines.mount.validate import AXES
-from calibench.discrepancy.model.effect import Effect, NotTestable
-from calibench.discrepancy.model.family import EffectFamily
-from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.model.effect import Effect, EffectFamily, LinearEffect, NotTestable
 from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.measured.data import MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.problems.base import Array
 
 TARGET = "mount"  # a term has one place in a mount; the word for it is the term's own name

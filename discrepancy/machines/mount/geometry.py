@@ -13,11 +13,22 @@ The signs are those of TPOINT (P. T. Wallace): true = recorded + correction, an 
 upwards counted positive, a correction of azimuth to the left. So IH, ID, CH, NP, ME, IE and AW enter as they are, and
 IA, CA, NPAE and AN, whose first axis turns to the right, with the sign turned. MA positive: the pole of the mount is
 east of the true one; ME positive: below it; AN, AW: north and west of the zenith. TF positive: the tube droops.
+
+The terms of the field by name, each as a change of one quantity: what it multiplies, and its first-order formula.
+
+Names, signs and meanings are TPOINT's (P. T. Wallace). A harmonic `HrfaN` adds to result r the function f (S sine, C
+cosine) of N times the angle a: results H, D, X (on the sky, across), P (non-perpendicularity) of an equatorial mount,
+A, E, S (on the sky, left-right) of an altazimuth one; angles H, D, A, E. A is counted from the south through
+east there.
+An eccentric circle has a sine and a cosine, as its phase is any: HCES and HCEC. Some names are one signature: DAF is
+HCEC beside NP, TF of an altazimuth mount is ECEC; HDCH is FO, and is not listed twice.
 """
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,3 +101,135 @@ def _bent(towards: Numbers, up: Array, sine: Numbers, tangent: Numbers) -> Numbe
     drop = ((sine + tangent / floor) * ARCSEC + 0 * height)[:, None]
     lowered = towards - drop * (up - height[:, None] * towards)
     return np.asarray(lowered / np.sqrt(np.sum(lowered * lowered, axis=-1))[:, None])
+
+
+Seen = Mapping[str, Array]  # roll and pitch [rad] as recorded, height (sine of the elevation), side (+1, -1 beyond)
+
+
+@final
+@dataclass(frozen=True)
+class Term:
+    """One cause: the quantity that it changes, by what function of the place for a coefficient of one.
+
+    `phase` is the name of the other term of a cause whose phase is any: of its cosine for its sine; "" for any other.
+    """
+
+    name: str
+    kind: Kind
+    cause: str
+    formula: str
+    quantity: str
+    shape: Callable[[Seen], Array]
+    phase: str = ""
+
+
+def seen(kind: Kind, latitude: float, roll: Array, pitch: Array) -> dict[str, Array]:
+    """Return what the terms are functions of, (n,) each."""
+    return {"roll": roll, "pitch": pitch, "height": direction(roll, pitch) @ zenith(kind, latitude),
+            "side": np.where(np.cos(pitch) < 0, -1.0, 1.0)}  # fmt: skip
+
+
+def _one(at: Seen) -> Array:
+    return np.ones_like(at["roll"])
+
+
+def _angle(name: str, of: str, times: int) -> Callable[[Seen], Array]:
+    """Return f(N a) for a name's angle: H and D as recorded, E too, A from the south through east."""
+    turn = {"S": np.sin, "C": np.cos}[name]
+
+    def shape(at: Seen) -> Array:
+        angle = {"H": at["roll"], "A": np.pi - at["roll"], "D": at["pitch"], "E": at["pitch"]}[of]
+        return np.asarray(turn(times * angle))
+
+    return shape
+
+
+_RESULT = {  # result -> quantity that the harmonic is added to, and what that is in words
+    "H": ("IH", "hour angle"), "D": ("ID", "declination"), "X": ("CH", "east-west"),
+    "P": ("NP", "non-perpendicularity"),
+    "A": ("IA", "azimuth"), "E": ("IE", "elevation"), "S": ("CA", "left-right"),
+}  # fmt: skip
+_ANGLE = {"H": "hour angle", "D": "declination", "A": "azimuth", "E": "elevation"}
+
+
+def _harmonic(kind: Kind, result: str, of: str, times: int = 1, circle: str = "") -> tuple[Term, ...]:
+    """Return the sine and the cosine of one result and angle, by the name of a `circle` where that is what errs."""
+    quantity, words = _RESULT[result]
+    number = str(times) if times > 1 else ""
+    often = {1: "once", 2: "twice"}[times]
+    cause = (
+        f"The circle of the {words} is not centred"
+        if circle
+        else (f"An error in {words} comes {often} a turn of the {_ANGLE[of]}")
+    )
+    names = {letter: f"{circle}{letter}" if circle else f"H{result}{letter}{of}{number}" for letter in "SC"}
+    found = []
+    for letter, turn, other in (("S", "sin", "C"), ("C", "cos", "S")):
+        name = names[letter]
+        formula = f"{quantity} += {name} {turn}({number}{of})"
+        shape = _angle(letter, of, times)
+        found.append(Term(name, kind, f"{cause} ({turn})", formula, quantity, shape, names[other]))
+    return tuple(found)
+
+
+def _plain(kind: Kind, name: str, cause: str, formula: str) -> Term:
+    return Term(name, kind, cause, formula, name, _one)
+
+
+def _shaped(kind: Kind, name: str, cause: str, formula: str, quantity: str, shape: Callable[[Seen], Array]) -> Term:
+    return Term(name, kind, cause, formula, quantity, shape)
+
+
+_TUBE = (
+    ("TF", "The tube droops, by the sine of the zenith distance", "dE = -TF cos E"),
+    (
+        "TX",
+        "The tube droops, or refraction is not allowed for, by the tangent of the zenith distance",
+        "dE = -TX cot E",
+    ),
+)
+TERMS: tuple[Term, ...] = (
+    _plain("equatorial", "CH", "The tube is not square to the declination axis (cone error)", "dh = CH sec d"),
+    _plain("equatorial", "NP", "The declination axis is not square to the polar axis", "dh = NP tan d"),
+    _plain("equatorial", "MA", "The polar axis points east of the pole", "dh = -MA cos h tan d, dd = MA sin h"),
+    _plain("equatorial", "ME", "The polar axis points below the pole", "dh = ME sin h tan d, dd = ME cos h"),
+    *(_plain("equatorial", *told) for told in _TUBE),
+    _shaped("equatorial", "DAF", "The declination axis droops under its load", "dh = DAF sin E sec d", "CH",
+            lambda at: at["height"]),
+    _shaped("equatorial", "FO", "The fork bends with the hour angle", "dd = FO cos h", "ID",
+            lambda at: np.cos(at["roll"])),
+    *_harmonic("equatorial", "H", "H", circle="HCE"),
+    *_harmonic("equatorial", "D", "D", circle="DCE"),
+    *_harmonic("equatorial", "H", "H", 2),
+    *_harmonic("equatorial", "D", "D", 2),
+    _shaped("equatorial", "HDSH", "An error in declination that follows the sine of the hour angle", "dd = HDSH sin h",
+            "ID", lambda at: np.sin(at["roll"])),  # HDCH is FO
+    *_harmonic("equatorial", "D", "H", 2),
+    *_harmonic("equatorial", "X", "H", 1),
+    *_harmonic("equatorial", "X", "H", 2),
+    *_harmonic("equatorial", "P", "H", 1),
+    _shaped("equatorial", "PHH", "The hour angle has a wrong scale", "dh = PHH h", "IH", lambda at: at["roll"]),
+    _shaped("equatorial", "PDD", "The declination has a wrong scale", "dd = PDD d", "ID", lambda at: at["pitch"]),
+    *(_shaped("equatorial", f"pier_{name}", f"{name} differs between the two sides of the pier",
+              f"{name} += pier_{name} side", name, lambda at: at["side"]) for name in ("IH", "ID", "CH")),
+    _plain("altaz", "CA", "The tube is not square to the elevation axis", "dA = -CA sec E"),
+    _plain("altaz", "NPAE", "The elevation axis is not square to the azimuth axis", "dA = -NPAE tan E"),
+    _plain("altaz", "AN", "The azimuth axis leans to the north", "dA = -AN sin A tan E, dE = -AN cos A"),
+    _plain("altaz", "AW", "The azimuth axis leans to the west", "dA = -AW cos A tan E, dE = AW sin A"),
+    *(_plain("altaz", *told) for told in _TUBE),
+    *_harmonic("altaz", "A", "A", circle="ACE"),
+    *_harmonic("altaz", "E", "E", circle="ECE"),
+    *_harmonic("altaz", "A", "A", 2),
+    *_harmonic("altaz", "E", "E", 2),
+    *_harmonic("altaz", "E", "A", 1),
+    *_harmonic("altaz", "E", "A", 2),
+    *_harmonic("altaz", "S", "A", 1),
+    *_harmonic("altaz", "S", "A", 2),
+    _shaped("altaz", "PAA", "The azimuth has a wrong scale", "dA = -PAA A", "IA", lambda at: at["roll"]),
+    _shaped("altaz", "PEE", "The elevation has a wrong scale", "dE = PEE E", "IE", lambda at: at["pitch"]),
+)  # fmt: skip
+
+
+def of_kind(kind: Kind) -> tuple[Term, ...]:
+    """Return the terms of one kind of mount."""
+    return tuple(term for term in TERMS if term.kind == kind)

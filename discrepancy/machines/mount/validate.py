@@ -14,7 +14,7 @@ from typing import Any, final
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.discrepancy.checks.enter import entered
+from calibench.discrepancy.checks.validate import entered
 from calibench.discrepancy.machines.mount.geometry import (
     ARCSEC,
     AZIMUTHS,
@@ -25,8 +25,7 @@ from calibench.discrepancy.machines.mount.geometry import (
     tangents,
     zenith,
 )
-from calibench.discrepancy.model.measured.complete import with_numbers
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured import DataError, MeasuredData, with_numbers
 from calibench.problems.base import Array
 
 AXES: dict[Kind, tuple[str, str]] = {"equatorial": ("ha", "dec"), "altaz": ("az", "el")}

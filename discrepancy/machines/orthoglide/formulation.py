@@ -16,12 +16,15 @@ import numpy as np
 from calibench.core.options import shown, suggest
 from calibench.discrepancy.diagnostics.confounded import confounded
 from calibench.discrepancy.machines.orthoglide import kinematics as orthoglide_model
-from calibench.discrepancy.machines.orthoglide.printed import printed as printed
-from calibench.discrepancy.machines.orthoglide.validate import Index, accepted, is_accepted, rows_of, share_rows
+from calibench.discrepancy.machines.orthoglide.kinematics import (
+    Index,
+    accepted,
+    is_accepted,
+    rows_of,
+    share_rows,
+)
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
-from calibench.discrepancy.model.measured.sensor import Sensor
-from calibench.discrepancy.model.measured.stated import nominal_numbers, positive
+from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, nominal_numbers, positive
 from calibench.discrepancy.model.roles import Instrument, Roles
 from calibench.discrepancy.registries import machines
 from calibench.problems import constants

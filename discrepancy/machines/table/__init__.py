@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-from calibench.discrepancy.machines.table import description as description
 from calibench.discrepancy.machines.table import effects as effects
 from calibench.discrepancy.machines.table.formulation import Table
 

@@ -7,16 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.core.tables.units import factor_to_base
-from calibench.discrepancy.effects.general import shapes
-from calibench.discrepancy.effects.general.changes import run_terms
+from calibench.core.tables.cells import factor_to_base
+from calibench.discrepancy.effects.general import columns as shapes
+from calibench.discrepancy.effects.general.columns import run_terms
 from calibench.discrepancy.effects.general.recipe import Built, declared, recipe
-from calibench.discrepancy.machines.table.columns import RATE
-from calibench.discrepancy.model.change_point import ChangePoint, change_times
-from calibench.discrepancy.model.family import EffectFamily, needs
-from calibench.discrepancy.model.linear import LinearEffect
+from calibench.discrepancy.machines.table.formulation import RATE
+from calibench.discrepancy.model.effect import ChangePoint, EffectFamily, LinearEffect, change_times, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.problems.base import Array
 

@@ -1,27 +1,39 @@
 """`Table`: one column is measured, a function of others predicts it, and its residuals may depend on any column.
 
 The inputs carry no noise. The noise of the measured column is a number, a column, or unknown: then it is estimated.
+
+`Base`: a function whose signature separates columns from parameters, in the form that a `Predicted` needs.
+
+A column that is another one in other numbers: in another unit, converted, or corrected in some rows.
+
+Tables of calibration hold it often: volts beside what was computed from them, centimetres beside inches, grams beside
+kilograms. What is measured follows such a column of itself better than any cause, and it is none.
+
+The columns of a table: which hold numbers, those of earlier rows beside them, and how fast each one changes.
+
+What a table declares for commands and pages: what may be stated, and which general families it has otherwise.
 """
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import final
+from pathlib import Path
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calibench.core.options import suggest
-from calibench.discrepancy.machines.table.base import Base, base_of
-from calibench.discrepancy.machines.table.columns import RATE, known, numbers_of, whole_names, with_earlier, with_rates
-from calibench.discrepancy.machines.table.copies import said_again
-from calibench.discrepancy.machines.table.models import models
-from calibench.discrepancy.model.formulations.predicted import Predicted
-from calibench.discrepancy.model.measured.data import DataError, MeasuredData
-from calibench.discrepancy.model.measured.sensor import Sensor
+from calibench.core.options import shown, suggest
+from calibench.core.words import counted, plain
+from calibench.discrepancy.machines.table.models import Function, models
+from calibench.discrepancy.model.formulations import BOOKKEEPING, Predicted
+from calibench.discrepancy.model.machine import Description, Numbers, Quantities, Stated
+from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor
 from calibench.discrepancy.model.roles import Roles
-from calibench.discrepancy.registries import machines
-from calibench.problems.base import Parameter
+from calibench.discrepancy.registries import describe, machines
+from calibench.problems.base import Array, Parameter
 
 _WIDTH = 1e9  # of the box about a start: nothing is known of a parameter of any function
 
@@ -114,3 +126,168 @@ class Table:
         of_measured = said_again(self.measured, data[self.measured], column, data[column])
         of_inputs = (said_again(c, data[c], column, data[column], alike=1.0) for c in base.columns)
         return of_measured or next((words for words in of_inputs if words), "")
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Base:
+    """`function` of `columns` (names in the data, in the order of its arguments) with parameters from `starts`."""
+
+    name: str
+    function: Function
+    columns: tuple[str, ...]
+    starts: Mapping[str, float]
+    rows: str = ""
+
+    def __call__(self, q: Quantities) -> Numbers:
+        """Return the prediction, (n,); a number that is the same in all rows is repeated as `rows` has them."""
+        told = np.asarray(self.function(*(q[c] for c in self.columns), **{p: q[p] for p in self.starts}))
+        return np.broadcast_to(told, np.shape(q[self.rows])) if not told.ndim else told
+
+
+def base_of(name: str, function: Function, given: tuple[str, ...], start: Mapping[str, Any], rows: str) -> Base:
+    """Return the base model; `given` are the columns for its arguments, in order, where these have other names.
+
+    `rows` is the measured column. Raises `DataError` where arguments and columns do not fit, or a start is not a
+    number.
+    """
+    columns: list[str] = []
+    starts: dict[str, Any] = {}
+    for argument in inspect.signature(function).parameters.values():
+        if argument.kind is argument.VAR_POSITIONAL:  # a weight for each column
+            columns, starts = [*given], {f"b{k}": 0.0 for k in range(len(given) + 1)}
+        elif argument.kind is argument.VAR_KEYWORD:
+            continue
+        elif argument.default is argument.empty:
+            columns.append(argument.name)
+        else:
+            starts[argument.name] = argument.default
+    if given and len(given) != len(columns):
+        raise DataError(
+            f"machine.inputs={','.join(given)}: {name} is a function of {counted(len(columns), 'column')}"
+            f"{': ' * bool(columns)}{', '.join(columns)}; name as many, in this order"
+        )
+    if not starts:
+        raise DataError(f"{name}: nothing to fit; give the parameters their starts as defaults, such as b1=0.0")
+    for key, value in start.items():
+        if key not in starts:
+            raise DataError(f"machine.start: {name} has no parameter {key!r}; {suggest(key, starts)}")
+        starts[key] = value
+    for key, value in starts.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            raise DataError(f"{name}: {key} starts at {shown(value)}: a finite number is needed")
+    return Base(name, function, given or tuple(columns), {k: float(v) for k, v in starts.items()}, rows)
+
+
+_LEAST_VALUES = 8  # of a column: what has fewer is a setting of the machine
+_MOST_OFF = 0.05  # of the measured column's standard deviation: a scale that is coarser tells nothing
+_LEAST_ALIKE = 0.75  # of the rows: a correction changes some
+_ROUNDED = 0.55  # of the step of the last digit: what rounding moves a number by, and a little
+_MOST_DIGITS = 12
+
+
+def said_again(name: str, y: Array, column: str, c: Array, alike: float = _LEAST_ALIKE) -> str:
+    """Return in words that `y` is a line of `c` in the last digits of both, (n,) each; "" where it is none.
+
+    `alike` is the share of the rows in which it has to be.
+    """
+    y, c = np.asarray(y, dtype=float), np.asarray(c, dtype=float)
+    if len(np.unique(c)) < _LEAST_VALUES or not (np.ptp(y) and np.all(np.isfinite(c + y))):
+        return ""
+    order = np.argsort(c, kind="stable")
+    low, high = order[: len(c) // 2], order[len(c) - len(c) // 2 :]
+    apart = c[high] > c[low]
+    slope = float(np.median((y[high] - y[low])[apart] / (c[high] - c[low])[apart])) if apart.any() else 0.0
+    zero = float(np.median(y - slope * c))
+    most = _ROUNDED * (_step(y) + abs(slope) * _step(c)) + 1e-9 * float(np.ptp(y))
+    many = int(np.count_nonzero(np.abs(y - slope * c - zero) <= most))
+    if not slope or most > _MOST_OFF * np.std(y) or many < alike * len(y):
+        return ""
+    shift = f" {'-' if zero < 0 else '+'} {plain(abs(zero), 4)}" if abs(zero) > most else ""
+    rows = "all rows" if many == len(y) else f"{many} of {counted(len(y), 'row')}"
+    return f"{name} is {plain(slope, 4)} times {column}{shift} in {rows}, the same in other numbers"
+
+
+def _step(column: Array) -> float:
+    """Return the step of the last digit in which a column is told, 0 for more digits than are written."""
+    for digits in range(_MOST_DIGITS):
+        if np.array_equal(np.round(column, digits), column):
+            return float(10.0**-digits)
+    return 0.0
+
+
+RATE = "rate of "  # before a column: its derivative in time
+_OF_ROWS = (*BOOKKEEPING, "split", "place_x", "place_y")
+_MOST_BACK = 20
+
+
+def numbers_of(data: MeasuredData) -> tuple[str, ...]:
+    """Return the columns of numbers that describe a reading."""
+    return tuple(c for c in data.columns if c not in _OF_ROWS and np.issubdtype(np.asarray(data[c]).dtype, np.number))
+
+
+def known(data: MeasuredData, what: str, *names: str) -> None:
+    """Raise `DataError` for a name that is no column of numbers."""
+    for name in names:
+        if name not in numbers_of(data):
+            raise DataError(f"{data.name}: {what}={name}: no column of numbers; {suggest(name, numbers_of(data))}")
+
+
+def whole_names(data: MeasuredData, words: tuple[str, ...]) -> tuple[str, ...]:
+    """Return names of columns, joined where words that are none are one with spaces: Raw, Data -> Raw Data."""
+    names, rest, there = [], list(words), numbers_of(data)
+    while rest:
+        ends = range(len(rest), 1, -1) if rest[0] not in there else ()
+        end = next((k for k in ends if " ".join(rest[:k]) in there), 1)
+        names.append(" ".join(rest[:end]))
+        rest = rest[end:]
+    return tuple(names)
+
+
+def with_earlier(data: MeasuredData, names: tuple[str, ...], back: int) -> MeasuredData:
+    """Return the rows from number `back` on, with `u_1`, `u_2`, ...: the column u one, two, ... rows earlier."""
+    if not 0 <= back <= min(_MOST_BACK, len(data) - 2):
+        raise DataError(f"{data.name}: machine.back={back}: 0 to {min(_MOST_BACK, len(data) - 2)} rows can be meant")
+    if not back:
+        return data
+    if "valid" in data or "visit_id" in data:
+        raise DataError(f"{data.name}: machine.back= needs rows that follow each other: no column valid, no visits")
+    n = len(data)
+    earlier = {f"{u}_{k}": data[u][back - k : n - k] for u in names for k in range(1, back + 1)}
+    taken = sorted({*earlier} & {*data.columns})
+    if taken:
+        raise DataError(f"{data.name}: machine.back={back} makes a column {taken[0]}, which there is; rename that one")
+    return data.rows(np.arange(n) >= back).with_columns(earlier)
+
+
+def with_rates(data: MeasuredData, names: tuple[str, ...], clock: str) -> MeasuredData:
+    """Return the data with the derivative of each column in the column `clock`; as they are without a clock."""
+    if not clock or len(data) < 3:
+        return data
+    t, at = np.unique(np.asarray(data[clock], dtype=float), return_inverse=True)
+    if len(t) < 3:
+        return data
+    rates: dict[str, Any] = {}
+    for name in names:
+        if f"{RATE}{name}" not in data:
+            rates[f"{RATE}{name}"] = np.gradient(_means(np.asarray(data[name], dtype=float), at, len(t)), t)[at]
+    return data.with_columns(rates)
+
+
+def _means(column: Array, at: NDArray[np.intp], count: int) -> Array:
+    return np.asarray(np.bincount(at, column, count) / np.bincount(at, minlength=count))
+
+
+# drift and step are its own, and a trend is told by its powers
+_REPLACED = ("polynomial", "instrument_scale", "instrument_lag", "frame_drift", "frame_shift")
+
+describe(
+    "table",
+    Description(
+        stated=(Stated("periods", "names", 'periods={"month":12}'),),
+        demonstrations=Path(__file__).resolve().parents[2] / "demo" / "table",
+        replaced=_REPLACED,
+        part_of=str,
+        own_units=True,
+    ),
+)

@@ -14,7 +14,7 @@ import numpy as np
 
 from calibench.core.registry import Registry
 from calibench.problems.suites.nist.models import MODELS
-from calibench.problems.suites.nist.tables import table
+from calibench.problems.suites.nist.regression import table
 
 Function = Callable[..., Any]
 models: Registry[Any] = Registry("model", "calibench.table_models")

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import final
 
 from calibench.core.options import suggest
-from calibench.core.tables.csv_table import Table, read_table
-from calibench.core.tables.excel_table import read_excel
-from calibench.core.tables.units import between, factor_to_base, is_unit
+from calibench.core.tables.cells import between, factor_to_base, is_unit
+from calibench.core.tables.csv_table import Table, read_excel, read_table
 from calibench.problems.arm.chains.chain import ChainError
 from calibench.problems.arm.chains.dh import FORMS, Form, RowKind
 from calibench.problems.arm.chains.dh_table import NUMBERS, DhRow, DhTable

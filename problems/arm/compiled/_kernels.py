@@ -23,8 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.compilation.compiled import njit, part
-from calibench.core.compilation.fused import fma
-from calibench.core.compilation.trigonometry import FAR, cos_sin, near_cos_sin
+from calibench.core.compilation.lanes import FAR, cos_sin, fma, near_cos_sin
 from calibench.problems.arm.compiled._placement_kernels import ALONE, after, placement, turned
 from calibench.problems.arm.compiled._reading_kernels import means_of, reads_alone, rows_of, slopes_of, total_of
 from calibench.problems.arm.compiled._screw_kernels import WIDE, links, screws_of

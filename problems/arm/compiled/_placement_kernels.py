@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from calibench.core.compilation.compiled import part
-from calibench.core.compilation.trigonometry import cos_sin
+from calibench.core.compilation.lanes import cos_sin
 from calibench.problems.base import Array
 
 ALONE = cast(int, np.int64(0))  # the lane of a candidate alone; a literal would be compiled apart from what varies

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.compilation.compiled import part
-from calibench.core.compilation.trigonometry import FAR, cos_sin, near_cos_sin
+from calibench.core.compilation.lanes import FAR, cos_sin, near_cos_sin
 from calibench.problems.arm.compiled._placement_kernels import ALONE, placement, turned
 from calibench.problems.base import Array
 

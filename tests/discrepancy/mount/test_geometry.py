@@ -7,8 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibench.discrepancy.machines.mount.geometry import ARCSEC, TURNS, Kind, angles, direction, pointing, tangents
-from calibench.discrepancy.machines.mount.terms import of_kind, seen
+from calibench.discrepancy.machines.mount.geometry import (
+    ARCSEC,
+    TURNS,
+    Kind,
+    angles,
+    direction,
+    of_kind,
+    pointing,
+    seen,
+    tangents,
+)
 from tests.independent.mount import Mechanism, _readings
 
 SMALL = 0.01  # arcsec: second order is below rounding of what is compared

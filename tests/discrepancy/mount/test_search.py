@@ -13,8 +13,7 @@ from calibench import discrepancy
 from calibench.bench.measured import read_measured, shipped_path
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.machines.mount import Mount
-from calibench.discrepancy.machines.mount.coefficients import pointing_model
-from calibench.discrepancy.machines.mount.plan import planned
+from calibench.discrepancy.machines.mount.description import planned, pointing_model
 from calibench.discrepancy.model.machine import Formulation, Machine
 from tests.independent.mount import case
 

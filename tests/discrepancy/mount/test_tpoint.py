@@ -9,7 +9,7 @@ import pytest
 
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError
-from calibench.discrepancy.machines.mount.tpoint import read_tpoint
+from calibench.discrepancy.machines.mount.description import read_tpoint
 from calibench.discrepancy.machines.mount.validate import accepted
 
 HEAD = "!TheSky Version 10\nMy mount\n:NODA\n:EQUAT\n"

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from calibench import discrepancy
-from calibench.bench.commands.machines.design import run
+from calibench.bench.commands.design import run
 from calibench.bench.discovery.page.words import doubt_sentences, gap_sentence, headline, left_sentence
 from calibench.bench.measured import read_measured, shipped_path
 from calibench.discrepancy.design.detectability import design
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.machines.mount import Mount
-from calibench.discrepancy.machines.mount.plan import planned
+from calibench.discrepancy.machines.mount.description import planned
 from calibench.discrepancy.report import Left, OtherNoise, Place, Report
 
 

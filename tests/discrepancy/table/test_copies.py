@@ -8,7 +8,7 @@ from calibench.bench.discovery.request import read_discover
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.machines.table import Table
-from calibench.discrepancy.machines.table.copies import said_again
+from calibench.discrepancy.machines.table.formulation import said_again
 
 N = 40
 

@@ -11,7 +11,7 @@ from calibench import discrepancy
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError, MeasuredData
 from calibench.discrepancy.machines.table import Table
-from calibench.problems.suites.nist.tables import table
+from calibench.problems.suites.nist.regression import table
 from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")

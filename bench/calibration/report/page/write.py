@@ -13,10 +13,9 @@ from calibench.bench.calibration.report.result import Calibration, Part, Undeter
 from calibench.bench.calibration.report.words import headline, level_rows, rows_of_changes, sentences
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.report.shared.drawing import save
-from calibench.bench.report.shared.page import Head, Table, inline_svg
-from calibench.bench.report.shared.templating import render
-from calibench.bench.store.files.atomic_file import write_whole
-from calibench.core.counted import plain
+from calibench.bench.report.shared.page import Head, Table, inline_svg, render
+from calibench.bench.store.atomic_file import write_whole
+from calibench.core.words import plain
 
 _TEMPLATE = "calibration/report/page/templates/calibration.html.j2"
 _MOST_WILD = 50

@@ -1,0 +1,50 @@
+"""``bench calibrate``: an arm's URDF, or its table, and readings in; the calibrated one, its errors and a page out."""
+
+from __future__ import annotations
+
+import json
+from math import isfinite
+
+from calibench.bench.calibration.calibrate import calibrate
+from calibench.bench.calibration.report.words import headline, level_rows, rows_of_changes, sentences
+from calibench.bench.calibration.report.write import write_calibration
+from calibench.bench.calibration.request import read_calibrate
+from calibench.bench.commands.arguments import split_flags
+from calibench.bench.commands.console import print_end, print_table
+from calibench.core.words import plain
+from calibench.core.words import print_plain as print
+
+
+def run(argv: list[str]) -> int:
+    """Calibrate the arm that `argv` names, write what came of it, and print it."""
+    flags, words = split_flags(argv, ("--json",))
+    if any(word.partition("=")[0] == "hand_eye" for word in words):
+        from calibench.bench.commands import hand_eye
+
+        return hand_eye.run(words, "--json" in flags)
+    request = read_calibrate(words)
+    found, written, readings = calibrate(request)
+    found = write_calibration(found, written, readings, request)
+    if "--json" in flags:
+        print(json.dumps(found.to_dict(), allow_nan=False))
+        return 0
+    print(f"{found.case}: {headline(found)}")
+    for said in sentences(found):
+        print(f"  {said}")
+    print("\nerror of poses that were not fitted [mm]")
+    print_table(["free", "rms", "95 %", "median", "largest", *_more_heads(found.levels)], level_rows(found))
+    if found.changes:
+        print(f"\nwhat changes in the {found.described}")
+        print_table(["joint", "what", "by", "95 %"], rows_of_changes(found))
+    wild = [f"{one.row} ({plain(one.error, 3)} mm)" for one in found.wild]
+    print_end("wild readings", wild, found.notes, found.files.values())
+    return 0
+
+
+def _more_heads(levels: object) -> list[str]:
+    heads = []
+    if any(isfinite(error.rotation) for error in levels):  # type: ignore[attr-defined]
+        heads.append("rotation [mrad]")
+    if any(isfinite(error.spans) for error in levels):  # type: ignore[attr-defined]
+        heads.append("sockets apart [mm]")
+    return heads

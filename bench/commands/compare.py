@@ -1,0 +1,160 @@
+"""``bench compare A B``: where the second study is better or worse than the first, for people and for CI."""
+
+from __future__ import annotations
+
+from math import isfinite
+from pathlib import Path
+
+import pandas as pd
+
+from calibench.bench.commands.arguments import split_flags
+from calibench.bench.commands.console import best_texts, print_json, print_table
+from calibench.bench.statistics.names import method_titles, problem_titles, several
+from calibench.bench.statistics.summary import method_names
+from calibench.bench.statistics.two_studies import Compared, compare
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep.words import read_pairs
+from calibench.core import user_file
+from calibench.core.options import suggest
+from calibench.core.words import counted, plain, shortened
+from calibench.core.words import print_plain as print
+
+_ORDERS = ("goal", "value", "charged")
+_VERDICTS = ("worse", "better", "undecided", "equal")
+
+
+def run(argv: list[str]) -> int:
+    """Print a line a shared cell and the counts; return 1 where the second is worse in some cell, else 0."""
+    words, methods = _methods(list(argv))
+    said = [word for word in words if word.startswith("by=")]
+    by = read_pairs("compare", said, {"by": "goal"}).get("by", "goal")
+    if by not in _ORDERS:
+        raise ValueError(f"compare: by={by}: {suggest(by, _ORDERS)}")
+    flags, folders = split_flags([word for word in words if word not in said], ("--json", "--methods"))
+    first, second = _sides(folders, methods)
+    compared = compare(first, second, by, methods)  # type: ignore[arg-type]
+    if compared.cells.empty:
+        swept = [*_settings(first), *_settings(second)] if methods else []
+        raise ValueError(
+            f"compare: there is no cell in both: {_why_none(first, second, methods is not None)}"
+            if not swept
+            else f"compare: these have several settings: name one of each side: {', '.join(map(repr, swept))}"
+        )
+    if "--json" in flags:
+        print_json(_told(compared))
+    else:
+        _print(compared, methods)
+    return 1 if compared.count("worse") else 0
+
+
+def _methods(words: list[str]) -> tuple[list[str], tuple[str, str] | None]:
+    if "--methods" not in words:
+        return words, None
+    at = words.index("--methods")
+    named = words[at + 1 : at + 3]
+    if len(named) < 2:
+        raise ValueError("compare: --methods needs two optimizers: bench compare DIR --methods lm trf")
+    if named[0] == named[1]:
+        raise ValueError(
+            f"compare: --methods names {named[0]} twice: sweep its settings into two studies and compare those"
+        )
+    return words[:at] + words[at + 3 :], (_as_in_rows(named[0]), _as_in_rows(named[1]))
+
+
+def _as_in_rows(name: str) -> str:
+    """Return the name that rows have for an optimiser: for ``./mine.py:Mine``, a class in a file, no path."""
+    if not user_file.is_file_path(name):
+        return name
+    return f"{user_file.told_name(user_file.place_of(name))}:{name.rpartition(':')[2]}"
+
+
+def _sides(folders: list[str], methods: tuple[str, str] | None) -> tuple[pd.DataFrame, pd.DataFrame]:
+    if len(folders) != 2 and not (methods and len(folders) == 1):
+        raise ValueError("compare: two folders are needed, bench compare A B, or one with --methods M1 M2")
+    read = [ResultStore(Path(folder)).runs() for folder in folders]
+    for folder, runs in zip(folders, read, strict=True):
+        if runs.empty:
+            raise ValueError(f"{folder}: holds no finished run yet")
+    first, second = read[0], read[-1]
+    if methods is None:
+        return first, second
+    sides = []
+    for runs, name in ((first, methods[0]), (second, methods[1])):
+        mine = runs[(runs["optimizer"] == name) | (method_names(runs) == name)]
+        if mine.empty:
+            known = sorted({*runs["optimizer"], *method_names(runs)})
+            raise ValueError(f"compare: no run of {name!r} there; {suggest(name, known)}")
+        sides.append(mine)
+    return sides[0], sides[1]
+
+
+def _why_none(first: pd.DataFrame, second: pd.DataFrame, any_method: bool) -> str:
+    """Return which part of a cell the two sides never have in common."""
+    for name in ("problem", *(() if any_method else ("optimizer",)), "start", "budget", "target"):
+        a, b = (runs[name].astype(object).fillna("not told").astype(str).unique().tolist() for runs in (first, second))
+        if not {*a} & {*b}:
+            return f"{name} is {shortened(', '.join(a))} in A and {shortened(', '.join(b))} in B"
+    return (
+        "options differ, and a side has several settings, so that no two belong together (--methods names one of each)"
+    )
+
+
+def _settings(runs: pd.DataFrame) -> list[str]:
+    """Return what tables call the settings of the one method in these runs, where it has several."""
+    names = sorted(set(method_names(runs)))
+    return names if len(names) > 1 else []
+
+
+def _told(compared: Compared) -> dict[str, object]:
+    return {
+        "cells": compared.cells.to_dict("records"),
+        **{verdict: compared.count(verdict) for verdict in _VERDICTS},  # type: ignore[arg-type]
+        "only_first": compared.only_first,
+        "only_second": compared.only_second,
+    }
+
+
+def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
+    cells = compared.cells
+    order = cells["verdict"].map(list(_VERDICTS).index)
+    cells = cells.iloc[order.argsort(kind="stable")].reset_index(drop=True)
+    titles = problem_titles(cells)
+    names = method_titles(cells).tolist()
+    rows = []
+    told, outside = several(cells), bool((cells["outside_a"] + cells["outside_b"]).any())
+    for i, row in enumerate(cells.to_dict("records")):
+        interval = f"{row['a12']:.2f} [{row['a12_low']:.2f}, {row['a12_high']:.2f}]"
+        runs = counted(row["pairs"], "pair") if row["pairs"] else f"{row['runs_a']}, {row['runs_b']}"
+        alone = [f"{row[f'alone_{side}']} of {side.upper()}" for side in "ab" if row[f"alone_{side}"]]
+        runs += f" ({', '.join(alone)} without partner)" if alone else ""
+        method = f"{methods[0]} -> {methods[1]}" if methods else names[i]
+        other = "" if methods or not row["other_options"] else f" ({row['other_options']})"
+        median = _apart(row["best_median_a"], row["best_median_b"])
+        median += f" {row['unit']}" if row["unit"] else ""
+        if isfinite(row["minimum"]) and row["minimum"]:
+            median = " -> ".join(*best_texts([row | {"noisy": False}], "best_median_a", "best_median_b"))
+        reached = f"{row['reached_a']}/{row['runs_a']} -> {row['reached_b']}/{row['runs_b']}"
+        reached = reached if row["goal"] == row["goal"] else "-"
+        settings = [str(row[name]) for name in told]
+        box = [f"{_left(row['outside_a'])} -> {_left(row['outside_b'])}"] if outside else []
+        result = [runs, interval, reached, *box, median, row["test"], row["why"]]
+        rows.append([row["verdict"], titles[i], method + other, *settings, *result])
+    head = ["B is", "problem", "optimizer", *told, "runs", "B beats A in", "reached A -> B"]
+    head += ["outside box A -> B"] if outside else []
+    print_table([*head, "median A -> B", "test", "why"], rows)
+    counts = ", ".join(f"{compared.count(v)} {v}" for v in _VERDICTS)  # type: ignore[arg-type]
+    print(f"\n{counted(len(cells), 'shared cell')}: B is in {counts}; at 5 % over all cells (Holm)")
+    if compared.only_first or compared.only_second:
+        print(f"not compared: {counted(compared.only_first, 'cell')} only in A, {compared.only_second} only in B")
+
+
+def _left(count: int) -> str:
+    """Return the number of answers outside the box, marked as in the table of a study."""
+    return f"◇ {count}" if count else "-"
+
+
+def _apart(first: float, second: float) -> str:
+    """Return two values with three digits, or with up to six where they are needed to distinguish them."""
+    texts = ((plain(first, digits), plain(second, digits)) for digits in range(3, 7))
+    a, b = next((pair for pair in texts if pair[0] != pair[1]), (plain(first, 3), plain(second, 3)))
+    return f"{a} -> {b}"

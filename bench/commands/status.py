@@ -1,0 +1,111 @@
+"""``bench status [--watch] STUDY_DIR``: progress of a sweep, from any shell that can read its folder."""
+
+from __future__ import annotations
+
+import platform
+import sys
+import time
+from itertools import islice
+
+from calibench.bench.commands.arguments import split_flags
+from calibench.bench.execution.in_progress import read_running
+from calibench.bench.statistics.progress import Reason, SweepProgress, sweep_progress
+from calibench.bench.store.columns import columns_of
+from calibench.bench.store.runs import ResultStore
+from calibench.bench.sweep.remarks import remarks_on_rows
+from calibench.core.words import counted, plain, plural, printable, span
+from calibench.core.words import print_plain as print
+
+_EVERY = 2.0  # seconds between two looks
+_CELLS = 20  # of which what is left is listed
+_LOOKED_AT = ("problem", "optimizer", "evaluations", "non_finite", "non_finite_slopes", "tampering", "process_changes")
+
+
+def run(argv: list[str]) -> int:
+    """Print the progress of a sweep once, or with --watch until nothing is left or nobody is at it."""
+    flags, words = split_flags(argv, ("--watch",))
+    if len(words) != 1:
+        raise ValueError("one STUDY_DIR is needed, such as results/adhoc")
+    store = ResultStore(words[0])
+    progress = sweep_progress(store)
+    if "--watch" in flags:
+        progress = _watch(store, progress)
+    rows = {} if store.has_journals() else columns_of(store.rows(_LOOKED_AT))  # to read journals takes their time
+    print("\n".join([*lines_of(store, progress), *(remarks_on_rows(rows) if rows else ())]))
+    for path in progress.damaged:
+        print(
+            f"bench: {path}: has lines that are damaged; `bench collect` sets them aside, the same `bench run` does "
+            "their runs again",
+            file=sys.stderr,
+        )
+    return 2 if progress.damaged else 0
+
+
+def lines_of(store: ResultStore, progress: SweepProgress) -> list[str]:
+    """Return the progress of a sweep as lines."""
+    late = f", {progress.timeouts} out of time" if progress.timeouts else ""
+    told = [f"{store.folder}: {progress.done} done ({progress.failed} failed{late}), {progress.to_do} left"]
+    if progress.pace > 0:
+        left = f", {span(progress.eta_s)} left" if progress.eta_s is not None else ""
+        told[0] += f"; {plain(progress.pace, 3)} {plural('run', progress.pace)}/s{left}"
+    told += _at_work(progress)
+    if progress.mixed:
+        told.append(
+            f"{counted(progress.mixed, 'cell')} {'holds' if progress.mixed == 1 else 'hold'} runs of more than one "
+            "version of the code (column code_digest), kept with --keep or merged; the same command with --rerun does "
+            "them again"
+        )
+    if progress.in_other_shards:
+        told.append(runs_of_other_shards(progress.in_other_shards))
+    told += [f"  {run.line()}" for run in read_running(store.folder)]
+    told += reason_lines(progress.reasons)
+    cells = sorted(progress.left.items(), key=lambda item: -item[1])
+    told += [f"{count:4d} left  {label}" for label, count in islice(cells, _CELLS)]
+    if len(cells) > _CELLS:
+        told.append(f"          and {counted(len(cells) - _CELLS, 'cell')} more")
+    return told
+
+
+def _at_work(progress: SweepProgress) -> list[str]:
+    """Return that nobody is at work on what is left, as far as this machine can tell, and what goes on with it."""
+    if not progress.to_do or platform.node() in progress.hosts:
+        return []
+    others = ", ".join(sorted(progress.hosts))
+    unseen = f"; whether {others} still {'is' if len(progress.hosts) == 1 else 'are'} cannot be seen from here"
+    way = f"the same command goes on: {progress.command}" if progress.command else "the same call goes on"
+    return [f"nobody is at work on it here{unseen if others else ''}; {way}"]
+
+
+def runs_of_other_shards(count: int) -> str:
+    """Return in words that runs of this sweep are in other shards.
+
+    >>> runs_of_other_shards(1)
+    '1 run of this sweep belongs to other shards and is not here'
+    """
+    verbs = ("belongs", "is") if count == 1 else ("belong", "are")
+    return f"{counted(count, 'run')} of this sweep {verbs[0]} to other shards and {verbs[1]} not here"
+
+
+def reason_lines(reasons: tuple[Reason, ...]) -> list[str]:
+    """Return a table of why runs did not end well, most frequent first, each with one run to look at."""
+    if not reasons:
+        return []
+    width = len(str(reasons[0].count))
+    return ["did not end well:"] + [
+        f"  {reason.count:{width}d} {reason.status}: {reason.text}  (bench show {reason.run_id})" for reason in reasons
+    ]
+
+
+def _watch(store: ResultStore, progress: SweepProgress) -> SweepProgress:
+    """Show progress until nothing is left, or nobody has been at it for some looks."""
+    idle = 0
+    from rich.console import Console
+    from rich.live import Live
+
+    with Live(console=Console(), transient=True, auto_refresh=False) as live:
+        while progress.to_do and idle < 2:
+            idle = 0 if progress.hosts else idle + 1
+            live.update(printable("\n".join(lines_of(store, progress))), refresh=True)
+            time.sleep(_EVERY)
+            progress = sweep_progress(store)
+    return progress

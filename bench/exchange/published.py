@@ -1,0 +1,199 @@
+"""What others publish, read: folders of COCO and IOHprofiler as a study beside ours.
+
+A study of ours made of published results: rows of what is known of them, null for the rest.
+
+An imported study is read, reported, compared and merged as any other. Its manifest says what it is and where it comes
+from, and `bench run` does not add to it: what was not measured here stays apart until somebody merges it.
+
+The names of other suites' functions here: our own problem where we have it, so that rows are compared.
+
+COCO's suite `bbob` is our problem `bbob`, IOHexperimenter's suites are our problem `ioh` (its instances are numbered in
+another way). Ids of the data are those that COCO and IOHexperimenter give their problems.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from math import inf
+from pathlib import Path
+from typing import Any, final
+
+import pandas as pd
+
+from calibench import problems
+from calibench.bench.exchange.studies import gap_of_level, write_folder
+from calibench.bench.execution.run_row import COLUMNS, SCHEMA_VERSION
+from calibench.bench.provenance.environment import provenance
+from calibench.bench.provenance.run_id import canonical, options_as_asked
+from calibench.bench.store.runs import ResultStore
+from calibench.core.seeds import digest
+from calibench.core.tables.data_file import LARGEST_TEXT, read_whole, text_of
+from calibench.problems.suites.black_box import COCO_GAPS
+
+
+def text_of_file(of: str, path: Path) -> str:
+    """Return the text of one file of a published folder. Raises `ValueError` for what is no such file."""
+    try:
+        return text_of(read_whole(path, LARGEST_TEXT))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"import {of}: {path}: {error}") from None
+
+
+@final
+@dataclass(frozen=True)
+class PublishedRun:
+    """A run as it was published: evaluations made, and its improvements, (evaluation, value above the minimum) each.
+
+    `problem_options` is JSON; `minimum` is added to the gaps, None: they are the values themselves. `targets` are
+    levels, None: COCO's 51 gaps. `best` is the last gap in all its digits where the improvements have fewer; `best_x`
+    its place. `told` has further columns that are known.
+    """
+
+    algorithm: str
+    problem: str
+    problem_options: str
+    data_id: str
+    dimension: int
+    minimum: float | None
+    evaluations: int
+    improvements: Sequence[tuple[int, float]]
+    targets: Sequence[float] | None
+    best: float | None
+    best_x: list[float] | None
+    told: dict[str, Any]
+
+
+def write_study(runs: Sequence[PublishedRun], format_name: str, source: Path, target: Path) -> Path:
+    """Make the folder `target` a study of `runs`, read from `source`; return it."""
+    repetitions: Counter[tuple[str, str, str, str]] = Counter()
+    rows, traces = [], []
+    read_at = datetime.now(UTC)
+    for run in runs:
+        key = (run.algorithm, str(run.told.get("optimizer_options")), run.problem, run.problem_options)
+        row, trace = _row(run, format_name, repetitions[key], read_at)
+        repetitions[key] += 1
+        rows.append(row)
+        traces += trace
+    table = pd.DataFrame(rows, columns=[column.name for column in COLUMNS]).astype(object)
+    points = pd.DataFrame(traces, columns=["run_id", "evaluations", "charged", "best_value", "restart"])
+
+    def fill(folder: Path) -> None:
+        source_of = {"format": format_name, "from": source.resolve().name, "runs": len(rows)}
+        ResultStore(folder).fill(table, points, study=target.resolve().name, source=source_of)
+
+    write_folder(target, fill)
+    return target
+
+
+def _row(
+    run: PublishedRun, format_name: str, repetition: int, read_at: datetime
+) -> tuple[dict[str, Any], list[tuple[Any, ...]]]:
+    minimum = 0.0 if run.minimum is None else run.minimum
+    levels = [minimum + gap for gap in COCO_GAPS] if run.targets is None else sorted(run.targets, reverse=True)
+    gaps = [level if run.minimum is None else gap_of_level(level, minimum) for level in levels]
+    hits = _hits(run.improvements, gaps)
+    options = canonical({"published": format_name})
+    number = digest("published", format_name, run.algorithm, run.told, run.problem, run.problem_options, repetition)
+    last = run.improvements[-1] if run.improvements else (0, inf)
+    nothing = not run.improvements  # as the data of a failed run are written
+    known = {
+        "run_id": number,
+        "problem": run.problem,
+        "problem_options": run.problem_options,
+        "data_id": run.data_id,
+        "dimension": run.dimension,
+        "optimizer": run.algorithm,
+        "optimizer_options": options,
+        "library": run.algorithm,
+        "library_version": "",
+        "repetition": repetition,
+        "evaluations": run.evaluations,
+        "charged": run.evaluations,
+        "status": "failed" if nothing else "ok",
+        "error_type": "NoFiniteValue" if nothing else None,
+        "error": "its data hold no finite value: it failed" if nothing else None,
+        "best_value": minimum + (last[1] if run.best is None else run.best),
+        "best_evaluation": last[0],
+        "best_x": run.best_x,
+        "targets": levels,
+        "hits": hits,
+        "hits_charged": hits,
+        "minimum": run.minimum,
+        **provenance(),
+        "started_at": read_at,
+        "schema_version": SCHEMA_VERSION,
+    } | run.told
+    points = [(1, inf)] if run.evaluations and (not last[0] or run.improvements[0][0] > 1) else []
+    points += run.improvements
+    if points and points[-1][0] < run.evaluations:
+        points.append((run.evaluations, points[-1][1]))
+    trace = [(number, n, n, minimum + gap, 0) for n, gap in points]
+    return {column.name: known.get(column.name) for column in COLUMNS}, trace
+
+
+def _hits(improvements: Sequence[tuple[int, float]], gaps: Sequence[float]) -> list[int | None]:
+    """Return the first evaluation at which each gap, largest first, was reached."""
+    hits: list[int | None] = []
+    i = 0
+    for gap in gaps:
+        while i < len(improvements) and improvements[i][1] > gap:
+            i += 1
+        hits.append(improvements[i][0] if i < len(improvements) else None)
+    return hits
+
+
+_BBOB = (
+    "Sphere", "Ellipsoid", "Rastrigin", "BuecheRastrigin", "LinearSlope", "AttractiveSector", "StepEllipsoid",
+    "Rosenbrock", "RosenbrockRotated", "EllipsoidRotated", "Discus", "BentCigar", "SharpRidge", "DifferentPowers",
+    "RastriginRotated", "Weierstrass", "Schaffers10", "Schaffers1000", "GriewankRosenbrock", "Schwefel", "Gallagher101",
+    "Gallagher21", "Katsuura", "LunacekBiRastrigin",
+)  # fmt: skip
+
+_CEC, _CEC_BEFORE = "CEC2022", 1000
+
+
+@final
+@dataclass(frozen=True)
+class Named:
+    """A problem as rows name it; `minimum` is that of our own problem, None where it cannot be made here."""
+
+    problem: str
+    problem_options: str
+    data_id: str
+    minimum: float | None
+
+
+def of_coco(suite: str, function: int, dimension: int, instance: int) -> Named:
+    """Return a problem of COCO."""
+    options = {"function": function, "dimension": dimension, "instance": instance}
+    return _named(suite, options, f"{suite}_f{function:03d}_i{instance:02d}_d{dimension:02d}")
+
+
+def of_ioh(suite: str, function: int, name: str, dimension: int, instance: int) -> Named:
+    """Return a problem of IOHexperimenter; where its suite is not told, a function's `name` tells BBOB and CEC 2022.
+
+    IOHexperimenter numbers the functions of CEC 2022 from 1001; ours are those of their paper, from 1.
+    """
+    if suite == "unknown_suite" and 1 <= function <= len(_BBOB) and _BBOB[function - 1] == name:
+        suite = "BBOB"
+    if suite in (_CEC, "unknown_suite") and name.startswith(_CEC) and function > _CEC_BEFORE:
+        suite, function = _CEC, function - _CEC_BEFORE
+    options = {"suite": suite, "function": function, "dimension": dimension, "instance": instance}
+    return _named("ioh", options, f"{suite}_f{function}_i{instance}_d{dimension}")
+
+
+def _named(problem: str, options: dict[str, Any], data_id: str) -> Named:
+    if problem not in problems.registry:
+        return Named(problem, canonical(options), data_id, None)
+    try:
+        text = canonical(options_as_asked(problems.registry, problem, options))
+    except ValueError:  # of that name here, and of other options: it is another problem
+        return Named(problem, canonical(options), data_id, None)
+    try:
+        minimum = getattr(problems.make(problem, **options), "minimum", None)
+    except ValueError:  # its package is not installed
+        minimum = None
+    return Named(problem, text, data_id, None if minimum is None else float(minimum))

@@ -1,1 +1,0 @@
-"""Progress of a run while it runs: read by another thread, shown as files and lines."""

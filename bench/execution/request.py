@@ -1,0 +1,602 @@
+"""The request of a run: checked once, named, and prepared for all runs of a problem and an optimiser.
+
+A checked request of a run, with all that determines its id and its seeds.
+
+A problem and an optimiser that fit each other, with all that is the same in all their runs: found once.
+
+Two thirds of the time of a short run went into finding it again. The pairs of our own classes are kept in a process; a
+user's object is made anew for every run, as it may remember what it was asked.
+
+The checks of a request: a problem and an optimiser that fit each other, a budget, a repetition and a start.
+
+All are made once, before anything runs. A run that has begun raises nothing: its row reports the failure.
+
+The optional attributes of a problem besides its box, start and call: read and checked once, before anything runs.
+
+They are `targets`, `minimum`, `unit`, `group`, `parameters`, `truth`, `merit`, `stochastic` with `noise_free`
+(`bench.execution.stochastic`). Tasks that no optimiser here can solve (constraints, whole numbers, several objectives)
+are refused.
+
+Read the attributes of a problem or optimiser once before anything runs: each can be read, and is of its kind.
+
+An attribute may be a property, which is foreign code: any exception of it is reported in one line.
+
+A trial of a user's class in a child process before this process builds it: it may crash or hang there.
+
+Planning a sweep builds every problem and optimiser once. A crash there would end the command, and with it the runs of
+all other problems.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sized
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from inspect import getattr_static
+from numbers import Real
+from types import FunctionType
+from typing import Any, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench import optimizers, problems
+from calibench.bench.execution.stochastic import check_stochastic, is_stochastic
+from calibench.bench.gate.endings import text_of
+from calibench.bench.gate.guard.foreign_code import is_foreign, is_foreign_module
+from calibench.bench.gate.processes import CAN_FORK, Lost, apart
+from calibench.bench.provenance.code_digest import Library, code_digest, library_of
+from calibench.bench.provenance.run_id import canonical, key_of_optimizer, key_of_problem, name_of, options_of, run_id
+from calibench.core.options import LARGEST_WHOLE, is_number, shown
+from calibench.core.registry import Registry
+from calibench.core.seeds import digest, seed_sequence
+from calibench.core.sources import file_of, is_ours
+from calibench.problems.base import Parameter, coordinates_of, extra_of, parameters_of
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """Problem and optimiser, and the request.
+
+    `start` is the name of the start, `first` the point, shape (dim,); `targets` are the problem's and the run's own.
+    """
+
+    pair: Pair
+    budget: int
+    repetition: int
+    start: str
+    first: Array
+    target: float | None
+    targets: list[float]
+
+    @cached_property
+    def run_id(self) -> str:
+        """Return the content id of the run."""
+        start = self.first if self.start == "given" else self.start
+        pair = self.pair
+        return run_id(pair.problem_key, pair.optimizer_key, self.budget, self.repetition, start, self.target)
+
+    @property
+    def can_differ(self) -> bool:
+        """Tell whether another repetition can differ from this one."""
+        start: Start = "random" if self.start == "random" else "nominal"
+        noisy = is_stochastic(self.pair.problem)
+        return len(repetitions_of(self.pair.optimizer, start, range(2), noisy)) > 1
+
+
+def read_asked(
+    pair: Pair,
+    budget: int,
+    repetition: int,
+    *,
+    start: Start | Array | None = None,
+    target: float | None = None,
+    time_limit: float | None = None,
+) -> Asked:
+    """Return the request of a run. Raises `ValueError` for a request without meaning."""
+    check_numbers(budget, repetition, target, time_limit)
+    check_target(pair.problem, target)
+    budget, repetition, target = int(budget), int(repetition), None if target is None else float(target)
+    label, first = starting_point(pair.problem, start, pair.problem_word, repetition)
+    targets = [*pair.targets]
+    if target is not None and target not in targets:
+        targets.append(target)
+    return Asked(pair, budget, repetition, label, first, target, targets)
+
+
+_MADE: dict[str, Pair] = {}
+_MOST = 64  # pairs that a process remembers; a pack is of few
+
+
+@final
+@dataclass(eq=False)
+class Pair:
+    """Problem and optimiser, their names, options as JSON and keys (what tells them in ids and seeds).
+
+    `problem_word` and `optimizer_word` are digests of the keys as numbers, for seeds; `compiled` says that what is done
+    before the first run of the pair has been done.
+    """
+
+    problem: Any
+    problem_name: str
+    problem_options: str
+    problem_key: list[Any]
+    problem_word: int
+    optimizer: Any
+    optimizer_name: str
+    optimizer_options: str
+    optimizer_key: list[Any]
+    optimizer_word: int
+    targets: tuple[float, ...]
+    data_id: str
+    unit: str
+    problem_group: str
+    minimum: float | None
+    library: Library
+    code: str
+    foreign_problem: bool
+    foreign_optimizer: bool
+    compiled: bool = False
+
+    @property
+    def may_hang(self) -> bool:
+        """Tell whether the optimiser may loop for ever in foreign code."""
+        return bool(getattr(getattr(self.optimizer, "traits", None), "may_hang", False))
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Return the physical parameters."""
+        return parameters_of(self.problem)
+
+    @cached_property
+    def box(self) -> tuple[Array, Array, Array, Array]:
+        """Return the lower and upper bounds of x, and from where on it is at them: four arrays of shape (dim,)."""
+        lower, upper = np.array(self.problem.lower, float), np.array(self.problem.upper, float)
+        near = 1e-9 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+        return lower, upper, lower + near, upper - near
+
+    @cached_property
+    def coordinate_names(self) -> tuple[str, ...]:
+        """Return the names of what x holds."""
+        return tuple(coordinate.name for coordinate in coordinates_of(self.problem))
+
+
+def pair_of(problem: Any, optimizer: Any, problem_name: str | None = None, optimizer_name: str | None = None) -> Pair:
+    """Return the pair. Raises `ValueError` where it cannot be run."""
+    check_pair(problem, optimizer)
+    who = name_of(problem) if problem_name is None else problem_name
+    method = name_of(optimizer) if optimizer_name is None else optimizer_name
+    problem_key, optimizer_key = key_of_problem(problem, who), key_of_optimizer(optimizer, method)
+    return Pair(
+        problem, who, canonical(options_of(problem)), problem_key, int(digest(problem_key), 16),
+        optimizer, method, canonical(options_of(optimizer)), optimizer_key, int(digest(optimizer_key), 16),
+        tuple(extra_of(problem, "targets", ())), extra_of(problem, "data_id", ""), unit_of(problem),
+        group_of(problem), minimum_of(problem), library_of(optimizer), code_digest(problem, optimizer),
+        is_foreign(problem), is_foreign(optimizer),
+    )  # fmt: skip
+
+
+def foreign_modules(registry: Registry[Any], name: str) -> list[str]:
+    """Return the module, loaded, that builds the entry `name`, where it is not ours."""
+    factory = registry.factory(name)
+    module = getattr(factory, "func", factory).__module__
+    return [module] if is_foreign_module(module) else []
+
+
+def built_by_foreign(problem: str, optimizer: str) -> list[str]:
+    """Return the modules that build these two, of those that are not ours."""
+    return foreign_modules(problems.registry, problem) + foreign_modules(optimizers.registry, optimizer)
+
+
+def made_pair(
+    problem: str, problem_options: Mapping[str, Any], optimizer: str, optimizer_options: Mapping[str, Any]
+) -> Pair:
+    """Return the pair of these names and options; where all its code is ours, the one that was made before."""
+    key = repr((problem, sorted(problem_options.items()), optimizer, sorted(optimizer_options.items())))
+    if key in _MADE:
+        return _MADE[key]
+    pair = pair_of(problems.make(problem, **problem_options), optimizers.make(optimizer, **optimizer_options))
+    if not (
+        pair.foreign_problem
+        or pair.foreign_optimizer
+        or is_stochastic(pair.problem)
+        or built_by_foreign(problem, optimizer)
+    ):
+        if len(_MADE) >= _MOST:
+            _MADE.clear()
+        _MADE[key] = pair
+    return pair
+
+
+Array = NDArray[np.float64]
+Start = Literal["nominal", "random"]
+MOST_EVALUATIONS = 2_000_000_000  # of one run: libraries in C count them by 32 bits, and a run of so many takes hours
+_FINITE_BOUNDS = "finite bounds"
+LONGEST_TIME = 1e9  # seconds of one run: thirty years; clocks of libraries end before infinity
+
+
+def check_request(
+    problem: Any, optimizer: Any, budget: Any, seed: Any, target: Any = None, time_limit: Any = None
+) -> None:
+    """Raise `ValueError` where this problem and optimiser cannot be run with this budget and repetition."""
+    check_numbers(budget, seed, target, time_limit)
+    check_pair(problem, optimizer)
+    check_target(problem, target)
+
+
+def check_numbers(budget: Any, seed: Any, target: Any = None, time_limit: Any = None) -> None:
+    """Raise `ValueError` where one of these cannot be asked of any run."""
+    if isinstance(budget, bool) or not isinstance(budget, int | np.integer) or budget < 1:
+        raise ValueError(f"budget={budget}: a whole number of evaluations, 1 or more, is needed")
+    if budget > MOST_EVALUATIONS:
+        raise ValueError(f"budget={shown(budget)}: at most {MOST_EVALUATIONS:.0e} evaluations can be counted")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ValueError(f"seed={seed}: a whole number, 0 or more, is needed")
+    if seed > LARGEST_WHOLE:
+        raise ValueError(f"seed={shown(seed)}: at most {LARGEST_WHOLE} is needed")
+    if target is not None and not is_number(target):
+        raise ValueError(f"target={shown(target)}: a finite number is needed")
+    if time_limit is not None and not (_is_number(time_limit) and 0 < time_limit <= LONGEST_TIME):
+        raise ValueError(
+            f"time_limit={shown(time_limit)}: seconds above 0, at most {LONGEST_TIME:g}, are needed, or null for no "
+            "limit"
+        )
+
+
+def check_target(problem: Any, target: float | None) -> None:
+    """Raise `ValueError` where `target` cannot end a run on `problem`."""
+    if target is not None and is_stochastic(problem):
+        raise ValueError(
+            f"target={target}: problem {_named(problem)} is stochastic, and a lucky value would end the run; give the "
+            "problem targets, which are judged by the answer"
+        )
+
+
+def check_pair(problem: Any, optimizer: Any) -> None:
+    """Raise `ValueError` where `optimizer` cannot be run on `problem`, whatever else is asked."""
+    _check_is_object("problem", problem)
+    _check_is_object("optimizer", optimizer)
+    who, method = _named(problem), _named(optimizer)
+    check_problem_is_readable(problem, who)
+    check_optimizer_is_readable(optimizer, method)
+    missing = [a for a in ("lower", "upper", "start") if not hasattr(problem, a)]
+    if missing or not callable(problem):
+        raise ValueError(f"problem {who} has no {', '.join(missing) or '__call__'}: lower, upper, start, a call needed")
+    lower, upper, start = (floats_of(problem, who, a) for a in ("lower", "upper", "start"))
+    if lower.shape == (0,):
+        raise ValueError(f"problem {who}: lower is empty: one parameter or more is needed, and this problem has none")
+    if lower.shape == upper.shape == start.shape and lower.ndim != 1:
+        raise ValueError(f"problem {who}: lower, upper and start have shape {lower.shape}; one axis is needed, (dim,)")
+    if not lower.shape == upper.shape == start.shape:
+        raise ValueError(
+            f"problem {who}: shapes of lower {lower.shape}, upper {upper.shape}, start {start.shape} differ"
+        )
+    if not (lower <= upper).all():
+        raise ValueError(f"problem {who}: lower[{np.argmin(lower <= upper)}] is above upper, or not a number")
+    _check_inside(who, start, lower, upper)
+    check_extras(problem, who)
+    if not callable(getattr(optimizer, "minimize", None)):
+        what = " is a function and" if isinstance(optimizer, FunctionType) else ""
+        raise ValueError(f"optimizer {method}{what} has no minimize(objective, rng): make it a method of a class")
+    needs = unmet_need(problem, optimizer)
+    if needs:
+        raise ValueError(f"{method} needs {needs}, and problem {who} has {_has(problem, needs)}")
+
+
+def _check_is_object(kind: str, thing: Any) -> None:
+    """Raise `ValueError` for a name, or a class, in the place of its object; a static `minimize` needs no object."""
+    if isinstance(thing, str):
+        lack = "minimize(objective, rng)" if kind == "optimizer" else "lower, upper, start"
+        raise ValueError(f"{kind} {thing!r} is a name and has no {lack}: {kind}s.make({thing!r}) makes the object")
+    if isinstance(thing, type) and not isinstance(getattr_static(thing, "minimize", None), classmethod | staticmethod):
+        raise ValueError(f"{kind} {thing.__name__} is a class, and an object is needed: {thing.__name__}(...)")
+
+
+def unmet_need(problem: Any, optimizer: Any) -> str:
+    """Return what `optimizer` needs and `problem` lacks, such as "residuals"; '' where it can run."""
+    traits = getattr(optimizer, "traits", None)
+    if traits is None:
+        return ""
+    if traits.uses_residuals and getattr(problem, "residuals", None) is None:
+        return "residuals"
+    least, most, size = traits.minimum_dimension, traits.maximum_dimension, np.size(problem.lower)
+    if size < least or (most is not None and size > most):
+        return f"{least} or more dimensions" if most is None else f"{least} .. {most} dimensions"
+    if getattr(traits, "needs_finite_bounds", False) and _open_side(problem):
+        return _FINITE_BOUNDS
+    return ""
+
+
+def repetitions_of(optimizer: Any, start: Start, wanted: range, stochastic: bool = False) -> range:
+    """Return the repetitions that can differ: a deterministic method from one start on one set of data runs once.
+
+    So does, from whatever start, a deterministic method that ignores it. That one is repetition 0, whichever are
+    `wanted`, so that more seeds do not make it twice. On a problem whose values are noisy (`stochastic`) all differ.
+    """
+    traits = getattr(optimizer, "traits", None)
+    if stochastic or traits is None or traits.stochastic:
+        return wanted
+    if start == "nominal" or not traits.uses_start:
+        return range(1)
+    return wanted
+
+
+def preferred_start(problem: Any, start: Start | None) -> Start:
+    """Return `start`, or what the problem prefers."""
+    preferred: Start = extra_of(problem, "default_start", "nominal")
+    return preferred if start is None else start
+
+
+def starting_point(problem: Any, start: Start | Array | None, key: Any, repetition: int) -> tuple[str, Array]:
+    """Return what the start is called (nominal, random, given) and the point, shape (dim,); `key` names the problem.
+
+    Raises `ValueError` for a point outside the box, another shape, or a random start in an open box.
+    """
+    lower, upper = np.asarray(problem.lower, dtype=float), np.asarray(problem.upper, dtype=float)
+    if start is not None and not isinstance(start, str):
+        point = np.array(start, dtype=float)
+        if point.shape != lower.shape:
+            raise ValueError(f"start has shape {point.shape}, the problem {lower.shape}")
+        _check_inside(name_of(problem), point, lower, upper)
+        return "given", point.clip(lower, upper)
+    chosen = preferred_start(problem, start)
+    if chosen == "nominal":
+        return chosen, np.array(problem.start, dtype=float).clip(lower, upper)
+    if chosen != "random":
+        raise ValueError(f"start={chosen}: choices: nominal, random")
+    if not np.isfinite(upper - lower).all():
+        raise ValueError(f"problem {name_of(problem)}: a random start needs finite bounds; take start=nominal")
+    rng = np.random.default_rng(seed_sequence(key, "start", repetition=repetition))
+    return chosen, np.minimum(lower + rng.random(lower.size) * (upper - lower), upper)
+
+
+def _named(thing: Any) -> str:
+    """Return the name of a problem or optimiser; where its own cannot be read, its class's."""
+    try:
+        return name_of(thing)
+    except Exception:
+        return type(thing).__qualname__
+
+
+def _check_inside(who: str, start: Array, lower: Array, upper: Array) -> None:
+    """Raise `ValueError` for a start beyond a bound by more than one rounding: `starting_point` puts that right."""
+    outside = np.flatnonzero(~((np.nextafter(lower, -np.inf) <= start) & (start <= np.nextafter(upper, np.inf))))
+    if outside.size:
+        i = int(outside[0])
+        raise ValueError(f"problem {who}: start[{i}]={start[i]:g} lies outside its box {lower[i]:g} .. {upper[i]:g}")
+
+
+def _has(problem: Any, needs: str) -> str:
+    """Return what a problem has in place of what is needed, and what to do."""
+    if needs == "residuals":
+        return "none; choose another optimizer"
+    if needs == _FINITE_BOUNDS:
+        return f"{_open_side(problem)}; give it two ends, or take a method without the trait needs_finite_bounds"
+    return str(np.size(problem.lower))
+
+
+def _open_side(problem: Any) -> str:
+    """Return the first bound without an end, such as "upper[2]=inf"; '' where all parameters have a finite width."""
+    lower, upper = np.asarray(problem.lower, dtype=float), np.asarray(problem.upper, dtype=float)
+    with np.errstate(over="ignore"):  # two finite ends may lie further apart than a double can say
+        wide = np.flatnonzero(~np.isfinite(upper - lower))
+    if not wide.size:
+        return ""
+    i = int(wide[0])
+    ends = {"lower": float(lower[i]), "upper": float(upper[i])}
+    told = {name: end for name, end in ends.items() if np.isinf(end)} or ends
+    return ", ".join(f"{name}[{i}]={end:g}" for name, end in told.items())
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+OPTIONAL = (
+    "residuals", "jacobian", "gradient", "value_and_gradient", "batch", "targets", "minimum", "unit", "group",
+    "parameters", "coordinates", "truth", "budgets", "stochastic",
+)  # fmt: skip  # what is read before a run begins
+_MANY = "give one number, such as a weighted sum"
+_OUT_OF_SCOPE = {
+    "constraints": "constraints are not handled: put a penalty into the value, or choose a box that holds them",
+    "constraint": "constraints are not handled: put a penalty into the value, or choose a box that holds them",
+    "integrality": "whole numbers are not handled: every coordinate is real",
+    "integers": "whole numbers are not handled: every coordinate is real",
+    "integer": "whole numbers are not handled: every coordinate is real",
+    "categories": "categories are not handled: every coordinate is real",
+    "objectives": f"several objectives are not handled: {_MANY}",
+    "n_objectives": f"several objectives are not handled: {_MANY}",
+}
+_ALIKE = {
+    **{f"{kind}_constraints": "constraints" for kind in ("equality", "inequality", "linear", "nonlinear")},
+    **dict.fromkeys(("integer_variables", "discrete", "is_integer"), "integers"), "categorical": "categories",
+    **dict.fromkeys(("n_obj", "nobj", "number_of_objectives"), "n_objectives"),
+}  # fmt: skip
+
+
+def check_extras(problem: Any, who: str) -> None:
+    """Raise `ValueError`, one line, where an attribute of `problem` is wrong or asks for an unsupported task."""
+    for attribute, kind in {**{key: key for key in _OUT_OF_SCOPE}, **_ALIKE}.items():
+        asked = getattr(problem, attribute, None)
+        if asked is not None and _asks(asked, kind, np.size(problem.lower)):
+            raise ValueError(f"problem {who}: {attribute}: {_OUT_OF_SCOPE[kind]}")
+    for read in (coordinates_of, parameters_of):
+        try:
+            read(problem)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"problem {who}: {error}") from None
+    minimum, levels = _minimum(problem, who), _targets(problem, who)
+    if minimum is not None and minimum < 0 and getattr(problem, "residuals", None) is not None:
+        raise ValueError(f"problem {who}: minimum={minimum:g}: a sum of squared residuals is never below 0")
+    for level in levels:
+        if minimum is not None and level < minimum:
+            raise ValueError(f"problem {who}: the target {level:g} lies below minimum={minimum:g}: no run can reach it")
+    for attribute, such in (("unit", "mm"), ("group", "separable")):
+        text = extra_of(problem, attribute, "")
+        if not isinstance(text, str):
+            raise ValueError(f"problem {who}: {attribute}={text!r}: text is needed, such as {such!r}")
+    truth = getattr(problem, "truth", None)
+    if truth is not None and np.shape(truth) != np.shape(problem.lower):
+        raise ValueError(f"problem {who}: truth has shape {np.shape(truth)}, lower {np.shape(problem.lower)}")
+    if not isinstance(extra_of(problem, "budgets", {}), Mapping):
+        raise ValueError(f"problem {who}: budgets: a mapping from ci and paper to numbers is needed")
+    if not callable(extra_of(problem, "merit", dict)):
+        raise ValueError(f"problem {who}: merit is no method: merit(x) returns names and numbers")
+    check_stochastic(problem, who)
+
+
+def minimum_of(problem: Any) -> float | None:
+    """Return the least value of the problem where it knows it (of a noisy one, without its noise), else None."""
+    minimum = getattr(problem, "minimum", None)
+    return None if minimum is None else float(minimum)
+
+
+def unit_of(problem: Any) -> str:
+    """Return the unit of the value; '' where the problem does not say."""
+    return str(extra_of(problem, "unit", ""))
+
+
+def _minimum(problem: Any, who: str) -> float | None:
+    minimum = getattr(problem, "minimum", None)
+    if minimum is None:
+        return None
+    if not _is_finite(minimum):
+        raise ValueError(
+            f"problem {who}: minimum={minimum!r:.60}: a finite number is needed, the least value that can be had"
+        )
+    return float(minimum)
+
+
+def _targets(problem: Any, who: str) -> list[float]:
+    targets = extra_of(problem, "targets", ())
+    listed = list(targets) if isinstance(targets, tuple | list | np.ndarray) and np.ndim(targets) == 1 else None
+    if listed is None or not all(_is_finite(level) for level in listed):
+        raise ValueError(f"problem {who}: targets={targets!r:.60}: a list of finite numbers is needed, such as (1e-8,)")
+    return [float(level) for level in listed]
+
+
+def _is_finite(value: Any) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and bool(np.isfinite(float(value)))
+
+
+def _asks(asked: Any, kind: str, dimension: int) -> bool:
+    """Tell whether an attribute asks for such a task; an empty list, False, 0 coordinates, or one objective do not."""
+    if callable(asked) or isinstance(asked, str):
+        return True
+    if kind == "n_objectives":
+        return bool(asked != 1)
+    if kind == "objectives":
+        return isinstance(asked, Sized) and len(asked) > 1
+    if isinstance(asked, Mapping):
+        return bool(asked)
+    if isinstance(asked, Sized) and len(asked) != dimension:  # not flags, one a coordinate: which ones, or functions
+        return len(asked) > 0
+    try:
+        return bool(np.any(np.asarray(asked, dtype=float)))
+    except (TypeError, ValueError):
+        return True
+
+
+def group_of(problem: Any) -> str:
+    """Return the group of its suite that the problem belongs to; '' where it does not say."""
+    return str(extra_of(problem, "group", ""))
+
+
+_METHODS = (
+    "residuals", "jacobian", "gradient", "value_and_gradient", "batch", "batch_below", "compile", "compile_values",
+    "physical", "seeded",
+)  # fmt: skip
+_OF_A_PROBLEM = (
+    "lower", "upper", "start", *OPTIONAL, *_METHODS, "side_effect_free", "data_id", "default_start", "kernel",
+    "merit", "name", "noise_free", "options",
+)  # fmt: skip
+_OF_AN_OPTIMIZER = ("traits", "library", "name", "options", "compile", "minimize")
+_TRAITS = ("stochastic", "uses_residuals", "uses_start", "minimum_dimension", "maximum_dimension")
+
+
+def check_problem_is_readable(problem: Any, who: str) -> None:
+    """Raise `ValueError`, one line, where an attribute of `problem` cannot be read, or is of the wrong kind."""
+    _read(problem, f"problem {who}", _OF_A_PROBLEM)
+    for name in _METHODS:
+        if not callable(getattr(problem, name, None) or float):
+            raise ValueError(f"problem {who}: {name} is no method")
+    _is_text(problem, f"problem {who}", "data_id", "a digest of its data, say")
+    kernel = getattr(problem, "kernel", None)
+    if kernel is not None and not (isinstance(kernel, tuple) and len(kernel) == 2 and callable(kernel[0])):
+        raise ValueError(f"problem {who}: kernel: a function and what it takes beside x, as a pair, are needed")
+
+
+def check_optimizer_is_readable(optimizer: Any, who: str) -> None:
+    """Raise `ValueError` likewise for `optimizer`."""
+    _read(optimizer, f"optimizer {who}", _OF_AN_OPTIMIZER)
+    _is_text(optimizer, f"optimizer {who}", "library", "the name of a package")
+    traits = getattr(optimizer, "traits", None)
+    if traits is not None and not all(hasattr(traits, name) for name in _TRAITS):
+        raise ValueError(f"optimizer {who}: traits={traits!r:.60}: an optimizers.base.Traits is needed")
+    if not callable(extra_of(optimizer, "compile", float)):
+        raise ValueError(f"optimizer {who}: compile is no method")
+
+
+def floats_of(problem: Any, who: str, attribute: str) -> NDArray[np.float64]:
+    """Return `lower`, `upper` or `start` as numbers. Raises `ValueError` where it is none."""
+    value = getattr(problem, attribute)
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"problem {who}: {attribute}={value!r:.60}: numbers are needed, one a coordinate") from None
+
+
+def _read(thing: Any, label: str, names: tuple[str, ...]) -> None:
+    for name in names:
+        try:
+            getattr(thing, name, None)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # SystemExit too
+            told = f"{type(error).__name__}: {text_of(error)}"
+            raise ValueError(f"{label}: its {name} cannot be read: {told}") from error
+
+
+def _is_text(thing: Any, label: str, name: str, such_as: str) -> None:
+    value = getattr(thing, name, None)
+    if value is not None and not isinstance(value, str):
+        raise ValueError(f"{label}: {name}={value!r:.60}: text is needed, {such_as}")
+
+
+PATIENCE = 60.0  # seconds for building
+_READ = ("lower", "upper", "start", "data_id", "name", "options", "traits", "library", *OPTIONAL)
+
+
+def probe(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> Lost | None:
+    """Return why the entry `name` cannot be built with `options`: its process ended, or took too long; None: it can.
+
+    An exception is not reported here, because building raises it again. A process that ended may have been killed from
+    outside, as a worker may: it is at fault the second time. Our own classes are not tried, and nothing is tried where
+    a system cannot fork.
+    """
+    factory = registry.factory(name)
+    file = file_of(getattr(factory, "func", factory).__module__)
+    if not CAN_FORK or (file is not None and is_ours(file)):
+        return None
+
+    def look() -> None:
+        built = registry.make(name, **options)
+        for attribute in _READ:
+            with suppress(Exception):
+                getattr(built, attribute, None)
+
+    ended: Lost | None = None
+    for _ in range(2):
+        try:
+            apart(look, PATIENCE)
+        except Lost as lost:
+            if lost.timed_out:
+                why = f"{registry.kind} {name} was not built within {PATIENCE:g} s"
+                return Lost(lost.error_type, why, timed_out=True)
+            if lost.error_type == "ProcessDied":
+                ended = Lost(lost.error_type, f"as {registry.kind} {name} was built, {lost.error}")
+                continue
+        return None
+    return ended

@@ -1,0 +1,366 @@
+"""Section 3.3 of Cong et al. 2008 under each variant of `fmincon`, because the paper does not print its release.
+
+A variant is a rule of the difference step (`optimizers.fmincon.options`) with a stopping test and its place
+(`optimizers.fmincon.options`). Some variants were a release of MATLAB, others never were. SciPy's SLSQP searches in the
+user's units, as MATLAB did. Two variants that differ in the stopping test alone pass the same points. So one search
+goes on until every stopping test has been met (or MATLAB's 100 n evaluations are spent), and the end of each variant is
+read off its path. A test compares these ends with searches that have the options of each variant.
+
+The sentences of section 3.3 about which J is more precise, judged in each variant of fmincon, and the table of it.
+
+Each is a ratio of two printed numbers. In a variant ours is the median over the plans, which are not printed either;
+the rule of `cong2008_stopping.verdict_of` makes the verdicts of the variants into one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from math import comb
+from pathlib import Path
+from typing import Any, Literal, final
+
+import numpy as np
+
+from calibench.bench.papers.published import Printed
+from calibench.bench.papers.row import Array, Evidence, Ours, Row, Ruling, Verdict
+from calibench.bench.papers.row import problem as make_problem
+from calibench.optimizers.fmincon import OptimValues, fmincon
+from calibench.optimizers.fmincon.options import StopPlace, absolute_stop
+
+Stop = Literal["relative"] | StopPlace
+STOPS: tuple[Stop, ...] = ("relative", "after_step", "next_gradient", "before_step")
+STEPS = ("typical_x", "gradient")
+# its own plan and random ones: ratios of Table 2 differ more between plans
+PLANS = {"sensor_zero": 31, "link_length": 15, "full11": 7, "full12": 7}
+_TOLERANCE = 1e-6  # TolX, TolFun and TolCon as they were by default
+_RELEASES: dict[tuple[str, Stop], str] = {
+    ("gradient", "after_step"): "1998", ("gradient", "next_gradient"): "about 2002",
+    ("typical_x", "next_gradient"): "2003-2008", ("typical_x", "before_step"): "2009",
+}  # fmt: skip
+
+COLUMNS: dict[str, tuple[str, dict[str, Any]]] = {
+    "table2.j1_n3": ("sensor_zero", {"error": "J1", "n": 3}),
+    "table2.j1_n9": ("sensor_zero", {"error": "J1", "n": 9}),
+    "table2.j2_n3": ("sensor_zero", {"error": "J2", "n": 3}),
+    "table2.j2_n9": ("sensor_zero", {"error": "J2", "n": 9}),
+    "table3.j1": ("link_length", {"error": "J1"}),
+    "table3.j2": ("link_length", {"error": "J2"}),
+    "table3.j3": ("link_length", {"error": "J3"}),
+    "table4.j3_12": ("full12", {"error": "J3", "gauge": "ya2"}),
+    "table4.j3_11": ("full11", {"error": "J3", "paper_section": 3}),
+}
+
+
+@final
+@dataclass(frozen=True)
+class Variant:
+    """A way in which fmincon may have been built."""
+
+    step: str
+    stop: Stop
+
+    @property
+    def release(self) -> str:
+        """Return the years of the releases that were built so; empty where none was."""
+        return _RELEASES.get((self.step, self.stop), "")
+
+    @property
+    def words(self) -> str:
+        """Return the variant as the rows' reasons name it."""
+        return f"{self.step} {self.stop}"
+
+
+MATLAB = Variant("gradient", "next_gradient")  # what the preset fmincon_matlab is
+VARIANTS = tuple(Variant(step, stop) for step, stop in product(STEPS, STOPS))
+RELEASES = tuple(Variant(step, stop) for step, stop in _RELEASES)
+
+
+@final
+@dataclass(frozen=True)
+class End:
+    """Where a stop ends a search: kmrmse [mm] of the answer, iterations, and its calibrated values by name."""
+
+    kmrmse: float
+    iterations: int
+    values: Mapping[str, float]
+
+
+@final
+@dataclass(frozen=True)
+class Judged:
+    """A claim under one variant: the ratios, one a plan, and the limits of true and true in kind of their median."""
+
+    variant: Variant
+    ratios: tuple[float, ...]
+    limits: tuple[float, float]
+
+    @property
+    def median(self) -> float:
+        """Return the median of the ratios."""
+        return float(np.median(self.ratios))
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Return the 95 % interval of the median over all plans: two order statistics, as in a sign test."""
+        n, sorted_ratios = len(self.ratios), sorted(self.ratios)
+        tail = [sum(comb(n, j) for j in range(i + 1)) / 2**n for i in range(n)]  # that at most i are below the median
+        i = max((i for i in range(n // 2) if tail[i] <= 0.025), default=0)  # under six plans: all that was found
+        return sorted_ratios[i], sorted_ratios[n - 1 - i]
+
+    @property
+    def state(self) -> Literal["true", "true in kind", "false", "open"]:
+        """Return on which side of the limits the whole interval lies; open where it lies on both."""
+        low, high = self.interval
+        if high <= self.limits[0]:
+            return "true"
+        if high <= self.limits[1]:
+            return "true in kind"
+        return "false" if low > self.limits[1] else "open"
+
+
+def verdict_of(judged: Sequence[Judged]) -> Verdict:
+    """Return the verdict on a claim from its states under the variants.
+
+    Judges are the variants that a release was, all with an absolute stop, and the controls with a relative one. False
+    in every release: not reproduced. False in some and true in others: it depends on plan or release. True in some
+    release and false in none: an artefact of the stopping tolerance where a control is false; else reproduced, in kind
+    where any of the states is in kind or open. Else the plans decide, and it is not checkable.
+    """
+    releases = [j.state for j in judged if j.variant.release]
+    controls = [j.state for j in judged if j.variant.stop == "relative"]
+    if all(state == "false" for state in releases):
+        return "not reproduced"
+    if not any(state in ("true", "true in kind") for state in releases):
+        return "not checkable"
+    if "false" in releases:
+        return "depends on plan or release"
+    if "false" in controls:
+        return "artefact of the stopping tolerance"
+    return "reproduced" if {*releases, *controls} == {"true"} else "reproduced in kind"
+
+
+def _stepping(step: str) -> dict[str, Any]:
+    limits = {"DiffMinChange": 1e-8, "DiffMaxChange": 0.1}  # MATLAB's defaults until 2010
+    return {"FiniteDifferenceStepRule": step, "ScaleVariables": False, "MaxIterations": 400, **limits}
+
+
+@cache
+def ends(problem: str, options: tuple[tuple[str, Any], ...], step: str) -> Mapping[Stop, End]:
+    """Return where each stop ends the search on a problem with these options from its printed start."""
+    built = _problem(problem, options)
+    watch = _Watch()
+    fmincon(
+        built, built.start, lb=built.lower, ub=built.upper,
+        options={"OptimalityTolerance": 0.0, "StepTolerance": 0.0, "OutputFcn": watch, **_stepping(step)},
+    )  # fmt: skip
+    names = [p.name for p in built.parameters]
+    return {
+        stop: End(built.merit(x)["kmrmse"], iterations, dict(zip(names, map(float, built.physical(x)), strict=True)))
+        for stop, (x, iterations) in watch.answers().items()
+    }
+
+
+@cache
+def _problem(name: str, options: tuple[tuple[str, Any], ...]) -> Any:
+    return make_problem(name, **dict(options))
+
+
+def plan(problem: str, number: int) -> dict[str, Any]:
+    """Return the options of plan `number`: -1 the problem's own, from 0 on those of the study cong2008_plans."""
+    if number < 0:
+        return {}
+    return {"plan": "disc", "data_seed": number} | ({"radius": 60.0} if problem == "sensor_zero" else {})
+
+
+def column(key: str, variant: Variant, most: int = 1000) -> list[End]:
+    """Return the ends of a column of Tables 2 to 4 under a variant, one for each plan, of which at most `most`."""
+    problem, options = COLUMNS[key]
+    plans = min(PLANS[problem], most)
+    asked = [tuple(sorted((options | plan(problem, number)).items())) for number in range(-1, plans - 1)]
+    return [ends(problem, one, variant.step)[variant.stop] for one in asked]
+
+
+@final
+class _Watch:
+    """An OutputFcn that follows a search past every stop, and remembers where each would have ended it."""
+
+    def __init__(self) -> None:
+        self._points: list[tuple[float, Array]] = []
+        self._gradient: Array | None = None
+        self._met: dict[Stop, tuple[Array, int]] = {}
+
+    def __call__(self, x: Array, now: OptimValues, state: str) -> bool:
+        """Note which stops are met at the iterate x; tell whether all have been."""
+        if state == "done":
+            return False
+        d, g, before = now.searchdirection, now.gradient, self._gradient
+        if d is not None and before is not None:
+            shortest = now.lssteplength * float(before @ d)  # of the steps that the line search tried
+            if absolute_stop(d, shortest, _TOLERANCE, _TOLERANCE):
+                self._end("before_step", now.iteration - 1)
+            self._points.append((now.fval, x))
+            if absolute_stop(d, float(before @ d), _TOLERANCE, 2 * _TOLERANCE):
+                self._end("after_step", now.iteration)
+        else:
+            self._points.append((now.fval, x))
+        if now.firstorderopt <= _TOLERANCE:
+            for stop in ("relative", "next_gradient", "before_step"):
+                self._met.setdefault(stop, (x, now.iteration))
+        if d is not None and absolute_stop(d, float(g @ d), _TOLERANCE, 2 * _TOLERANCE):
+            self._end("next_gradient", now.iteration)
+        if len(self._points) > 1:
+            change = float(np.max(np.abs(x - self._points[-2][1]) / (1.0 + np.abs(x))))
+            if change <= _TOLERANCE:
+                self._end("relative", now.iteration)
+        self._gradient = g
+        return len(self._met) == len(STOPS)
+
+    def answers(self) -> dict[Stop, tuple[Array, int]]:
+        """Return the answer and the iterations of each stop; one that was not met ends where the search did."""
+        last = (self._best(), len(self._points) - 1)
+        return {stop: self._met.get(stop, last) for stop in STOPS}
+
+    def _end(self, stop: Stop, iterations: int) -> None:
+        self._met.setdefault(stop, (self._best(), iterations))
+
+    def _best(self) -> Array:
+        """Return the point of the lowest value so far: all are feasible, as there are bounds and nothing else."""
+        return min(self._points, key=lambda point: point[0])[1]
+
+
+_OVER_VARIANTS = (
+    "with the whole 95 % interval of the median, else open. Over the variants: not reproduced where every release "
+    "refutes it, dependent on plan or release where one does and another makes it true, an artefact of the stopping "
+    "tolerance where only a relative stop refutes it, in kind where one is open"
+)
+_UNITS = (
+    "near zero J1 is J2 / (4 l_b^2), 2.4e5 times smaller: an absolute stop ends J1 earlier, and steps of -1e-8 / g are "
+    "longer for it"
+)
+
+
+@final
+@dataclass(frozen=True)
+class Claim:
+    """A sentence as a ratio of one column to another; `limits` of true and true in kind."""
+
+    key: str
+    place: str
+    sentence: str
+    above: str
+    below: str
+    why: str
+    quantity: str = "kmrmse"
+    limits: tuple[float, float] = (0.5, 0.75)
+
+    def printed(self, printed: Printed) -> float:
+        """Return the printed ratio."""
+        return printed.column(self.above)[self.quantity] / printed.column(self.below)[self.quantity]
+
+    def said(self) -> str:
+        """Return what is measured in a variant."""
+        return f"{self.quantity} of {self.above} over {self.below}"
+
+
+CLAIMS = (
+    *(
+        Claim(
+            f"more_samples_{e}", "Section 3.3 A", f"more samples are more precise ({e})", f"table2.{e.lower()}_n9",
+            f"table2.{e.lower()}_n3", "without noise the stop limits the precision, and plans differ more than stops",
+        )
+        for e in ("J1", "J2")
+    ),
+    *(
+        Claim(
+            f"j2_beats_j1_{key}", place, f"J2 gives more precise results than J1 ({key})", above, below, _UNITS,
+        )
+        for key, place, above, below in (
+            ("table2_n3", "Section 3.3 A", "table2.j2_n3", "table2.j1_n3"),
+            ("table2_n9", "Section 3.3 A", "table2.j2_n9", "table2.j1_n9"),
+            ("table3", "Section 3.3 B", "table3.j2", "table3.j1"),
+        )
+    ),
+    Claim(
+        "j3_beats_j2_table3", "Section 3.3 B", "J3 gives more precise results than J2", "table3.j3", "table3.j2",
+        "the difference step decides it, not the stop: differences limit J3, and steps of -1e-8 / g err less than "
+        "those of eps^(1/2) |x|; its mixed units limit J2 with either; with the exact gradient all reach 1e-12 mm",
+    ),
+    Claim(
+        "j3_iterations", "Section 3.3 B", "J3 takes fewer iterations than J2", "table3.j3", "table3.j2", "",
+        "iterations", (0.9, 1.0),
+    ),
+)  # fmt: skip
+
+
+def rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
+    """Yield the claims; `ours` are the medians of the releases."""
+    for claim in CLAIMS:
+        judged = judge_claim(claim)
+        ours = Ours.of([j.median for j in judged if j.variant.release])
+        ruling = Ruling(verdict_of(judged), ours.median, "at most, in every release", *claim.limits)
+        yield printed.claim(
+            claim.key, claim.place, claim.sentence, ours, ruling,
+            f"in a variant true below {claim.limits[0]:g}, in kind below {claim.limits[1]:g}, "
+            f"{_OVER_VARIANTS}",
+            f"{claim.said()}, the median of {len(judged[0].ratios)} plans, in four releases of fmincon",
+            "; ".join(text for text in (_sentence(judged), claim.why) if text), printed=claim.printed(printed),
+        )  # fmt: skip
+
+
+def _sentence(judged: Sequence[Judged]) -> str:
+    """Return what each release and each control gives."""
+    releases = [f"{j.variant.release} {_cell(j)}" for j in judged if j.variant.release]
+    controls = [f"{j.variant.step} {_cell(j)}" for j in judged if j.variant.stop == "relative"]
+    return f"releases: {', '.join(releases)}; with a relative stop: {', '.join(controls)}"
+
+
+@cache
+def judge_claim(claim: Claim, variants: tuple[Variant, ...] = VARIANTS, most: int = 1000) -> tuple[Judged, ...]:
+    """Return the claim under each variant, over its plans, of which at most `most`."""
+    found = []
+    for variant in variants:
+        above, below = (column(key, variant, most) for key in (claim.above, claim.below))
+        if claim.quantity == "iterations":
+            ratios = tuple(a.iterations / b.iterations for a, b in zip(above, below, strict=True))
+        else:
+            ratios = tuple(a.kmrmse / b.kmrmse for a, b in zip(above, below, strict=True))
+        found.append(Judged(variant, ratios, claim.limits))
+    return tuple(found)
+
+
+def table(variants: tuple[Variant, ...] = VARIANTS, most: int = 1000) -> str:
+    """Return claims by variants in Markdown: median and its interval over the plans, beside the printed one."""
+    printed = Printed("cong2008")
+    judged = {claim: judge_claim(claim, variants, most) for claim in CLAIMS}
+    heads = ["step", "stop", "MATLAB of", *(claim.key for claim in CLAIMS)]
+    lines = [heads, ["---"] * len(heads), ["printed", "", "", *(_short(c.printed(printed)) for c in CLAIMS)]]
+    for number, variant in enumerate(variants):
+        cells = [variant.step, variant.stop, variant.release]
+        lines.append([*cells, *(_cell(judged[claim][number]) for claim in CLAIMS)])
+    lines.append(["**verdict**", "", "", *(verdict_of(judged[claim]) for claim in CLAIMS)])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def write_table(path: Path) -> Path:
+    """Write the table as a page and return its path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    asked = {COLUMNS[key][0] for claim in CLAIMS for key in (claim.above, claim.below)}
+    counts = ", ".join(f"{count} plans of {problem}" for problem, count in PLANS.items() if problem in asked)
+    said = f"# Section 3.3 of Cong et al. 2008 over the variants of fmincon\n\nMedians (95 %) of {counts}. "
+    path.write_text(said + "What they are: docs/fmincon.md, Releases.\n\n" + table(), encoding="utf-8")
+    return path
+
+
+_MARK = {"true": "✓", "true in kind": "≈", "false": "✗", "open": "?"}
+
+
+def _cell(judged: Judged) -> str:
+    low, high = judged.interval
+    return f"{_MARK[judged.state]} {_short(judged.median)} ({_short(low)} .. {_short(high)})"
+
+
+def _short(number: float) -> str:
+    return f"{number:.2g}"

@@ -1,0 +1,377 @@
+"""One run in a terminal: `found` looks it up, `story` describes it, `curve` draws it, `again` repeats it.
+
+One run on one page: the request, its course, its end, its answer and how well that is known.
+
+A run, looked up by the first digits of its id.
+
+A convergence curve in a terminal: one line of blocks over the logarithm of the cost, and a table below it.
+
+The height is the logarithm of the value above the least that is possible: the declared minimum, or zero where no value
+is below it. Where neither holds it is the value itself. A run that has come down to rounding ends at the bottom.
+
+The command that runs one run again by hand, from its row alone.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calibench import optimizers, problems
+from calibench.bench.provenance.run_id import UNSEEN, chosen_options, given_options
+from calibench.bench.statistics.tables import parameters_in, problem_of
+from calibench.bench.store.manifest import StoreError, studies_in
+from calibench.bench.store.runs import ResultStore
+from calibench.core.registry import MissingFile, NotImported, Registry, names_of_files
+from calibench.core.words import listed, plain
+from calibench.problems.base import Parameter, parameters_of
+
+_TARGETS = 12  # that are listed
+
+
+def show_run(found: Found) -> str:
+    """Return the run as text."""
+    row = found.row
+    lines = [f"run {row['run_id']}  (study {row['study']}, {found.folder})", *_asked(row)]
+    lines += [*_ended(row), *_answer(row)]
+    if (curve := curve_of(found.trace)) is not None:
+        lines += ["", "curve, over the logarithm of what was charged:"]
+        lines += curve_lines(curve, float(row["minimum"]) if _is_told(row["minimum"]) else None, _unit(row))
+    lines += _targets(row)
+    if isinstance(row["traceback"], str) and row["traceback"]:
+        lines += ["", "the last frames:", row["traceback"].rstrip()]
+    lines += _parameters(row)
+    try:
+        command = again_command(row) or "not by a command: what it ran was made in Python, or published"
+    except NotImported:
+        command = "told with --trust alone"
+    except MissingFile as error:
+        command = f"told where the file is alone: {error}"
+    return "\n".join([*lines, "", f"again      {command}"])
+
+
+def _asked(row: Mapping[str, Any]) -> list[str]:
+    library = " ".join(str(row[name]) for name in ("library", "library_version") if isinstance(row[name], str))
+    budget = _whole(row["budget"])
+    target = f", target {row['target']:g}" if _is_told(row["target"]) else ""
+    return [
+        f"problem    {row['problem']} {_readable(row['problem_options'])}",
+        f"optimizer  {row['optimizer']} {_readable(row['optimizer_options'])}  ({library.rstrip()})",
+        f"asked      repetition {row['repetition']}, {_text(row['start'])} start, budget {budget}{target}",
+        f"code       {_text(row['code_digest'])}",
+    ]
+
+
+def _ended(row: Mapping[str, Any]) -> list[str]:
+    ended = ", ".join(dict.fromkeys(_text(row[name]) for name in ("status", "stop_reason")))
+    error = " ".join(str(row[name]) for name in ("error_type", "error") if isinstance(row[name], str))
+    seconds = f", {plain(row['wall_s'], 3)} s" if _is_told(row["wall_s"]) else ""
+    lines = [
+        f"ended      {ended} {error}".rstrip(),
+        f"cost       {row['evaluations']} evaluations, {_whole(row['jacobian_evaluations'])} Jacobians: "
+        f"{row['charged']} charged of {_whole(row['budget'])}{seconds}",
+    ]
+    changes = row.get("process_changes")
+    if changes is not None and len(changes):
+        lines.append(f"process    {', '.join(changes)}: changed by the run, put back after it")
+    if _is_told(row["restarts"]) and row["restarts"]:
+        lines.append(f"restarts   {_whole(row['restarts'])}")
+    if _is_told(row["non_finite"]) and row["non_finite"]:
+        lines.append(f"not finite {_whole(row['non_finite'])} of the values")
+    if _is_told(row["non_finite_slopes"]) and row["non_finite_slopes"]:
+        lines.append(f"not finite {_whole(row['non_finite_slopes'])} entries of gradients and Jacobians, read as 0")
+    return lines
+
+
+def _answer(row: Mapping[str, Any]) -> list[str]:
+    unit = _unit(row)
+    lines = [
+        f"best       {row['best_value']:.6g}{unit} at evaluation {row['best_evaluation']}"
+        if row["best_evaluation"]
+        else "best       no finite value was found"
+    ]
+    if _is_told(row["judged_evaluations"]):
+        fresh = int(row["judged_evaluations"])
+        how = f"mean of {fresh} fresh evaluations" if fresh else "without noise"
+        lines.append(f"judged     {row['judged_value']:.6g}{unit} ({how})")
+    if _is_told(row["minimum"]):
+        gap = f": {plain(row['best_value'] - row['minimum'], 4)} above it" if row["best_evaluation"] else ""
+        lines.append(f"minimum    {row['minimum']:.6g}{unit}, as the problem declares{gap}")
+    if _is_told(row["kmrmse"]):
+        lines.append(
+            f"merit      kmrmse {plain(row['kmrmse'], 4)} mm, modulo the gauge {plain(row['kmrmse_aligned'], 4)} mm, "
+            f"phi {plain(row['gauge_phi'], 4)} rad"
+        )
+    if isinstance(row["merit"], str):
+        told = json.loads(row["merit"]).items()
+        lines.append("merit      " + ", ".join(f"{k} {v:.6g}" if type(v) is float else f"{k} {v}" for k, v in told))
+    if row["best_evaluation"] and _is_told(row["inside_box"]):
+        bounds = ", ".join(row["at_bound"]) or "none"
+        lines.append(f"box        {'inside' if row['inside_box'] else 'outside'}; at a bound: {bounds}")
+    return lines
+
+
+def _readable(options: str) -> str:
+    """Return options as JSON with letters beyond ASCII as they are."""
+    return json.dumps(json.loads(options), separators=(",", ":"), ensure_ascii=False)
+
+
+def _targets(row: Mapping[str, Any]) -> list[str]:
+    """Return the targets that were reached, at most so many of them, and the first that was not."""
+    levels = [float(level) for level in row["targets"]]
+    if not levels:
+        return []
+    reached = [
+        (level, int(hit), int(charged))
+        for level, hit, charged in zip(levels, row["hits"], row["hits_charged"], strict=True)
+        if hit is not None and hit == hit
+    ]
+    missed = [level for level in levels if level not in {level for level, _, _ in reached}]
+    places = sorted({round(place) for place in np.linspace(0, len(reached) - 1, _TARGETS)}) if reached else []
+    shown = [reached[place] for place in places]
+    some = f", {len(shown)} of them" if len(shown) < len(reached) else ""
+    lines = ["", f"targets    {len(reached)} of {len(levels)} reached{some}:"]
+    lines += [f"  {level:12.6g}  at evaluation {hit} ({charged} charged)" for level, hit, charged in shown]
+    return lines + ([f"  {missed[0]:12.6g}  not reached"] if missed else [])
+
+
+def _parameters(row: Mapping[str, Any]) -> list[str]:
+    """Return the physical parameters, with unit, truth and standard error where the problem knows them."""
+    if row["parameter_values"] is None:
+        return []
+    parameters, errors, said = _known(row)
+    lines = [""]
+    names = list(row["parameter_names"])
+    widest = max(6, *map(len, names))
+    units = {name: each.unit for name, each in parameters.items()}
+    room = max([0, *(len(unit) + 1 for unit in units.values() if unit)])
+    for name, value in zip(names, row["parameter_values"], strict=True):
+        error = errors.get(name)
+        spread = "" if name not in errors else "  not determined" if error is None else f"  ± {error:11.3g}   "
+        known = parameters[name].true if name in parameters else None
+        unit = f" {units.get(name, '')}".ljust(room) if room else ""
+        true = "" if known is None else f"   true {_fixed(known):>12s}"
+        lines.append(f"  {name:{widest}s} {_fixed(value):>14s}{unit}{spread}{true}".rstrip())
+    return [*lines, *said]
+
+
+def _fixed(value: float) -> str:
+    """Return a value with six digits after the point; with a power of ten where these would not tell it."""
+    return f"{value:.6f}" if not value or 1e-4 <= abs(value) < 1e7 else f"{value:.6e}"
+
+
+def _known(row: Mapping[str, Any]) -> tuple[dict[str, Parameter], dict[str, float | None], list[str]]:
+    """Return parameters by name, standard errors at the answer (None: the data do not tell it), and what is said."""
+    try:
+        problem = problem_of(row)
+        parameters = {p.name: p for p in parameters_of(problem)}
+    except (ValueError, AttributeError):  # somebody's own, or without parameters
+        return {p.name: p for p in parameters_in(row)}, {}, []
+    try:
+        found = problems.identify(problem, np.array(row["best_x"], dtype=float))
+    except (ValueError, AttributeError, ArithmeticError):  # without a Jacobian nothing is said
+        return parameters, {}, []
+    errors = found.to_dict()["standard_errors"]
+    said = (
+        f"  ±: one standard error at this answer, for independent noise of {found.noise:g} {found.noise_unit} a reading"
+    )
+    return parameters, errors, [said, f"  {found.sentence()}"]
+
+
+def _is_told(value: Any) -> bool:
+    return value is not None and bool(value == value)
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) and value else "not known"
+
+
+def _whole(value: Any) -> str:
+    return str(int(value)) if _is_told(value) else "?"
+
+
+def _unit(row: Mapping[str, Any]) -> str:
+    return f" {row['unit']}" if isinstance(row["unit"], str) and row["unit"] else ""
+
+
+_TOLD = ("problem", "optimizer", "repetition", "status")  # of a candidate
+_LISTED = 8  # candidates that are named
+
+
+@final
+@dataclass(frozen=True)
+class Found:
+    """A run where it was found: its row, its trace (evaluations, charged, best_value, restart), its study's folder."""
+
+    row: dict[str, Any]
+    trace: pd.DataFrame
+    folder: Path
+
+
+def find_run(parent: Path, prefix: str) -> Found:
+    """Return the run whose id begins with `prefix`, from any study under `parent`.
+
+    `parent` is the folder of the studies, or of one study. Raises `StoreError` where there is none, or more than one:
+    then with the candidates.
+    """
+    if not parent.is_dir():
+        raise StoreError(f"{parent}: there is no such results folder; name one with results=DIR")
+    found: dict[str, tuple[dict[str, Any], Path]] = {}
+    here = parent.resolve()
+    for folder in studies_in(parent) or [one for one in studies_in(here.parent) if one == here]:
+        runs = ResultStore(folder).runs()
+        for row in runs[runs["run_id"].str.startswith(prefix)].to_dict("records"):
+            found[str(row["run_id"])] = {str(name): value for name, value in row.items()}, folder
+    if not found:
+        raise StoreError(f"{prefix}: no run under {parent} has an id that begins so")
+    if len(found) > 1:
+        names = _candidates([row for row, _ in found.values()])
+        raise StoreError(f"{prefix}: {len(found)} runs begin so: {names}; give more digits")
+    [(run_id, (told, home))] = found.items()
+    traces = ResultStore(home).traces()
+    return Found(told, traces[traces["run_id"] == run_id].reset_index(drop=True), home)
+
+
+def _candidates(rows: list[dict[str, Any]]) -> str:
+    """Return the runs by as many digits as tell them apart, each with what it is."""
+    rows = sorted(rows, key=lambda row: str(row["run_id"]))
+    ids = [str(row["run_id"]) for row in rows]
+    digits = next(n for n in range(1, len(ids[0]) + 1) if len({name[:n] for name in ids}) == len(ids))
+    said = [f"{row['run_id'][:digits]} ({', '.join(str(row[name]) for name in _TOLD)})" for row in rows]
+    return listed(said, _LISTED)
+
+
+Array = NDArray[np.float64]
+_BLOCKS = "█▇▆▅▄▃▂▁"  # the worst value first
+_WIDTH = 60
+_ROWS = 9
+
+
+@final
+@dataclass(frozen=True)
+class Curve:
+    """The best values of a run over its charged evaluations, shape (n,) each, and how often it had begun again."""
+
+    charged: Array
+    values: Array
+    restarts: Array
+
+
+def curve_of(trace: pd.DataFrame) -> Curve | None:
+    """Return the curve of a run's trace, from its first finite value on; None where it has none."""
+    finite = trace[np.isfinite(trace["best_value"].to_numpy(dtype=float))]
+    if finite.empty:
+        return None
+    charged, values, restarts = (finite[name].to_numpy(dtype=float) for name in ("charged", "best_value", "restart"))
+    return Curve(charged, values, np.nan_to_num(restarts))
+
+
+def curve_lines(curve: Curve, minimum: float | None, unit: str) -> list[str]:
+    """Return the curve as lines of text."""
+    first, last = curve.charged[0], curve.charged[-1]
+    lines = [f"  {plain(curve.values[0], 4)}{unit} {sparkline(curve, minimum)} {plain(curve.values[-1], 4)}{unit}"]
+    again = bool(curve.restarts.any())
+    lines.append(f"  {'charged':>9s}  {'best value':>12s}" + ("  restarts" if again else ""))
+    marks: Array = np.unique(np.round(np.geomspace(max(first, 1.0), max(last, 1.0), _ROWS)))
+    for at, i in zip(marks, _steps(curve, marks), strict=True):
+        told = f"  {at:9.0f}  {curve.values[i]:12.6g}"
+        lines.append(told + (f"  {curve.restarts[i]:8.0f}" if again else ""))
+    return lines
+
+
+def sparkline(curve: Curve, minimum: float | None) -> str:
+    """Return a block for each of some counts, a constant factor apart.
+
+    >>> sparkline(Curve(np.array([1.0, 10.0, 100.0]), np.array([100.0, 1.0, 0.01]), np.zeros(3)), None)[::10]
+    '███▄▄▄'
+    """
+    marks: Array = np.geomspace(max(curve.charged[0], 1.0), max(curve.charged[-1], 1.0), _WIDTH)
+    heights = _heights(curve.values, minimum)
+    top, bottom = heights.max(), heights.min()
+    share = (top - heights) / (top - bottom) if top > bottom else np.zeros(len(heights))
+    blocks = np.round(share * (len(_BLOCKS) - 1)).astype(int)
+    return "".join(_BLOCKS[blocks[i]] for i in _steps(curve, marks))
+
+
+def _steps(curve: Curve, marks: Array) -> NDArray[np.int64]:
+    """Return which point holds at each count: the last that is not later."""
+    found: NDArray[np.int64] = np.maximum(np.searchsorted(curve.charged, marks * (1 + 1e-12), side="right") - 1, 0)
+    return found
+
+
+def _heights(values: Array, minimum: float | None) -> Array:
+    gaps: Array = values - (0.0 if minimum is None else minimum)
+    if (gaps < 0).any() or not (gaps > 0).any():
+        return values
+    heights: Array = np.log10(np.maximum(gaps, gaps[gaps > 0].min() / 10))
+    return heights
+
+
+_PLAIN = re.compile(r"[A-Za-z_][\w./:+-]*")
+_BEFORE_QUOTE = re.compile(r"\\+(?='|\Z)")  # where Hydra takes two backslashes for one; elsewhere each is itself
+_WORDS = {"true", "false", "null", "nan", "inf"}
+
+
+def again_command(row: Mapping[str, Any]) -> str | None:
+    """Return the `bench run` command of this very run: the same run id, the same seed.
+
+    None where no command can say it: an object made in Python, a start of one's own, or published results. Raises
+    `NotImported` or `MissingFile` where a class of somebody's own would say which options it was given, and is not
+    imported, or not there.
+    """
+    options = {of: json.loads(row[f"{of}_options"]) for of in ("problem", "optimizer")}
+    if row["start"] not in ("nominal", "random") or "published" in options["optimizer"]:
+        return None
+    words = ["bench", "run"]
+    for of, registry in (("problem", problems.registry), ("optimizer", optimizers.registry)):
+        if not _is_named(row[of], registry) or any(UNSEEN in str(value) for value in options[of].values()):
+            return None
+        words.append(f"{of}={row[of]}")
+        try:
+            with names_of_files():
+                registry.options(row[of])
+                chosen = chosen_options(registry, row[of], given_options(registry, row[of], options[of]))
+                registry.check(row[of], chosen)
+        except (NotImported, MissingFile):
+            raise
+        except ValueError:  # a function or an object, for which the row has a word and no command has
+            return None
+        words += [f"{of}.{key}={value_text(value)}" for key, value in sorted(chosen.items())]
+    repetition = int(row["repetition"])
+    words += [f"budget={int(row['budget'])}", f"seeds={repetition}:{repetition + 1}", f"start={row['start']}"]
+    if row["target"] is not None and row["target"] == row["target"]:
+        words.append(f"target={float(row['target'])!r}")
+    return " ".join(shlex.quote(word) for word in [*words, "study=again"])
+
+
+def value_text(value: Any) -> str:
+    """Return an option's value as the command line takes it, text that would be read as something else in quotes.
+
+    >>> value_text(None), value_text(True), value_text([1, 2.5]), value_text("ya2"), value_text("12"), value_text("a b")
+    ('null', 'true', '[1,2.5]', 'ya2', "'12'", "'a b'")
+    """
+    if value is None or isinstance(value, bool):
+        return json.dumps(value)
+    if isinstance(value, list | tuple):
+        return f"[{','.join(map(value_text, value))}]"
+    if isinstance(value, Mapping):
+        return f"{{{','.join(f'{key}:{value_text(item)}' for key, item in value.items())}}}"
+    if isinstance(value, str):
+        is_plain = _PLAIN.fullmatch(value) and value.lower() not in _WORDS
+        doubled = _BEFORE_QUOTE.sub(r"\g<0>\g<0>", value)
+        return value if is_plain else "'" + doubled.replace("'", "\\'") + "'"
+    return repr(value)
+
+
+def _is_named(name: str, registry: Registry[Any]) -> bool:
+    """Tell whether the command line finds this: by the registry, or in a file or module by its path."""
+    return name in registry or (":" in name and "<" not in name and not name.startswith("__main__"))

@@ -1,0 +1,428 @@
+"""What the page of a study draws by itself, on demand: its numbers as one compact block, and the scripts that draw.
+
+The numbers that the page draws from, as one block of JSON: rounded to what an eye can see, and thinned to fit.
+
+A page of ten thousand runs is to stay below three megabytes, whether these are ten cells or ten thousand: what is drawn
+of each cell gets so many points as there is room for. The numbers behind it are in ``runs.parquet`` and
+``traces.parquet``, and no statistic is computed from what is rounded here.
+
+Convergence of every cell of a study at once: quartiles of the best value over charged evaluations.
+
+The same numbers as `bench.statistics.summary.convergence`, which takes one cell at a time: here the runs of a problem
+are read off in one search, so that ten thousand runs take a second.
+
+Which problems stand together on a page: the group that a problem declares, else the problems of one name.
+
+What the page knows of targets: of each cell how many runs reached each, what that cost, and how that adds up.
+
+Expected running times are those of `fixed_target.ert`, the shares those of `ecdf`, cell by cell,
+so that the page can put any methods and problems together.
+
+The scripts of the page: the plotting library and our own, inside the page, and the policy that lets only these run.
+
+The library is uPlot (MIT, see ``static/uPlot-LICENSE.txt``); ours are the files of `_OURS`, in this order.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any, final
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from calibench.bench.statistics.cells import CELL, PROBLEM, by_number
+from calibench.bench.statistics.fixed_target import ert, runtimes, success_intervals
+from calibench.bench.statistics.names import method_labels
+from calibench.bench.statistics.optimum import Optimum
+from calibench.bench.statistics.ranking import methods_in_order
+from calibench.bench.statistics.summary import QUARTILES, method_names, option_text, quantiles
+from calibench.bench.store.arrays import index_in
+from calibench.bench.store.columns import parts
+
+GOAL = "goal"  # the quantity of the one target that counts as success on a problem
+
+
+@final
+@dataclass(frozen=True)
+class Reached:
+    """The cells against the targets of one quantity: arrays of shape (cells, targets), NaN where a problem has none.
+
+    `reached` runs of the cell, `ert` [charged evaluations, infinite where none reached it] with `low` and `high`, its
+    95 % interval. `share`, shape (cells, costs), are the shares of (run, target)
+    pairs reached within each cost; None of a quantity with one target.
+    """
+
+    quantity: str
+    targets: Array
+    reached: Array
+    ert: Array
+    low: Array
+    high: Array
+    share: Array | None
+
+
+def reached_targets(runs: pd.DataFrame, hits: pd.DataFrame, goals: Mapping[int, float], costs: Array) -> list[Reached]:
+    """Return what is known of each quantity in `hits`, the goal first.
+
+    `runs` have the column `cell`, numbers from 0; `goals` are the levels that count as success by cell; `costs` are
+    charged evaluations, shape (costs,).
+    """
+    cells = int(runs["cell"].max()) + 1
+    table = ert(hits, runs)
+    if table.empty:
+        return []
+    table["cell"] = _numbers(table, runs)
+    shares = _shares(hits, runs, cells, costs)
+    found = []
+    value = table[table["quantity"] == "value"]
+    goal = value["cell"].map(goals).to_numpy(dtype=float)
+    at_goal = value[value["target"].to_numpy(dtype=float) == goal]
+    if len(at_goal):
+        found.append(_table(GOAL, at_goal.assign(target=0.0), cells, np.zeros(1), None))
+    for quantity, rows in table[table["quantity"] != "value"].groupby("quantity", sort=False):
+        name = str(quantity)
+        if name == "noise":  # one target a problem, each of its own level
+            found.append(_table(name, rows.assign(target=0.0), cells, np.zeros(1), None))
+            continue
+        targets = np.sort(rows["target"].unique())[::-1].astype(float)
+        found.append(_table(name, rows, cells, targets, shares.get(name)))
+    return found
+
+
+def _numbers(table: pd.DataFrame, runs: pd.DataFrame) -> Array:
+    """Return the number of the cell of each row of `table`, in which the run's own target is ``target_value``."""
+    keys = [column for column in CELL if column != "target"]
+    known = runs.drop_duplicates("cell")
+    cells = known[[*keys, "cell"]].assign(own=known["target"].astype(float).fillna(-np.inf))
+    rows = table[keys].assign(own=table["target_value"].astype(float).fillna(-np.inf))
+    found: Array = rows.merge(cells, on=[*keys, "own"], how="left")["cell"].to_numpy()
+    return found
+
+
+def _table(quantity: str, rows: pd.DataFrame, cells: int, targets: Array, share: Array | None) -> Reached:
+    column = np.searchsorted(-targets, -rows["target"].to_numpy(dtype=float))
+    place = rows["cell"].to_numpy(dtype=np.int64), column
+
+    def filled(name: str) -> Array:
+        whole = np.full((cells, len(targets)), np.nan)
+        whole[place] = rows[name].to_numpy(dtype=float)
+        return whole
+
+    return Reached(quantity, targets, filled("reached"), filled("ert"), filled("ert_low"), filled("ert_high"), share)
+
+
+def _shares(hits: pd.DataFrame, runs: pd.DataFrame, cells: int, costs: Array) -> dict[str, Array]:
+    """Return quantity -> the shares of (run, target) pairs reached within `costs`, shape (cells, costs)."""
+    found: dict[str, Array] = {}
+    for one in runtimes(hits, runs[["run_id", *PROBLEM, "cell", "charged", "evaluations"]]):
+        numbers, names = one.all_runs["cell"].to_numpy()[one.at], one.all_targets["quantity"].to_numpy()[one.level]
+        for quantity in dict.fromkeys(names.tolist()):
+            whole = found.setdefault(str(quantity), np.full((cells, len(costs)), np.nan))
+            times = one.time[:, names == quantity]
+            for cell in dict.fromkeys(numbers.tolist()):
+                mine = np.sort(times[numbers == cell].ravel())
+                whole[cell] = np.searchsorted(mine, costs, side="right") / len(mine)
+    return found
+
+
+Array = NDArray[np.float64]
+_CURVES, _SHARES, _TARGETS = 110_000, 160_000, 60_000  # numbers of all cells together; each takes some six letters
+_DIGITS = 4
+_NEEDED = {
+    "run_id", *CELL, "dimension", "problem_group", "repetition", "evaluations", "charged", "best_value", "judged_value",
+    "judged_evaluations",
+}  # fmt: skip  # columns of runs that something here comes from
+_QUANTITIES = {
+    GOAL: ("the goal of each problem", "",
+           "the level that counts as success: a run's own target, or the problem's, or where it has none the lowest "
+           "value seen"),
+    "gap": ("distance to the best value", "",
+            "best value minus the least one: the declared minimum of the problem, else the best that any run of this "
+            "study found"),
+    "noise": ("as good as the noise of the readings", "", "the value that the noise alone leaves at the truth"),
+    "parameter_error_mm": ("parameter error", "mm", "the largest error of a length in the answer"),
+    "parameter_error_rad": ("parameter error", "rad", "the largest error of an angle in the answer"),
+    "parameter_error_mm_aligned": ("parameter error, aligned", "mm", "lengths, after the move that no reading sees"),
+    "parameter_error_rad_aligned": ("parameter error, aligned", "rad", "angles, after the move that no reading sees"),
+    "kmrmse": ("error of position", "mm", "root mean square over positions of the calibrated machine"),
+    "kmrmse_aligned": ("error of position, aligned", "mm", "after the move of the whole machine that no reading sees"),
+}  # fmt: skip  # quantity -> name, unit, what it is
+
+
+@final
+@dataclass(frozen=True)
+class Panel:
+    """One problem under one error function: its runs, and what is known of its least value."""
+
+    title: str
+    error: str
+    anchor: str
+    runs: pd.DataFrame
+    optimum: Optimum
+
+
+def explored(
+    panels: Sequence[Panel], traces: pd.DataFrame, hits: pd.DataFrame, summary: pd.DataFrame, study: str
+) -> dict[str, Any]:
+    """Return the numbers of a study as plain values, for `as_json`.
+
+    `panels` hold all runs; `hits` are those of `bench.statistics.targets.hits_of`; `summary` is
+    `bench.statistics.summary.summary` of the runs. Lists by cell are in the order of ``cells``.
+    """
+    panel_of = np.repeat(np.arange(len(panels)), [len(panel.runs) for panel in panels])
+    needed = [name for name in panels[0].runs if name in _NEEDED]  # few columns are cheap to join and to cut
+    runs = pd.concat([panel.runs[needed] for panel in panels], ignore_index=True).assign(panel=panel_of)
+    runs["method"], runs["plain"] = method_labels(runs), method_names(runs)
+    runs["cell"] = runs.groupby(CELL, sort=False, dropna=False).ngroup()
+    first = runs.drop_duplicates("cell")
+    numbers = first[[*CELL, "cell", "panel", "method"]].merge(summary, on=CELL, how="left")
+    names = methods_in_order(runs, summary)
+    groups = groups_of(runs)
+    group_names = list(dict.fromkeys(groups))
+    count = len(numbers)
+    at = _grid(float(runs["charged"].max()), _CURVES // (3 * count), 90)
+    costs = _grid(float(runs["charged"].max()), _SHARES // (2 * count), 120)
+    curves: list[Any] = [None] * count
+    sorted_traces = _by_panel(runs, traces)
+    by_panel = by_number(panel_of)
+    cells_of: list[list[int]] = []
+    short = runs[["run_id", "cell"]]
+    for i, panel in enumerate(panels):
+        mine = short.iloc[by_panel.rows(i)].reset_index(drop=True)
+        counts: dict[Any, int] = mine["cell"].value_counts().to_dict()
+        cells_of.append(list(counts))
+        for cell, band in bands(mine, sorted_traces.get(i, traces.iloc[:0]), at).items():
+            curves[cell] = _curve(panel.optimum.above(np.where(np.isinf(band), np.nan, band)), counts[cell] > 1)
+    goals = dict(zip(numbers["cell"].tolist(), numbers["goal"].tolist(), strict=True))
+    quantities = reached_targets(runs, hits, goals, costs)
+    return {
+        "study": study,
+        "methods": [_method(first[first["method"] == name].iloc[0]) for name in names],
+        "groups": group_names if 1 < len(group_names) < len(panels) else [],
+        "problems": [
+            {
+                "title": f"{panel.title} {panel.error}".strip(),
+                "anchor": panel.anchor,
+                "group": group_names.index(str(groups.iloc[by_panel.first[i]])),
+                "parameters": int(panel.runs["dimension"].iloc[0]),
+                "axis": panel.optimum.axis,
+                "scale": panel.optimum.scale(np.array(_drawn(curves, cells_of[i]), dtype=float)),
+                "floor": _short(panel.optimum.floor) if panel.optimum.floor else None,
+            }
+            for i, panel in enumerate(panels)
+        ],
+        "cells": {
+            "problem": numbers["panel"].tolist(),
+            "method": [names.index(name) for name in numbers["method"]],
+            "runs": numbers["runs"].tolist(),
+            "failed": (numbers["failed"] + numbers["timeouts"]).tolist(),  # or out of time: both are lost
+            "spent": _row(runs.groupby("cell")["charged"].sum().reindex(numbers["cell"])),
+            "seconds": _row(numbers["wall_s_median"]),
+            "median": [_short(_above(panels, p, v)) for p, v in zip(numbers["panel"], numbers["best_median"])],
+            "q1": [_short(_above(panels, p, v)) for p, v in zip(numbers["panel"], numbers["best_q1"])],
+            "q3": [_short(_above(panels, p, v)) for p, v in zip(numbers["panel"], numbers["best_q3"])],
+        },
+        "at": at.tolist(),
+        "curves": curves,
+        "costs": costs.tolist(),
+        "quantities": [_quantity(one, count) for one in quantities],
+        "intervals": _intervals(numbers["runs"].to_numpy(), quantities),
+    }  # fmt: skip
+
+
+def as_json(values: Any) -> Markup:
+    """Return values as JSON that may stand inside a script element, whatever words are in it.
+
+    >>> str(as_json({"name": "</script>"}))
+    '{"name":"\\\\u003c/script\\\\u003e"}'
+    """
+    text = json.dumps(values, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
+
+
+def _above(panels: Sequence[Panel], panel: int, value: float) -> float:
+    return float(panels[panel].optimum.above(value)) if np.isfinite(value) else float("nan")
+
+
+def _method(row: pd.Series) -> dict[str, str]:
+    """Return what a method is called, in tables too (``plain``), and all its options."""
+    said = [option_text(*option) for option in parts(json.loads(row["optimizer_options"]), classes=False).items()]
+    return {"name": row["method"], "plain": row["plain"], "options": ", ".join([str(row["optimizer"]), *said])}
+
+
+def _grid(most: float, room: int, points: int) -> Array:
+    """Return counts from 1 to `most`, evenly apart on a logarithmic axis: `points`, or fewer where there is no room."""
+    whole = np.unique(np.round(np.geomspace(1, max(most, 2.0), int(np.clip(room, 8, points)))))
+    return np.asarray(whole, dtype=float).astype(np.int64).astype(float)
+
+
+def _by_panel(runs: pd.DataFrame, traces: pd.DataFrame) -> dict[Any, pd.DataFrame]:
+    """Return the traces of each panel, so that none is searched for among all."""
+    panel = traces["run_id"].map(dict(zip(runs["run_id"], runs["panel"], strict=True)))
+    found: dict[Any, pd.DataFrame] = dict(iter(traces.groupby(panel.to_numpy(), sort=False)))
+    return found
+
+
+def _curve(band: Array, several: bool) -> list[list[float | None]]:
+    """Return median, lower and upper quartile; of one run its values alone."""
+    return [_row(band[k]) for k in ((1, 0, 2) if several else (1,))]
+
+
+def _drawn(curves: Sequence[Any], cells: Sequence[int]) -> list[float]:
+    """Return the values of the curves of these cells, medians and beside each its quartiles."""
+    points = (point for cell in cells for point in zip(*curves[cell], strict=True) if point[0] is not None)
+    return [value for point in points for value in point if value is not None]
+
+
+def _quantity(one: Reached, cells: int) -> dict[str, Any]:
+    """Return what a quantity is called, its targets, and the lists of each cell, ended after the last target reached.
+
+    ``reached`` is null of a problem that has no such target.
+    """
+    name, unit, what = _QUANTITIES.get(one.quantity, (one.quantity, "", ""))
+    every = max(1, -(-cells * len(one.targets) // _TARGETS))
+    chosen = np.unique([*range(0, len(one.targets), every), len(one.targets) - 1])
+    reached = one.reached[:, chosen]
+    last = [int(np.flatnonzero(row > 0)[-1]) + 1 if (row > 0).any() else 0 for row in reached]
+
+    def told(values: Array) -> list[Any]:
+        return [_row(row[chosen][:end]) for row, end in zip(values, last, strict=True)]
+
+    return {
+        "key": one.quantity,
+        "name": name,
+        "unit": unit,
+        "what": what,
+        "targets": _row(one.targets[chosen]),
+        "reached": [
+            None if np.isnan(row).all() else [0 if v != v else int(v) for v in row[:end]]
+            for row, end in zip(reached, last, strict=True)
+        ],
+        "ert": told(one.ert),
+        "low": told(one.low),
+        "high": told(one.high),
+        "share": None if one.share is None else [_thousandths(row) for row in one.share],
+    }
+
+
+def _thousandths(share: Array) -> list[int] | None:
+    """Return shares in thousandths, which is as fine as a line is drawn; None of a problem that has no such targets."""
+    return None if np.isnan(share).any() else [int(v) for v in np.round(1000 * share)]
+
+
+def _intervals(counts: Array, quantities: Sequence[Reached]) -> Mapping[str, list[float | None]]:
+    """Return ``k/n`` -> [low, high] in thousandths, Wilson's 95 % interval, for all pairs that the page shows."""
+    pairs = {
+        (int(k), int(n))
+        for one in quantities
+        for row, n in zip(one.reached, counts, strict=True)
+        for k in np.unique(row[~np.isnan(row)])
+    } | {(0, int(n)) for n in np.unique(counts)}
+    if not pairs:
+        return {}
+    ordered = np.array(sorted(pairs), dtype=np.int64)
+    low, high = success_intervals(ordered[:, 0], ordered[:, 1])
+    return {
+        f"{k}/{n}": [round(1000 * float(a), 1), round(1000 * float(b), 1)]
+        for (k, n), a, b in zip(ordered.tolist(), low, high, strict=True)
+    }
+
+
+def _row(values: Any) -> list[float | None]:
+    return [_short(value) for value in np.asarray(values, dtype=float).tolist()]
+
+
+def _short(value: float | None) -> float | None:
+    """Return a number to four digits, None where there is none.
+
+    >>> _short(1234567.0), _short(0.000123456), _short(float("inf"))
+    (1235000, 0.0001235, None)
+    """
+    if value is None or not np.isfinite(value):
+        return None
+    found = float(f"{value:.{_DIGITS}g}")
+    return int(found) if found == int(found) and abs(found) < 1e15 else found
+
+
+def bands(runs: pd.DataFrame, traces: pd.DataFrame, at: Array) -> Mapping[int, Array]:
+    """Return for each number in the column `cell` of `runs` an array of shape (3, counts): q1, median, q3.
+
+    They are the best values after `at` charged evaluations, shape (counts,). A run that has ended keeps its last value;
+    before all runs of a cell have begun the quartiles are NaN; where too few of them have a value, infinite.
+    """
+    ids = pa.array(runs["run_id"], pa.string())
+    row = index_in(pa.array(traces["run_id"], pa.string()), ids).to_numpy(zero_copy_only=False)
+    known = ~np.isnan(row.astype(float))
+    row, charged = row[known].astype(np.int64), traces["charged"].to_numpy(dtype=np.int64)[known]
+    values = traces["best_value"].to_numpy(dtype=float)[known]
+    order = np.lexsort((np.arange(len(row)), row))  # a trace keeps the order in which it was written
+    row, charged, values = row[order], charged[order], values[order]
+    most = max(int(charged.max(initial=0)), int(at.max(initial=0))) + 1
+    key = row * most + charged
+    begins = np.searchsorted(row, np.arange(len(runs) + 1))
+    found = {}
+    cells = runs["cell"].to_numpy()
+    for cell in dict.fromkeys(cells.tolist()):
+        mine = np.flatnonzero(cells == cell)
+        last = np.searchsorted(key, mine[:, None] * most + at.astype(np.int64)[None, :], side="right") - 1
+        begun = last >= begins[mine][:, None]
+        stack = np.where(begun, values[np.maximum(last, 0)] if len(values) else np.nan, np.nan)
+        stack[begins[mine] == begins[mine + 1]] = np.inf  # it ended before its first evaluation
+        band = np.full((3, len(at)), np.nan)
+        whole = ~np.isnan(stack).any(axis=0)
+        if whole.any():
+            band[:, whole] = quantiles(stack[:, whole], QUARTILES)
+        found[int(cell)] = band
+    return found
+
+
+def groups_of(runs: pd.DataFrame) -> pd.Series:
+    """Return the group of each run's problem: its `problem_group`, where it declares one, else its name."""
+    if "problem_group" not in runs:
+        return runs["problem"].astype(str)
+    declared = runs["problem_group"].fillna("").astype(str)
+    return declared.where(declared != "", runs["problem"].astype(str))
+
+
+LIBRARY = "uPlot.iife.min.js"
+_OURS = ("state.js", "style.js", "chart.js", "draw.js", "sort.js", "controls.js", "page.js")
+
+
+@cache
+def scripts() -> Sequence[Markup]:
+    """Return the texts of the page's scripts: the library, then ours as one."""
+    ours = "\n".join(_read(name) for name in _OURS)
+    return Markup(_read(LIBRARY)), Markup(f'(function () {{\n"use strict";\n{ours}}})();\n')
+
+
+@cache
+def policy() -> str:
+    """Return the content security policy of the page: nothing is fetched, and no script runs but `scripts`."""
+    hashes = " ".join(f"'sha256-{_digest(text)}'" for text in scripts())
+    return (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def licence() -> str:
+    """Return the licence of the library."""
+    return _read("uPlot-LICENSE.txt").strip()
+
+
+def _digest(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _read(name: str) -> str:
+    return files("calibench.bench").joinpath("report", "study", "static", name).read_text(encoding="utf-8")

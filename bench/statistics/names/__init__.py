@@ -1,1 +1,0 @@
-"""Names of problems, cells and methods, and their order."""

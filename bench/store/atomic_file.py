@@ -1,0 +1,60 @@
+"""A file that appears whole or not at all: written under a temporary name beside it, then renamed.
+
+A process that is killed in between leaves its temporary file or folder. The name holds who wrote it.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from calibench.bench.gate.processes import is_gone
+
+_ENDING = re.compile(r"\.(\d+)@(.*)\.tmp$")
+
+
+def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
+    """Let `write` fill the file, bring it to the disk, then give it its name `path`; return that."""
+    temporary = temporary_name(path)
+    try:
+        with open(temporary, "wb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        with suppress(OSError):  # that of a folder which can no longer be written hides why
+            temporary.unlink(missing_ok=True)
+    return path
+
+
+def temporary_name(path: Path) -> Path:
+    """Return the name under which this process writes what will be `path`."""
+    return path.with_name(f"{path.name}.{os.getpid()}@{platform.node()}.tmp")
+
+
+def remove_stale(folder: Path, under_lock: tuple[str, ...]) -> None:
+    """Delete what killed processes left in `folder`, whose lock we hold; what may still be written stays.
+
+    Files whose names begin as one of `under_lock` are written by who holds the lock alone, so nobody writes them now.
+    Others go where their process is known to be gone from this machine.
+    """
+    for path in folder.glob("*.tmp"):
+        writer = _ENDING.search(path.name)
+        if writer is not None and (path.name.startswith(under_lock) or is_gone(writer[2], int(writer[1]), "")):
+            with suppress(FileNotFoundError):  # it has just got its name
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def open_within(path: Path, flags: int) -> int:
+    """Open a file, and make its folder where it is missing: others may delete that while it is empty."""
+    while True:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):
+            return os.open(path, flags, 0o644)

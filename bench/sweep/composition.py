@@ -1,0 +1,422 @@
+"""Hydra's composition of conf/config.yaml with overrides, as plain containers.
+
+Hydra itself is loaded for what is more than plain words (`bench.sweep.words`).
+
+The words of a command line as Hydra's overrides: read by its grammar, or where they are plain, without it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from decimal import Decimal
+from functools import cache
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any, get_args
+from unicodedata import normalize
+
+from calibench import conf, optimizers, problems
+from calibench.bench.sweep.execution import check_name, check_option
+from calibench.bench.sweep.words import PlainOverride, RequestError, compose_plainly, plain_override
+from calibench.core.kept import kept
+from calibench.core.options import (
+    FilePath,
+    field_type,
+    inside,
+    is_text,
+    item_type,
+    pair_of,
+    parts_of,
+    suggest,
+    unquoted,
+)
+from calibench.core.registry import Registry
+from calibench.core.user_file import is_file_path
+from calibench.core.words import check_word, shortened
+
+CONF = Path(conf.__file__).resolve().parent
+REGISTERED = "registered-name"  # the key of a member's name in its node: no option of Python is called so
+NOT_GIVEN = "???"  # Hydra's mark of an option without a default that nobody gave
+
+
+def compose(overrides: Sequence[Any]) -> Any:
+    """Return the composition of overrides, parsed or text; of a list its first value."""
+    return compose_texts([o if isinstance(o, str) else f"{o.key_or_group}={values_of(o)[0]}" for o in overrides])
+
+
+def compose_texts(overrides: list[str]) -> Any:
+    """Return the composition of conf/config.yaml with `overrides`, as plain containers."""
+    given = dict(override.partition("=")[::2] for override in overrides)
+    for key in ("execution", "execution.name"):
+        if key in given:
+            check_name(given[key])
+    for key in given:
+        if key.startswith("execution.") and key != "execution.name":
+            check_option(given.get("execution.name", given.get("execution", "serial")), key.partition(".")[2])
+    plainly = compose_plainly(overrides, _settings, _member)
+    return compose_by_hydra(overrides) if plainly is None else plainly
+
+
+def compose_by_hydra(overrides: list[str]) -> Any:
+    """Return likewise what Hydra makes of `overrides`, whatever they are. Raises `RequestError` in one line."""
+    import hydra
+    from hydra.errors import HydraException
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    _initialize()
+    for (kind, name), node in _ENTERED.items():
+        if any(o.startswith(f"{kind}=") and name in o for o in overrides):  # Hydra copies all that it knows each time
+            _enter(kind, name, node)
+    try:
+        texts = ["=".join((in_ascii(key), value)) for key, _, value in (o.partition("=") for o in overrides)]
+        return _as_named(OmegaConf.to_container(hydra.compose("config", overrides=texts), resolve=True))
+    except (HydraException, OmegaConfBaseException) as error:
+        raise RequestError(f"{_at_fault(error, overrides)}{_first_line(error)}") from None
+
+
+def _settings(execution: str) -> Any:
+    """Return Hydra's composition of conf/config.yaml with one of conf/execution/, kept between processes."""
+    sources = (CONF / "config.yaml", CONF / "execution" / f"{execution}.yaml")
+    about = tuple(path.read_bytes() for path in sources)
+    return kept("settings", about, lambda: compose_by_hydra([f"execution={execution}"]))
+
+
+def _member(kind: str, name: str) -> dict[str, Any] | None:
+    """Return the node of a registered name, with its options; None for a preset, or what no registry has."""
+    if (CONF / kind / f"{name}.yaml").exists():
+        return None
+    if (kind, name) in _ENTERED:
+        return _ENTERED[kind, name]
+    registry = registry_of(kind)
+    return _node(name, registry) if name in registry else None
+
+
+def _as_named(composed: Any) -> Any:
+    """Return what Hydra composed, with the names of options as they are."""
+    if isinstance(composed, list):
+        return [_as_named(item) for item in composed]
+    if not isinstance(composed, dict):
+        return composed
+    named = {re.sub(r"__u([0-9a-f]+)__", lambda found: chr(int(found[1], 16)), str(k)): v for k, v in composed.items()}
+    return {key: _as_named(value) for key, value in named.items()}
+
+
+@cache
+def _initialize() -> None:
+    """Tell Hydra where conf/ is and enter every registered name into its groups."""
+    from hydra import initialize_config_dir
+    from hydra.core.global_hydra import GlobalHydra
+
+    GlobalHydra.instance().clear()
+    initialize_config_dir(str(CONF), job_name="bench", **({"version_base": "1.3"} if _is_1_3() else {}))  # 1.4 warns
+    for kind in ("problem", "optimizer"):
+        for name in registry_of(kind).names():
+            _enter(kind, name, _node(name, registry_of(kind)))
+
+
+def enter(kind: str, name: str, registry: Registry[Any]) -> None:
+    """Let ``kind=name`` be composed, with the options that `registry` declares of `name`."""
+    _ENTERED[kind, entered(name)] = _node(name, registry)
+
+
+_ENTERED: dict[tuple[str, str], dict[str, Any]] = {}  # what is not in Hydra's groups from the start
+
+
+def _enter(kind: str, name: str, node: dict[str, Any]) -> None:
+    """Enter a node into Hydra's group `kind`."""
+    from hydra.core.config_store import ConfigStore
+
+    again: dict[str, Any] = {} if _is_1_3() else {"replace": True}  # 1.4 asks for what 1.3 does
+    ConfigStore.instance().store(group=kind, name=name, node={in_ascii(k): v for k, v in node.items()}, **again)
+
+
+def _node(name: str, registry: Registry[Any]) -> dict[str, Any]:
+    """Return a registered name with its options and their defaults, as Hydra's node."""
+    declared = registry.options(name)
+    return {REGISTERED: name, **{k: NOT_GIVEN if o.required else plain(o.default) for k, o in declared.items()}}
+
+
+def _is_1_3() -> bool:
+    """Tell whether this is Hydra 1.3; 1.4 takes the same requests, some by other arguments."""
+    from hydra import __version__
+
+    return __version__.startswith("1.3.")
+
+
+def entered(name: str) -> str:
+    """Return what Hydra's group calls a registered name: of a file, whose path is no name in a group, a digest."""
+    return f"file_{blake2b(name.encode(), digest_size=8).hexdigest()}" if is_file_path(name) else name
+
+
+def plain(value: Any) -> Any:
+    """Return a default as Hydra's node: null for a mapping, whose keys Hydra would otherwise close, and for objects."""
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value if isinstance(value, str | int | float | bool) else None
+
+
+def registry_of(kind: str) -> Registry[Any]:
+    """Return the registry of problems or of optimizers."""
+    return problems.registry if kind == "problem" else optimizers.registry
+
+
+def _at_fault(error: Exception, overrides: Sequence[str]) -> str:
+    """Return the argument that an error is about, before a colon; '' where none is known."""
+    key = getattr(error, "full_key", None)
+    typed = [re.sub(r"\\(.)", r"\1", text) for text in overrides]
+    named = [text for text in typed if text.partition("=")[0] == key]
+    found = named or [text for text in typed if "${" in text]
+    return f"{found[0]}: " if found else ""
+
+
+def _first_line(error: Exception) -> str:
+    cause = error.__cause__ if error.__cause__ is not None else error
+    return str(cause).strip().splitlines()[0]
+
+
+ONCE = ("execution", "results", "time_limit", "shard", "stop_after", "replay")  # of the whole sweep
+_KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "study", *ONCE)
+MOST_VALUES = 10_000  # of one list or range: each is composed and built, in a hundredth of a second
+_LONGEST_PARSED = 20_000  # characters: Hydra's parser takes up to two seconds for them
+_AS_TEXT = ("seeds", "results", "study", "shard", "execution.address")  # 0:10 and paths are no Hydra grammar
+_CHOICE = re.compile(r"\s*choice\s*\((.*)\)\s*", re.DOTALL)  # a list, whose quotes Hydra takes away
+_BARE = re.compile(  # what its grammar can take for a number, a truth value or null
+    r"[+-]?[.\d][\w.+-]*|[+-]?(?:inf|nan)|true|false|null", re.ASCII | re.IGNORECASE
+)
+_FOREIGN = re.compile(
+    r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*"|[^,\[\]{}()'"\\]*[^\x00-\x7f][^,\[\]{}()'"\\]*"""
+)  # what stands in quotes, or text with a sign beyond ASCII
+
+
+def check_keys(overrides: list[Any]) -> None:
+    """Raise `RequestError` at a key that no run has."""
+    for o in overrides:
+        head = o.key_or_group.partition(".")[0]
+        if o.key_or_group in _KEYS or head in ("problem", "optimizer", "execution"):
+            continue
+        if head in ("prob", "opt") and o.key_or_group.count(".") >= 2:
+            continue
+        if head in ("n_jobs", "inner", "address"):
+            raise RequestError(f"unknown argument {o.key_or_group!r}; did you mean 'execution.{head}'?")
+        raise RequestError(f"unknown argument {o.key_or_group!r}; {suggest(head, [*_KEYS, 'prob.NAME', 'opt.NAME'])}")
+
+
+def refuse_lists(overrides: list[Any]) -> None:
+    """Raise `RequestError` at a list where one value is meant."""
+    for o in overrides:
+        if o.is_sweep_override():
+            raise RequestError(f"{o.input_line}: a list sweeps; add -m (bench run -m ...)")
+
+
+def last_value(overrides: list[Any], key: str, default: str) -> str:
+    """Return the value of `key` as text, or `default`."""
+    last = [o for o in overrides if o.key_or_group == key][-1:]
+    return _as_text(last[0]) if last else default
+
+
+def _as_text(override: Any) -> str:
+    if isinstance(override, PlainOverride):
+        return str(override.value())
+    from omegaconf import OmegaConf
+
+    return str(OmegaConf.create({"value": override.value()})["value"])
+
+
+def products(overrides: list[Any]) -> Iterator[list[str]]:
+    """Yield every choice of one value for each override, as text."""
+    for values in itertools.product(*(values_of(o) for o in overrides)):
+        yield [f"{o.key_or_group}={value}" for o, value in zip(overrides, values, strict=True)]
+
+
+def as_annotated(override: Any, kind: Any) -> Any:
+    """Return an override of an option of type `kind` with its texts as they were typed: 1.10 is no number there."""
+    key, _, value = override.input_line.partition("=")
+    if isinstance(override, PlainOverride) and override.value() == value:
+        return override
+    written = in_quotes(value, kind)
+    if written == value:
+        return override
+    plainly = plain_override(override.input_line, True) if written == f"'{value}'" else None
+    return plainly or replace(_override(f"{key}={written}"), key_or_group=key, input_line=override.input_line)
+
+
+def in_quotes(text: str, kind: Any) -> str:
+    """Return a value of type `kind` in Hydra's grammar: in quotes what is text there, names as its mappings have them.
+
+    >>> in_quotes("1.1,1.10", str), in_quotes("[1.10,2]", tuple[str, int]), in_quotes("1.10", float)
+    ("'1.1','1.10'", "['1.10',2]", '1.10')
+    """
+    found = _CHOICE.fullmatch(text)
+    return ",".join(_in_quotes(part, kind) for part in parts_of(found[1] if found else text)) or text
+
+
+def _in_quotes(text: str, kind: Any) -> str:
+    word = text.strip()
+    begin, _, end = text.partition(word) if word else ("", "", "")
+    if (held := inside(word, "[")) is not None:
+        items = [_in_quotes(part, item_type(kind, i)) for i, part in enumerate(parts_of(held))]
+        return f"{begin}[{','.join(items)}]{end}"
+    if (held := inside(word, "{")) is not None:
+        pairs = [pair_of(part) for part in parts_of(held)]
+        named = [(unquoted(pair[0].strip()), pair[1]) for pair in pairs if pair is not None]
+        told = [f"{_as_key(name)}:{_in_quotes(value, field_type(kind, name))}" for name, value in named]
+        return text if None in pairs else f"{begin}{{{','.join(told)}}}{end}"
+    return f"{begin}'{word}'{end}" if _BARE.fullmatch(word) and is_text(kind, word) else text
+
+
+def _as_key(name: str) -> str:
+    """Return the name of a mapping as Hydra's grammar takes it: signs that it does not know by their numbers."""
+    return re.sub(r"^\d|[^\w]|^(?=(null|true|false|nan|inf)$).", _by_number, name, flags=re.ASCII | re.IGNORECASE)
+
+
+def values_of(override: Any) -> list[Any]:
+    """Return an override's values as text that Hydra reads back: one, or those of its sweep."""
+    if isinstance(override, PlainOverride):
+        return [override.get_value_element_as_str()]
+    from hydra.core.override_parser.types import ChoiceSweep, FloatRange, Glob, IntervalSweep, RangeSweep
+
+    value = override.value()
+    if any(isinstance(part, Glob) for part in (value.list if isinstance(value, ChoiceSweep) else [value])):
+        raise RequestError(f"{override.input_line}: glob(...) stands for names of problems and of optimizers only")
+    if isinstance(value, IntervalSweep):
+        raise RequestError(f"{override.input_line}: an interval is no list; write range(START,STOP,STEP) or values")
+    if isinstance(value, RangeSweep) and not value.step:
+        raise RequestError(f"{override.input_line}: a step other than 0 is needed")
+    if isinstance(value, RangeSweep):
+        first, stop, step = (
+            Decimal(number if isinstance(number, int) else f"{number:.15g}")
+            for number in (value.start, value.stop, value.step)
+        )
+        if not all(number.is_finite() for number in (first, stop, step)):
+            raise RequestError(f"{override.input_line}: START, STOP and STEP must be finite numbers")
+        count = max(0, math.ceil((stop - first) / step))  # in decimals: range(.3,.9,.2) is .3, .5, .7 and not .9
+        if count > MOST_VALUES:
+            raise RequestError(f"{override.input_line}: is {count} values, and a list has at most {MOST_VALUES}")
+        if isinstance(value.range(), FloatRange):
+            return [repr(float(first + i * step)) for i in range(count)]
+    if override.is_sweep_override():
+        return list(override.sweep_string_iterator())
+    return [override.get_value_element_as_str()]
+
+
+def parse(arguments: Sequence[str]) -> list[Any]:
+    """Return Hydra's overrides, one for each argument. Raises `RequestError` at what is none, or is given twice."""
+    given: dict[str, str] = {}
+    for argument in arguments:
+        if "=" not in argument:
+            raise RequestError(f"{argument!r} is no argument; write KEY=VALUE, such as problem=full12")
+        if argument[0] in "+~":
+            raise RequestError(f"{argument!r}: + and ~ are not used here; every option is declared (bench list)")
+        key = argument.partition("=")[0]
+        if not key.partition(".")[0].isascii() or not re.fullmatch(r"[\w.:/-]+", key):
+            raise RequestError(f"unknown argument {key!r}; {suggest(key, _KEYS)}")
+        key = normalize("NFKC", key)  # as Python has names: µ of a keyboard and μ of Greek are one
+        argument = f"{key}={argument.partition('=')[2]}"
+        if key in given:
+            raise RequestError(f"{key} is given twice ({given[key]} and {argument}); give it once")
+        check_word(argument)
+        given[key] = argument
+    problem, overrides = given.get("problem", "").partition("=")[2], []
+    for key, argument in given.items():
+        as_text = key in _AS_TEXT or _is_file(key, problem)
+        text = _with_environment(argument, as_text)
+        check_word(text)
+        read = plain_override(text, as_text) or replace(_override(text, as_text), key_or_group=key, input_line=text)
+        overrides.append(read)
+    return overrides
+
+
+def _is_file(key: str, problem: str) -> bool:
+    """Tell whether `problem`, one or several with commas, declares the option `key` as a `FilePath`."""
+    head, _, name = key.partition(".")
+    known = [p for p in problem.split(",") if name and ":" not in p and p in problems.registry]
+    declared = [problems.registry.options(p).get(name) for p in known] if head == "problem" else []
+    return any(option is not None and FilePath in get_args(option.annotation) for option in declared)
+
+
+def _with_environment(argument: str, as_text: bool) -> str:
+    """Return `argument` with ${oc.env:NAME} and ${oc.env:NAME,DEFAULT} as if their values had been typed.
+
+    After a backslash it stays as it is. Raises `RequestError` where the variable is not set and has no default.
+    """
+
+    def resolve(found: re.Match[str]) -> str:
+        name, default = found["name"].strip(), found["default"]
+        if name in os.environ:
+            return os.environ[name]
+        if default is None:
+            raise RequestError(f"{argument}: the environment variable {name or '(no name)'} is not set")
+        return default.strip()
+
+    resolved = re.sub(r"(?<!\\)\$\{oc\.env:(?P<name>[^,{}]*)(?:,(?P<default>[^{}]*))?\}", resolve, argument)
+    left = re.search(r"(?<!\\)\$\{oc\.[^}]*\}?", resolved)
+    if left and as_text:
+        raise RequestError(f"{argument}: {left[0]} cannot be resolved here; only ${{oc.env:NAME}} can")
+    return resolved
+
+
+def _override(argument: str, as_text: bool = False) -> Any:
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    if len(argument) > _LONGEST_PARSED:
+        key = argument.partition("=")[0]
+        raise RequestError(f"{key}=: has {len(argument)} characters; at most {_LONGEST_PARSED} are parsed")
+    try:
+        return OverridesParser.create().parse_override(_quoted(argument, as_text))
+    except (HydraException, ValueError):  # its words are those of a grammar; Python reads no 5000 digits
+        key, _, value = argument.partition("=")
+        raise RequestError(
+            f"{shortened(argument)}: the value cannot be read: brackets, braces and quotes must match and commas part "
+            f'something; text that holds such characters stands in quotes: "{key}={shortened(quoted_text(value))}"'
+        ) from None
+
+
+def _quoted(argument: str, as_text: bool) -> str:
+    key, _, value = argument.partition("=")
+    if not as_text:
+        readable = re.sub(
+            r"[^\w.]|[.]{2,}", "_", key, flags=re.ASCII
+        )  # a path of a class or file is no key of Hydra's grammar
+        value = in_quotes(value, Any) if "{" in value else value
+        return f"{readable}={_FOREIGN.sub(_quoted_foreign, value)}"
+    if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":
+        value = value[1:-1]
+    return f"{key}={quoted_text(value)}"
+
+
+def _quoted_foreign(found: re.Match[str]) -> str:
+    """Return text with letters beyond ASCII in quotes, as Hydra's grammar wants it; what has quotes as it is."""
+    text = found[0]
+    if text[0] in "'\"":
+        return text
+    key = re.match(r"(\s*)([^\W\d]\w*)(\s*:\s*)", text) if "{" in found.string[: found.start()] else None
+    begin = f"{key[1]}{in_ascii(key[2])}{key[3]}" if key else ""
+    rest = text[key.end() if key else 0 :]
+    bare = rest.strip()
+    return begin + (rest if bare.isascii() else rest.replace(bare, quoted_text(bare), 1))
+
+
+def in_ascii(name: str) -> str:
+    """Return the name of an option as Hydra's grammar takes it: letters beyond ASCII by their numbers.
+
+    >>> in_ascii("Δt")
+    '__u394__t'
+    """
+    return re.sub(r"[^\x00-\x7f]", _by_number, normalize("NFKC", name))
+
+
+def _by_number(letter: re.Match[str]) -> str:
+    return f"__u{ord(letter[0]):x}__"
+
+
+def quoted_text(value: str) -> str:
+    """Return `value` as Hydra's quoted text that stands for it to the letter: no escape, no interpolation."""
+    value = re.sub(r"(\\*)\$\{", r"\1\1\\${", value)  # OmegaConf reads 2 n + 1 backslashes there as n and a plain ${
+    return "'" + re.sub(r"(\\*)('|$)", lambda m: 2 * m[1] + ("\\'" if m[2] else ""), value) + "'"

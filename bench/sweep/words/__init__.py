@@ -1,1 +1,0 @@
-"""The words of a command line: read, composed with conf/, and turned into values or refused."""

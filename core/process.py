@@ -1,0 +1,112 @@
+"""The end of a `bench` process: at once, after everything that anybody registered for the end has been done.
+
+An interpreter that ends in its own way takes all modules apart before; that is some 6 % of the time of a small run.
+
+The garbage collector of a `bench` process, which rests while modules are loaded.
+
+What modules make stays until the end: to look through all of it again and again slows a small run, and finds nothing.
+
+One thread of BLAS while a run or a search is under way: sums have one order, whatever the number of cores.
+
+With more threads products of matrices are added up in another order, and a search that rounding decides ends elsewhere.
+Matrices here are small besides: more threads cost more than they bring.
+"""
+
+from __future__ import annotations
+
+import atexit
+import gc
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from threadpoolctl import ThreadpoolController
+
+_code: list[int] = []
+
+
+@cache
+def at_once() -> None:
+    """Let this process end at once when `ends_with` has been called. To be called before libraries are loaded.
+
+    What is registered first is done last: theirs comes before.
+    """
+    atexit.register(_leave)
+
+
+def ends_with(code: int) -> None:
+    """State the exit code. Without a call the interpreter ends in its own way, as after an exception."""
+    _code[:] = [code]
+
+
+def _leave() -> None:
+    if not _code:
+        return
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except (OSError, ValueError):  # nobody reads on, or it is closed: the interpreter tells it in its own way
+        return
+    if os.name == "posix" and "ctypes" in sys.modules:  # what C code has printed stands in buffers of its own
+        with suppress(OSError, AttributeError):
+            sys.modules["ctypes"].CDLL(None).fflush(None)
+    os._exit(_code[0])
+
+
+_OBJECTS = 50_000  # made anew before garbage is looked for
+
+
+@cache
+def rest() -> None:
+    """Collect nothing until `resume` is called, and less often afterwards; later calls in this process do nothing."""
+    gc.disable()
+    gc.set_threshold(_OBJECTS)
+
+
+@cache
+def resume() -> None:
+    """Collect again, but look no more at what has been made so far; later calls in this process do nothing."""
+    gc.freeze()
+    gc.enable()
+
+
+STATED = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # who states one of them has chosen, and is not overruled
+_LOOKED: dict[int, ThreadpoolController] = {}  # how many modules there were -> the libraries that were loaded
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Hold BLAS at one thread; the number of before comes back at the end.
+
+    Where ``OPENBLAS_NUM_THREADS`` or ``MKL_NUM_THREADS`` is set, that is obeyed and nothing is held. Of several threads
+    of one process the first that asks decides for all of them (a rule of threadpoolctl).
+    """
+    if any(name in os.environ for name in STATED):
+        yield
+        return
+    import scipy.linalg  # noqa: F401  its BLAS is another one than NumPy's, and must not come later with all threads
+
+    with libraries().limit(limits=1, user_api="blas"):
+        yield
+
+
+def hold_new() -> None:
+    """Within `one_thread`, hold a BLAS at one thread too that was loaded since."""
+    if not any(name in os.environ for name in STATED):
+        for library in libraries().select(user_api="blas").lib_controllers:
+            library.set_num_threads(1)
+
+
+def libraries() -> ThreadpoolController:
+    """Return the libraries that are loaded; to look for them takes a millisecond, so only after a further import."""
+    from threadpoolctl import ThreadpoolController
+
+    modules = len(sys.modules)
+    if modules not in _LOOKED:
+        _LOOKED.clear()
+        _LOOKED[modules] = ThreadpoolController()
+    return _LOOKED[modules]

@@ -1,0 +1,218 @@
+"""The units that a file may state, and the factor to the base units: mm, rad, s, N, N mm, K, and rates.
+
+Decimal commas in the cells of a table: read where no cell of the file has a decimal point, refused elsewhere.
+
+A number with a comma in a file with points may be one with a mark between thousands, so nobody guesses. Where commas
+part the cells, no cell holds a decimal comma.
+
+Advice on a cell that should be a number and is not, by the way it is written.
+
+The words in a cell that say that there is no value, the same for numbers and for the names of poses.
+
+The words for rows in a table, the same for all files: which are valid, and which are kept from the fit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from math import pi
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.core.options import suggest
+
+_DEGREE = pi / 180
+_TO_BASE = {
+    "rad": ("rad", 1.0), "mrad": ("rad", 1e-3), "urad": ("rad", 1e-6), "deg": ("rad", _DEGREE),
+    "arcmin": ("rad", _DEGREE / 60), "arcsec": ("rad", _DEGREE / 3600), "rev": ("rad", 2 * pi),
+    "mdeg": ("rad", _DEGREE / 1000), "gon": ("rad", pi / 200),
+    "mm": ("mm", 1.0), "um": ("mm", 1e-3), "cm": ("mm", 10.0), "m": ("mm", 1e3), "inch": ("mm", 25.4),
+    "nm": ("mm", 1e-6),
+    "s": ("s", 1.0), "us": ("s", 1e-6), "ms": ("s", 1e-3), "min": ("s", 60.0), "h": ("s", 3600.0),
+    "N": ("N", 1.0), "kN": ("N", 1e3), "N mm": ("N mm", 1.0), "N m": ("N mm", 1e3),
+    "K": ("K", 1.0), "mK": ("K", 1e-3),
+    "mm/s": ("mm/s", 1.0), "m/s": ("mm/s", 1e3), "mm/min": ("mm/s", 1 / 60),
+    "rad/s": ("rad/s", 1.0), "mrad/s": ("rad/s", 1e-3), "deg/s": ("rad/s", _DEGREE), "rpm": ("rad/s", pi / 30),
+    "V": ("V", 1.0), "mV": ("V", 1e-3), "A": ("A", 1.0), "mA": ("A", 1e-3), "Hz": ("Hz", 1.0), "kg": ("kg", 1.0),
+    "g": ("kg", 1e-3), "%": ("%", 1.0), "hPa": ("hPa", 1.0), "bar": ("hPa", 1e3),
+    "px": ("px", 1.0), "1": ("1", 1.0),
+}  # fmt: skip
+_SPELT = {
+    "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "µrad": "urad", "μrad": "urad",
+    "'": "arcmin", '"': "arcsec", "turn": "rev", "turns": "rev", "µm": "um", "μm": "um", "micron": "um", "in": "inch",
+    "″": "arcsec", "′": "arcmin", "µs": "us", "μs": "us", "sec": "s", "seconds": "s",
+    "Nm": "N m", "N*m": "N m", "N·m": "N m", "Nmm": "N mm", "N*mm": "N mm", "N·mm": "N mm",
+    "°C": "K", "degC": "K", "C": "K", "°/s": "deg/s", "-": "1", "": "1",
+    "MM": "mm", "RAD": "rad", "Rad": "rad", "DEG": "deg", "Deg": "deg", "Degrees": "deg", "Radians": "rad",
+    "pixel": "px", "pixels": "px", "Pixel": "px",
+}  # fmt: skip  # a temperature is above a reference, so degrees Celsius are kelvins
+
+
+def is_unit(word: str) -> bool:
+    """Return whether `word` is a unit that is known, in one of its spellings."""
+    return bool(word.strip()) and _SPELT.get(word.strip(), word.strip()) in _TO_BASE
+
+
+def between(column: str, unit: str, wanted: str) -> float:
+    """Return the factor that turns `unit` into `wanted`, both known and of one kind; raise `ValueError` elsewhere.
+
+    >>> between("x", "mm", "m")
+    0.001
+    """
+    base, scale = factor_to_base(column, wanted)
+    return factor_to_base(column, unit, base)[1] / scale
+
+
+def factors_near(unit: str) -> dict[str, float]:
+    """Return what numbers may be in where they should be in `unit`: other unit -> the factor that turns it into `unit`.
+
+    >>> round(factors_near("rad")["deg"], 4)
+    0.0175
+    """
+    if not is_unit(unit):
+        return {}
+    base, scale = _TO_BASE[_SPELT.get(unit.strip(), unit.strip())]
+    return {u: factor / scale for u, (b, factor) in _TO_BASE.items() if b == base and factor != scale}
+
+
+def factor_to_base(column: str, unit: str, needed: str | None = None) -> tuple[str, float]:
+    """Return the unit in which `column` is kept, `needed` if that is stated, and the factor that turns `unit` into it.
+
+    >>> factor_to_base("x", "m")
+    ('mm', 1000.0)
+
+    Hours of an angle are 15 degrees each.
+
+    Raises `ValueError` with the column, the unit and the choices for one that is unknown or of another kind.
+    """
+    known = _SPELT.get(unit.strip(), unit.strip())
+    if known.casefold() == "grad":
+        raise ValueError(f"column {column}: unit {unit!r} may be degrees or gon (400 a turn); write deg or gon")
+    if known not in _TO_BASE:
+        choices = [u for u, (base, _) in _TO_BASE.items() if needed in (None, base)]
+        raise ValueError(f"column {column}: unit {unit!r} is unknown; {suggest(known, choices)}")
+    base, scale = _TO_BASE[known]
+    if (known, needed) == ("h", "rad"):  # of right ascension, or an hour angle
+        return "rad", pi / 12
+    if needed not in (None, base):
+        choices = [u for u, (b, _) in _TO_BASE.items() if b == needed]
+        raise ValueError(f"column {column}: unit {unit!r} cannot be turned into {needed}; write {', '.join(choices)}")
+    return base, scale
+
+
+_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
+_POINT = re.compile(r"[+-]?(\d+\.\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+def with_points(columns: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
+    """Return the cells of the columns, name -> cells without blanks around them, with a point for the decimal comma.
+
+    >>> with_points({"x": ["0,5", "2"]})
+    {'x': ['0.5', '2']}
+
+    Raises `ValueError` with the columns and the readings where some numbers have a comma and some a point.
+    """
+    comma, point = _first(columns, _COMMA), _first(columns, _POINT)
+    if comma is None:
+        return {name: list(column) for name, column in columns.items()}
+    if point is not None:
+        raise ValueError(
+            f"column {comma[0]}, reading {comma[1]}: {comma[2]!r} has a decimal comma, and column {point[0]}, reading "
+            f"{point[1]}: {point[2]!r} a decimal point; write one of them throughout"
+        )
+    return {
+        name: [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in column]
+        for name, column in columns.items()
+    }
+
+
+def _first(columns: Mapping[str, Sequence[str]], mark: re.Pattern[str]) -> tuple[str, int, str] | None:
+    """Return the column, the number of the reading from 1 on, and the first cell that `mark` matches."""
+    for name, column in columns.items():
+        for i, cell in enumerate(column):
+            if mark.fullmatch(cell):
+                return name, i + 1, cell
+    return None
+
+
+_NUMBER = r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?"
+_WAYS_OUT = (
+    (re.compile(r"[+-]?\d{1,3}(([’'\s])\d{3}(\2\d{3})*([.,]\d*)?|(,\d{3}){2,}|(\.\d{3}){2,}|(,\d{3})+\.\d*|(\.\d{3})+,\d*)"),
+     "write it without a mark between thousands"),
+    (re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?"), "write the decimal point as a point"),
+    (re.compile(r"[+-]?[\d.,]+[dD][+-]?\d+"), "write the exponent with E"),
+    (re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}\b.*"), "write a time as 2026-03-01T12:30:05, or in seconds"),
+    (re.compile(r"[+-]?\d+[:°hd]\s*\d+.*"),
+     "write a time as 2026-03-01T12:30:05 or in seconds, an angle as one number of degrees"),
+    (re.compile(rf"{_NUMBER}\s*[^\W\d_°%\"'′″].*|{_NUMBER}\s*[°%\"'′″µ]"),
+     "write the number alone, and its unit in the heading: name [unit]"),
+)  # fmt: skip
+_ANY = "correct it, leave the cell empty, or leave the row out"
+
+
+def way_out(cell: str, other: str = _ANY) -> str:
+    """Return what to do about a cell that is no number, `other` where its form says nothing; a semicolon before it.
+
+    >>> way_out("1'000.00")
+    '; write it without a mark between thousands'
+    """
+    text = cell.strip()
+    way = next((way for form, way in _WAYS_OUT if form.fullmatch(text)), other)
+    return f"; {way}" if way else ""
+
+
+NO_VALUE = frozenset({
+    "", "nan", "na", "n/a", "n.a.", "#n/a", "#nv", "#div/0!", "#value!", "#wert!", "#num!", "#ref!", "null", "none",
+    "nil", "missing", "-", "--", "---", "?", ".", "k.a.", "-nan", "nan(ind)", "1.#qnan", "<na>",
+})  # fmt: skip
+
+
+def no_value(cell: str) -> bool:
+    """Return whether a cell, as it is written, says that there is no value.
+
+    >>> [no_value(cell) for cell in (" N/A", "-", "0")]
+    [True, True, False]
+    """
+    return cell.strip().lower() in NO_VALUE
+
+
+_VALID, _NOT = ("true", "1", "1.0", "yes", "y", "t", "ok"), ("false", "0", "0.0", "no", "n", "f", "", "nan", "none")
+_SPLIT, _UNTOLD = ("train", "hold"), ("", "nan", "none")
+
+
+def valid_rows(words: Any) -> NDArray[np.bool_]:
+    """Return which rows the words of a column `valid`, (n,), mark as valid, (n,); an empty cell marks none.
+
+    >>> valid_rows(["Yes", "0", ""]).tolist()
+    [True, False, False]
+
+    Raises `ValueError` for any other word.
+    """
+    said = _said(words)
+    _refuse_others("valid", said, (*_VALID, *_NOT), "true or false (1 or 0, yes or no, y or n, t or f, ok)")
+    return np.isin(said, _VALID)
+
+
+def split_rows(words: Any) -> NDArray[np.str_]:
+    """Return the part of each row by the words of a column `split`, (n,): train, hold, or "" for an empty cell.
+
+    >>> split_rows(["Train", "hold", ""]).tolist()
+    ['train', 'hold', '']
+
+    Raises `ValueError` for any other word, because rows that were kept for checking must not be fitted.
+    """
+    said = _said(words)
+    _refuse_others("split", said, (*_SPLIT, *_UNTOLD), "train (fitted) or hold (kept back)")
+    return np.where(np.isin(said, _SPLIT), said, "")
+
+
+def _said(words: Any) -> NDArray[np.str_]:
+    return np.char.lower(np.char.strip(np.asarray(words).astype(str)))
+
+
+def _refuse_others(column: str, said: NDArray[np.str_], known: tuple[str, ...], needed: str) -> None:
+    if other := sorted(set(said.tolist()) - set(known)):
+        raise ValueError(f"column {column} holds {other[0]!r}; {needed} is needed")

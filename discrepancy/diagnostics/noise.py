@@ -1,0 +1,493 @@
+"""Test the stated noise: coarse steps or outlying readings of one sensor, heavy tails of all.
+
+Coarse steps are found from the recorded values. Outlying readings and heavy tails must show between back-to-back
+repeats, because there no missing effect can look like them: most differences are as small as stated, some are far
+larger. Heavy tails within the stated standard deviation (a t law of that variance) are not reported.
+
+The noise at a fit: as stated, as repeats of readings correct it, or learned from what the fit leaves.
+
+`sound_fit` corrects the stated noise where repeats contradict that of some sensors, `noise_at` returns the law that all
+repeats show, and `learned_beside` learns noise that nobody states from what found effects leave.
+
+Estimate from repeated readings whether the stated noise of one kind of sensor is wrong by a factor.
+
+One scale for all sensors, as `repeats` estimates it, cannot correct that, because the constraints would still have the
+wrong weights. The scale of each kind's noise is found by maximum likelihood from differences of the constraints between
+back-to-back readings: a missing effect cancels in these. The law is a t law, so that single bad readings do not decide.
+
+What is "measured" comes in levels, and the inputs scatter: the noise is on the other side of the prediction.
+
+A robot that was sent to a grid of places, and a camera that saw it there: the places are exact, and the camera errs.
+With the places as what is measured, the error of an input is told as a function of that input, within each level a line
+with slope -1: a saw-tooth, which waves explain to the last digit. Predicted the other way round, it is noise.
+
+One reading that makes nearly all of what a calibrated model leaves: a wild one, or the only one of its kind.
+
+Least squares bends the model towards it, so all others are off as well, and no test shows what is wrong. Left out, it
+shows: the sum of squares falls by r' (I - H)^-1 r over its residuals r, with H its block of the projection on the
+columns of the parameters (Cook and Weisberg, Residuals and Influence in Regression, 1982, ch. 2).
+
+Names that were found from few equations, which had to show the noise as well.
+
+From 30 random poses of a measured arm, 87 equations for 25 parameters, 21 searches told names, and 8 of these made the
+error of the other poses larger; from 45 poses and more it was 3 of 41 (`docs/arm-rates.md`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import fdtrc, gammainc
+
+from calibench.core.words import counted, plain
+from calibench.discrepancy.fitting.fit import Fit, fit, linearise, orthonormal, readings_of
+from calibench.discrepancy.model.formulations import rows_read
+from calibench.discrepancy.model.learned_noise import relearned, told_by_middle
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.measured import NO_REPEATS, UNSTATED, Sensor, blamable, kinds_of, sensor_of
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
+from calibench.discrepancy.noise.laws import NoiseFinding, heavy_tails_in, mixture, outliers_of, quantisation_of
+from calibench.discrepancy.noise.repeats import TAILS, Repeats, law_of, pairs_of, variance
+from calibench.discrepancy.noise.whiten import ROUNDING, Noise
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
+
+ALONE = "makes nearly all of what the calibrated model leaves"  # in a note, by which a page knows it
+_MOST_LEFT = 0.1  # of the sum of squares, without the reading
+_LEAST_LEFT = 3  # equations beside the parameters, without the reading
+_RANK = 1e-10  # of the largest singular value
+_COLUMNS = 4  # by which the reading is told
+
+
+def one_reading(at: Fit) -> tuple[str, ...]:
+    """Return a note on the reading without which the fit leaves a tenth of its sum of squares, or less; else none."""
+    data = at.model.formulation.data
+    n = len(data)
+    width, odd = divmod(len(at.r), n)
+    if odd or not width or at.exact:
+        return ()
+    r, q = np.asarray(at.r).reshape(n, width), orthonormal(at.J, _RANK)
+    freedom = len(at.r) - q.shape[1] - width
+    whole = float(np.sum(r**2))
+    if freedom < _LEAST_LEFT or not whole > 0:
+        return ()
+    blocks = q.reshape(n, width, -1)
+    beside = np.eye(width) - blocks @ blocks.transpose(0, 2, 1)
+    # a reading that alone determines a parameter tells nothing of itself
+    known = np.linalg.eigvalsh(beside)[:, 0] > 1e-9
+    if not known.any():
+        return ()
+    falls = np.zeros(n)
+    falls[known] = np.einsum("ij,ij->i", r[known], np.linalg.solve(beside[known], r[known][..., None])[..., 0])
+    k = int(np.argmax(falls))
+    left = max(whole - falls[k], 1e-12 * whole)
+    if left > _MOST_LEFT * whole or n * fdtrc(width, freedom, falls[k] / width / (left / freedom)) > _CHANCE:
+        return ()
+    times = np.sqrt(whole / len(at.r) / (left / (len(at.r) - width)))
+    told = told_by(at.model.formulation, k)
+    return (
+        f"one reading ({told}) {ALONE}: without it the others lie {plain(times, 2)} times nearer; look at it, and "
+        "leave its row out if it was misread",
+    )
+
+
+def told_by(formulation: Formulation, k: int) -> str:
+    """Return which row of the file row `k` is, and its first columns with their numbers: inputs, then readings."""
+    data = formulation.data
+    columns = dict.fromkeys((*inputs_of(formulation), *formulation.readings))
+    told = [f"{name} {plain(float(np.asarray(data[name])[k]), 5)}" for name in columns if name in data]
+    return f"{data.rows_named(np.array([k]))}: {', '.join(told[:_COLUMNS])}"
+
+
+_CORES = (0.75, 1.0)
+_NOTHING, _FAR_LESS = 1e-4, 0.5  # times the stated noise: less than the first has no noise at all
+_CHANCE = 1e-6  # that readings of the stated noise leave so little
+_SCALES = 0.7, 1.05  # between which noise is as stated
+_QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the quartiles of n Gaussian values
+
+
+def coarse_sensors(at: Fit) -> tuple[NoiseFinding, ...]:
+    """Return the sensors whose values have steps coarse enough to matter, for a fit under the stated noise."""
+    r, signatures = whitened(at)
+    formulation = at.model.formulation
+    sensors = blamable(formulation.sensors)
+    found = [quantisation_of(formulation, sensor, r, signatures[sensor.column]) for sensor in sensors]
+    return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > thresholds().step_gain)
+
+
+def less_than_stated(at: Fit) -> tuple[str, ...]:
+    """Return a note where a fit leaves far less than the stated noise would by chance; none where it is learned."""
+    if unknown_noise_of(at.model.formulation):
+        return ()
+    energy = float(np.sum(at.r**2))
+    times = float(np.sqrt(energy / at.degrees))
+    if at.exact or not _NOTHING < times < _FAR_LESS or gammainc(at.degrees / 2, energy / 2) > _CHANCE:
+        return ()
+    return (
+        f"what is left is {plain(times, 2)} times the stated noise, which is too large: what is small beside it is "
+        "not found; state it as it is, or leave it out to have it learned",
+    )
+
+
+def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
+    """Return the finding with its variance multiplied where readings repeat, because equal values have the same error.
+
+    m readings of one value tell no more than one reading does; with m times the variance each, they weigh as one.
+    """
+    [(name, variance)] = found.extra.items()
+    data = at.model.formulation.data
+    step = np.round(np.asarray(data[name]) / found.amplitude)
+    pose = np.unique(data["pose_id"], return_inverse=True)[1] if data.has("pose_id") else np.zeros(len(step))
+    _, place, count = np.unique(np.stack([step, pose]), axis=1, return_inverse=True, return_counts=True)
+    same = count[place.ravel()]
+    return replace(found, extra={name: variance * same})
+
+
+def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
+    """Return the cause of readings far beyond the stated noise: one sensor, or all; nothing without repeats.
+
+    Only sensors of one kind are compared with each other, because each kind has its own noise.
+    """
+    found: list[NoiseFinding] = []
+    for alike in kinds_of(blamable(at.model.formulation.sensors)):
+        found += _outlying_among(at, alike)
+    shared = [f for f in found if f.family != "outlier"]  # heavy tails are those of all readings: told once
+    return (*(f for f in found if f.family == "outlier"), *shared[:1])
+
+
+def _outlying_among(at: Fit, alike: Sequence[Sensor]) -> tuple[NoiseFinding, ...]:
+    formulation = at.model.formulation
+    first, second = pairs_of(formulation.data)
+    names = [sensor.column for sensor in alike]
+    read = rows_read(formulation, names)
+    first, second = first[read[first]], second[read[first]]
+    if len(first) < thresholds().repeat_pairs:
+        return ()
+    d = _changes(at, names, first, second)
+    if not (_beyond(d) and _beyond(_elsewhere(d, first), thresholds().wild_elsewhere)):
+        return ()
+    worst = int(np.argmax([contamination(d[:, k]) for k in range(len(names))]))
+    everywhere = mixture((d**2).ravel(), np.ones(d.size))
+    weights = everywhere.weights.reshape(d.shape)
+    energy = (weights * np.minimum(d**2, thresholds().wild_energy_most)).sum(axis=0)
+    lone = mixture(d[:, worst] ** 2, np.ones(len(d)))
+    one = float(1 / (1 + np.exp(np.clip((everywhere.gain - lone.gain) / 2, -50, 50))))  # weight of "one encoder"
+    concentrated = bool(energy[worst] >= thresholds().wild_share * energy.sum())
+    r, signatures = whitened(at)
+    blamed = alike[worst]
+    if concentrated or one > 0.5:
+        found = outliers_of(formulation, blamed, r, signatures[blamed.column])
+        rival = ("heavy_tails", "all", 1 - one)
+    else:
+        found, rival = heavy_tails_in(formulation, r), ("outlier", blamed.part, one)
+    near = not concentrated and rival[2] > thresholds().wild_rival
+    return (replace(found, rival=rival, alike=blamed.kind) if near else found,)
+
+
+def _beyond(d: Array, part: float = 1.0) -> bool:
+    """Return whether changes have readings far beyond the noise, for all sensors or one.
+
+    `part` multiplies the thresholds.
+    """
+    if len(d) < thresholds().repeat_pairs:
+        return False
+    return contamination(d) > part * thresholds().wild_gain_all or any(
+        contamination(one) > part * thresholds().wild_gain_one for one in d.T
+    )
+
+
+def _elsewhere(d: Array, first: Array) -> Array:
+    """Return the changes without those around the largest in time.
+
+    A step shows only there, wild readings show everywhere.
+    """
+    place = np.argsort(np.argsort(first, kind="stable"))
+    away = np.abs(place - place[np.argmax(np.abs(d).max(axis=1))])
+    return np.asarray(d[away > max(1.0, thresholds().wild_moment * len(d))])
+
+
+def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:
+    """Return the outlying readings of the sensor at `target` under a model at x, over all rows of its formulation."""
+    formulation = model.formulation
+    sensor = sensor_of(formulation.sensors, target)
+    readings = readings_of(model)
+    at = linearise(model, Noise(), x, readings, readings)
+    r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
+    k = formulation.readings.index(sensor.column)
+    trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
+    return outliers_of(formulation, sensor, r, trace)
+
+
+def contamination(d: Array) -> float:
+    """Return the gain of "small noise, and some values far beyond it" over laws without outliers, for differences d.
+
+    The small noise is as stated, or less where noise is correlated between readings and cancels in differences.
+    """
+    seen = -np.inf
+    for core in _CORES:
+        told = mixture((d.ravel() / core) ** 2, np.ones(d.size))
+        seen = max(seen, told.gain / 2 + Noise(core).loglikelihood(d))
+    one = max(Noise(_scale(d, t_degrees), 0.0, t_degrees).loglikelihood(d) for t_degrees in (*TAILS, np.inf))
+    return float(2 * (seen - one))
+
+
+def _scale(d: Array, t_degrees: float) -> float:
+    """Return the most likely scale of a law with such tails, limited to the neighbourhood of the stated one."""
+    return float(np.clip(np.sqrt(variance(d.ravel(), t_degrees)), *_SCALES))
+
+
+def _changes(at: Fit, names: Sequence[str], first: Array, second: Array) -> Array:
+    """Return the changes of readings between repeats in their standard deviations, shape (m, k).
+
+    Where the middle half of the changes is significantly wider than stated, of all sensors or of one, its spread
+    replaces the stated deviation.
+    """
+    data, readings = at.model.formulation.data, at.model.formulation.readings
+    change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in names], axis=-1)
+    of = [readings.index(name) for name in names]
+    change = change / np.hypot(at.at.sigma[first][:, of], at.at.sigma[second][:, of])
+    change = change - np.median(change, axis=0)
+    change = change / _wider(change.ravel(), thresholds().wide_core_all)
+    return np.asarray(change / [_wider(one, thresholds().wide_core_one) for one in change.T])
+
+
+def _wider(values: Array, deviations: float) -> float:
+    """Return the spread of the middle half of `values` if it is significantly above 1, by `deviations`; else 1."""
+    spread = float(np.subtract(*np.percentile(values, [75, 25]))) / 1.349
+    return spread if spread > 1 + deviations * _QUARTILES / np.sqrt(len(values)) else 1.0
+
+
+def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
+    """Return the whitened residuals (n, c), and the signature of one stated deviation of each blamable reading.
+
+    A signature has shape (n, c) as well.
+    """
+    shape = at.at.misclosure.shape
+    names = at.model.formulation.readings
+    blamed = {sensor.column for sensor in blamable(at.model.formulation.sensors)}
+    scaled = at.at.reading_slopes * at.at.sigma[:, None, :]
+    signatures = {name: at.at.whiten(scaled[:, :, k]).reshape(shape) for k, name in enumerate(names) if name in blamed}
+    return at.r.reshape(shape), signatures
+
+
+def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
+    """Return the fit with its noise corrected where repeats contradict the stated one; the suspected sensors; notes."""
+    at = plain
+    added, notes = sensor_scales(plain)
+    if added:
+        at = fit(plain.model, Noise(extra=added), plain.x)
+    suspects = coarse_sensors(at)
+    if suspects:
+        at = fit(plain.model, Noise(extra=_sum(added, *(s.extra for s in suspects))), plain.x)
+    outside = outlying(at)
+    wild = [s.extra for s in outside if s.family == "outlier"]
+    if wild:
+        at = fit(plain.model, Noise(extra=_sum(at.noise.extra, *wild)), at.x)
+    return at, (*suspects, *outside), notes if _stated(plain.model.formulation) else ()
+
+
+def law_at(at: Fit) -> tuple[Noise, Repeats, tuple[str, ...]]:
+    """Return the law of the noise that repeats show in what a fit leaves, the repeats, and remarks on it."""
+    formulation = at.model.formulation
+    return law_of(at.r.reshape(len(formulation.data), -1), formulation.data, _stated(formulation))
+
+
+def noise_at(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -> tuple[Noise, tuple[str, ...]]:
+    """Return the noise that repeated readings show, and remarks on it. `whole` has the held-out rows too."""
+    data, unknown = sound.model.formulation.data, unknown_noise_of(whole)
+    noise, told, remarks = law_at(sound)
+    if told.few and NO_REPEATS in whole.data.noted:
+        remarks = ()  # the machine has its own remark on it
+    if any(s.family == "quantisation" for s in suspects):
+        noise, remarks = Noise(), ()  # coarse readings repeat the same value, so repeats tell nothing about their noise
+    noise = replace(noise, extra=sound.noise.extra)
+    if unknown and (_stated(whole) or not noise.from_repeats):
+        behind = max(len(unknown) * told_by_middle(len(data), sound.J.shape[1] / len(whole.readings)), told.n_pairs)
+        noise = replace(noise, profiled=True, known=min(noise.known, behind))
+    return noise, remarks
+
+
+def learned_beside(at: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Formulation, Noise, tuple[str, ...]]:
+    """Return the formulation with its unknown noise learned from what the effects of a fit leave, the law, and remarks.
+
+    The first estimate of a column contains the effects that move it. The tests take all residuals to have equal
+    variance, so the columns that no effect moves would look too noisy, and a right name would leave something.
+    """
+    formulation = relearned(at.model.formulation, at.at.misclosure, len(at.x))
+    model, blamed = Model(formulation, at.model.effects), _sum(*(s.extra for s in suspects))
+    calm = fit(model, Noise(extra=blamed), at.x)
+    added, _ = sensor_scales(calm)
+    calm = fit(model, Noise(extra=_sum(added, blamed)), at.x) if added else calm
+    return (formulation, *noise_at(calm, suspects, formulation))
+
+
+def _stated(formulation: Formulation) -> bool:
+    """Return whether the noise of any reading is stated."""
+    return len(unknown_noise_of(formulation)) < len(formulation.readings)
+
+
+def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
+    total: dict[str, Array | float] = {}
+    for one in variances:
+        for name, size in one.items():
+            total[name] = total.get(name, 0.0) + size
+    return total
+
+
+_GRIDDED = 3  # kinds of sensors up to which every combination of scales is tried to begin with
+
+
+def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return what to add to the stated variance of each reading whose kind has the wrong stated noise, and a note."""
+    names = at.model.formulation.readings
+    kinds = [tuple(sensor.column for sensor in alike) for alike in kinds_of(at.model.formulation.sensors)]
+    first, second = pairs_of(at.model.formulation.data)
+    if len(first) < thresholds().repeat_pairs or len(kinds) < 2:
+        return {}, ()
+    shape = at.at.misclosure.shape
+    white = at.r.reshape(shape)
+    scatter = float(np.median((white[second] - white[first]) ** 2) / 2 / 0.455)
+    if np.all(np.abs(white[second] - white[first]) <= ROUNDING):
+        return {}, ()  # repeats that are the same tell no noise
+    if 1 / thresholds().scatter_asked < scatter < thresholds().scatter_asked:
+        return {}, ()
+    parts = [_part(at, kind, first, second) for kind in kinds]
+    same = [_mostly_the_same(at, kind, first, second) for kind in kinds]
+    read = [k for k, part in enumerate(parts) if part.any() and not same[k]]  # the others keep their statement
+    if not read:
+        return {}, ()
+    scales = [1.0] * len(kinds)
+    for k, scale in zip(read, _scales(at, [parts[k] for k in read], first, second)):
+        scales[k] = scale
+    if len(read) < len(kinds):  # a t law's scale is not a deviation; the others' scales are
+        left = _whitened(at, np.asarray(sum(scales[k] ** 2 * parts[k] for k in read)), first, second)[0]
+        deviation = float(np.sqrt(np.median(left**2) / 0.455))
+        scales = [scale * deviation if k in read else scale for k, scale in enumerate(scales)]
+    if max(scales) < thresholds().scale_ratio * min(scales):
+        return {}, ()
+    extra: dict[str, float] = {}
+    for kind, scale in ((kinds[k], scales[k]) for k in read):
+        extra |= {name: (scale**2 - 1) * float(np.mean(at.at.sigma[:, names.index(name)] ** 2)) for name in kind}
+    told = "; ".join(f"{', '.join(kinds[k])}: {plain(scales[k], 2)} times" for k in read)
+    return extra, (f"repeats scatter otherwise than the stated noise ({told}); their scatter is used",)
+
+
+def _mostly_the_same(at: Fit, kind: tuple[str, ...], first: Array, second: Array) -> bool:
+    """Return whether repeats of a kind of unknown noise are mostly the same number, and show none of it."""
+    data, unknown = at.model.formulation.data, unknown_noise_of(at.model.formulation)
+    change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in kind])
+    return set(kind) <= set(unknown) and not np.median(np.abs(change))
+
+
+def _part(at: Fit, kind: tuple[str, ...], first: Array, second: Array) -> Array:
+    """Return what the stated noise of one kind adds to the differences of pairs, (m, c, c).
+
+    It is 0 where no pair reads the kind.
+    """
+    names = at.model.formulation.readings
+    own = (at.at.reading_slopes * at.at.sigma[:, None, :])[:, :, [names.index(name) for name in kind]]
+    spread = own @ own.transpose(0, 2, 1)
+    return np.asarray((spread[first] + spread[second]) / 2)
+
+
+def _scales(at: Fit, parts: list[Array], first: Array, second: Array) -> list[float]:
+    """Return the factors by which the stated noise of each kind must be multiplied.
+
+    `parts` are their shares of the variance.
+    """
+    white = at.r.reshape(at.at.misclosure.shape)
+    tails = thresholds().scale_tails
+
+    def cost(logs: Sequence[float] | Array) -> float:
+        covariance = sum(np.exp(2 * log) * part for log, part in zip(logs, parts))
+        z, size = _whitened(at, covariance, first, second)
+        return float(2 * size + (tails + z.shape[1]) * np.log1p((z**2).sum(axis=1) / tails).sum())
+
+    level = np.log(np.mean((white[second] - white[first]) ** 2) / 2 + 1e-12) / 2
+    grid = np.linspace(-1.0, 2.0, 7) * max(abs(level), 1.0) * np.sign(level or 1.0)
+    start: Sequence[float] = [float(level)] * len(parts)  # of many kinds a grid would cost more than it finds
+    if len(parts) <= _GRIDDED:
+        start = min(product(grid, repeat=len(parts)), key=cost)
+    best = minimize(cost, np.array(start), method="Nelder-Mead", options={"maxiter": 120})
+    return [float(np.exp(log)) for log in best.x]
+
+
+def _whitened(at: Fit, covariance: Array, first: Array, second: Array) -> tuple[Array, float]:
+    """Return the differences of pairs whitened by `covariance` (m, c, c), (m, c), and the logarithm of its root."""
+    f = at.at.misclosure
+    d = (f[second] - f[first]) / np.sqrt(2)
+    lower = np.linalg.cholesky(covariance)
+    z = np.linalg.solve(lower, d[:, :, None])[:, :, 0]
+    return np.asarray(z), float(np.log(np.diagonal(lower, axis1=1, axis2=2)).sum())
+
+
+EXACT = "the noise is that of the inputs"  # in a note, by which a page knows it
+_LEAST_EACH = 3.0  # readings in a level, on average
+_APART = 6.0  # times what scatters within them: levels that are nearer are steps of a coarse scale
+_STILL = 0.1  # times what is left within a level: so much the reading itself moves there at most
+_MOSTLY = 0.5  # of the rms of what is left: so much of it is within levels at least
+
+
+def exact_readings(at: Fit) -> tuple[str, ...]:
+    """Return a note where measured columns are exact levels and what a fit leaves is the scatter of the inputs."""
+    formulation = at.model.formulation
+    inputs, names = inputs_of(formulation), tuple(formulation.readings)
+    left = np.asarray(at.at.misclosure)
+    if not inputs or left.ndim != 2 or left.shape[1] != len(names):
+        return ()
+    found: dict[str, tuple[int, float]] = {}
+    for k, name in enumerate(names):
+        if told := _levels(np.asarray(formulation.data[name], dtype=float), left[:, k]):
+            found[name] = told
+    if not found:
+        return ()
+    name, (count, times) = max(found.items(), key=lambda one: one[1][1])
+    return (
+        f"{name} comes in {count} levels, and moves {plain(times, 2)} times less within one than its prediction does, "
+        f"as what was commanded does: {EXACT} ({', '.join(inputs)}); predict these from {', '.join(names)}, else their "
+        "error is told as what is missing",
+    )
+
+
+def _levels(y: Array, left: Array) -> tuple[int, float] | None:
+    """Return how many levels a column comes in and how many times less it moves in one than what is left does."""
+    rms = float(np.sqrt(np.mean(left**2)))
+    order = np.argsort(y, kind="stable")
+    gaps = np.diff(y[order])
+    level = np.empty(len(y), dtype=int)
+    level[order] = np.concatenate([[0], np.cumsum(gaps > 2 * rms)])
+    count = int(level.max()) + 1
+    if not rms > 0 or count < 2 or len(y) < _LEAST_EACH * count:
+        return None
+    own, scatter = _within(y, level, count), _within(left, level, count)
+    nearest = float(gaps[gaps > 2 * rms].min())
+    if own > _STILL * scatter or scatter < _MOSTLY * rms or nearest < _APART * scatter:
+        return None
+    return count, scatter / max(own, 1e-3 * scatter)
+
+
+def _within(values: Array, level: Array, count: int) -> float:
+    """Return the rms of values about the mean of their level."""
+    means = np.bincount(level, values, count) / np.bincount(level, minlength=count)
+    return float(np.sqrt(np.mean((values - means[level]) ** 2)))
+
+
+FEW_EQUATIONS = "names found from so few equations"  # in a note, by which a page knows it
+
+
+def few_equations(base: Fit) -> tuple[str, ...]:
+    """Return a note where a fit without effects has few equations for each parameter, and nobody stated the noise."""
+    equations, calibrated = base.J.shape
+    unstated = any(note.startswith(UNSTATED) for note in base.model.formulation.data.notes)
+    if not unstated or equations >= thresholds().equations_each * calibrated:
+        return ()
+    return (
+        f"{counted(equations, 'equation')} for {counted(calibrated, 'calibrated parameter')}, and the noise is not "
+        f"stated: {FEW_EQUATIONS} often do not hold for other readings; take more, and keep some of them out of the "
+        "fit (split=hold) to test the names",
+    )

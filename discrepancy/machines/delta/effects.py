@@ -1,0 +1,139 @@
+"""What may be wrong with a linear delta beside its endstops: towers, rods, belts, effector, bed, and the caliper.
+
+Errors of a printer that stay constant during the measurement: a constant added to the quantities of each target.
+
+What may be wrong with what a delta is measured against: its bed, the printed object, and the caliper.
+
+What may be wrong with a delta's towers, rods, belts and effector.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from calibench.discrepancy.model.effect import Effect, EffectFamily, LinearEffect, NotTestable
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured import MeasuredData
+from calibench.problems.base import Array
+
+Spread = Mapping[str, Mapping[str, float]]  # coefficient -> quantity -> how much of it
+TOWERS = ("a", "b", "c")
+SIZE = ("delta_radius", "rod_length", "belt_scale", "bed_dome")  # all four bow the probed bed alike
+OBJECT = "a printed object: distances measured by caliper, which DELTA_ANALYZE takes in"
+
+
+def each_tower(quantity: str) -> dict[str, Spread]:
+    """Return the targets `tower a` to `tower c`, one coefficient each."""
+    return {f"tower {t}": {f"{quantity}_{t}": {f"{quantity}_{t}": 1.0}} for t in TOWERS}
+
+
+def constant(
+    name: str, cause: str, formula: str, channel: str, unit: str, spread: Mapping[str, Spread], *,
+    of: str = "", twins: str = "", same: Mapping[str, tuple[str, ...]] | None = None,
+    same_by_heights: tuple[str, ...] = (), parted_by: str = "", label: str = "",
+    label_of_all: str = "",
+) -> EffectFamily:  # fmt: skip
+    """Enter the family whose targets are `spread`; `of` is the kind of row that it needs, "" for either.
+
+    `same` are the declared twins of a target, `same_by_heights` those of the target `all` where only heights were
+    measured.
+    """
+
+    def build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+        if of and not (np.asarray(formulation.data["kind"]) == of).any():
+            raise NotTestable(f"needs rows of kind {of}", ("kind",))
+        coefficients = spread[target]
+        quantities = sorted({q for shares in coefficients.values() for q in shares})
+
+        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+            return {
+                quantity: np.tile([shares.get(quantity, 0.0) for shares in coefficients.values()], (len(data), 1))
+                for quantity in quantities
+            }
+
+        twins_of = (same or {}).get(target, ())
+        if target == "all" and same_by_heights and not (np.asarray(formulation.data["kind"]) == "distance").any():
+            twins_of = tuple(f"{twin} all" for twin in same_by_heights if twin != name)
+        units = (unit,) * len(coefficients)
+        return (LinearEffect(name, target, formula, channel, (), tuple(coefficients), units, unit, changes, twins_of),)
+
+    return EffectFamily(
+        name, "delta", cause, formula, channel, (), unit, tuple(spread), build, twins, label, label_of_all, parted_by
+    ).enter()
+
+
+bed_tilt = constant(
+    "bed_tilt", "The bed is not square to the towers", "z of the bed is tx x + ty y", "base", "rad",
+    {"all": {"bed_x": {"bed_x": 1.0}, "bed_y": {"bed_y": 1.0}}}, of="height",
+    twins="nearly: the endstops tilt the print with the bed", label_of_all="bed tilt",
+)  # fmt: skip
+dome = constant(
+    "bed_dome", "The bed stands higher in its middle than at its rim, or lower",
+    "z of the bed is d (1 - (x^2 + y^2) / bed_radius^2)", "base", "mm", {"all": {"dome": {"dome": 1.0}}}, of="height",
+    twins="nearly, by heights alone: delta_radius, rod_length, belt_scale", same_by_heights=SIZE,
+    parted_by=OBJECT, label_of_all="domed bed",
+)  # fmt: skip
+caliper = constant(
+    "caliper_offset", "The caliper reads, or the extruded line adds, the same length at every object",
+    "distance + c", "prediction", "mm", {"all": {"caliper": {"caliper": 1.0}}}, of="distance",
+    twins="where all objects are of one length: shrinkage", label_of_all="caliper offset",
+)  # fmt: skip
+shrink = constant(
+    "shrinkage", "The printed object shrank as it cooled", "distance (1 - s)", "prediction", "1",
+    {"all": {"shrink": {"shrink": 1.0}}}, of="distance", twins="for objects that lie flat: effector_tilt outward",
+    same={"all": ("effector_tilt outward",)}, label_of_all="shrinkage of the print",
+)  # fmt: skip
+
+
+radius = constant(
+    "delta_radius", "Towers stand further from the middle than stated, or the effector is smaller",
+    "R = delta_radius + dR", "link", "mm", {"all": {"d_radius": {"d_radius": 1.0}}},
+    twins="nearly, by heights alone: rod_length, belt_scale", same_by_heights=SIZE, parted_by=OBJECT,
+    label="delta radius", label_of_all="delta radius",
+)  # fmt: skip
+tower_radius = constant(
+    "tower_radius", "One tower stands further out than the others", "R_i = delta_radius + dR_i", "link", "mm",
+    each_tower("d_radius"), twins="nearly: tower_lean of the same tower",
+    label="tower radius",
+)  # fmt: skip
+angle = constant(
+    "tower_angle", "A tower stands at another angle about the middle than stated", "angle_i + da_i", "link", "rad",
+    each_tower("d_angle"),
+    twins="always, all three by the same angle: the printer turned as a whole", label="tower angle",
+)  # fmt: skip
+rod_length = constant(
+    "rod_length", "The rods are all longer or shorter than stated", "L_i = arm_length + dL", "link", "mm",
+    {"all": {"d_rod": {"d_rod": 1.0}}}, twins="nearly, by heights alone: delta_radius, belt_scale",
+    same_by_heights=SIZE, parted_by=OBJECT, label="rod length", label_of_all="rod length",
+)  # fmt: skip
+single_rods = constant(
+    "single_rod", "The rods of one tower differ in length from the others", "L_i = arm_length + dL_i", "link", "mm",
+    each_tower("d_rod"), label="single rod length",
+)  # fmt: skip
+lean = constant(
+    "tower_lean", "A tower leans outward or to the side", "the carriage stands lean_i h_i off its line", "base", "rad",
+    {
+        f"tower {t}": {f"lean_{t}_{way}": {f"lean_{t}_{way}": 1.0} for way in ("out", "side")}
+        for t in TOWERS
+    },
+    twins="nearly: tower_radius and tower_angle of the same tower", label="tower lean",
+)  # fmt: skip
+scale = constant(
+    "belt_scale", "The belts move another way per step than stated: pulley, pitch or tension",
+    "travel_i (1 + s)", "reading", "1",
+    {"all": {"scale": {"scale": 1.0}}} | each_tower("scale"),
+    twins="nearly, by heights alone: delta_radius, rod_length", same_by_heights=SIZE, parted_by=OBJECT,
+    label="belt scale", label_of_all="belt scale",
+)  # fmt: skip
+tilt = constant(
+    "effector_tilt", "The effector tilts as it goes outward, so its nozzle does not stand under its middle",
+    "x, y of the nozzle times 1 + k, or sheared", "link", "1",
+    {
+        "outward": {"tilt_out": {"tilt_out": 1.0}},
+        "skewed": {"tilt_skew_x": {"tilt_skew_x": 1.0}, "tilt_skew_y": {"tilt_skew_y": 1.0}},
+    },
+    of="distance", twins="outward, for objects that lie flat: shrinkage", same={"outward": ("shrinkage all",)},
+    label="effector tilt",
+)  # fmt: skip

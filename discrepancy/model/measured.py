@@ -1,0 +1,463 @@
+"""What was measured: columns of readings, the instruments that gave them, and which rows are complete.
+
+`MeasuredData`: the readings of one run of a machine, a column for each quantity and a row for each reading.
+
+The columns of each machine are those of its page in the documentation; a missing column makes the effects that need it
+not testable, and nothing else. This room reads no files: `bench` does.
+
+`Sensor`: one instrument of a machine. The search takes its kind and part from here, never from a column's name.
+
+Rows that hold a number in every column that a machine reads, in the units that its sensors declare.
+
+A cell without a number (empty, NaN, infinite, or so large that its powers are infinite) costs its row; how many rows,
+and for which columns, is told. A column that is empty in most rows, or holds words, is refused.
+
+Read statements about measured data as numbers.
+
+They come from a file or a command line, so any value is possible: text, nested lists, a whole number too large for a
+float. `DataError` names the key and shows its value.
+
+Number poses and visits from 0, whatever numbers or words a file has for them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import isfinite, nan
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.core.options import shown, suggest
+from calibench.core.tables.cells import NO_VALUE, between, is_unit, split_rows, way_out
+from calibench.core.words import as_columns
+from calibench.problems.base import Array
+
+Column = NDArray[Any]
+TO_PREDICT = "row_to_predict"  # the place of a row that a report predicts
+_SHOWN_ROWS = 6  # rows that a message names
+_OWN = ("reading_place", TO_PREDICT)  # columns that no file has
+UNSTATED = "the noise is not stated"  # how a note begins on noise that was told from the data themselves
+LEARNED = "is learned from what the model leaves"  # in such a note: then nothing tells how much of the rest is noise
+UNREAD = "have another shape and are not read"  # in a note, of variables that are no column beside the others
+NO_REPEATS = "no repeats"  # subject of a note: nothing was read twice, so the stated noise is taken on trust
+
+
+class DataError(ValueError):
+    """The data cannot be used as they are; the message names the column, what is wrong, and the way out."""
+
+
+class MisfitError(DataError):
+    """The data are far from all that the machine can give: numbers in other units, or of another machine."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class MeasuredData:
+    """Readings of one machine: `columns` name -> array (n,), `metadata` what was stated about them (noise, nominal …).
+
+    Columns that are lists, or a table of pandas, become arrays.
+
+    `name` is the stem of the file or the name of a printed set. `notes` are remarks a report must repeat; `noted` are
+    the subjects of those that another room may have a remark on as well (`NO_REPEATS`). `units` are those of columns
+    whose unit was stated with them, `stated` the keys of `metadata` that were stated beside the file, `computed` the
+    columns that the machine computed from others. `numbers` (n,) are the rows as they were read, from 1; None for all
+    of them, in order.
+    """
+
+    columns: Mapping[str, Column]
+    machine: str
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    name: str = "data"
+    notes: tuple[str, ...] = ()
+    noted: frozenset[str] = frozenset()
+    units: Mapping[str, str] = field(default_factory=dict)
+    stated: frozenset[str] = frozenset()
+    computed: frozenset[str] = frozenset()
+    numbers: NDArray[np.intp] | None = None
+
+    def __post_init__(self) -> None:
+        if not all(isinstance(column, np.ndarray) for _, column in self.columns.items()):  # lists, a table of pandas
+            arrays = {str(name): np.asarray(column) for name, column in self.columns.items()}
+            object.__setattr__(self, "columns", arrays)
+        lengths = {key: np.shape(column) for key, column in self.columns.items()}
+        if not lengths:
+            raise DataError(f"{self.name}: there are no columns")
+        if len(set(lengths.values())) > 1 or any(len(shape) != 1 for shape in lengths.values()):
+            raise DataError(f"{self.name}: columns differ in shape: {lengths}")
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values())))
+
+    def __contains__(self, column: object) -> bool:
+        return column in self.columns
+
+    def __getitem__(self, column: str) -> Column:
+        """Return one column; raise `DataError` where it is missing."""
+        if column not in self.columns:
+            like = [name for name in self.in_file if name.casefold() == column.casefold()]
+            unread = [f"; {note}" for note in self.notes if UNREAD in note and column in re.findall(r"\w+", note)]
+            raise DataError(
+                f"{self.name}: column {column!r} is missing; there are {', '.join(self.in_file)}; where the file has "
+                f"another name for it: {as_columns({column: like[0] if like else 'NAME'})}{''.join(unread)}"
+            )
+        return self.columns[column]
+
+    @property
+    def in_file(self) -> tuple[str, ...]:
+        """Return the names of the columns that the file has, without those that were added to it."""
+        return tuple(name for name in self.columns if name not in _OWN)
+
+    @property
+    def row_numbers(self) -> NDArray[np.intp]:
+        """Return the rows as they were read, from 1, (n,)."""
+        return np.arange(1, len(self) + 1) if self.numbers is None else self.numbers
+
+    def has(self, *columns: str) -> bool:
+        """Return whether all `columns` are there."""
+        return all(column in self.columns for column in columns)
+
+    def rows(self, mask: Column) -> MeasuredData:
+        """Return the rows where `mask`, shape (n,) of booleans or indices, holds."""
+        kept = {key: column[mask] for key, column in self.columns.items()}
+        return replace(self, columns=kept, numbers=self.row_numbers[mask])
+
+    def rows_named(self, which: Column) -> str:
+        """Return the rows `which`, a mask or indices, as they were read: "row 7", or "rows 7, 12, 40 and 3 more"."""
+        found = sorted(np.unique(self.row_numbers[which]).tolist())
+        if len(found) == 1:
+            return f"row {found[0]}"
+        shown = ", ".join(str(k) for k in found[:_SHOWN_ROWS])
+        return f"rows {shown}{f' and {len(found) - _SHOWN_ROWS} more' if len(found) > _SHOWN_ROWS else ''}"
+
+    def with_note(self, note: str, about: str = "") -> MeasuredData:
+        """Return the same data with one more remark for the report, and its subject where it has one."""
+        return replace(self, notes=(*self.notes, note), noted=self.noted | ({about} if about else set()))
+
+    def with_columns(self, columns: Mapping[str, Column]) -> MeasuredData:
+        """Return the data with `columns` put in the place of those of the same name, or beside them."""
+        return replace(self, columns={**self.columns, **columns})
+
+    def with_units(self, units: Mapping[str, str], notes: tuple[str, ...] = ()) -> MeasuredData:
+        """Return the same data with `units` for those stated of its columns, and more remarks for the report."""
+        return replace(self, units=units, notes=(*self.notes, *notes))
+
+
+def with_split(data: MeasuredData) -> MeasuredData:
+    """Return the data with `split`, where they have it, spelt train and hold; rows without a word are train.
+
+    Raises `DataError` for any other word: rows that were kept for checking must not be fitted in silence.
+    """
+    if "split" not in data:
+        return data
+    try:
+        words = split_rows(data["split"])
+    except ValueError as error:
+        raise DataError(f"{data.name}: {error}") from None
+    empty = words == ""
+    words = np.where(empty, "train", words)
+    if not (words == "train").any():
+        raise DataError(f"{data.name}: column split holds back every row; some must be train, to be fitted")
+    data = data.with_columns({"split": words})
+    return data.with_note(f"{np.sum(empty)} rows have no split and are fitted") if empty.any() else data
+
+
+@final
+@dataclass(frozen=True)
+class Sensor:
+    """The column an instrument fills, in `unit`, what kind of instrument it is, and what it reads.
+
+    Sensors of one `kind` are of one make: their noise was stated once, and where that is wrong it is wrong for all.
+    `part` is the target of a finding that blames this sensor alone (`joint 2`); one without a part is never blamed.
+    `targets` are those of `Formulation.covariates` whose smooth errors this sensor shows, and `over_place` says whether
+    one over the workspace is looked for, too. `resolution` is the stated step of its values, 0 where none is stated.
+    `label` is what it reads, in words.
+    """
+
+    column: str
+    kind: str
+    unit: str = ""
+    part: str = ""
+    targets: tuple[str, ...] = ()
+    label: str = ""
+    resolution: float = 0.0
+    over_place: bool = False
+
+
+def kinds_of(sensors: Sequence[Sensor]) -> list[tuple[Sensor, ...]]:
+    """Return the sensors by kind, in the order of their first."""
+    kinds = dict.fromkeys(sensor.kind for sensor in sensors)
+    return [tuple(sensor for sensor in sensors if sensor.kind == kind) for kind in kinds]
+
+
+def blamable(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
+    """Return the sensors that a finding can blame."""
+    return tuple(sensor for sensor in sensors if sensor.part)
+
+
+def sensor_of(sensors: Sequence[Sensor], part: str) -> Sensor:
+    """Return the sensor that a finding with target `part` blames. Raises `LookupError` where there is none."""
+    for sensor in sensors:
+        if sensor.part == part:
+            return sensor
+    raise LookupError(f"no sensor reads {part!r}; the parts are {', '.join(s.part for s in blamable(sensors))}")
+
+
+STILL = "never varies: is it read at all?"  # in the note, by which a page knows it
+_LARGEST_CELL = 1e60  # of a cell, in any unit
+_MOST_MISSING = 0.5  # of the rows: beyond it the column is not measured
+_SHOWN_WORDS = 3  # words of a column in a note
+_MOST_GAPS = 0.2  # of the rows that columns which an error may follow cost together: with more one is done without
+
+
+def complete(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Sensor] = ()) -> MeasuredData:
+    """Return the rows of `data` with a finite number in each of `columns`, in the unit of its sensor, and notes.
+
+    Raises `DataError` for a column that is missing, holds words, is of another unit, or is empty in most rows.
+    """
+    numbers = {name: _numbers(data, name) for name in columns}
+    data = _in_their_units(data, numbers, sensors)
+    missing = {name: _without_number(data[name]) for name in numbers}
+    out = _refuse_empty(data, missing, dict.fromkeys(missing, len(data)))
+    data = _told_turns(_told_still(data, columns), columns, sensors) if len(data) > 2 else data
+    return _without(data, out, missing)
+
+
+def with_numbers(data: MeasuredData, needed: Mapping[str, NDArray[np.bool_]]) -> MeasuredData:
+    """Return the rows with a finite number in each column where it is `needed`, column -> rows (n,), and a note.
+
+    Raises `DataError` for a column that holds words, or no number in most of the rows that need it.
+    """
+    missing = {name: rows & _without_number(_numbers(data, name)) for name, rows in needed.items()}
+    out = _refuse_empty(data, missing, {name: int(rows.sum()) for name, rows in needed.items()})
+    return _without(data, out, missing)
+
+
+def _refuse_empty(
+    data: MeasuredData, missing: Mapping[str, NDArray[np.bool_]], rows: Mapping[str, int]
+) -> NDArray[np.bool_]:
+    """Return which rows lack a number, (n,); raise `DataError` where most do, of the `rows` that need a column."""
+    out = np.any(list(missing.values()), axis=0) if missing else np.zeros(len(data), dtype=bool)
+    for name, empty in missing.items():
+        if empty.sum() > _MOST_MISSING * rows[name]:
+            raise DataError(
+                f"{data.name}: column {name} holds no finite number in {int(empty.sum())} of {rows[name]} rows; "
+                "measure it, or take a model that does without it"
+            )
+    if out.all() and len(data):
+        raise DataError(f"{data.name}: no row holds a finite number in all of {', '.join(missing)}; complete some")
+    return np.asarray(out)
+
+
+def _without(data: MeasuredData, out: NDArray[np.bool_], missing: Mapping[str, NDArray[np.bool_]]) -> MeasuredData:
+    if not out.any():
+        return data
+    each = [_counted(data, name, empty) for name, empty in missing.items() if empty.any()]
+    return data.rows(~out).with_note(_left_out(int(out.sum()), each))
+
+
+def without_gaps(data: MeasuredData, columns: Sequence[str], directions: Sequence[str] = ()) -> MeasuredData:
+    """Return the rows of `data` with a number in each of `columns`, which an error may depend on, and notes.
+
+    Of `directions` that are written in two words one becomes -1 and the other 1, as a note says. At most a fifth of the
+    rows is left out. A column that would need more keeps its rows; effects of that column are then not tested, which a
+    note and the reason of each such effect say.
+    """
+    columns = [name for name in dict.fromkeys(columns) if name in data]
+    for name in directions:
+        data = _as_signs(data, name) if name in columns else data
+    for name in columns:
+        if data[name].dtype.kind not in "iufb":
+            words = ", ".join(repr(str(word)) for word in np.unique(data[name])[:_SHOWN_WORDS])
+            data = data.with_note(
+                f"column {name} holds words ({words}), where numbers are needed, of a direction -1 and 1: errors that "
+                "follow it are not looked for"
+            )
+    there = [name for name in columns if data[name].dtype.kind == "f"]
+    empty = {name: _without_number(data[name]) for name in there}
+    out, told = np.zeros(len(data), dtype=bool), []
+    for name, gaps in sorted(empty.items(), key=lambda item: int(item[1].sum())):
+        if (out | gaps).mean() > _MOST_GAPS:
+            data = data.with_note(f"column {name} {_gaps_of(gaps)}: errors that follow it are not looked for")
+        elif gaps.any():
+            out = out | gaps
+            told.append(_counted(data, name, gaps))
+    return data.rows(~out).with_note(_left_out(int(out.sum()), told)) if told else data
+
+
+def _as_signs(data: MeasuredData, name: str) -> MeasuredData:
+    """Return the data with a direction of two words as -1 and 1, in their order; "-" comes before "+"."""
+    if data[name].dtype.kind in "iufb":
+        return data
+    words = np.array([str(word).strip() for word in data[name]])
+    told = sorted(set(words.tolist()), key=lambda word: (word != "-", word))
+    if len(told) != 2 or "" in told:
+        return data
+    note = f"column {name}: {told[0]!r} is taken for -1, {told[1]!r} for 1: the sign of what follows it is by these"
+    return data.with_columns({name: np.where(words == told[1], 1.0, -1.0)}).with_note(note)
+
+
+def _without_number(column: NDArray[Any]) -> NDArray[np.bool_]:
+    return np.asarray(~(np.abs(column) < _LARGEST_CELL))
+
+
+def _counted(data: MeasuredData, name: str, empty: NDArray[np.bool_]) -> str:
+    huge = int(np.isfinite(np.asarray(data[name], dtype=float)[empty]).sum())
+    return f"{name} in {int(empty.sum())}{f' (beyond {_LARGEST_CELL:g} in {huge} of them)' if huge else ''}"
+
+
+def _left_out(count: int, each: Sequence[str]) -> str:
+    rows = f"{count} row{'s are' if count > 1 else ' is'}"
+    return f"{rows} left out for cells that hold no finite number: {', '.join(each)}"
+
+
+def _gaps_of(gaps: NDArray[np.bool_]) -> str:
+    return f"holds no finite number in {int(gaps.sum())} of {len(gaps)} rows"
+
+
+def told_gaps(column: NDArray[Any]) -> str:
+    """Return why no error can depend on a column that lacks numbers; "" where an error can."""
+    if column.dtype.kind not in "iufb":
+        return "holds words: numbers are needed"
+    gaps = _without_number(column) if column.dtype.kind == "f" else np.zeros(0, dtype=bool)
+    return _gaps_of(gaps) if gaps.any() else ""
+
+
+def _numbers(data: MeasuredData, name: str) -> Array:
+    column: NDArray[np.generic] = data[name]
+    if column.dtype.kind not in "iuf":
+        first = str(column[:1].tolist()[0])
+        raise DataError(f"{data.name}: column {name} holds {first!r}: numbers are needed{way_out(first, '')}")
+    return np.asarray(column, dtype=float)
+
+
+def _in_their_units(data: MeasuredData, numbers: dict[str, Array], sensors: Sequence[Sensor]) -> MeasuredData:
+    wanted = {sensor.column: sensor.unit for sensor in sensors if sensor.unit}
+    turned, notes = {}, []
+    for name, stated in data.units.items():
+        unit = wanted.get(name)
+        if name not in numbers or unit is None or unit == stated:
+            continue
+        if not is_unit(unit):
+            raise DataError(f"{data.name}: column {name} is in {stated}, and its sensor in {unit!r}, which is unknown")
+        try:
+            factor = between(name, stated, unit)
+        except ValueError as error:
+            raise DataError(f"{data.name}: {error}") from None
+        if factor != 1:
+            turned[name] = numbers[name] * factor
+            notes.append(f"{name}: in {stated} from the file, turned into {unit}, the unit of its sensor")
+    units = {**data.units, **{name: wanted[name] for name in data.units if name in wanted and name in numbers}}
+    data = data.with_columns({**{n: c for n, c in numbers.items() if data[n].dtype.kind != "f"}, **turned})
+    return data.with_units(units, tuple(notes))
+
+
+def _told_still(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
+    for name in columns:
+        note = f"column {name} {STILL} No effect that follows it can be told"
+        if np.ptp(data[name]) == 0 and note not in data.notes:
+            data = data.with_note(note)
+    return data
+
+
+def _told_turns(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Sensor]) -> MeasuredData:
+    """Return the data with a note where an angle jumps by whole turns, which a model without turns does not follow."""
+    radians = {s.column for s in sensors if s.unit == "rad"} | {n for n, unit in data.units.items() if unit == "rad"}
+    for name in columns:
+        reading = data[name][~_without_number(data[name])]
+        if name not in radians or not len(reading) or np.ptp(reading) > 2.02 * np.pi:
+            continue
+        middle = float(np.angle(np.exp(1j * reading).mean()))
+        whole = reading - 2 * np.pi * np.round((reading - middle) / (2 * np.pi))
+        note = (
+            f"{name} jumps by whole turns; a model in which the angle stands outside sine and cosine needs it without: "
+            "take 2 pi off the readings beyond the jump"
+        )
+        if np.ptp(whole) < np.ptp(reading) - np.pi and note not in data.notes:
+            data = data.with_note(note)
+    return data
+
+
+_SMALLEST, _LARGEST = 1e-15, 1e6  # of a noise or a resolution [rad, mm, N]: beyond these, squares lose their digits
+_FARTHEST = 1e9  # of a length or a load [mm, rad, N]
+
+
+def positive(data: MeasuredData, key: str, value: Any) -> float:
+    """Return `value`, stated under `key`, as a noise or a resolution; raise `DataError` where it is none."""
+    number = _float_of(value)
+    if not _SMALLEST <= number <= _LARGEST:
+        rule = f"a positive number is needed, from {_SMALLEST:g} to {_LARGEST:g}"
+        raise DataError(f"{data.name}: metadata {key}={_told(value)}: {rule}")
+    return number
+
+
+def finite(data: MeasuredData, key: str, value: Any, unit: str = "mm, rad") -> float:
+    """Return `value`, stated of `key`, as a finite number; raise `DataError` where it is none."""
+    number = _float_of(value)
+    if not abs(number) <= _FARTHEST:
+        rule = f"at most {_FARTHEST:g} can be meant" if isfinite(number) else "a finite number is needed"
+        raise DataError(f"{data.name}: metadata gives {key}={_told(value)}: {rule} [{unit}]")
+    return number
+
+
+def nominal_numbers(data: MeasuredData, known: tuple[str, ...]) -> dict[str, float]:
+    """Return name -> number of what is stated under `nominal`; raise `DataError` for a name that is not `known`."""
+    stated = data.metadata.get("nominal") or {}
+    if not isinstance(stated, Mapping):
+        raise DataError(
+            f"{data.name}: metadata nominal={shown(stated)}: names with values are needed, such as {known[0]}"
+        )
+    for name in stated:
+        if name not in known:
+            raise DataError(f"{data.name}: metadata nominal names {shown(name)!r}; {suggest(shown(name), known)}")
+    return {name: finite(data, name, value) for name, value in stated.items()}
+
+
+def _told(value: Any) -> str:
+    return repr(shown(value)) if isinstance(value, str) else shown(value)
+
+
+def _float_of(value: Any) -> float:
+    """Return a number, also one that is written as text; NaN for anything else."""
+    if isinstance(value, bool):
+        return nan
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return nan
+
+
+def told_visits(data: MeasuredData) -> MeasuredData:
+    """Return the data with poses and visits numbered through.
+
+    Files may number the visits of each pose from the start, or not number some rows. A visit ends where another pose
+    or visit was read between, by time: what comes later is no back-to-back repeat.
+    """
+    if "pose_id" in data:
+        data = data.with_columns({"pose_id": _numbered(data["pose_id"])})
+    if "visit_id" not in data:
+        return data
+    visit = _numbered(data["visit_id"])
+    if "pose_id" in data:
+        visit = data["pose_id"] * (visit.max() + 1) + visit
+    if "t_s" in data and np.ptp(data["t_s"]) > 0:
+        order = np.argsort(data["t_s"], kind="stable")
+        begun = np.cumsum(np.diff(visit[order], prepend=visit[order[0]] - 1) != 0)
+        visit = np.empty(len(data), dtype=np.int64)
+        visit[order] = begun
+    return data.with_columns({"visit_id": np.unique(visit, return_inverse=True)[1].ravel()})
+
+
+def _numbered(ids: NDArray[Any]) -> NDArray[np.int64]:
+    """Return ids as whole numbers, (n,), equal where they are equal; each that is missing has one of its own."""
+    words = np.asarray(ids).astype(str)
+    numbers = (
+        np.unique(ids if np.asarray(ids).dtype.kind in "iuf" else words, return_inverse=True)[1]
+        .ravel()
+        .astype(np.int64)
+    )
+    missing = np.isin(np.char.lower(np.char.strip(words)), sorted(NO_VALUE))
+    return np.where(missing, numbers.max() + 1 + np.arange(len(words)), numbers)

@@ -1,1 +1,0 @@
-"""What was measured: columns of readings, the instruments that gave them, and which rows are complete."""

@@ -1,0 +1,233 @@
+"""Validation: residuals before and after, on fitted rows and on held-out poses, relative to the noise floor.
+
+The gap before and after, on the fitted rows and on held-out poses, relative to the noise floor there.
+
+On unseen rows noise has two parts: that of the readings, and that of the calibrated parameters.
+
+The gap on held-out poses: rms of the whitened constraints relative to the noise floor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from scipy.special import stdtrit
+
+from calibench.core.words import plain
+from calibench.discrepancy.diagnostics.noise import outliers_under, told_by
+from calibench.discrepancy.fitting.fit import Fit, fit, linearise, readings_of
+from calibench.discrepancy.fitting.residual_problem import predicted
+from calibench.discrepancy.model.effect import ChangePoint
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.measured import MeasuredData
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.noise.laws import NoiseFinding
+from calibench.discrepancy.noise.repeats import pairs_of
+from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.report import Gap
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
+
+LONE = "makes most of the error of the readings that were not fitted"
+_MOST = 0.75  # of the sum of squares: without the reading the error is less than half
+_FEW = 8  # readings: of fewer, one is more than an eighth of them all
+
+
+def gap_of(
+    base: Fit, final: Fit, hold: Formulation | None, suspects: Sequence[NoiseFinding], rng: np.random.Generator
+) -> tuple[Gap, tuple[str, ...]]:
+    """Return the gap of the model without effects and of the final one; by cross-validation where nothing is held.
+
+    With it comes a note, if one unseen reading makes most of the error of the final model.
+    """
+    rows = base.model.formulation
+    c = final.at.misclosure.shape[1]
+    before = predicted(base.model, base.x, rows.data, Noise()).reshape(-1, c)
+    after = predicted(final.model, final.x, rows.data, _law(final, rows, suspects)).reshape(-1, c)
+    free = [np.sqrt(r.size / max(r.size - f.J.shape[1], 1)) for r, f in ((before, base), (after, final))]
+    train = root(before) * free[0], root(after) * free[1]
+    if hold is None:
+        return _crossed(base, final, train, suspects, rng)
+    hold = _surely_placed(hold, final)
+    unseen = predicted(base.model, base.x, hold.data, Noise())
+    law = _law(final, hold, suspects)
+    left = predicted(final.model, final.x, hold.data, law)
+    floor, spread = _floor(final, [(final, hold, law)], hold.data, left, _wild(final, suspects))
+    seen = held_out(unseen, left, hold.data, rng, spread)
+    gap = Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
+    return gap, _lone(unseen, left, hold)
+
+
+def _surely_placed(hold: Formulation, final: Fit) -> Formulation:
+    """Return the unseen rows without those between the fitted readings around a step, whose side is unknown."""
+    sure = np.ones(len(hold.data), dtype=bool)
+    for effect in final.model.effects:
+        if isinstance(effect, ChangePoint):
+            t, fitted = hold.data[effect.clock], final.model.formulation.data[effect.clock]
+            last, first = fitted[fitted < effect.at].max(), fitted[fitted >= effect.at].min()
+            sure &= (t <= last) | (t >= first)
+    return hold.on(hold.data.rows(sure)) if sure.any() and not sure.all() else hold
+
+
+def _crossed(
+    base: Fit, final: Fit, train: tuple[float, float], suspects: Sequence[NoiseFinding], rng: np.random.Generator
+) -> tuple[Gap, tuple[str, ...]]:
+    rows, c, p = base.model.formulation, *final.at.columns.shape[1:]
+    fold = folds(rows.data, thresholds().folds)
+    nothing = float("nan")
+    parts = [np.flatnonzero(fold == k) for k in range(thresholds().folds)]
+    own = final.noise.scale
+    untold = Gap(own, *train, nothing, nothing, (nothing, nothing), shrink(*train, own))
+    if any(len(part) == 0 or c * (len(fold) - len(part)) < p + 1 for part in parts):
+        return untold, ()
+    noise = Noise(final.noise.scale, 0.0, final.noise.t_degrees)
+    learned: list[tuple[Fit, Formulation, Noise]] = []
+    unseen: list[Array] = []
+    left: list[Array] = []
+    for part in parts:
+        rest = rows.on(rows.data.rows(fold != fold[part[0]]))
+        apart = rows.on(rows.data.rows(part))
+        for at, found in ((base, unseen), (final, left)):
+            there = fit(Model(rest, at.model.effects), noise, at.x)
+            law = Noise() if at is base else _law(final, apart, suspects)
+            found.append(predicted(there.model, there.x, apart.data, law))
+            if at is final:
+                learned.append((there, apart, law))
+    order = np.concatenate(parts)
+    before, after = np.concatenate(unseen), np.concatenate(left)
+    back = after[np.argsort(order)]
+    floor, spread = _floor(final, learned, rows.data, back, _wild(final, suspects))
+    if not floor <= thresholds().floor_unseen * own:  # the parameters are all but free without the rows left out
+        return untold, ()
+    seen = held_out(before, after, rows.data.rows(order), rng, spread)
+    shrunk = shrink(seen.before, seen.after, floor)
+    gap = Gap(floor, *train, seen.before, seen.after, seen.ci95, shrunk, cross_validated=True)
+    return gap, _lone(before[np.argsort(order)], back, rows)
+
+
+def _lone(before: Array, after: Array, unseen: Formulation) -> tuple[str, ...]:
+    """Return a note on the unseen reading without which the error after, (n, c), is less than half; else none."""
+    squares = (after**2).sum(axis=1)
+    k = int(np.argmax(squares))
+    if len(squares) < _FEW or not squares[k] > _MOST * squares.sum():
+        return ()
+    others = np.arange(len(squares)) != k
+    told, times = told_by(unseen, k), plain(root(after[others]) / root(before[others]), 2)
+    return (
+        f"one reading ({told}) {LONE}: without it what was added brings that error to {times} times what it was; was "
+        "it misread, or is no other reading near it?",
+    )
+
+
+def _wild(final: Fit, suspects: Sequence[NoiseFinding]) -> bool:
+    """Return whether a few outlying readings dominate the noise floor."""
+    return bool(np.isfinite(final.noise.t_degrees)) or any(s.family in ("outlier", "heavy_tails") for s in suspects)
+
+
+def _floor(
+    final: Fit, learned: Sequence[tuple[Fit, Formulation, Noise]], unseen: MeasuredData, left: Array, wild: bool
+) -> tuple[float, float]:
+    """Return the rms error of noise alone on unseen rows, of their readings and of the parameters, and its spread.
+
+    `learned` are the calibrations, each with the rows it predicts and their law. Few readings predict the others worse
+    than themselves, so the calibrations of a cross-validation are used one by one. The spread is the standard deviation
+    of the logarithm over repeated calibrations: errors of parameters are common to all rows, so resampling rows does
+    not show them. Where a few outlying readings dominate, the variance cannot be computed beforehand; it is then taken
+    from the differences between repeats of the unseen rows, which the same readings dominate.
+    """
+    own, spread = final.noise.scale**2, 0.0
+    estimated = not final.noise.profiled or final.noise.from_repeats  # else errors are compared with each other
+    if np.isfinite(final.noise.known) and estimated:
+        spread = 2 * own**2 / max(final.noise.known, 1.0)
+    if wild:
+        first, second = pairs_of(unseen)
+        told = (left[first] - left[second]).ravel() ** 2 / 2
+        if len(told) >= thresholds().repeat_pairs:
+            own, spread = float(np.mean(told)), float(np.var(told)) / len(told)
+    share, count = np.zeros((len(final.x), len(final.x))), 0
+    for by, rows, law in learned:
+        model = Model(rows, by.model.effects)
+        readings = readings_of(model)
+        J = linearise(model, law, by.x, readings, readings)
+        white = J.whiten(J.columns)
+        share, count = share + white.T @ white @ by.covariance(stated=True), count + len(white)
+    share /= count
+    square = own + float(np.trace(share))
+    spread += 2 * float(np.sum(share * share.T))
+    if not 0 < square < np.inf or spread < 0:  # a covariance beyond what numbers can hold
+        return float("inf"), 0.0
+    return float(np.sqrt(square)), float(np.sqrt(spread)) / (2 * square)
+
+
+def _law(final: Fit, rows: Formulation, suspects: Sequence[NoiseFinding]) -> Noise:
+    """Return the law of some rows' readings where the noise is blamed: coarse steps, and outlying readings."""
+    extra = {name: variance for name, variance in final.noise.extra.items() if np.ndim(variance) == 0}  # all rows alike
+    for suspect in suspects:
+        if suspect.family == "quantisation":
+            extra |= {name: extra.get(name, 0.0) + suspect.amplitude**2 / 12 for name in suspect.extra}
+    for suspect in suspects:
+        if suspect.family == "outlier":
+            told = outliers_under(Model(rows, final.model.effects), final.x, suspect.target)
+            extra |= {name: extra.get(name, 0.0) + variance for name, variance in told.extra.items()}
+    return Noise(extra=extra)
+
+
+@final
+@dataclass(frozen=True)
+class HeldOut:
+    """Root mean squares before and after, and the 95 % interval of the one after."""
+
+    before: float
+    after: float
+    ci95: tuple[float, float]
+
+
+def held_out(before: Array, after: Array, data: MeasuredData, rng: np.random.Generator, common: float = 0.0) -> HeldOut:
+    """Return the gap of whitened residuals (n, c) on held-out rows; its interval by a bootstrap over whole poses.
+
+    The interval is symmetric in the logarithm, Student's with one degree of freedom a pose: percentiles of the
+    resamples themselves are too narrow for the few dozen poses that are held out. `common` is the part of the spread
+    that all rows share: the standard deviation of the logarithm that the errors of the parameters add.
+    """
+    poses = np.unique(
+        np.asarray(data["pose_id"] if data.has("pose_id") else np.arange(len(data))), return_inverse=True
+    )[1]
+    squares = np.bincount(poses, (after**2).mean(axis=1))
+    counts = np.bincount(poses).astype(float)
+    k = len(counts)
+    drawn = (
+        rng.multinomial(k, np.full(k, 1 / k), size=thresholds().bootstrap_draws)
+        if k <= 5000
+        else rng.poisson(1.0, (200, k))
+    )
+    logs = 0.5 * np.log(np.maximum((drawn @ squares) / np.maximum(drawn @ counts, 1), 1e-300))
+    with np.errstate(divide="ignore"):  # readings that are met exactly: 0 with the interval 0 to 0
+        middle = np.log(root(after))
+    spread = float(np.hypot(np.std(logs) * np.sqrt(k / max(k - 1, 1)), common))
+    reach = stdtrit(max(k - 1, 1), 0.975) * spread
+    return HeldOut(root(before), root(after), (float(np.exp(middle - reach)), float(np.exp(middle + reach))))
+
+
+def root(values: Array) -> float:
+    """Return the root of the mean square, NaN of nothing."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def folds(data: MeasuredData, count: int) -> Array:
+    """Return the fold of each row, (n,): whole poses, distributed in the order of their names.
+
+    Where data have a `shared_id`, of poses whose readings share noise, all rows of one are in one fold: noise in both
+    the fit and the left-out rows would look like a prediction.
+    """
+    name = next((name for name in ("shared_id", "pose_id") if data.has(name)), None)
+    whole = np.asarray(data[name]) if name else np.arange(len(data))
+    return np.asarray(np.unique(whole, return_inverse=True)[1] % count)
+
+
+def shrink(before: float, after: float, floor: float) -> float:
+    """Return the part of the excess over the floor, in squares, that was removed; NaN where there was no excess."""
+    excess = before**2 - floor**2
+    return float(1 - max(after**2 - floor**2, 0.0) / excess) if excess > 0 else float("nan")

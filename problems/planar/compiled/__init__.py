@@ -1,1 +1,0 @@
-"""The compiled kernels of the GPM2002, and how they are called."""
