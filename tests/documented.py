@@ -58,7 +58,7 @@ BLOCKS = {
         "own-problem.md",
         "bench: 80 of 80 finished runs",
     ): "tests/bench/test_own_study.py makes those rows and has the words",
-    ("own-problem.md", "problem        optimizer"): "what the command above it prints; tests/bench/test_cli.py has such tables",
+    ("own-problem.md", "problem        optimizer"): "what the command above it prints",
     ("own-problem.md", "@pytest.mark.parametrize"): "tests/testing holds what ships to the same checks",
     ("peers-measured.md", "python -m benchmarks peers --only"): "environments of others, and minutes",
     ("thresholds.md", "python -m benchmarks thresholds"): HOURS,

@@ -17,17 +17,24 @@ _HEAD = (
 
 
 def table(machine: str) -> str:
-    """Return the families entered for one machine as a Markdown table, a row each, in the order of their names."""
+    """Return the families entered for one machine as a Markdown table, a row each, in the order of their names.
+
+    A column in which all rows agree stands above the table once.
+    """
     rows = [_row(family) for family in sorted(own_families(machine), key=lambda family: family.name)]
-    lines = [_HEAD, ("---",) * len(_HEAD), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    same = [i for i in range(2, len(_HEAD)) if len({row[i] for row in rows}) == 1 and len(rows) > 1]
+    shown = [tuple(cell for i, cell in enumerate(line) if i not in same) for line in (_HEAD, *rows)]
+    lines = [shown[0], ("---",) * len(shown[0]), *shown[1:]]
+    common = "; ".join(f"{_HEAD[i].lower()}: {rows[0][i] or 'none'}" for i in same)
+    above = f"Of all: {common}.\n\n" if common else ""
+    return above + "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def _row(family: EffectFamily) -> tuple[str, ...]:
-    columns = ", ".join(f"`{column}`" for column in family.columns) or "those of any reading"
+    columns = ", ".join(f"`{column}`" for column in family.columns)
     formula = f"`{family.formula}`".replace("|", "\\|")
     targets = ", ".join(family.targets)
-    return (f"`{family.name}`", family.cause, formula, columns, family.unit, targets, family.twins or "none")
+    return (f"`{family.name}`", family.cause, formula, columns, family.unit, targets, family.twins or "")
 
 
 if __name__ == "__main__":

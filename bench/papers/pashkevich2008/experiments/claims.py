@@ -55,8 +55,8 @@ def in_short(found: Experiments) -> Iterable[str]:
         rows along x and y follow, {other.rms("offsets only", "xy"):.3f} to {other.rms(HANDED, "xy"):.3f} and
         {other.rms(LONE, "xy"):.3f} mm; those along z refuse, {other.rms("offsets only", "z"):.3f} to
         {other.rms(HANDED, "z"):.3f} and {other.rms(LONE, "z"):.3f} mm; over all twelve next to nothing is gained,
-        {other.rms("offsets only"):.3f} to {other.rms(HANDED):.3f} and {other.rms(LONE):.3f} mm. That the rows part
-        by direction was seen afterwards. The two tables contradict each other in just these rows.""",
+        {other.rms("offsets only"):.3f} to {other.rms(HANDED):.3f} and {other.rms(LONE):.3f} mm. The
+        two tables contradict each other in just these rows.""",
         f"""**What persists need not have these names.** All that Experiment 2 left, carried over without any physics,
         predicts Table 1 better still ({one.rms(WHOLE):.3f} mm).""",
         f"""**Axes that are merely not square to each other are not supported**: six leans about a common point, F =

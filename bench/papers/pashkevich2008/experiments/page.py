@@ -22,7 +22,7 @@ from calibench.bench.papers.pashkevich2008.experiments.tables import (
     size_of,
 )
 from calibench.bench.report.shared.markdown import table, text
-from calibench.discrepancy.machines.orthoglide.experiments import HANDED, ORIENTATION, WHOLE, Experiments, experiments
+from calibench.discrepancy.machines.orthoglide.experiments import HANDED, Experiments, experiments
 
 _COMMANDS = """```text
 bench paper                                                  # writes this page to results/paper/, beside the ledger
@@ -64,21 +64,22 @@ def _each_set(found: Experiments) -> Iterable[str]:
     yield text(
         f"""Calibrated are the three joint offsets. F and p hold for few numbers and an unknown variance. "p of all" is
         the chance that the best of all candidates tried does as well where nothing is missing ({found.draws} turns of
-        the misfit). AICc is relative to the joint offsets alone (below 0 is better; six numbers are too few for it).
-        "loo" is the rms error of each number predicted from the others [mm], empty where one cannot be. Sizes in mm,
-        rad or mm a move, with standard errors; *impossible* marks those beyond what such a machine can have (a Zero
-        misread by more than the printed repeats allow). Gauges that lean or stand elsewhere are not among those tried
-        where the largest fault of a stand (.1 rad, 10 mm) would not show; they fitted exp3_t2 well with a gauge
-        metres from its leg."""
+        the misfit). AICc is relative to the joint offsets alone (below 0 is better). "loo" is the rms error of each
+        number predicted from the others [mm], empty where one cannot be. Sizes in mm, rad or mm a move, with standard
+        errors; *impossible* marks those beyond what such a machine can have. Gauges that lean or stand elsewhere are
+        not among those tried where the largest fault of a stand (.1 rad, 10 mm) would not show."""
     )
     for name in SETS:
         for weighted in [w for w in (False, True) if (name, w) in found.sets]:
             own = found.sets[name, weighted]
+            best = own.candidates[0]
             yield text(
                 f"""**{name}**, {WEIGHTING[weighted]}: {own.rows} numbers, {own.degrees} degrees of freedom,
-                {own.tried} candidates; the joint offsets alone leave {own.rms:.3f} mm, loo {own.loo:.3f}."""
+                {own.tried} candidates; the joint offsets alone leave {own.rms:.3f} mm, loo {own.loo:.3f}. Best:
+                `{best.name}`, p {best.p:.4f}, p of all {best.p_tried:.2f}, loo {best.loo:.3f}."""
             )
-            yield candidates_table(own)
+            if own.rows > 6:
+                yield candidates_table(own)
     plain, weighted_ = (found.beyond[w].candidates[0] for w in (False, True))
     yield text(
         f"""Six numbers weighted by eq. (14) give the same tests: each has a pair of readings of its own. A second
@@ -97,7 +98,7 @@ def _pattern(found: Experiments) -> Iterable[str]:
     )
     yield text(
         f"""Without any candidate: does what one set leaves point where the next one's does? The p is that of a vector
-        without direction; three dimensions are few, and these are {len(found.likenesses)} looks."""
+        without direction; three dimensions are few, and these are {len(found.likenesses)} tests."""
     )
     yield table(
         ("misfit of", "followed by that of", "cosine", "slope", "dimensions", "p, one-sided"),
@@ -126,25 +127,16 @@ def _pattern(found: Experiments) -> Iterable[str]:
 
 
 def _third(found: Experiments) -> Iterable[str]:
-    yield "## Experiment 3, predicted row by row"
+    yield "## Experiment 3, predicted"
     yield text(
         """Fitted to Experiment 2 (least squares), moved by the printed update of the joint offsets, nothing fitted to
         3. With the joint offsets alone the prediction is nearly zero. The p asks whether what is measured points the
         way the prediction does; it is small for anything that persists. Rows that refuse: those a model brings no
         nearer."""
     )
-    shown = ("offsets only", ORIENTATION, HANDED, LONE, "bar_skew cyclic", WHOLE)
     for name in ("exp3_t1", "exp3_t2"):
-        own = found.predictions[name, False]
         yield f"**{name}** [mm]"
-        yield table(
-            ("row", "measured", *shown),
-            [
-                (label, f"{own.measured[k]:+.2f}", *(f"{own.predicted[m][k]:+.2f}" for m in shown))
-                for k, label in enumerate(own.labels)
-            ],
-        )
-        yield errors_table(own)
+        yield errors_table(found.predictions[name, False])
     other = found.predictions["exp3_t2", True]
     yield text(
         f"""Weighted by eq. (14) the same: for exp3_t2 `{HANDED}` gives {other.rms(HANDED):.3f} mm,

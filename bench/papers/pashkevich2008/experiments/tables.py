@@ -11,7 +11,7 @@ from calibench.discrepancy.machines.orthoglide.experiments import MODELS, ORIENT
 SETS = ("exp1", "exp2", "exp2_t1", "exp3_t1", "exp3_t2")
 WEIGHTING = {False: "least squares", True: "weighted, eq. (14)"}
 LEAN, LONE = "guide_lean cyclic", "guide_lean axis z"
-_SHOWN = 6  # candidates of a set in the table
+_SHOWN = 5  # candidates of a set in the table
 
 
 def candidates_table(own: SmallSample) -> str:
