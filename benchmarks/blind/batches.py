@@ -62,14 +62,18 @@ def cells(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
 
 def section(batches: Sequence[Mapping[str, Any]]) -> str:
-    """Return the section of the page: the batches with their seeds, what each was for, and one table of all results."""
+    """Return the section of the page: all batches with their seeds, and the results of those that were registered.
+
+    The results of batches that were reported after they had been drawn stand in the record alone.
+    """
     head = "| batch | registered or reported | cases | nothing missing: gauss | t3 | ar1 | what |"
     lines = [BEGIN, "", head, "|---|---|---|---|---|---|---|"]
+    registered = [batch for batch in batches if batch.get("rows") and str(batch["date"]).startswith("registered")]
     for batch in batches:
         drawn = batch["drawn"]
         spans = [f"{drawn[k][0]}:{drawn[k][1]}" if k in drawn else "" for k in ("cases", "gauss", "t3", "ar1")]
         lines.append(f"| {batch['batch']} | {batch['date']} | {' | '.join(spans)} | {batch['what']} |")
-    return "\n".join([*lines, "", *_table([batch for batch in batches if batch.get("rows")]), "", END])
+    return "\n".join([*lines, "", *_table(registered), "", END])
 
 
 def _table(batches: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -77,14 +81,10 @@ def _table(batches: Sequence[Mapping[str, Any]]) -> list[str]:
     for what in SHOWN:
         of = [batch["rows"].get(what, {}) for batch in batches]
         bars = list(dict.fromkeys(cell["bar"] for groups in of for cell in groups.values() if cell["bar"]))
-        shown = [_cell(groups["all"]) if "all" in groups else _apart(groups) for groups in of]
+        shown = [_cell(groups["all"]) if "all" in groups else "" for groups in of]
         bar = f" ({' / '.join(bars)})" if bars else ""
         lines.append(f"| {what}{bar} | {' | '.join(shown)} |")
     return lines
-
-
-def _apart(groups: Mapping[str, Mapping[str, Any]]) -> str:
-    return "; ".join(f"{GROUPS[group]}: {_cell(groups[group])}" for group in GROUPS if group in groups)
 
 
 def _cell(cell: Mapping[str, Any]) -> str:

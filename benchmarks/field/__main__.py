@@ -31,18 +31,20 @@ def page(runs: pd.DataFrame) -> str:
     """Return the page: how the table was made, and the field method by method."""
     cells = counted(runs)
     problems = list(dict.fromkeys(cells.sort_values("dimension", kind="stable")["problem"]))
-    rows = []
+    alike: dict[tuple[str, ...], list[str]] = {}  # cells -> methods
     for (method, ends), mine in cells.groupby(["method", "ends"], sort=False):
         by = mine.set_index("problem")
-        shown = [_cell(by.loc[name]) if name in by.index else _NOT_RUN for name in problems]
-        rows.append([f"`{method}`", ends or "spends it", *shown])
+        shown = (_cell(by.loc[name]) if name in by.index else _NOT_RUN for name in problems)
+        alike.setdefault((ends or "spends it", *shown), []).append(f"`{method}`")
+    rows = [[", ".join(methods), *line] for line, methods in alike.items()]
     blocks = [
         "# The field",
         text(
             f"Every method of the registry on {len(problems)} problems at {int(runs['budget'].max())} evaluations from"
-            " random starts: how many runs reached the goal (the last target), and the median of the best value. A"
-            " local method is shown in two kinds: as it *stops* by its test, and as it *restarts* at random points, the"
-            " same for all, until the budget is spent. A method that draws nothing and ignores its start runs once."
+            " random starts: how many runs reached the goal (the last target), and, where not all did, the median of"
+            " the best value. Methods with the same cells share a row. A local method is shown in two kinds: as it"
+            " *stops* by its test, and as it *restarts* at random points, the same for all, until the budget is spent."
+            " A method that draws nothing and ignores its start runs once."
             f" {_NOT_RUN}: was not run, or cannot run there. {_CUT}: the time limit ended some of the runs."
         ),
         "```text\nbench run study=field execution=processes\npython -m benchmarks.field results/field\n```",
@@ -74,7 +76,8 @@ def counted(runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _cell(cell: pd.Series) -> str:
-    return f"{cell['reached']:.0f}/{cell['runs']:.0f} {cell['best']:.0e}{_CUT if cell['cut'] else ''}"
+    best = "" if cell["reached"] == cell["runs"] else f" {cell['best']:.0e}"
+    return f"{cell['reached']:.0f}/{cell['runs']:.0f}{best}{_CUT if cell['cut'] else ''}"
 
 
 def _made(runs: pd.DataFrame) -> str:
