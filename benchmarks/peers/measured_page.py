@@ -10,12 +10,13 @@ import pandas as pd
 _UNITS = ((1e9, "s"), (1e6, "ms"), (1e3, "µs"), (1.0, "ns"))
 _HEAD = """# Peers, measured in one run
 
-`make bench` makes an environment for each peer, with the pinned versions of `benchmarks/peers/tools/`, and measures all
-tables of this page; the rows are kept in `results/benchmarks/peers/*.parquet`. The lines of a table take turns, round
-after round. Ratios are of CPU time, taken within a round, to the first line: median and quartiles. Times are those of
-one evaluation (run, report), medians. Wall times, and times beside a high load, are of this one machine at one time.
+`make bench` makes an environment for each peer, with the pinned versions of `benchmarks/peers/tools/`, and measures
+all tables of this page; the rows are kept in `results/benchmarks/peers/*.parquet`. The lines of a table take turns,
+round after round. Ratios are of CPU time, taken within a round, to the first line: median and quartiles, which a line
+that took one turn does not have. Times are those of one evaluation (run, report), medians. Wall times, and times
+beside a high load, are of this one machine at one time.
 """
-_LOADED = " (more processes than cores: wall times say little, CPU times are too long, ratios hold better)"
+_LOADED = " (more processes than cores: ratios hold better than times)"
 _ABOUT = {
     "counting": "The objective is the 12-parameter planar robot, compiled, the same object in every environment (COCO "
     "counts its sphere, in C). Its time is taken away: calls with and without the counter take turns in one process, "
@@ -32,9 +33,8 @@ _ABOUT = {
     "calibration": "Least squares from the nominal parameters, 12 unknowns, 300 poses without noise: the note says "
     "what is left of the sum of squares.",
     "arm": "Least squares on positions of the tool, 300 poses without noise, from the nominal parameters. SciPy and "
-    "FIGAROH are told where base and target stand; ours finds both, and leaves wild readings out. Our whole command "
-    "reads the files, fits four levels, each also to five parts of the poses, and draws 200 times for the intervals; "
-    "the page that it then writes is not in the time.",
+    "FIGAROH know where base and target stand; ours fits both, and leaves wild readings out. Our whole command "
+    "reads the files, fits four levels, each also to five parts of the poses, and draws 200 times for the intervals.",
     "reading": "100 000 runs on disk to a DataFrame with a row a run, after the imports.",
 }
 
@@ -81,8 +81,8 @@ def _table(title: str, lines: pd.DataFrame, above: set[str]) -> str:
     return "\n".join(
         [
             f"### {title[0].upper()}{title[1:]}\n",
-            "| | CPU | wall | ratio (quartiles) | rounds |",
-            "|---|---|---|---|---|",
+            "| | CPU | wall | ratio (quartiles) |",
+            "|---|---|---|---|",
             *map(_line, rows),
             *(["", *fresh] if fresh else []),
             "",
@@ -92,12 +92,12 @@ def _table(title: str, lines: pd.DataFrame, above: set[str]) -> str:
 
 def _line(row: dict[Any, Any]) -> str:
     if row["error"]:
-        return f"| {row['line']} | - | - | - | 0 |"
+        return f"| {row['line']} | - | - | - |"
     ratio = "-"
     if row["ratio"] == row["ratio"]:
         spread = f" ({_short(row['ratio_q1'])} .. {_short(row['ratio_q3'])})" if row["rounds"] > 1 else ""
         ratio = f"{_short(row['ratio'])}{spread}"
-    cells = (row["line"], told(row["cpu_ns"]), told(row["wall_ns"]), ratio, row["rounds"])
+    cells = (row["line"], told(row["cpu_ns"]), told(row["wall_ns"]), ratio)
     return f"| {' | '.join(str(cell) for cell in cells)} |"
 
 

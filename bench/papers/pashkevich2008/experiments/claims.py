@@ -41,13 +41,12 @@ def in_short(found: Experiments) -> Iterable[str]:
         are {found.prices["exp2", False][0].right:.2f} and {found.prices["exp2", True][0].right:.2f} (below). One
         coefficient would have to explain {two.needed:.0%} of the twelve numbers to come below .05,
         {found.sets["exp2_t1", False].needed:.1%} of six.""",
-        f"""**Two accounts lead, and the data cannot part them.** *All three alike*, one number: a handed pattern in
+        f"""**Two accounts lead, and the data cannot separate them.** *All three alike*, one number: a handed pattern in
         which each axis passes the next one on the same side, `{HANDED}` {size_of(best)} mm (mirrored is its exact
         twin), or each guide leans about its middle, `{LEAN}` {size_of(two[LEAN], 1e3)} mrad, or the bars of each leg
-        are not parallel, `bar_skew cyclic` {size_of(two["bar_skew cyclic"])} mm; the chapter's eqs. (1a) to (1c) pass
-        into each other by x, y, z, x, so legs made alike and wrong alike give just that. *The z drive or leg alone*,
-        two numbers: `{LONE}` {size_of(lone, 1e3)} mrad, `bar_skew leg z` {size_of(two["bar_skew leg z"])} mm. The
-        second fits closer ({lone.share:.0%} of the misfit to {best.share:.0%}), the first predicts what is left out
+        are not parallel, `bar_skew cyclic` {size_of(two["bar_skew cyclic"])} mm. *The z drive or leg alone*, two
+        numbers: `{LONE}` {size_of(lone, 1e3)} mrad, `bar_skew leg z` {size_of(two["bar_skew leg z"])} mm. The second
+        fits closer ({lone.share:.0%} of the misfit to {best.share:.0%}), the first predicts what is left out
         better (loo {best.loo:.3f} to {lone.loo:.3f} mm, AICc {best.aicc:+.1f} to {lone.aicc:+.1f}).""",
         f"""**They predict one print of Experiment 3 and not the other.** Fitted to Experiment 2 only, the handed
         pattern brings the unseen six differences of Table 1 from {one.rms("offsets only"):.3f} to
@@ -65,7 +64,7 @@ def in_short(found: Experiments) -> Iterable[str]:
         {one.rms("offsets only"):.3f} and {other.rms("offsets only"):.3f} (weighted {w_one.rms(ORIENTATION):.3f} and
         {w_other.rms(ORIENTATION):.3f} to {w_one.rms("offsets only"):.3f} and {w_other.rms("offsets only"):.3f}). The
         chapter blames the orientation of the axes. That can be right only where axes that lean also pass each other
-        by, as guides that lean about their own middle do.""",
+        by.""",
         """**The data cannot tell** whether axes, guides or bars are at fault, one of them or three, nor what the z
         rows of Table 2 are.""",
     )
@@ -79,25 +78,21 @@ def against_the_chapter(found: Experiments) -> Iterable[str]:
     yield bullets(
         f"""*Orientation of the axes* (section 4.2 on Experiment 1, and the Resume): axes that lean and still meet
         explain {two[ORIENTATION].share:.0%} of Experiment 2 (p = {two[ORIENTATION].p:.2f}; weighted
-        {weighted[ORIENTATION].share:.0%}, {weighted[ORIENTATION].p:.2f}). The other half of the chapter's sentence,
-        that they *intersect in a single point*, is the assumption the data put in doubt. Orientation angles alone,
-        added to the model as the Resume has it, would not have helped; angles about the guides' own places might.""",
+        {weighted[ORIENTATION].share:.0%}, {weighted[ORIENTATION].p:.2f}). That they *intersect in a single point* is
+        the assumption the data put in doubt.""",
         f"""*Bounded by the manufacturing errors and non-geometric reasons* (Experiment 3): in Table 1 what 3 leaves
         follows what 2 left, cosine {three.cosine:.3f}, slope {three.slope:.2f}. What repeats like this is geometry
         that a model can hold. In Table 2 it does not repeat along z.""",
-        """*Very good agreement with the expected values*: after the update the joint offsets alone expect zero to a few
-        hundredths in every row; what Experiment 3 shows instead is above.""",
         f"""*Identifies simultaneously* offsets and lengths: the lengths beside the offsets have F =
         {lengths.statistic:.2f}, p = {lengths.p_value:.2f} on Experiment 2.""",
-        """Tables 1 and 2 print Experiment 3 differently. The differences z_x and z_y of Table 2 have the signs
-        opposite to Table 1's; Table 1 agrees with Experiment 2, Table 2 does not. Fits to Table 2's numbers reproduce
-        the predictions it prints, so the chapter computed with them. Nothing here decides which of the two is the
-        machine.""",
+        """Tables 1 and 2 print Experiment 3 differently: z_x and z_y have opposite signs. Table 1 agrees with
+        Experiment 2, Table 2 does not, and the chapter computed with Table 2. Nothing here decides which of the two is
+        the machine.""",
     )
 
 
 def what_would_decide(found: Experiments) -> Iterable[str]:
-    """Yield how far further readings would part the rivals, and which to take."""
+    """Yield how far further readings would separate the rivals, and which to take."""
     own = found.sets["exp2", False]
     left = own.rms * (1 - own[HANDED].share) ** 0.5
     yield "## What would decide"
@@ -111,11 +106,10 @@ def what_would_decide(found: Experiments) -> Iterable[str]:
         [(plan, str(len(named_plan(plan))), *(f"{found.rivals[plan, r]:.0f}" for r in RIVALS)) for plan in PLANS],
     )
     yield bullets(
-        """The twelve readings of Experiment 3 once more, gauges taken off and set anew between, every repeat printed:
-        are the z rows of Table 2 the machine or a slip? Nothing else is worth as much.""",
-        """The gauge at four places of each leg, or the tool moved along the other two axes too: they part axes,
-        guides and bars. More of the paper's own readings never part axes that pass from guides that lean, all three
-        alike.""",
+        """The twelve readings of Experiment 3 once more, every repeat printed: are the z rows of Table 2 the machine or
+        a slip?""",
+        """The gauge at four places of each leg, or the tool moved along the other two axes too: they separate
+        axes, guides and bars. More of the paper's readings never do, all three alike.""",
         """Each posture from both sides, at two loads, with times and temperatures: backlash, gravity and thermal_legs
         become testable; today they are not.""",
     )

@@ -110,9 +110,8 @@ def _pattern(found: Experiments) -> Iterable[str]:
     one, three = found.corrected["exp1"].cosine, found.corrected["exp3_t2"].cosine
     yield text(
         f"""Re-tuning the drives kept the direction and took the size to
-        {found.likenesses["exp1", "exp2_t1"].slope:.2f} of what it was. Moving axes or guides does that, and bars left
-        as they are would not: a hint at the drives, no more, as the chapter does not say all that was touched. Two
-        data are believed misprinted and used as printed (exp1 x_z, exp3_t2 x_z-); read as the ledger's errata have
+        {found.likenesses["exp1", "exp2_t1"].slope:.2f} of what it was: a hint at the drives, and no more. Two data
+        are believed misprinted and used as printed (exp1 x_z, exp3_t2 x_z-); read as the ledger's errata have
         them, the cosines are {one:.3f} (exp1, exp2_t1) and {three:.3f} (exp2, exp3_t2)."""
     )
     yield text(
@@ -131,7 +130,7 @@ def _third(found: Experiments) -> Iterable[str]:
     yield text(
         """Fitted to Experiment 2 (least squares), moved by the printed update of the joint offsets, nothing fitted to
         3. With the joint offsets alone the prediction is nearly zero. The p asks whether what is measured points the
-        way the prediction does; it is small for anything that persists. Rows that refuse: those a model brings no
+        way the prediction does; it is small for anything that persists. Rows that refuse: how many a model brings no
         nearer."""
     )
     for name in ("exp3_t1", "exp3_t2"):
