@@ -35,7 +35,7 @@ def page(runs: pd.DataFrame) -> str:
     for (method, ends), mine in cells.groupby(["method", "ends"], sort=False):
         by = mine.set_index("problem")
         shown = (_cell(by.loc[name]) if name in by.index else _NOT_RUN for name in problems)
-        alike.setdefault((ends or "spends it", *shown), []).append(f"`{method}`")
+        alike.setdefault((str(ends) or "spends it", *shown), []).append(f"`{method}`")
     rows = [[", ".join(methods), *line] for line, methods in alike.items()]
     blocks = [
         "# The field",
