@@ -1,9 +1,7 @@
 """What the gate costs: the same array through the bare kernel, through the problem, and through the gate.
 
-Best, trace and the look for what is not finite are on, and the gate is asked through its face, as an optimiser asks it.
-It has seen a better point, as it has in nearly all calls. Whether a point is in the box is looked at where the
-optimiser is a user's own, or its trait says that it is not bounded. A plain class in Python, without a compiled kernel,
-stands below.
+Asked as an optimiser asks it: best, trace and the look for what is not finite are on. Whether a point is in the box is
+looked at of a user's optimiser, and where its trait says that it is not bounded. A plain class in Python stands below.
 """
 
 from __future__ import annotations

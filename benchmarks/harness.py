@@ -1,8 +1,7 @@
 """What it costs to be counted: our gate, in nanoseconds an evaluation.
 
-The objective is trivial, so that nothing but the gate is left. It is compared with the same call without it, alone and
-in batches; the row "overhead" is the difference of the medians. What counting costs in other tools stands on the page
-of peers.
+The objective is trivial. It is compared with the same call without the gate, alone and in batches; "overhead" is the
+difference of the medians. Other tools stand on the page of peers.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """An evaluation by our kernels: against C compiled on the spot, against NumPy, alone and in a batch.
 
-`C` lets the compiler contract products and sums and is the one to beat; `C, strict` does not. Ours contracts at stated
-places only, so that a candidate has the same bits alone and in any lane of a batch. 1.15 of `C` was aimed at; what is
-above it is the price of that.
+`C` lets the compiler contract products and sums; `C, strict` does not. Ours contracts at stated places only, so that a
+candidate has the same bits alone and in any lane of a batch.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Whole optimisers on one compiled objective (full12, J3, 50 readings): ours, and those of the libraries.
 
-An evaluation is a candidate, not a call: of SciPy's vectorised differential evolution each column counts. Ours pass the
-gate, budget, best and trace included; the libraries, on which this package stands, call the bare problem, with nothing
-counted but its evaluations. Libraries that are no part of it stand on the page of peers.
+An evaluation is a candidate, not a call. Ours pass the gate, budget, best and trace included; the libraries call the
+bare problem.
 """
 
 from __future__ import annotations

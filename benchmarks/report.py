@@ -1,10 +1,8 @@
 """`bench report` of ten thousand runs: CPU time from the shell to the page, a fresh process.
 
 Five problems, ten methods and 200 seeds make 50 cells; one problem with 100 drawn instances, ten methods and ten seeds
-make 1000. The size of the page stands beside the name. The papers' study is `study=cong2008 budget=ci seeds=ci`, as
-`make reproduce` runs it: 28 figures, each as SVG and PNG, and the paper's tables. Six seconds were aimed at for it and
-are not reached: the figures are 12 of some 19 s of CPU time (made 3.6, laid out 2.4, SVG 2.1, PNG 3.9), two processes
-draw them at once, and no one part is a half.
+make 1000. The papers' study is `study=cong2008 budget=ci seeds=ci`: 28 figures, each as SVG and PNG, and the paper's
+tables; the figures are 12 of some 19 s of CPU time, and two processes draw them.
 """
 
 from __future__ import annotations

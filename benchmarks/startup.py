@@ -1,8 +1,7 @@
 """From the shell to the answer.
 
-CPU time of whole processes, bytecode and compiled code in the cache; a process counts as one evaluation. Most of a tiny
-run is the import of numba and pyarrow, and for lm of SciPy's optimisers, which stand beside it. Neither pandas nor
-numba's compiler is loaded.
+CPU time of whole processes, bytecode and compiled code in the cache. Most of a tiny run is the import of numba and
+pyarrow, and for lm of SciPy's optimisers.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Sweeps of many short runs: what the harness takes beside the optimisers, how that grows, and the tables afterwards.
 
-`bench run` of one problem and one optimiser, budget 60, on two processes. Times are of a run. The CPU time is of all
-processes, from the shell to the end, less what the optimisers took (`cpu_s` of the rows), and what a sweep of ten runs
-takes in all, which is start-up. Then the wall time of `bench status` and of reading, and the largest memory of the
-sweep's own process.
+`bench run` of one problem and one optimiser, budget 60, on two processes. Times are of a run: the CPU time of all
+processes, less what the optimisers took (`cpu_s` of the rows) and start-up. Then the wall time of `bench status` and
+of reading.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ DOCUMENTS = [ROOT / "README.md", *(page for page in sorted((ROOT / "docs").glob(
 
 LONG = {
     *(("sh", block) for block in ("discover.md-0", "guide.md-2", "guide.md-3", "suites.md-0", "exchange.md-1")),
-    *(("python", block) for block in ("guide.md-0", "discover.md-3")),
+    *(("python", block) for block in ("guide.md-0", "discover.md-2")),
 }  # several seconds each
 
 

@@ -62,26 +62,26 @@ def cells(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
 
 def section(batches: Sequence[Mapping[str, Any]]) -> str:
-    """Return the section of the page: what was drawn when, what changed between, and each batch's table."""
-    head = "| batch | registered or reported | as drawn | nothing missing: gauss | t3 | ar1 | state |"
+    """Return the section of the page: all batches with their seeds, and the results of those that were registered.
+
+    The results of batches that were reported after they had been drawn stand in the record alone.
+    """
+    head = "| batch | registered or reported | cases | nothing missing: gauss | t3 | ar1 | what |"
     lines = [BEGIN, "", head, "|---|---|---|---|---|---|---|"]
+    registered = [batch for batch in batches if batch.get("rows") and str(batch["date"]).startswith("registered")]
     for batch in batches:
         drawn = batch["drawn"]
         spans = [f"{drawn[k][0]}:{drawn[k][1]}" if k in drawn else "" for k in ("cases", "gauss", "t3", "ar1")]
-        state = "drawn" if batch.get("rows") else batch.get("state", "registered, not yet drawn")
-        lines.append(f"| {batch['batch']} | {batch['date']} | {' | '.join(spans)} | {state} |")
-    for batch in batches:
-        lines += ["", f"**Batch {batch['batch']}.** {batch['changed']}"]
-        if batch.get("rows"):
-            lines += ["", *_table(batch["rows"])]
-    return "\n".join([*lines, "", END])
+        lines.append(f"| {batch['batch']} | {batch['date']} | {' | '.join(spans)} | {batch['what']} |")
+    return "\n".join([*lines, "", *_table(registered), "", END])
 
 
-def _table(rows: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> list[str]:
-    lines = [f"| bar | {' | '.join(GROUPS.values())} |", "|---|---|---|---|"]
-    for what, groups in rows.items():
-        bars = list(dict.fromkeys(cell["bar"] for cell in groups.values() if cell["bar"]))
-        shown = [_cell(groups[group]) if group in groups else "" for group in GROUPS]
+def _table(batches: Sequence[Mapping[str, Any]]) -> list[str]:
+    lines = [f"| bar | {' | '.join(str(batch['batch']) for batch in batches)} |", "|---" * (len(batches) + 1) + "|"]
+    for what in SHOWN:
+        of = [batch["rows"].get(what, {}) for batch in batches]
+        bars = list(dict.fromkeys(cell["bar"] for groups in of for cell in groups.values() if cell["bar"]))
+        shown = [_cell(groups["all"]) if "all" in groups else "" for groups in of]
         bar = f" ({' / '.join(bars)})" if bars else ""
         lines.append(f"| {what}{bar} | {' | '.join(shown)} |")
     return lines
@@ -90,8 +90,8 @@ def _table(rows: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> list[str]:
 def _cell(cell: Mapping[str, Any]) -> str:
     known = cell["low"] is not None
     interval = f" [{cell['low']:.3f}, {cell['high']:.3f}]" if known else ""
-    told = verdict(cell["low"], cell["high"], cell["bar"]) or ("no interval" if cell["bar"] else "")
-    return f"{cell['value']:.3f}{interval} of {cell['n']}{f': {told}' if told else ''}"
+    outcome = verdict(cell["low"], cell["high"], cell["bar"])
+    return f"{cell['value']:.3f}{interval} of {cell['n']}{f': {outcome}' if outcome else ''}"
 
 
 def main(arguments: list[str] | None = None) -> None:

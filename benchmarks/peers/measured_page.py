@@ -10,20 +10,19 @@ import pandas as pd
 _UNITS = ((1e9, "s"), (1e6, "ms"), (1e3, "µs"), (1.0, "ns"))
 _HEAD = """# Peers, measured in one run
 
-`make bench` makes an environment for each peer, with the pinned versions of `benchmarks/peers/tools/`, and measures all
-tables of this page; the rows are kept in `results/benchmarks/peers/*.parquet`. The lines of a table take turns, round
-after round. Ratios are of CPU time, taken within a round, to the first line: median and quartiles. Times are those of
-one evaluation (run, report), medians. Wall times, and times beside a high load, are of this one machine at one time.
-What a line does is in its peer's script beside the requirements.
+`make bench` makes an environment for each peer, with the pinned versions of `benchmarks/peers/tools/`, and measures
+all tables of this page; the rows are kept in `results/benchmarks/peers/*.parquet`. The lines of a table take turns,
+round after round. Ratios are of CPU time, taken within a round, to the first line: median and quartiles, which a line
+that took one turn does not have. Times are those of one evaluation (run, report), medians. Wall times, and times
+beside a high load, are of this one machine at one time.
 """
-_LOADED = " (more processes than cores: wall times say little, CPU times are too long, ratios hold better)"
+_LOADED = " (more processes than cores: ratios hold better than times)"
 _ABOUT = {
     "counting": "The objective is the 12-parameter planar robot, compiled, the same object in every environment (COCO "
-    "takes no function of a user's: its own sphere). Its own time is taken away: up to 400 chunks of calls with and "
-    "without the counter take turns in one process, and the lower deciles are subtracted. What a tool keeps differs: "
-    "ours budget, best and trace; ioh's Analyzer and COCO's observer a log on disk; MLflow a row of a data base. "
-    "COCO counts its own functions in C; all others are given a function in Python, as ours are in the first line. Of "
-    "our own objectives the gate calls the kernel itself, past the Python around it: that hides most of what it costs.",
+    "counts its sphere, in C). Its time is taken away: calls with and without the counter take turns in one process, "
+    "and the lower deciles are subtracted. What a tool keeps differs: ours budget, best and trace; ioh's Analyzer and "
+    "COCO's observer a log on disk; MLflow a row of a data base. Of a compiled objective our gate calls the kernel "
+    "past the Python around it: that hides most of what it costs.",
     "optimisers": "The same objective. An evaluation is a candidate. Ours pass the gate: budget, best and trace "
     "included. Peers that take batches are given batches.",
     "sweep": "A sphere in 5 dimensions, 60 evaluations a run; a search at random where the tool takes an optimiser of "
@@ -34,9 +33,8 @@ _ABOUT = {
     "calibration": "Least squares from the nominal parameters, 12 unknowns, 300 poses without noise: the note says "
     "what is left of the sum of squares.",
     "arm": "Least squares on positions of the tool, 300 poses without noise, from the nominal parameters. SciPy and "
-    "FIGAROH are told where base and target stand; ours finds both, and leaves wild readings out. Our whole command "
-    "reads the files, fits four levels, each also to five parts of the poses, and draws 200 times for the intervals; "
-    "the page that it then writes is not in the time.",
+    "FIGAROH know where base and target stand; ours fits both, and leaves wild readings out. Our whole command "
+    "reads the files, fits four levels, each also to five parts of the poses, and draws 200 times for the intervals.",
     "reading": "100 000 runs on disk to a DataFrame with a row a run, after the imports.",
 }
 
@@ -44,6 +42,8 @@ _ABOUT = {
 def page(tables: Sequence[pd.DataFrame]) -> str:
     """Return the page of the tables, in their order."""
     parts, seen = [_HEAD], ""
+    versions = dict.fromkeys(str(version) for rows in tables for version in rows["version"])
+    parts.append(f"Versions: {'; '.join(versions)}.\n")
     there = {str(rows["table"].iloc[0]) for rows in tables}
     if missing := [name for name in _ABOUT if name not in there]:
         parts.append(f"Not measured yet: {', '.join(missing)}.\n")
@@ -58,8 +58,9 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
             f"{first['date']}, {first['machine']}; load average {first['load_before']:.1f} before, "
             f"{first['load_after']:.1f} after{_LOADED if _is_loaded(first) else ''}.\n"
         )
+        notes: set[str] = set()  # a note that stands below one table of a benchmark is not repeated below the next
         for title, lines in rows.groupby("benchmark", sort=False):
-            parts.append(_table(str(title), lines))
+            parts.append(_table(str(title), lines, notes))
             if ahead := _ahead(lines):
                 parts.append(f"**Ahead of us here:** {ahead}.\n")
     return "\n".join(parts)
@@ -71,17 +72,19 @@ def _is_loaded(row: pd.Series) -> bool:
     return bool(max(row["load_before"], row["load_after"]) > cores)
 
 
-def _table(title: str, lines: pd.DataFrame) -> str:
-    """Return a heading, the table, and notes on its lines below it: a wide column would hide the others."""
+def _table(title: str, lines: pd.DataFrame, above: set[str]) -> str:
+    """Return a heading, the table, and notes on its lines below it, which enter those that stand `above`."""
     rows = lines.to_dict("records")
-    said = [f"- {row['line']}: {text}" for row in rows if (text := _cell(row["error"] or row["note"]))]
+    notes = [f"- {row['line']}: {text}" for row in rows if (text := _cell(row["error"] or row["note"]))]
+    fresh = [note for note in notes if note not in above]
+    above.update(fresh)
     return "\n".join(
         [
             f"### {title[0].upper()}{title[1:]}\n",
-            "| | version | CPU | quartiles | wall | ratio (quartiles) | rounds |",
-            "|---|---|---|---|---|---|---|",
+            "| | CPU | wall | ratio (quartiles) |",
+            "|---|---|---|---|",
             *map(_line, rows),
-            *(["", *said] if said else []),
+            *(["", *fresh] if fresh else []),
             "",
         ]
     )
@@ -89,13 +92,12 @@ def _table(title: str, lines: pd.DataFrame) -> str:
 
 def _line(row: dict[Any, Any]) -> str:
     if row["error"]:
-        return f"| {row['line']} | {row['version']} | - | - | - | - | 0 |"
+        return f"| {row['line']} | - | - | - |"
     ratio = "-"
     if row["ratio"] == row["ratio"]:
         spread = f" ({_short(row['ratio_q1'])} .. {_short(row['ratio_q3'])})" if row["rounds"] > 1 else ""
         ratio = f"{_short(row['ratio'])}{spread}"
-    quartiles = f"{told(row['cpu_q1'])} .. {told(row['cpu_q3'])}" if row["rounds"] > 1 and row["cpu_ns"] > 0 else "-"
-    cells = (row["line"], row["version"], told(row["cpu_ns"]), quartiles, told(row["wall_ns"]), ratio, row["rounds"])
+    cells = (row["line"], told(row["cpu_ns"]), told(row["wall_ns"]), ratio)
     return f"| {' | '.join(str(cell) for cell in cells)} |"
 
 

@@ -60,13 +60,12 @@ def in_short(found: Experiments) -> Iterable[str]:
         are {found.prices["exp2", False][0].right:.2f} and {found.prices["exp2", True][0].right:.2f} (below). One
         coefficient would have to explain {two.needed:.0%} of the twelve numbers to come below .05,
         {found.sets["exp2_t1", False].needed:.1%} of six.""",
-        f"""**Two accounts lead, and the data cannot part them.** *All three alike*, one number: a handed pattern in
+        f"""**Two accounts lead, and the data cannot separate them.** *All three alike*, one number: a handed pattern in
         which each axis passes the next one on the same side, `{HANDED}` {size_of(best)} mm (mirrored is its exact
         twin), or each guide leans about its middle, `{LEAN}` {size_of(two[LEAN], 1e3)} mrad, or the bars of each leg
-        are not parallel, `bar_skew cyclic` {size_of(two["bar_skew cyclic"])} mm; the chapter's eqs. (1a) to (1c) pass
-        into each other by x, y, z, x, so legs made alike and wrong alike give just that. *The z drive or leg alone*,
-        two numbers: `{LONE}` {size_of(lone, 1e3)} mrad, `bar_skew leg z` {size_of(two["bar_skew leg z"])} mm. The
-        second fits closer ({lone.share:.0%} of the misfit to {best.share:.0%}), the first predicts what is left out
+        are not parallel, `bar_skew cyclic` {size_of(two["bar_skew cyclic"])} mm. *The z drive or leg alone*, two
+        numbers: `{LONE}` {size_of(lone, 1e3)} mrad, `bar_skew leg z` {size_of(two["bar_skew leg z"])} mm. The second
+        fits closer ({lone.share:.0%} of the misfit to {best.share:.0%}), the first predicts what is left out
         better (loo {best.loo:.3f} to {lone.loo:.3f} mm, AICc {best.aicc:+.1f} to {lone.aicc:+.1f}).""",
         f"""**They predict one print of Experiment 3 and not the other.** Fitted to Experiment 2 only, the handed
         pattern brings the unseen six differences of Table 1 from {one.rms("offsets only"):.3f} to
@@ -74,8 +73,8 @@ def in_short(found: Experiments) -> Iterable[str]:
         rows along x and y follow, {other.rms("offsets only", "xy"):.3f} to {other.rms(HANDED, "xy"):.3f} and
         {other.rms(LONE, "xy"):.3f} mm; those along z refuse, {other.rms("offsets only", "z"):.3f} to
         {other.rms(HANDED, "z"):.3f} and {other.rms(LONE, "z"):.3f} mm; over all twelve next to nothing is gained,
-        {other.rms("offsets only"):.3f} to {other.rms(HANDED):.3f} and {other.rms(LONE):.3f} mm. That the rows part
-        by direction was seen afterwards. The two tables contradict each other in just these rows.""",
+        {other.rms("offsets only"):.3f} to {other.rms(HANDED):.3f} and {other.rms(LONE):.3f} mm. The
+        two tables contradict each other in just these rows.""",
         f"""**What persists need not have these names.** All that Experiment 2 left, carried over without any physics,
         predicts Table 1 better still ({one.rms(WHOLE):.3f} mm).""",
         f"""**Axes that are merely not square to each other are not supported**: six leans about a common point, F =
@@ -84,7 +83,7 @@ def in_short(found: Experiments) -> Iterable[str]:
         {one.rms("offsets only"):.3f} and {other.rms("offsets only"):.3f} (weighted {w_one.rms(ORIENTATION):.3f} and
         {w_other.rms(ORIENTATION):.3f} to {w_one.rms("offsets only"):.3f} and {w_other.rms("offsets only"):.3f}). The
         chapter blames the orientation of the axes. That can be right only where axes that lean also pass each other
-        by, as guides that lean about their own middle do.""",
+        by.""",
         """**The data cannot tell** whether axes, guides or bars are at fault, one of them or three, nor what the z
         rows of Table 2 are.""",
     )
@@ -98,25 +97,21 @@ def against_the_chapter(found: Experiments) -> Iterable[str]:
     yield bullets(
         f"""*Orientation of the axes* (section 4.2 on Experiment 1, and the Resume): axes that lean and still meet
         explain {two[ORIENTATION].share:.0%} of Experiment 2 (p = {two[ORIENTATION].p:.2f}; weighted
-        {weighted[ORIENTATION].share:.0%}, {weighted[ORIENTATION].p:.2f}). The other half of the chapter's sentence,
-        that they *intersect in a single point*, is the assumption the data put in doubt. Orientation angles alone,
-        added to the model as the Resume has it, would not have helped; angles about the guides' own places might.""",
+        {weighted[ORIENTATION].share:.0%}, {weighted[ORIENTATION].p:.2f}). That they *intersect in a single point* is
+        the assumption the data put in doubt.""",
         f"""*Bounded by the manufacturing errors and non-geometric reasons* (Experiment 3): in Table 1 what 3 leaves
         follows what 2 left, cosine {three.cosine:.3f}, slope {three.slope:.2f}. What repeats like this is geometry
         that a model can hold. In Table 2 it does not repeat along z.""",
-        """*Very good agreement with the expected values*: after the update the joint offsets alone expect zero to a few
-        hundredths in every row; what Experiment 3 shows instead is above.""",
         f"""*Identifies simultaneously* offsets and lengths: the lengths beside the offsets have F =
         {lengths.statistic:.2f}, p = {lengths.p_value:.2f} on Experiment 2.""",
-        """Tables 1 and 2 print Experiment 3 differently. The differences z_x and z_y of Table 2 have the signs
-        opposite to Table 1's; Table 1 agrees with Experiment 2, Table 2 does not. Fits to Table 2's numbers reproduce
-        the predictions it prints, so the chapter computed with them. Nothing here decides which of the two is the
-        machine.""",
+        """Tables 1 and 2 print Experiment 3 differently: z_x and z_y have opposite signs. Table 1 agrees with
+        Experiment 2, Table 2 does not, and the chapter computed with Table 2. Nothing here decides which of the two is
+        the machine.""",
     )
 
 
 def what_would_decide(found: Experiments) -> Iterable[str]:
-    """Yield how far further readings would part the rivals, and which to take."""
+    """Yield how far further readings would separate the rivals, and which to take."""
     own = found.sets["exp2", False]
     left = own.rms * (1 - own[HANDED].share) ** 0.5
     yield "## What would decide"
@@ -130,11 +125,10 @@ def what_would_decide(found: Experiments) -> Iterable[str]:
         [(plan, str(len(named_plan(plan))), *(f"{found.rivals[plan, r]:.0f}" for r in RIVALS)) for plan in PLANS],
     )
     yield bullets(
-        """The twelve readings of Experiment 3 once more, gauges taken off and set anew between, every repeat printed:
-        are the z rows of Table 2 the machine or a slip? Nothing else is worth as much.""",
-        """The gauge at four places of each leg, or the tool moved along the other two axes too: they part axes,
-        guides and bars. More of the paper's own readings never part axes that pass from guides that lean, all three
-        alike.""",
+        """The twelve readings of Experiment 3 once more, every repeat printed: are the z rows of Table 2 the machine or
+        a slip?""",
+        """The gauge at four places of each leg, or the tool moved along the other two axes too: they separate
+        axes, guides and bars. More of the paper's readings never do, all three alike.""",
         """Each posture from both sides, at two loads, with times and temperatures: backlash, gravity and thermal_legs
         become testable; today they are not.""",
     )
@@ -143,7 +137,7 @@ def what_would_decide(found: Experiments) -> Iterable[str]:
 SETS = ("exp1", "exp2", "exp2_t1", "exp3_t1", "exp3_t2")
 WEIGHTING = {False: "least squares", True: "weighted, eq. (14)"}
 LEAN, LONE = "guide_lean cyclic", "guide_lean axis z"
-_SHOWN = 6  # candidates of a set in the table
+_SHOWN = 3  # candidates of a set in the table
 
 
 def candidates_table(own: SmallSample) -> str:
@@ -164,7 +158,7 @@ def errors_table(own: Prediction) -> str:
     for model in (*MODELS, WHOLE):
         rms = (f"{own.rms(model, where):.3f}" for where in ("", "xy", "z"))
         like = own.like.get(model)
-        rows.append((model, *rms, *((f"{like.p:.4f}", ", ".join(own.refusing(model))) if like else ("", ""))))
+        rows.append((model, *rms, f"{like.p:.4f}" if like else "", str(len(own.refusing(model))) if like else ""))
     return table(
         ("model of Experiment 2", "rms [mm]", "along x, y", "along z", "p, one-sided", "rows that refuse"), rows
     )
@@ -180,42 +174,27 @@ def size_of(candidate: Supported, scale: float = 1.0) -> str:
 
 
 def added_later(found: Experiments) -> Iterable[str]:
-    """Yield when the family was added, what that costs by three prices, and which of them holds."""
+    """Yield when the family was added, and what that costs."""
     late, _ = found.prices["exp2", False]
     yield f"## `{ADDED_LATER}` was added afterwards"
     yield text(
-        f"""The history of this repository says so: the sets were fitted and Experiment 3 was predicted in commit
-        8faa0e2 (2026-11-21 13:55), `{ADDED_LATER}` entered the catalogue in d6cdf45 (14:05), ten minutes later, by who
-        had seen what the fits had left. The same commit took out gauges that lean or stand elsewhere where no plausible
-        size would show, and they had fitted exp3_t2 well. A p that counts a list of candidates holds for a list that
-        was there before the data; this one was not."""
-    )
-    yield text(
-        f"""Three prices, of {found.draws} turns of the misfit. *As it stands*: the chance that the best of the present
-        catalogue does as well on noise; the p of the tables above. *All ever tried*: what was taken out is counted too.
-        *With the choice*: besides, one of {late.others} further families of the same shape might have been written,
-        as many as the catalogue has others; each would do on noise as well as `{ADDED_LATER}` alone does. The right
-        price of `{ADDED_LATER}` is the last, as it was written to a residual that had been seen; and it is a lower
-        bound, for nobody counted what else was thought of. The right price of what was there from the beginning is
-        *all ever tried*, for taking the family out again would be a second choice. "Without" is the p of all as it was
-        before the family was added."""
+        f"""`{ADDED_LATER}` entered the catalogue (commit d6cdf45) after the sets had been fitted (8faa0e2), by who had
+        seen what the fits leave. So its p has to pay for that choice. *As it stands*: the chance that the best of the
+        present catalogue does as well on noise ({found.draws} turns of the misfit). *Right*: what was taken out in the
+        same commit is counted too, and for `{ADDED_LATER}` that one of {late.others} further families of the same
+        shape might have been written, as many as the catalogue has others; that is a lower bound."""
     )
     rows = []
     for name in SETS:
         for weighted in [w for w in (False, True) if (name, w) in found.prices]:
             for one in found.prices[name, weighted]:
-                without = "" if one.listed is None else f"{one.listed:.2f}"
-                choice = "" if one.chosen is None else f"{one.chosen:.2f}"
-                numbers = (f"{one.p:.4f}", without, f"{one.now:.2f}", f"{one.ever:.2f}", choice, f"**{one.right:.2f}**")
+                numbers = (f"{one.p:.4f}", f"{one.now:.2f}", f"**{one.right:.2f}**")
                 rows.append((name, WEIGHTING[weighted], one.name, *numbers))
-    yield table(
-        ("set", "", "candidate", "p", "without", "as it stands", "all ever tried", "with the choice", "right"), rows
-    )
+    yield table(("set", "", "candidate", "p", "as it stands", "right"), rows)
     yield text(
         f"""No price makes a name: .01 is asked for, and the least is
-        {min(one.right for pair in found.prices.values() for one in pair):.2f}. Experiment 3 does not make up for it, as
-        its numbers had been seen as well when the family was written. Only readings taken from now on can test
-        `{ADDED_LATER}` at its own p."""
+        {min(one.right for pair in found.prices.values() for one in pair):.2f}. Only new readings can test
+        `{ADDED_LATER}` at its plain p."""
     )
 
 
@@ -259,21 +238,22 @@ def _each_set(found: Experiments) -> Iterable[str]:
     yield text(
         f"""Calibrated are the three joint offsets. F and p hold for few numbers and an unknown variance. "p of all" is
         the chance that the best of all candidates tried does as well where nothing is missing ({found.draws} turns of
-        the misfit). AICc is relative to the joint offsets alone (below 0 is better; six numbers are too few for it).
-        "loo" is the rms error of each number predicted from the others [mm], empty where one cannot be. Sizes in mm,
-        rad or mm a move, with standard errors; *impossible* marks those beyond what such a machine can have (a Zero
-        misread by more than the printed repeats allow). Gauges that lean or stand elsewhere are not among those tried
-        where the largest fault of a stand (.1 rad, 10 mm) would not show; they fitted exp3_t2 well with a gauge
-        metres from its leg."""
+        the misfit). AICc is relative to the joint offsets alone (below 0 is better). "loo" is the rms error of each
+        number predicted from the others [mm], empty where one cannot be. Sizes in mm, rad or mm a move, with standard
+        errors; *impossible* marks those beyond what such a machine can have. Gauges that lean or stand elsewhere are
+        not among those tried where the largest fault of a stand (.1 rad, 10 mm) would not show."""
     )
     for name in SETS:
         for weighted in [w for w in (False, True) if (name, w) in found.sets]:
             own = found.sets[name, weighted]
+            best = own.candidates[0]
             yield text(
                 f"""**{name}**, {WEIGHTING[weighted]}: {own.rows} numbers, {own.degrees} degrees of freedom,
-                {own.tried} candidates; the joint offsets alone leave {own.rms:.3f} mm, loo {own.loo:.3f}."""
+                {own.tried} candidates; the joint offsets alone leave {own.rms:.3f} mm, loo {own.loo:.3f}. Best:
+                `{best.name}`, p {best.p:.4f}, p of all {best.p_tried:.2f}, loo {best.loo:.3f}."""
             )
-            yield candidates_table(own)
+            if own.rows > 6:
+                yield candidates_table(own)
     plain, weighted_ = (found.beyond[w].candidates[0] for w in (False, True))
     yield text(
         f"""Six numbers weighted by eq. (14) give the same tests: each has a pair of readings of its own. A second
@@ -292,7 +272,7 @@ def _pattern(found: Experiments) -> Iterable[str]:
     )
     yield text(
         f"""Without any candidate: does what one set leaves point where the next one's does? The p is that of a vector
-        without direction; three dimensions are few, and these are {len(found.likenesses)} looks."""
+        without direction; three dimensions are few, and these are {len(found.likenesses)} tests."""
     )
     yield table(
         ("misfit of", "followed by that of", "cosine", "slope", "dimensions", "p, one-sided"),
@@ -304,9 +284,8 @@ def _pattern(found: Experiments) -> Iterable[str]:
     one, three = found.corrected["exp1"].cosine, found.corrected["exp3_t2"].cosine
     yield text(
         f"""Re-tuning the drives kept the direction and took the size to
-        {found.likenesses["exp1", "exp2_t1"].slope:.2f} of what it was. Moving axes or guides does that, and bars left
-        as they are would not: a hint at the drives, no more, as the chapter does not say all that was touched. Two
-        data are believed misprinted and used as printed (exp1 x_z, exp3_t2 x_z-); read as the ledger's errata have
+        {found.likenesses["exp1", "exp2_t1"].slope:.2f} of what it was: a hint at the drives, and no more. Two data
+        are believed misprinted and used as printed (exp1 x_z, exp3_t2 x_z-); read as the ledger's errata have
         them, the cosines are {one:.3f} (exp1, exp2_t1) and {three:.3f} (exp2, exp3_t2)."""
     )
     yield text(
@@ -321,25 +300,16 @@ def _pattern(found: Experiments) -> Iterable[str]:
 
 
 def _third(found: Experiments) -> Iterable[str]:
-    yield "## Experiment 3, predicted row by row"
+    yield "## Experiment 3, predicted"
     yield text(
         """Fitted to Experiment 2 (least squares), moved by the printed update of the joint offsets, nothing fitted to
         3. With the joint offsets alone the prediction is nearly zero. The p asks whether what is measured points the
-        way the prediction does; it is small for anything that persists. Rows that refuse: those a model brings no
+        way the prediction does; it is small for anything that persists. Rows that refuse: how many a model brings no
         nearer."""
     )
-    shown = ("offsets only", ORIENTATION, HANDED, LONE, "bar_skew cyclic", WHOLE)
     for name in ("exp3_t1", "exp3_t2"):
-        own = found.predictions[name, False]
         yield f"**{name}** [mm]"
-        yield table(
-            ("row", "measured", *shown),
-            [
-                (label, f"{own.measured[k]:+.2f}", *(f"{own.predicted[m][k]:+.2f}" for m in shown))
-                for k, label in enumerate(own.labels)
-            ],
-        )
-        yield errors_table(own)
+        yield errors_table(found.predictions[name, False])
     other = found.predictions["exp3_t2", True]
     yield text(
         f"""Weighted by eq. (14) the same: for exp3_t2 `{HANDED}` gives {other.rms(HANDED):.3f} mm,
