@@ -320,10 +320,14 @@ def _can_be_run_through(target: Path) -> bool:
 def _search(name: str, root: Path) -> Path | None:
     if not _begins_in(root, name.partition(".")[0]):
         return None
-    path = root.joinpath(*name.split("."))
-    for file in (path.with_name(f"{path.name}.py"), path / "__init__.py"):
-        if file.is_file():
-            return file.resolve()
+    parts = name.split(".")
+    paths = [root.joinpath(*parts)]
+    if root == _HOME and parts[0] == "calibench":  # a checkout, with links in calibench/ or without
+        paths.append(root.joinpath(*parts[1:]))
+    for path in paths:
+        for file in (path.with_name(f"{path.name}.py"), path / "__init__.py"):
+            if file.is_file():
+                return file.resolve()
     return None
 
 

@@ -26,7 +26,7 @@ from calibench.discrepancy.machines.orthoglide.experiments import HANDED, ORIENT
 
 _COMMANDS = """```text
 bench paper                                                  # writes this page to results/paper/, beside the ledger
-python -m bench.papers.pashkevich2008.experiments.page orthoglide-experiments.md    # this page alone
+python -m calibench.bench.papers.pashkevich2008.experiments.page orthoglide-experiments.md    # this page alone
 bench discover machine=orthoglide data=exp2                  # the verdict on one set
 ```"""
 
