@@ -381,6 +381,17 @@ def is_ours(file: Path) -> bool:
     return parts[0] in (*_OURS, "bench", "conf", "calibench") or file in _FACES
 
 
+def is_foreign(thing: Any) -> bool:
+    """Tell whether the class of a problem or optimiser is not this package's."""
+    return is_foreign_module(type(thing).__module__)
+
+
+def is_foreign_module(name: str) -> bool:
+    """Tell whether the module of this name is not this package's."""
+    file = file_of(name)
+    return file is None or not is_ours(file)
+
+
 @cache
 def is_local(file: Path) -> bool:
     """Tell whether `file` is neither installed nor of the standard library."""

@@ -16,10 +16,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from math import isfinite
 from threading import Lock
-from typing import Any, NamedTuple, Protocol, TypedDict, final
+from typing import NamedTuple, Protocol, TypedDict, final
 
 from calibench.bench.execution.in_progress.pulse import looked_at
-from calibench.bench.gate.guard.wall import walled
 from calibench.bench.gate.processes.process_group import born
 
 _RECENT = 30.0  # seconds: the rate is that of the last one or two of these
@@ -76,25 +75,33 @@ class Counts(Protocol):
     def best_value(self) -> float: ...
 
 
+_PUBLISHERS: list[_Publisher] = []  # the last one is told
+
+
 @contextmanager
 def publishing(publish: Publish, every: float = 1.0) -> Iterator[None]:
     """Call `publish` every `every` seconds for the runs in this process that last longer than that."""
-    look, leave = _enter(publish, every)
+    publisher = _Publisher(publish, every)
+    _PUBLISHERS.append(publisher)
     try:
-        with looked_at(look, every):
+        with looked_at(publisher.look, every):
             yield
     finally:
-        leave()
+        _PUBLISHERS.remove(publisher)
 
 
 @contextmanager
 def followed(name: Name, counts: Counts, pid: int | None = None) -> Iterator[None]:
     """Follow a run by its `counts` while the block lasts; `pid` is the process that makes it, where that is another."""
-    end = _follow(name, counts, pid)
+    if not _PUBLISHERS or _PUBLISHERS[-1].pid != os.getpid():  # a forked child has no thread that looks
+        yield
+        return
+    publisher, run = _PUBLISHERS[-1], _Followed(name, counts, pid)
+    publisher.runs.add(run)
     try:
         yield
     finally:
-        end()
+        publisher.end(run)
 
 
 @final
@@ -177,28 +184,3 @@ class _Followed:
             then, made, paid = self._began, 0, 0
         took = max(now - then, 1e-9)
         return (evaluations - made) / took, (spent - paid) / took
-
-
-def _publishers() -> tuple[Any, Any]:
-    """Return ``enter(publish, every)``, which gives a look and its end, and ``follow(name, counts, pid)``, likewise.
-
-    Both stand behind walls, because a followed run has a reference to the counters of its gate.
-    """
-    publishers: list[_Publisher] = []  # the last one is told
-
-    def enter(publish: Publish, every: float) -> tuple[Any, Any]:
-        publisher = _Publisher(publish, every)
-        publishers.append(publisher)
-        return walled(publisher.look), walled(lambda: publishers.remove(publisher))
-
-    def follow(name: Name, counts: Counts, pid: int | None) -> Any:
-        if not publishers or publishers[-1].pid != os.getpid():  # a forked child has no thread that looks
-            return lambda: None
-        publisher, run = publishers[-1], _Followed(name, counts, pid)
-        publisher.runs.add(run)
-        return lambda: publisher.end(run)
-
-    return walled(enter), walled(follow)
-
-
-_enter, _follow = _publishers()

@@ -1,7 +1,6 @@
 """One thread for each process that reads the runs in progress now and then, so that no evaluation pays for it.
 
-It starts with the first run and ends some seconds after the last one. It has references to the counters of the gate, so
-it stands behind a wall (`bench.gate.guard.wall`).
+It starts with the first run and ends some seconds after the last one.
 """
 
 from __future__ import annotations
@@ -11,9 +10,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from time import monotonic
-from typing import Any, final
+from typing import final
 
-from calibench.bench.gate.guard.wall import walled
 from calibench.core.process_state import OWN_THREAD
 
 _IDLE = 10.0  # seconds for which the thread waits for something to look at
@@ -22,11 +20,11 @@ _IDLE = 10.0  # seconds for which the thread waits for something to look at
 @contextmanager
 def looked_at(look: Callable[[], None], every: float = 1.0) -> Iterator[None]:
     """Call `look` every so many seconds, from another thread, while the block lasts. Its exceptions are ignored."""
-    key = _add(look, every)
+    key = _here().add(look, every)
     try:
         yield
     finally:
-        _remove(key)
+        _here().remove(key)
 
 
 @final
@@ -43,7 +41,7 @@ class _Pulse:
             self._looks[key] = (due, every, look)
             if not self._alive:
                 self._alive = True
-                threading.Thread(target=walled(self._beat), name=f"{OWN_THREAD}pulse", daemon=True).start()
+                threading.Thread(target=self._beat, name=f"{OWN_THREAD}pulse", daemon=True).start()
             elif due < self._wakes:
                 self._change.notify()
         return key
@@ -74,18 +72,12 @@ class _Pulse:
                     look()
 
 
-def _pulse_of_this_process() -> tuple[Any, Any]:
-    """Return `_Pulse.add` and `_Pulse.remove` of the one of this process: no thread lives on in a forked child."""
-    pulses: dict[int, _Pulse] = {}
-
-    def here() -> _Pulse:
-        pid = os.getpid()
-        if pid not in pulses:
-            pulses.clear()
-            pulses[pid] = _Pulse()
-        return pulses[pid]
-
-    return walled(lambda look, every: here().add(look, every)), walled(lambda key: here().remove(key))
+_PULSES: dict[int, _Pulse] = {}  # of this process alone: no thread lives on in a forked child
 
 
-_add, _remove = _pulse_of_this_process()
+def _here() -> _Pulse:
+    pid = os.getpid()
+    if pid not in _PULSES:
+        _PULSES.clear()
+        _PULSES[pid] = _Pulse()
+    return _PULSES[pid]

@@ -17,7 +17,6 @@ from calibench import optimizers, problems
 from calibench.bench.execution.request.checks import check_pair
 from calibench.bench.execution.request.own_problem import group_of, minimum_of, unit_of
 from calibench.bench.execution.stochastic import is_stochastic
-from calibench.bench.gate.guard.foreign_code import is_foreign, is_foreign_module
 from calibench.bench.provenance.code_digest import Library, code_digest, library_of
 from calibench.bench.provenance.run_id import (
     canonical,
@@ -28,6 +27,7 @@ from calibench.bench.provenance.run_id import (
     options_of,
 )
 from calibench.core.registry import Registry
+from calibench.core.sources import is_foreign, is_foreign_module
 from calibench.problems.base import Array, Parameter, coordinates_of, extra_of, parameters_of
 
 _MADE: dict[str, Pair] = {}
