@@ -30,10 +30,9 @@ for line in ("list problems", "run problem=sensor_zero optimizer=lm budget=50 se
         main(line.split())
     except SystemExit as ended:
         assert ended.code == 0, line
-from calibench import bench, discrepancy, optimizers, plot, problems, testing
-""" + (
-    DIGEST := 'print(bench.execute(problems.make("sensor_zero"), optimizers.make("lm"), budget=9).row["code_digest"])\n'
-)
+"""
+IMPORTS = "from calibench import bench, discrepancy, optimizers, plot, problems, testing\n"
+DIGEST = 'print(bench.execute(problems.make("sensor_zero"), optimizers.make("lm"), budget=9).row["code_digest"])'
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +42,7 @@ def clone(tmp_path_factory):
     for name in ("calibench", *ROOMS):
         unwanted = ignore_patterns("__pycache__", *(ROOMS if name == "calibench" else ()))
         copytree(ROOT / name, folder / name, ignore=unwanted)
-    for name in ("pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md"):
+    for name in ("pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff"):
         (folder / name).write_bytes((ROOT / name).read_bytes())
     for name in ROOMS:
         (folder / "calibench" / name).write_text(f"../{name}")
@@ -101,20 +100,21 @@ def test_modules_templates_style_sheets_the_schema_and_the_mark_of_types_are_in_
     assert {name.partition("/")[0].partition("-")[0] for name in names} == {"calibench"}
 
 
-def test_the_sdist_gives_the_same_wheel(clone, wheel, tmp_path):
-    with tarfile.open(built(SdistBuilder, clone, tmp_path)) as archive:
+@pytest.mark.parametrize("links", [False, True])
+def test_the_sdist_gives_the_same_wheel(clone, wheel, links, tmp_path):
+    with tarfile.open(built(SdistBuilder, ROOT if links else clone, tmp_path)) as archive:
         archive.extractall(tmp_path, filter="data")
     (source,) = (path for path in tmp_path.iterdir() if path.is_dir())
     again = built(WheelBuilder, source, tmp_path)
-    assert zipfile.ZipFile(again).namelist() == zipfile.ZipFile(wheel).namelist()
+    assert sorted(zipfile.ZipFile(again).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
 
 
 def test_the_wheel_is_whole_among_a_users_own_folders_of_our_names(wheel, tmp_path):
-    lines = give(wheel, tmp_path, COMMANDS)
+    lines = give(wheel, tmp_path, IMPORTS + COMMANDS)
     assert any(line.startswith("sensor_zero") for line in lines)
 
 
 def test_an_editable_clone_is_whole_and_its_code_has_the_same_digest(clone, tmp_path, capsys):
-    lines = give(built(WheelBuilder, clone, tmp_path, "editable"), tmp_path, COMMANDS)
+    lines = give(built(WheelBuilder, clone, tmp_path, "editable"), tmp_path, IMPORTS + DIGEST)
     exec(DIGEST, {"bench": bench, "optimizers": optimizers, "problems": problems})
     assert capsys.readouterr().out == f"{lines[-1]}\n"
