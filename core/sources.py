@@ -24,6 +24,8 @@ from calibench.core.kept import kept
 
 _HOME = Path(__file__).resolve().parent.parent
 _FACES = (_HOME / "calibench" / "__init__.py", _HOME / "__init__.py")  # of a checkout, and installed
+# here and not when it is asked for: that may be within an import, and `sysconfig` imports what it reads
+_STANDARD = tuple({Path(sysconfig.get_paths()[key]).resolve() for key in ("stdlib", "platstdlib")})
 _OURS = ("core", "problems", "optimizers", "discrepancy")  # what a run can go through, beside its gate
 
 
@@ -397,12 +399,7 @@ def is_local(file: Path) -> bool:
     """Tell whether `file` is neither installed nor of the standard library."""
     if {"site-packages", "dist-packages"} & set(file.parts):
         return False
-    return not any(file.is_relative_to(folder) for folder in _standard())
-
-
-@cache
-def _standard() -> tuple[Path, ...]:
-    return tuple({Path(sysconfig.get_paths()[key]).resolve() for key in ("stdlib", "platstdlib")})
+    return not any(file.is_relative_to(folder) for folder in _STANDARD)
 
 
 def _told_name(file: Path, root: Path) -> str:
