@@ -18,7 +18,7 @@ BUDGET ?= paper
 SEEDS ?= paper
 REFERENCE ?= results/reference
 
-.PHONY: docs peers venv reproduce reference test lint types bench slow clean
+.PHONY: docs peers release venv reproduce reference test lint types bench slow clean
 
 venv: $(READY)
 
@@ -81,6 +81,20 @@ peers: venv  ## STLSQ, FROLS and a Gaussian process on the same blind cases, in 
 	$(BIN)/python -m benchmarks.peers.table $(PEERS)/rows --sealed $(PEERS)/sealed \
 		--versions "$$($(PEERS)/venv/bin/python -m pip list --disable-pip-version-check 2>/dev/null \
 			| grep -E '^(pysindy|scikit-learn|sysidentpy) ' | tr -s ' ' | paste -sd, | sed 's/,/, /g')"
+
+PYTHONS ?= $(PYTHON)
+
+release: venv  ## sdist and wheel in dist/, each tried in a fresh environment of each of PYTHONS="python3.11 python3.14"
+	rm -rf dist
+	$(BIN)/python -m hatchling build
+	@set -e; for python in $(PYTHONS); do for file in $(CURDIR)/dist/*; do \
+		fresh=$$(mktemp -d); echo "$$python: $$(basename $$file)"; $$python -m venv $$fresh/env; \
+		$$fresh/env/bin/python -m pip install --quiet --disable-pip-version-check $$file; \
+		(cd $$fresh; env/bin/bench --version; env/bin/bench list problems > /dev/null; \
+			env/bin/bench run problem=full12 optimizer=lm budget=500 seeds=1; \
+			env/bin/bench discover machine=gpm2002 data=demo_backlash pages=none); \
+		rm -rf $$fresh; done; done
+	@echo; echo "Both install and run. To upload, see CONTRIBUTING.md, Release: python -m twine upload dist/*"
 
 clean:
 	rm -rf $(VENV) build dist site .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

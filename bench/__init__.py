@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from calibench._checkout import one_module
 from calibench.core.lazy import loader, public_names
 
 if TYPE_CHECKING:
@@ -45,4 +44,5 @@ _HOMES = {
 
 __getattr__ = loader("calibench.bench", _HOMES)  # `bench list` must not wait for Arrow
 __dir__ = public_names(__all__)
-one_module(__name__)
+if __name__ == "bench":  # a short name, in a checkout: public names only, as a module has its whole name alone
+    __path__ = [path.removesuffix("bench") + "calibench" for path in __path__]  # `python -m bench` is `calibench`

@@ -33,12 +33,17 @@ def room_imports() -> Imports:
     """Return room -> the rooms it imports, by name; what a package holds in no folder is the room ``package``."""
     found: dict[str, set[str]] = {}
     for package in PACKAGES:
-        top = ROOT / "calibench" / package
+        top = _place(package)
         for path in sorted(top.rglob("*.py")):
             room = _room(f"calibench.{package}." + ".".join(path.relative_to(top).with_suffix("").parts))
             targets = {_room(name) for name in _read(path)[1]}
             found.setdefault(room, set()).update(targets - {room, ""})
     return {room: tuple(sorted(targets & set(found))) for room, targets in sorted(found.items())}
+
+
+def _place(package: str) -> Path:
+    """Return the folder of a package, beside calibench/ or in it; not by a link, which a clone may lack."""
+    return ROOT / package if (ROOT / package).is_dir() else ROOT / "calibench" / package
 
 
 @cache
@@ -62,7 +67,7 @@ def _room(name: str) -> str:
     whole, *parts = name.split(".")
     if whole != "calibench" or not parts or parts[0] not in PACKAGES:
         return ""
-    inside = len(parts) > 1 and (ROOT / "calibench" / parts[0] / parts[1] / "__init__.py").exists()
+    inside = len(parts) > 1 and (_place(parts[0]) / parts[1] / "__init__.py").exists()
     return ".".join(parts[: 1 + inside])
 
 
@@ -190,17 +195,15 @@ def _line(upper: tuple[float, float], lower: tuple[float, float]) -> str:
 
 def files_listed() -> str:
     """Return the list of all files as Markdown: a fold a folder, under what it holds, with the rooms in order."""
-    tops = [ROOT / "calibench" / package for package in sorted(PACKAGES)] + [ROOT / "benchmarks", ROOT / "conf"]
+    tops = [*map(_place, sorted(PACKAGES)), ROOT / "benchmarks", ROOT / "conf"]
     folds = []
     for top in tops:
         every = [path for path in top.rglob("*") if path.suffix in (".py", ".yaml") and path.name != "__init__.py"]
         for folder in sorted({path.parent for path in every}):
             lines = "\n".join(f"- `{path.name}`: {_told(path)}" for path in sorted(every) if path.parent == folder)
-            shown = folder.relative_to(ROOT)
-            shown = shown if top.name in ("plot", "testing") or top.parent == ROOT else shown.relative_to("calibench")
             own = folder / "__init__.py"
             what = f": {_first_sentence(own)}" if own.exists() else ""
-            head = f'<details markdown="1"><summary><code>{shown}/</code>{_as_html(what)}</summary>'
+            head = f'<details markdown="1"><summary><code>{folder.relative_to(ROOT)}/</code>{_as_html(what)}</summary>'
             folds.append(f"{head}\n\n{lines}\n\n</details>")
     return "\n".join(folds)
 

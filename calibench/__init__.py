@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -40,6 +41,9 @@ _HOMES = {
     "execute": "calibench.bench.execution.run",
     "sweep": "calibench.bench.sweep.from_python",
 }
+
+if not (_folder := Path(__file__).parent).joinpath("bench").is_dir():  # a clone without links, as Windows makes them:
+    __path__.append(str(_folder.parent))  # `calibench.bench` is found at ../bench; never so of what is installed
 
 
 def __getattr__(name: str) -> Any:

@@ -1,5 +1,4 @@
 """The base of all packages: registries with checked options, and compilation. It knows no problem and no optimiser."""
 
-from calibench._checkout import one_module
-
-one_module(__name__)
+if __name__ == "core":  # a short name, in a checkout: nothing, as a module has its whole name alone
+    __path__ = []

@@ -24,6 +24,8 @@ from calibench.core.kept import kept
 
 _HOME = Path(__file__).resolve().parent.parent
 _FACES = (_HOME / "calibench" / "__init__.py", _HOME / "__init__.py")  # of a checkout, and installed
+# here and not when it is asked for: that may be within an import, and `sysconfig` imports what it reads
+_STANDARD = tuple({Path(sysconfig.get_paths()[key]).resolve() for key in ("stdlib", "platstdlib")})
 _OURS = ("core", "problems", "optimizers", "discrepancy")  # what a run can go through, beside its gate
 
 
@@ -320,10 +322,14 @@ def _can_be_run_through(target: Path) -> bool:
 def _search(name: str, root: Path) -> Path | None:
     if not _begins_in(root, name.partition(".")[0]):
         return None
-    path = root.joinpath(*name.split("."))
-    for file in (path.with_name(f"{path.name}.py"), path / "__init__.py"):
-        if file.is_file():
-            return file.resolve()
+    parts = name.split(".")
+    paths = [root.joinpath(*parts)]
+    if root == _HOME and parts[0] == "calibench":  # a checkout, with links in calibench/ or without
+        paths.append(root.joinpath(*parts[1:]))
+    for path in paths:
+        for file in (path.with_name(f"{path.name}.py"), path / "__init__.py"):
+            if file.is_file():
+                return file.resolve()
     return None
 
 
@@ -377,17 +383,23 @@ def is_ours(file: Path) -> bool:
     return parts[0] in (*_OURS, "bench", "conf", "calibench") or file in _FACES
 
 
+def is_foreign(thing: Any) -> bool:
+    """Tell whether the class of a problem or optimiser is not this package's."""
+    return is_foreign_module(type(thing).__module__)
+
+
+def is_foreign_module(name: str) -> bool:
+    """Tell whether the module of this name is not this package's."""
+    file = file_of(name)
+    return file is None or not is_ours(file)
+
+
 @cache
 def is_local(file: Path) -> bool:
     """Tell whether `file` is neither installed nor of the standard library."""
     if {"site-packages", "dist-packages"} & set(file.parts):
         return False
-    return not any(file.is_relative_to(folder) for folder in _standard())
-
-
-@cache
-def _standard() -> tuple[Path, ...]:
-    return tuple({Path(sysconfig.get_paths()[key]).resolve() for key in ("stdlib", "platstdlib")})
+    return not any(file.is_relative_to(folder) for folder in _STANDARD)
 
 
 def _told_name(file: Path, root: Path) -> str:

@@ -8,7 +8,6 @@
 
 from typing import TYPE_CHECKING
 
-from calibench._checkout import one_module
 from calibench.core.lazy import loader, public_names
 from calibench.problems.arm import arm, arm_panda, arm_ur10  # at once: a function and its module share a name
 from calibench.problems.base import Calibration, Parameter, Problem, registry
@@ -95,4 +94,5 @@ __getattr__ = loader("calibench.problems", _HOMES, _MODULES)  # a start loads th
 
 
 __dir__ = public_names(__all__)
-one_module(__name__)
+if __name__ == "problems":  # a short name, in a checkout: public names only, as a module has its whole name alone
+    __path__ = []

@@ -17,6 +17,8 @@ SERIES = (
 PUBLISHED = "published data that do not ship; tests/bench/test_exchange.py"
 
 BLOCKS = {
+    ("README.md", "de               5000 evaluations"): "printed by the Python above it, which is run and compared",
+    ("README.md", "import calibench"): "`calibench.calibrate` is being built; a `python` block from then on",
     ("README.md", "git clone URL calibench && python -m pip install ./calibench"): FRESH,
     ("README.md", "bench run -m problem=./mine.py:Rosenbrock"): FRESH,
     ("guide.md", "git clone URL calibench && python -m pip install ./calibench"): FRESH,
@@ -70,7 +72,9 @@ COMMANDS = {
     ),
     "bench calibrate urdf=my_arm.urdf data=my_poses.csv": "the tutorial on one's robot makes both files and gives it",
     "bench paper --budget ci results=results": MINUTES,
-    "python -m bench.papers.compare BEFORE AFTER": "compares two ledgers that take minutes; tests/bench/test_ledger.py",
+    "python -m calibench.bench.papers.compare BEFORE AFTER": (
+        "compares two ledgers that take minutes; tests/bench/test_ledger.py"
+    ),
     "bench export coco results/bbob --to out/coco": SUITES,
     "bench export coco results/bbob --to out": SUITES,
     "bench import coco BIPOP-CMA-ES --to results/bipop": PUBLISHED,

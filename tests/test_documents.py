@@ -29,6 +29,9 @@ LONG = {
 }  # several seconds each
 
 
+ROUNDED = re.compile(r"(?<=best )\S+|\d+(?= evaluations.*converged)")  # what another processor may round otherwise
+
+
 def blocks(language):
     for document in DOCUMENTS:
         for i, block in enumerate(re.findall(rf"```{language}\n(.*?)```", document.read_text(), re.DOTALL)):
@@ -46,6 +49,9 @@ def here(tmp_path, monkeypatch):
         b for b in re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL) if "class " in b
     )
     (tmp_path / "mine.py").write_text(own + rosenbrock)
+    demo = ROOT / "discrepancy" / "demo" / "arm"
+    shutil.copy(demo / "six.urdf", tmp_path / "arm.urdf")
+    (tmp_path / "readings.csv").write_text((demo / "demo_sound.csv").read_text().partition("\n")[2])
     sys.modules.pop("mine", None)
     return tmp_path
 
@@ -60,7 +66,7 @@ def small_study(tmp_path_factory):
 
 
 @pytest.mark.parametrize("block", list(blocks("python")))
-def test_the_python_of_the_documents_runs(block, here):
+def test_the_python_of_the_documents_runs(block, here, capsys):
     if "results/cong2008" in block:
         with pytest.raises(SystemExit):
             main(["run", "study=cong2008", "budget=30", "seeds=1"])
@@ -70,6 +76,10 @@ def test_the_python_of_the_documents_runs(block, here):
         assert doctest.DocTestRunner().run(session).failed == 0
         return
     exec(compile(block, "document", "exec"), {"__name__": "__main__" if "__main__" in block else "document"})
+    told = re.escape(f"```python\n{block}```\n\n```text\n")
+    for document in DOCUMENTS:
+        for printed in re.findall(rf"{told}(.*?)```", document.read_text(), re.DOTALL):
+            assert ROUNDED.sub("", capsys.readouterr().out) == ROUNDED.sub("", printed)
 
 
 @pytest.mark.parametrize("block", list(blocks("sh")))

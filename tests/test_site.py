@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import tomllib
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -15,9 +17,8 @@ ROOT = Path(__file__).resolve().parents[1]
 SITE = yaml.safe_load((ROOT / "mkdocs.yml").read_text())
 PAGES = (ROOT / "docs" / "_site" / "pages.py").read_text()
 FROM_ROOT = dict(re.findall(r'^    "(\w+\.md)": "([\w/]+\.md)",$', PAGES, re.MULTILINE))
-MADE = {f"reference/{name}.md" for name in re.findall(r'^    "(\w+)": "[A-Z]', PAGES, re.MULTILINE)} | {
-    f"reference/{name}" for name in re.findall(r'"((?:index|commands|list-[a-z]+)\.md)"', PAGES)
-}
+MADE = {f"reference/{name}" for name in re.findall(r'"((?:commands|list-[a-z]+)\.md)"', PAGES)}
+REFERENCE = sorted((ROOT / "docs" / "reference").glob("[!i]*.md"))
 LINKED = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
@@ -38,11 +39,20 @@ def anchors(page: str) -> set[str]:
 
 
 def test_the_navigation_names_every_page_once() -> None:
-    written = {path.name for path in (ROOT / "docs").glob("*.md")}
+    docs = ROOT / "docs"
+    written = {path.relative_to(docs).as_posix() for path in docs.rglob("*.md")}
     told = named(SITE["nav"])
     assert len(told) == len(set(told))
     assert written <= set(told)
     assert set(told) - written == set(FROM_ROOT) | {"files.md"} | MADE | (set(SITE["extra"]["coming"]) - written)
+
+
+@pytest.mark.parametrize("page", REFERENCE, ids=lambda path: path.stem)
+def test_the_reference_has_every_public_name(page: Path) -> None:
+    text = page.read_text()
+    package = importlib.import_module(text.splitlines()[0].removeprefix("# "))
+    public = [name for name in package.__all__ if not isinstance(getattr(package, name), ModuleType)]
+    assert sorted(re.findall(r"^(?:::: [\w.]*\.|\| `)(\w+)", text, re.MULTILINE)) == sorted(public)
 
 
 def test_pages_from_the_root_are_there() -> None:

@@ -66,7 +66,8 @@ def test_the_entry_points_of_the_page_announce_the_machine_and_its_effect(tmp_pa
         lines += [f"[{group}]", *(f"{name} = {value}" for name, value in points.items())]
     (info / "entry_points.txt").write_text("\n".join(lines))
     ask = (
-        "from discrepancy import machines; from discrepancy.registries import own_families, effects as registry;"
+        "from calibench.discrepancy import machines;"
+        "from calibench.discrepancy.registries import own_families, effects as registry;"
         "print([f.name for f in own_families('two_link')], machines.make('two_link').name, registry.left_out)"
     )
     done = subprocess.run([sys.executable, "-c", ask], cwd=tmp_path, capture_output=True, text=True)

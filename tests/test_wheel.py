@@ -1,31 +1,120 @@
-"""The wheel holds what the package reads at run time beside its modules."""
+"""Wheel, sdist and `pip install -e` of a clone without links, as Windows makes it, are the whole product."""
 
+import os
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
+from shutil import copytree, ignore_patterns
 
 import pytest
+from hatchling.builders.sdist import SdistBuilder
 from hatchling.builders.wheel import WheelBuilder
 
+from calibench import bench, optimizers, problems
+
 ROOT = Path(__file__).resolve().parents[1]
+ROOMS = [path.name for path in (ROOT / "calibench").iterdir() if (ROOT / path.name / "__init__.py").exists()]
 DATA = (".j2", ".css", ".js", ".txt", ".json", ".toml", ".yaml", ".typed", ".csv", ".parquet")
+OWN = "import numpy as np\n\n\nclass Bowl:\n    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.5)\n\n" \
+    "    def __call__(self, x):\n        return float(x @ x)\n"  # fmt: skip
+COMMANDS = """
+import sys
+from calibench.bench.cli import main
+for line in ("list problems", "run problem=sensor_zero optimizer=lm budget=50 seeds=1",
+             "run problem=./own.py:Bowl optimizer=de budget=50 seeds=1", "status results/adhoc"):
+    try:
+        main(line.split())
+    except SystemExit as ended:
+        assert ended.code == 0, line
+"""
+IMPORTS = "from calibench import bench, discrepancy, optimizers, plot, problems, testing\n"
+DIGEST = 'print(bench.execute(problems.make("sensor_zero"), optimizers.make("lm"), budget=9).row["code_digest"])'
 
 
 @pytest.fixture(scope="module")
-def names(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("wheel")
-    (wheel,) = WheelBuilder(str(ROOT)).build(directory=str(folder), versions=["standard"])
-    return set(zipfile.ZipFile(wheel).namelist())
+def clone(tmp_path_factory):
+    """Return a copy of the checkout in which each link is a file with the link's text, as git writes it there."""
+    folder = tmp_path_factory.mktemp("clone")
+    for name in ("calibench", *ROOMS):
+        unwanted = ignore_patterns("__pycache__", *(ROOMS if name == "calibench" else ()))
+        copytree(ROOT / name, folder / name, ignore=unwanted)
+    for name in ("pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff"):
+        (folder / name).write_bytes((ROOT / name).read_bytes())
+    for name in ROOMS:
+        (folder / "calibench" / name).write_text(f"../{name}")
+    return folder
 
 
-def test_templates_style_sheets_the_schema_and_the_mark_of_types_are_in_the_wheel(names):
-    packages = [path for path in (ROOT / "calibench").iterdir() if path.is_dir()]
+@pytest.fixture(scope="module")
+def wheel(clone, tmp_path_factory):
+    return built(WheelBuilder, clone, tmp_path_factory.mktemp("wheel"))
+
+
+def built(builder, source, to, version="standard"):
+    (path,) = builder(str(source)).build(directory=str(to), versions=[version])
+    return Path(path)
+
+
+def give(wheel, folder, commands):
+    """Install `wheel` in a fresh environment, run Python there, in a folder with files of our names; return lines."""
+    env, here = folder / "env", folder / "here"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", env], check=True)
+    python = env / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
+    pip = [sys.executable, "-m", "pip", "--python", python, "--disable-pip-version-check", "--quiet"]
+    subprocess.run([*pip, "install", "--no-deps", "--no-index", wheel], check=True)
+    site = Path(sysconfig.get_path("purelib", vars={"base": str(env)}))
+    (site / "libraries.pth").write_text(sysconfig.get_path("purelib"))  # NumPy and the rest, as they are here
+    for room in ROOMS:
+        (here / room).mkdir(parents=True)
+        (here / room / "__init__.py").write_text("raise RuntimeError('this is mine')\n")
+    (here / "own.py").write_text(OWN)
+    given = os.environ | {"NUMBA_DISABLE_JIT": "1"}  # ten seconds of compiling say nothing of what is installed
+    done = subprocess.run([python, "-c", commands], cwd=here, env=given, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+    listed = subprocess.run([python.with_name("bench"), "list", "optimizers"], cwd=here, capture_output=True, text=True)
+    assert "\nnlopt_LN_BOBYQA" in listed.stdout, listed.stderr
+    return done.stdout.splitlines()
+
+
+def test_every_room_of_the_checkout_is_taken_from_where_it_stands():
+    targets = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]
+    assert targets["wheel"]["sources"] == {room: f"calibench/{room}" for room in ROOMS}
+    assert sorted(targets["wheel"]["exclude"]) == sorted(f"/calibench/{room}" for room in ROOMS)
+
+
+def test_modules_templates_style_sheets_the_schema_and_the_mark_of_types_are_in_the_wheel(wheel):
+    names = set(zipfile.ZipFile(wheel).namelist())
     here = {
-        path.relative_to(ROOT).as_posix()
-        for package in packages
-        for path in package.rglob("*")
-        if path.suffix in DATA and "__pycache__" not in path.parts
+        f"calibench/{path.relative_to(ROOT).as_posix()}"
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*")
+        if path.suffix in (*DATA, ".py") and "__pycache__" not in path.parts
     }
-    assert {path.rpartition(".")[2] for path in here} >= {"j2", "css", "js", "txt", "json", "toml", "yaml"}
+    assert {path.rpartition(".")[2] for path in here} >= {"py", "j2", "css", "js", "txt", "json", "toml", "yaml"}
     assert here <= names
-    assert "calibench/py.typed" in names
-    assert "calibench/bench/discovery/report.schema.json" in names
+    assert {"calibench/py.typed", "calibench/plot/__init__.py", "calibench/testing/__init__.py"} <= names
+    assert {name.partition("/")[0].partition("-")[0] for name in names} == {"calibench"}
+
+
+@pytest.mark.parametrize("links", [False, True])
+def test_the_sdist_gives_the_same_wheel(clone, wheel, links, tmp_path):
+    with tarfile.open(built(SdistBuilder, ROOT if links else clone, tmp_path)) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (source,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    again = built(WheelBuilder, source, tmp_path)
+    assert sorted(zipfile.ZipFile(again).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
+
+
+def test_the_wheel_is_whole_among_a_users_own_folders_of_our_names(wheel, tmp_path):
+    lines = give(wheel, tmp_path, IMPORTS + COMMANDS)
+    assert any(line.startswith("sensor_zero") for line in lines)
+
+
+def test_an_editable_clone_is_whole_and_its_code_has_the_same_digest(clone, tmp_path, capsys):
+    lines = give(built(WheelBuilder, clone, tmp_path, "editable"), tmp_path, IMPORTS + DIGEST)
+    exec(DIGEST, {"bench": bench, "optimizers": optimizers, "problems": problems})
+    assert capsys.readouterr().out == f"{lines[-1]}\n"

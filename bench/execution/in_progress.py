@@ -15,8 +15,7 @@ What a killed process leaves there is not counted: on its own machine a process 
 
 One thread for each process that reads the runs in progress now and then, so that no evaluation pays for it.
 
-It starts with the first run and ends some seconds after the last one. It has references to the counters of the gate, so
-it stands behind a wall (`bench.gate.guard.wall`).
+It starts with the first run and ends some seconds after the last one.
 """
 
 from __future__ import annotations
@@ -35,7 +34,6 @@ from threading import Lock
 from time import monotonic
 from typing import Any, NamedTuple, Protocol, TypedDict, final
 
-from calibench.bench.gate.guard.wall import walled
 from calibench.bench.gate.processes import born, is_gone
 from calibench.core.plain import json_of
 from calibench.core.process_state import OWN_THREAD
@@ -95,25 +93,33 @@ class Counts(Protocol):
     def best_value(self) -> float: ...
 
 
+_PUBLISHERS: list[_Publisher] = []  # the last one is told
+
+
 @contextmanager
 def publishing(publish: Publish, every: float = 1.0) -> Iterator[None]:
     """Call `publish` every `every` seconds for the runs in this process that last longer than that."""
-    look, leave = _enter(publish, every)
+    publisher = _Publisher(publish, every)
+    _PUBLISHERS.append(publisher)
     try:
-        with looked_at(look, every):
+        with looked_at(publisher.look, every):
             yield
     finally:
-        leave()
+        _PUBLISHERS.remove(publisher)
 
 
 @contextmanager
 def followed(name: Name, counts: Counts, pid: int | None = None) -> Iterator[None]:
     """Follow a run by its `counts` while the block lasts; `pid` is the process that makes it, where that is another."""
-    end = _follow(name, counts, pid)
+    if not _PUBLISHERS or _PUBLISHERS[-1].pid != os.getpid():  # a forked child has no thread that looks
+        yield
+        return
+    publisher, run = _PUBLISHERS[-1], _Followed(name, counts, pid)
+    publisher.runs.add(run)
     try:
         yield
     finally:
-        end()
+        publisher.end(run)
 
 
 @final
@@ -196,31 +202,6 @@ class _Followed:
             then, made, paid = self._began, 0, 0
         took = max(now - then, 1e-9)
         return (evaluations - made) / took, (spent - paid) / took
-
-
-def _publishers() -> tuple[Any, Any]:
-    """Return ``enter(publish, every)``, which gives a look and its end, and ``follow(name, counts, pid)``, likewise.
-
-    Both stand behind walls, because a followed run has a reference to the counters of its gate.
-    """
-    publishers: list[_Publisher] = []  # the last one is told
-
-    def enter(publish: Publish, every: float) -> tuple[Any, Any]:
-        publisher = _Publisher(publish, every)
-        publishers.append(publisher)
-        return walled(publisher.look), walled(lambda: publishers.remove(publisher))
-
-    def follow(name: Name, counts: Counts, pid: int | None) -> Any:
-        if not publishers or publishers[-1].pid != os.getpid():  # a forked child has no thread that looks
-            return lambda: None
-        publisher, run = publishers[-1], _Followed(name, counts, pid)
-        publisher.runs.add(run)
-        return lambda: publisher.end(run)
-
-    return walled(enter), walled(follow)
-
-
-_enter, _follow = _publishers()
 
 
 _SWEEP = ".sweep"  # how the file of a sweep ends
@@ -384,11 +365,11 @@ _IDLE = 10.0  # seconds for which the thread waits for something to look at
 @contextmanager
 def looked_at(look: Callable[[], None], every: float = 1.0) -> Iterator[None]:
     """Call `look` every so many seconds, from another thread, while the block lasts. Its exceptions are ignored."""
-    key = _add(look, every)
+    key = _here().add(look, every)
     try:
         yield
     finally:
-        _remove(key)
+        _here().remove(key)
 
 
 @final
@@ -405,7 +386,7 @@ class _Pulse:
             self._looks[key] = (due, every, look)
             if not self._alive:
                 self._alive = True
-                threading.Thread(target=walled(self._beat), name=f"{OWN_THREAD}pulse", daemon=True).start()
+                threading.Thread(target=self._beat, name=f"{OWN_THREAD}pulse", daemon=True).start()
             elif due < self._wakes:
                 self._change.notify()
         return key
@@ -436,18 +417,12 @@ class _Pulse:
                     look()
 
 
-def _pulse_of_this_process() -> tuple[Any, Any]:
-    """Return `_Pulse.add` and `_Pulse.remove` of the one of this process: no thread lives on in a forked child."""
-    pulses: dict[int, _Pulse] = {}
-
-    def here() -> _Pulse:
-        pid = os.getpid()
-        if pid not in pulses:
-            pulses.clear()
-            pulses[pid] = _Pulse()
-        return pulses[pid]
-
-    return walled(lambda look, every: here().add(look, every)), walled(lambda key: here().remove(key))
+_PULSES: dict[int, _Pulse] = {}  # of this process alone: no thread lives on in a forked child
 
 
-_add, _remove = _pulse_of_this_process()
+def _here() -> _Pulse:
+    pid = os.getpid()
+    if pid not in _PULSES:
+        _PULSES.clear()
+        _PULSES[pid] = _Pulse()
+    return _PULSES[pid]

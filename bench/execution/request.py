@@ -44,14 +44,13 @@ from numpy.typing import NDArray
 from calibench import optimizers, problems
 from calibench.bench.execution.stochastic import check_stochastic, is_stochastic
 from calibench.bench.gate.endings import text_of
-from calibench.bench.gate.guard.foreign_code import is_foreign, is_foreign_module
 from calibench.bench.gate.processes import CAN_FORK, Lost, apart
 from calibench.bench.provenance.code_digest import Library, code_digest, library_of
 from calibench.bench.provenance.run_id import canonical, key_of_optimizer, key_of_problem, name_of, options_of, run_id
 from calibench.core.options import LARGEST_WHOLE, is_number, shown
 from calibench.core.registry import Registry
 from calibench.core.seeds import digest, seed_sequence
-from calibench.core.sources import file_of, is_ours
+from calibench.core.sources import file_of, is_foreign, is_foreign_module, is_ours
 from calibench.problems.base import Parameter, coordinates_of, extra_of, parameters_of
 
 

@@ -33,13 +33,22 @@ from calibench.bench.execution.run_row import RunRow
 from calibench.bench.execution.stochastic import seeded
 from calibench.bench.gate.box import looks
 from calibench.bench.gate.evaluator import Evaluator, TracePoint, scans
-from calibench.bench.gate.guard.foreign_code import is_foreign
-from calibench.bench.gate.guard.private_class import private_evaluator
 from calibench.bench.gate.processes import CAN_FORK
-from calibench.bench.gate.time_limit import PASSED, STALL_LIMIT, Cut, Ending, Mirror, Phase, Runner, Watch, run_here
+from calibench.bench.gate.time_limit import (
+    PASSED,
+    STALL_LIMIT,
+    Cut,
+    Ending,
+    Mirror,
+    Phase,
+    Runner,
+    Watch,
+    run_here,
+)
 from calibench.core.own_state import Kept, kept
 from calibench.core.process import hold_new, one_thread
 from calibench.core.seeds import begin_generators, global_generators, seed_sequence
+from calibench.core.sources import is_foreign
 from calibench.core.words import html_table
 
 if TYPE_CHECKING:
@@ -379,7 +388,7 @@ def make_run(asked: Asked, way: Way, watch: Watch | None = None, found: Found | 
         watch.enter(Phase.COMPILING)  # anew: the problem says where its box is
     again = partial(seed_sequence, pair.problem_word, "restart", repetition=repetition)  # paired across optimisers
     searched = seeded(problem, pair.problem_word, repetition)
-    gate = (private_evaluator() if pair.foreign_optimizer else Evaluator)(
+    gate = Evaluator(
         searched, asked.budget, start=asked.first, target=asked.target, targets=asked.targets, restart_seed=again
     )
     began = datetime.now(UTC) if found is None else found.began
@@ -398,7 +407,7 @@ def make_run(asked: Asked, way: Way, watch: Watch | None = None, found: Found | 
         stall_limit = STALL_LIMIT if pair.may_hang else inf
         clock: Callable[[], object] = float if watch is None else partial(watch.begin, gate, stall_limit)
         with followed(name, gate):
-            ending = run_here(optimizer, gate, rng, problem, clock, _begun(begin, made_in))
+            ending = run_here(optimizer, gate, rng, clock, _begun(begin, made_in))
         if gate.stopped == "timeout":
             ending = replace(ending, error=PASSED)
     gate.close()

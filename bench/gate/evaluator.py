@@ -21,13 +21,13 @@ from math import inf
 from threading import RLock
 from time import perf_counter
 from typing import Any, NoReturn, final
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibench.bench.gate.calls import Calls, calls_of
 from calibench.bench.gate.endings import ByGate
-from calibench.bench.gate.guard.open_gates import opened
 from calibench.optimizers.base import BudgetExhausted, ObjectiveFailed, Stop, TargetReached, TimeUp
 
 __all__ = ["BudgetExhausted", "Evaluator", "TargetReached", "TimeUp"]
@@ -132,7 +132,7 @@ class Evaluator:
         self._lock, self._owner, self._closed = RLock(), os.getpid(), False
         self._forked: mmap.mmap | None = None  # shared with children: whether one has called
         self._schedule()
-        opened(self)
+        _OPEN.add(self)
 
     def __call__(self, x: Array) -> float:
         """Return the value at x, shape (dim,); infinite where it is not finite. Raises `Stop` when no more is left."""
@@ -584,6 +584,23 @@ class Evaluator:
         else:
             self.trace.append(point)
         self._traced = self.best_value
+
+
+_OPEN: WeakSet[Evaluator] = WeakSet()  # a child that an optimiser forks must not evaluate uncounted
+
+
+def _before_fork() -> None:
+    for gate in list(_OPEN):
+        gate.before_fork()
+
+
+def _after_fork() -> None:
+    for gate in list(_OPEN):
+        gate.after_fork()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before_fork, after_in_child=_after_fork)
 
 
 @cache

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from calibench.bench.gate.box import doors_of, watched_doors_of
 from calibench.bench.gate.endings import ToldError, frames_of, text_of
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.face import face_of, own_face_of
-from calibench.bench.gate.guard.foreign_code import held, is_foreign
+from calibench.bench.gate.face import face_of
 from calibench.bench.gate.processes import Receiver, Sender, exit_of, flush_output, forked
+from calibench.core.sources import is_foreign
 from calibench.optimizers.base import Stop
 
 GRACE = 2.0  # seconds for the gate to end the run by itself, and for what of ours takes time beside foreign code
@@ -68,35 +68,29 @@ def run_here(
     optimizer: Any,
     gate: Evaluator,
     rng: np.random.Generator,
-    problem: Any = None,
     begin: Callable[[], object] = lambda: None,
     around: Around = _NOTHING,
 ) -> Ending:
     """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error.
 
     What the problem raised, the gate has kept, whatever the optimiser made of it. `KeyboardInterrupt` is raised again.
-    The optimiser gets a face of the gate. One that is not this package's is held back from looking behind it, and what
-    it tries at the gate or at the `problem`'s class is noted. `begin` is done as the clock starts; the search is made
-    within `around`.
+    The optimiser gets a face of the gate. `begin` is done as the clock starts; the search is made within `around`.
     """
-    foreign = is_foreign(optimizer)
-    doors = doors_of(gate) if stays_inside(optimizer) else watched_doors_of(gate)
-    objective = (face_of if foreign else own_face_of)(gate, doors)
+    objective = face_of(gate, doors_of(gate) if stays_inside(optimizer) else watched_doors_of(gate))
     error: BaseException | None = None
-    with held(optimizer, problem, objective, gate.note) if foreign else nullcontext():
-        begin()
-        wall, cpu = perf_counter(), process_time() + children_cpu()
-        try:
-            with around:
-                optimizer.minimize(objective, rng)
-        except Stop:
-            pass
-        except BaseException as caught:  # a failure of foreign code becomes a row, and the sweep goes on
-            if gate.stopped is None or isinstance(caught, KeyboardInterrupt):  # some back ends replace our exception
-                error = caught
-        earlier_wall, earlier_cpu = gate.earlier
-        wall = perf_counter() - wall + earlier_wall
-        cpu = process_time() + children_cpu() - cpu + earlier_cpu
+    begin()
+    wall, cpu = perf_counter(), process_time() + children_cpu()
+    try:
+        with around:
+            optimizer.minimize(objective, rng)
+    except Stop:
+        pass
+    except BaseException as caught:  # a failure of foreign code becomes a row, and the sweep goes on
+        if gate.stopped is None or isinstance(caught, KeyboardInterrupt):  # some back ends replace our exception
+            error = caught
+    earlier_wall, earlier_cpu = gate.earlier
+    wall = perf_counter() - wall + earlier_wall
+    cpu = process_time() + children_cpu() - cpu + earlier_cpu
     gate.close()
     error = error if gate.raised is None else gate.raised
     if error is None:

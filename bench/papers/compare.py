@@ -1,4 +1,4 @@
-"""Two ledgers beside each other, what changed and why: `python -m bench.papers.compare BEFORE AFTER`.
+"""Two ledgers beside each other, what changed and why: `python -m calibench.bench.papers.compare BEFORE AFTER`.
 
 BEFORE and AFTER are ``ledger.csv`` or ``ledger.parquet`` files of any schema. A row is matched by its key, an erratum
 by its place and quantity, as its number depends on those before it. The reason of a change is read off the two rows:
@@ -89,7 +89,8 @@ def page(before: pd.DataFrame, after: pd.DataFrame) -> str:
 def main(arguments: Sequence[str]) -> int:
     """Print the comparison of two ledgers."""
     if len(arguments) != 2:
-        print("python -m bench.papers.compare BEFORE AFTER: two files, ledger.csv or ledger.parquet", file=sys.stderr)
+        usage = "python -m calibench.bench.papers.compare BEFORE AFTER: two files, ledger.csv or ledger.parquet"
+        print(usage, file=sys.stderr)
         return 2
     print(page(*(read_ledger(Path(name)) for name in arguments)), end="")
     return 0

@@ -1,14 +1,12 @@
 """Kernels from numba's cache without the compiler: what is compiled already needs nothing of what compiles.
 
 numba's own cache loads, before it looks for a function, all that it can compile: NumPy in LLVM, and for its linear
-algebra `scipy.linalg`. That takes as long as loading ten kernels, and is of use only where a kernel is not there yet:
-numba's compiler loads it then by itself.
+algebra `scipy.linalg`. That is of use only where a kernel is not there yet: numba's compiler loads it then by itself.
+Without this file a tiny `bench run` takes 1.00 s of processor time, with it .63 s.
 """
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Callable
 from functools import cache
 from typing import Any, final
 
@@ -63,27 +61,14 @@ def keep(function: Any) -> Any:
     if hasattr(function, "py_func"):  # else it is interpreted
         kept: Any = KernelCache
         function._cache = kept(function.py_func)  # what its `enable_caching` does; it offers no choice of cache
-        function.compile = _unswept(function.compile)
     return function
 
 
-def _unswept(compile_: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """Let a compilation make its objects, most of which stay, without a look through all of them again and again."""
-
-    def compile_unswept(signature: Any) -> Any:
-        swept = gc.isenabled()
-        gc.disable()
-        try:
-            return compile_(signature)
-        finally:
-            if swept:
-                gc.enable()
-
-    return compile_unswept
-
-
 def close(function: Any) -> Any:
-    """Refuse calls from Python of a function compiled without an entrance for them: they would end the process."""
+    """Refuse calls from Python of a function compiled without an entrance for them: they would end the process.
+
+    Without those entrances an arm's kernels compile in 18.1 s in place of 20.6 s.
+    """
     if hasattr(function, "py_func"):
         compiled, name = function.overloads, function.__name__
 

@@ -1,4 +1,4 @@
-"""The catalogue as the tables of its page: ``python -m discrepancy.effects.table``."""
+"""The catalogue as the tables of its page: ``python -m calibench.discrepancy.effects.table``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the site shows beside the files of docs/: README.md and others from the root, and a reference made of code.
+"""What the site shows beside the files of docs/: README.md and others from the root, and what `bench` lists.
 
 MkDocs calls these hooks. A page reads the same in a viewer of the repository: its links are those of the repository,
 and are turned here into those of the site. A link to a file that is no page becomes plain text with the file's name.
@@ -12,9 +12,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path, PurePosixPath
-from types import FunctionType, ModuleType
 from typing import Any
 
 from mkdocs.structure.files import File, Files
@@ -30,15 +28,6 @@ FROM_ROOT = {
     "changelog.md": "CHANGELOG.md",
     "examples.md": "examples/README.md",
 }  # page of the site -> file of the repository
-PACKAGES = {
-    "calibench": "The short way: what a script needs first. Each name is the same thing as in the packages below.",
-    "bench": "Runs under one budget, their rows and traces, and files of measured data.",
-    "problems": "What is to be found: a box, a start, a value, and where there are any residuals and a Jacobian.",
-    "optimizers": "How to look for it, behind one face; `optimizers.make(NAME)` makes every method that is listed.",
-    "discrepancy": "What a model lacks: machines, effects, data, and the search.",
-    "plot": "The drawings of the pages in axes of your own, and the numbers behind each.",
-    "testing": "The laws that your own problem, optimiser, effect or machine must keep.",
-}
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 
 
@@ -117,10 +106,7 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
 
 
 def reference() -> Iterator[tuple[str, str]]:
-    """Yield (page, text) of the reference: an index, each package's public names, the commands, what there is."""
-    yield "index.md", _index()
-    for package, told in PACKAGES.items():
-        yield f"{package}.md", _package(package, told)
+    """Yield (page, text) of what the command line knows: the commands, and what there is."""
     told = f"``` {{.text .unfolded}}\n{_bench('--help')}```\n"  # its columns are no columns where lines are folded
     yield "commands.md", f"---\nhide: [toc]\n---\n# Commands\n\n`bench` and `calibench` are one command.\n\n{told}"
     yield "list-problems.md", _listed("Problems", "problems", "bench run problem=NAME problem.OPTION=VALUE ...")
@@ -128,59 +114,6 @@ def reference() -> Iterator[tuple[str, str]]:
         "list-optimizers.md",
         _listed("Optimisers", "optimizers", "bench run optimizer=NAME optimizer.OPTION=VALUE ...") + _left_out(),
     )
-
-
-def _index() -> str:
-    lines = [
-        "# Reference",
-        "",
-        "Made of the code when the site is built.",
-        "",
-        "| page | what it holds |",
-        "| --- | --- |",
-    ]
-    lines.append("| [Commands](commands.md) | every verb of `bench`, with its arguments |")
-    for package, told in PACKAGES.items():
-        lines.append(f"| [`{_dotted(package)}`]({package}.md) | {told} |")
-    lines.append("| [Problems](list-problems.md) | every problem that ships, with its options and their defaults |")
-    lines.append(
-        "| [Optimisers](list-optimizers.md) | every method, with its traits and options; what is left out, and why |"
-    )
-    return "\n".join([*lines, ""])
-
-
-def _dotted(package: str) -> str:
-    return package if package == "calibench" else f"calibench.{package}"
-
-
-def _package(package: str, told: str) -> str:
-    """Return the page of one package: mkdocstrings fills in signature and docstring of each public name."""
-    module = import_module(_dotted(package))
-    names = [name for name in module.__all__ if not isinstance(getattr(module, name), ModuleType)]
-    objects = {name: (getattr(module, name), _home(getattr(module, name))) for name in names}
-    parts = [f"# {_dotted(package)}\n\n{told}\n"]
-    made = {name: thing for name, (thing, home) in objects.items() if home is None}
-    for name, (_, home) in objects.items():
-        if home is not None:
-            parts.append(f"::: {home}\n    options:\n      heading: {name}\n      toc_label: {name}\n")
-    if made:
-        rows = [f"| `{name}` | {_said(name, thing)} |" for name, thing in made.items()]
-        parts.append("\n".join(["## Values", "", "| name | what it is |", "| --- | --- |", *rows, ""]))
-    return "\n".join(parts)
-
-
-def _home(thing: Any) -> str | None:
-    """Return where a class or function is written, None for any other value."""
-    thing = getattr(thing, "__func__", thing)  # of a bound method: where its class has it
-    if not isinstance(thing, (type, FunctionType)):
-        return None
-    return f"{thing.__module__}.{thing.__qualname__}"
-
-
-def _said(name: str, thing: Any) -> str:
-    if isinstance(thing, tuple):  # of laws
-        return ", ".join(f"`{law.__name__}`" for law in thing)
-    return " ".join((thing.__doc__ or "").split("\n\n")[0].split()).replace("|", "\\|")
 
 
 def _listed(title: str, kind: str, command: str) -> str:

@@ -349,7 +349,7 @@ def test_a_mistake_is_one_clear_line_and_nothing_is_written(run_bench, here, com
 def test_listing_loads_neither_the_compiler_nor_hydra_nor_arrow():
     for what in ("problems", "optimizers"):
         code = (
-            "import sys; from bench.cli import main\n"
+            "import sys; from calibench.bench.cli import main\n"
             f"try: main(['list', '{what}', '--json'])\n"
             "except SystemExit: pass\n"
             "print([m for m in ('numba', 'hydra', 'pyarrow', 'pandas', 'scipy', 'matplotlib') if m in sys.modules], "

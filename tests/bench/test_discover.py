@@ -256,7 +256,8 @@ def test_the_model_of_a_report_is_a_problem_for_the_optimisers():
 def test_a_machine_of_ones_own_is_searched_by_its_path(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
-    (tmp_path / "my_machine.py").write_text("from discrepancy.machines.gpm2002.formulation import Gpm2002 as Mine")
+    home = "calibench.discrepancy.machines.gpm2002.formulation"
+    (tmp_path / "my_machine.py").write_text(f"from {home} import Gpm2002 as Mine")
     code, out, err = call("discover machine=my_machine:Mine data=demo_nothing pages=none", capsys)
     sys.modules.pop("my_machine", None)
     assert code == 0, err

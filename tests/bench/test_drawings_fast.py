@@ -1,7 +1,5 @@
 """What makes drawings faster changes no pixel of them."""
 
-from contextlib import nullcontext
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -31,15 +29,6 @@ def _two_panels(high=3e4):
 
 def _written(folder, high):
     return [path.read_bytes() for path in drawing.save("two", _two_panels(high), folder)]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("high", [3e4, 3.0])  # of the second, minor ticks have labels
-def test_ticks_placed_once_give_the_same_files(tmp_path, monkeypatch, high):
-    monkeypatch.setattr(drawing, "join_minor_ticks", lambda figure: None)
-    once = _written(tmp_path / "once", high)
-    monkeypatch.setattr(drawing, "ticks_once", lambda figure: nullcontext())
-    assert _written(tmp_path / "each", high) == once
 
 
 @pytest.mark.parametrize("high", [3e4, pytest.param(3.0, marks=pytest.mark.slow)])

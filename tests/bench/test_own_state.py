@@ -381,3 +381,14 @@ def test_state_that_a_run_puts_beyond_reading_is_named(
         ("sys.path", "sys.path"), ("os.environ", "environment"),
         ("warnings.filters", "warnings filters"), ("sys.excepthook", "hooks of sys"),
     }  # fmt: skip
+
+
+def test_whose_a_file_is_is_told_without_an_import() -> None:
+    """It is asked as imports end, those of Python's own folders among them, and would ask itself half-way."""
+    code = (
+        "import builtins; from pathlib import Path; from calibench.core.sources import is_local\n"
+        "builtins.__import__ = lambda *_: 1 / 0\n"
+        "assert is_local(Path('/somewhere/mine.py'))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

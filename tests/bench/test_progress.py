@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import os
 import signal
-import sys
 import threading
 import time
 from dataclasses import replace
 from pathlib import Path
-from types import CellType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -21,7 +19,6 @@ from calibench.bench.commands.status import lines_of
 from calibench.bench.commands.status import run as status
 from calibench.bench.execution import in_progress as running
 from calibench.bench.execution import in_progress as told
-from calibench.bench.execution.costly import ReplayFolder
 from calibench.bench.execution.in_progress import (
     Progress,
     Running,
@@ -209,50 +206,6 @@ def test_a_run_whose_process_says_nothing_any_more_grows_silent() -> None:
     assert run.silent_line() is not None
     assert isinstance(run, Running)
     assert running.SILENT == 600
-
-
-def test_nothing_that_can_be_imported_leads_to_the_gate_of_a_run_that_is_followed(tmp_path: Path) -> None:
-    """A foreign optimiser could else write the counters: it looks through what stands in our modules and threads."""
-
-    class Burglar:
-        found: list[str] = []  # noqa: RUF012
-
-        def minimize(self, objective: Any, rng: np.random.Generator) -> None:
-            objective(objective.start)
-            modules = [m for name, m in sys.modules.items() if name.startswith("calibench.bench.execution")]
-            left: list[tuple[str, Any]] = [
-                *((f"{m.__name__}.{key}", value) for m in modules for key, value in list(vars(m).items())),
-                *((thread.name, thread) for thread in threading.enumerate()),
-            ]
-            seen: dict[int, Any] = {}  # holds them, so that no number is given twice
-            while left:
-                name, thing = left.pop()
-                if id(thing) in seen or isinstance(thing, ModuleType | str | bytes | int | float | np.ndarray):
-                    continue
-                if type(thing).__module__.partition(".")[0] in ("_pytest", "pluggy", "xdist", "execnet"):
-                    continue  # of the tests, which hold one another
-                seen[id(thing)] = thing
-                if type(thing).__name__ == "Evaluator":
-                    self.found.append(name)
-                if isinstance(thing, dict):
-                    left += [(f"{name}[{key!r:.20}]", value) for key, value in list(thing.items())]
-                elif isinstance(thing, list | tuple | set | frozenset):
-                    left += [(f"{name}[]", value) for value in list(thing)]
-                else:
-                    cells = getattr(thing, "__closure__", None) or () if isinstance(thing, FunctionType) else ()
-                    left += [(f"{name}({i})", cell.cell_contents) for i, cell in enumerate(cells) if cell != CellType()]
-                    for key in ("__self__", "__wrapped__", "__dict__", "__func__", "_target", "_looks", "runs"):
-                        try:
-                            left.append((f"{name}.{key}", getattr(thing, key)))
-                        except Exception:
-                            continue
-
-    heard: list[Progress] = []
-    with publishing(heard.append, every=0.02):
-        run = bench.execute(Slow(0.05), Burglar(), 50, replay=ReplayFolder(tmp_path))
-    assert run.status == "ok", run.row["error"]
-    assert heard
-    assert Burglar.found == []
 
 
 def test_what_takes_long_before_the_first_run_is_said_and_nothing_else():

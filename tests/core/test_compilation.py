@@ -96,8 +96,7 @@ def copied(tmp_path):
     home = tmp_path / "src" / "calibench"
     for package in ("core", "problems", "optimizers"):
         shutil.copytree(ROOT / package, home / package, ignore=shutil.ignore_patterns("__pycache__"))
-    for file in ("__init__.py", "_checkout.py"):
-        shutil.copy(ROOT / "calibench" / file, home / file)
+    shutil.copy(ROOT / "calibench" / "__init__.py", home / "__init__.py")
     return home
 
 
@@ -154,7 +153,7 @@ def test_a_home_that_cannot_be_written_costs_the_cache_and_nothing_else(copied, 
 def test_numba_is_told_that_folder_and_keeps_what_it_compiles_there(tmp_path):
     code = (
         "import numba, calibench.core.compilation.compiled as c\n"
-        "from problems.planar import _closed_loop_kernels as k\n"
+        "from calibench.problems.planar import _closed_loop_kernels as k\n"
         "print(numba.config.CACHE_DIR == str(c._cache_folder()))\n"
         "print(k._reach_and_link(1.0, 1.0, 2.0).hex())\n"
         "print(len(list(c._cache_folder().rglob('*_reach_and_link*.nbi'))))\n"
@@ -177,7 +176,7 @@ def test_listing_names_does_not_load_the_compiler():
 @pytest.mark.parametrize("name", ["full12", "tracking_zero", "orthoglide6"])
 def test_after_compile_a_problems_own_arrays_compile_nothing(name):
     code = (
-        "import problems\n"
+        "from calibench import problems\n"
         f"p = problems.make({name!r}); p.compile()\n"
         "k = p._compiled.kernels\n"
         "count = lambda: [len(f.signatures) for f in (k.cost, k.batch, k.residuals, k.jacobian)]\n"

@@ -405,7 +405,8 @@ def test_another_package_cannot_take_a_name_of_ours(pots, outside, monkeypatch):
 
 def test_an_entry_that_enters_itself_as_it_is_loaded_is_there_once(pots, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
-    (tmp_path / "enters_itself.py").write_text("from core import registry\n\nWOK = registry.POTS.register('wok')(dict)")
+    entry = "from calibench.core import registry\n\nWOK = registry.POTS.register('wok')(dict)"
+    (tmp_path / "enters_itself.py").write_text(entry)
     monkeypatch.setattr(calibench.core.registry, "POTS", pots, raising=False)
     announced(monkeypatch, ("wok", "enters_itself:WOK"), ("kettle", "enters_itself:WOK"))
     assert pots.names() == ["kettle", "needy", "wok"]

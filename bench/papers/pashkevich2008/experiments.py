@@ -200,7 +200,7 @@ def added_later(found: Experiments) -> Iterable[str]:
 
 _COMMANDS = """```text
 bench paper                                                  # writes this page to results/paper/, beside the ledger
-python -m bench.papers.pashkevich2008.experiments orthoglide-experiments.md    # this page alone
+python -m calibench.bench.papers.pashkevich2008.experiments orthoglide-experiments.md    # this page alone
 bench discover machine=orthoglide data=exp2                  # the verdict on one set
 ```"""
 

@@ -1,5 +1,6 @@
-"""The tables of docs/optimizers.md, made from what the adapters obey: ``python -m bench.report.methods.page`` writes
-them.
+"""The tables of docs/optimizers.md, made from what the adapters obey.
+
+``python -m calibench.bench.report.methods.page`` writes them.
 
 A table stands between ``<!-- begin NAME -->`` and ``<!-- end NAME -->``; the words around it are written by hand.
 """

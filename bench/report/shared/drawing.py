@@ -35,7 +35,6 @@ from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.ticker import LogFormatterSciNotation, NullLocator
 
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool
-from calibench.bench.report.shared.ticks_once import ticks_once
 
 Drawing = tuple[Figure, pd.DataFrame]
 
@@ -124,11 +123,10 @@ def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
     _write_powers_as_text(figure)
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.{ending}" for ending in ("svg", "png", "csv")]
-    with rc_context(STYLE), ticks_once(figure):
+    with rc_context(STYLE):
         FigureCanvasAgg(figure)  # one for layout and PNG: a new one would measure all texts anew
         join_minor_ticks(figure)
         _lay_out_once(figure)
-        # first: its resolution is that of the layout, where the ticks have been placed
         figure.savefig(paths[1], dpi=_DPI, pil_kwargs={"compress_level": _PACKED})
         figure.savefig(paths[0], metadata={"Date": None})
     numbers.to_csv(paths[2], index=False)
