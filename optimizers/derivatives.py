@@ -28,12 +28,16 @@ def value_and_gradient(objective: Objective, x: Array) -> tuple[float, Array]:
             r = objective.residuals(x)
             return float(r @ r), 2.0 * (objective.jacobian(x).T @ r)
     value = objective(x)
-    return value, forward_differences(objective, x, value)
-
-
-def forward_differences(objective: Objective, x: Array, value: float) -> Array:
-    """Return the gradient at x by `dimension` further evaluations, each inside the box."""
-    return differences(objective, x, value, objective.lower, objective.upper, _sizes(objective, x))
+    # what steps are relative to, shape (dim,): the box where it is closed, and at least the point
+    width = objective.upper - objective.lower
+    return value, differences(
+        objective,
+        x,
+        value,
+        objective.lower,
+        objective.upper,
+        np.maximum(np.abs(x), np.where(np.isfinite(width), width, 1.0)),
+    )
 
 
 def differences(
@@ -148,12 +152,6 @@ class Memoized:
     def _counted(self, x: Array) -> float:
         self.count += 1
         return self._objective(x)
-
-
-def _sizes(objective: Objective, x: Array) -> Array:
-    """Return what steps are relative to, shape (dim,): the box where it is closed, and at least the point."""
-    width = objective.upper - objective.lower
-    return np.maximum(np.abs(x), np.where(np.isfinite(width), width, 1.0))
 
 
 def _shifted(x: Array, i: int, lower: Array, upper: Array) -> Callable[[float], Array]:

@@ -131,7 +131,7 @@ def _of_folder(folder: Path, stated: Mapping[str, Any]) -> Table:
         raise DataError(
             f"{folder}: holds no hole_0.csv, hole_1.csv or socket_0.csv in folders by place; name a file of readings"
         )
-    read = {file.told: read_socket(file, MACHINE, stated) for file in files}
+    read = {file.label: read_socket(file, MACHINE, stated) for file in files}
     check_alike(folder, read)
     whole = _one_after_the_other([_of_one(one, told) for told, one in read.items()])
     return replace(whole, name=folder.name, notes=(socket_note(files), *whole.notes))

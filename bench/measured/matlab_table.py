@@ -166,8 +166,8 @@ def _beside_each_other(
             found |= {f"{name}_{k + 1}": array[:, k] for k in range(array.shape[1])}
             notes.append(f"the columns of {name} are called {name}_1 to {name}_{array.shape[1]}")
     left = sorted(n for n in arrays if n not in {**vectors, **matrices} or len(arrays[n]) != most)
-    told = (f"{n} ({' x '.join(map(str, arrays[n].shape)) or 'one value'})" for n in left)
-    notes += [f"variables {', '.join(told)} {UNREAD}: columns have {most} values"] if left else []
+    unread = (f"{n} ({' x '.join(map(str, arrays[n].shape)) or 'one value'})" for n in left)
+    notes += [f"variables {', '.join(unread)} {UNREAD}: columns have {most} values"] if left else []
     return found, tuple(notes)
 
 

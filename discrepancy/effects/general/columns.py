@@ -139,16 +139,16 @@ def _cycles(family: EffectFamily, formulation: Formulation, target: str) -> Buil
     ordinal, measured, column = _parts(formulation)[target]
     needs(formulation.data, column)
     after = "" if not ordinal else f"{family.name} {_target(formulation, _ORDINALS[ordinal - 1], measured, column)}"
-    along, told = (column, measured), ("prediction", unit_of(formulation, measured))
+    along, channel = (column, measured), ("prediction", unit_of(formulation, measured))
     stated = formulation.data.units.get(column, "")
     return scanned(
-        family, formulation.data, target, along, told, factor=-1.0, after=after,
+        family, formulation.data, target, along, channel, factor=-1.0, after=after,
         period_unit="" if stated == "1" else stated,
     )  # fmt: skip
 
 
 def scanned(
-    family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], told: tuple[str, str], *,
+    family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], reported: tuple[str, str], *,
     factor: float = 1.0, after: str = "", longest: float = np.inf, shortest: float = 0.0,
     largest: float = _ANY, period_unit: str = "",
 ) -> tuple[Cycle, ...]:  # fmt: skip
@@ -157,7 +157,7 @@ def scanned(
     `along` is the column it follows and the quantity it changes, `told` the channel and the unit. No period is above
     `longest` or below `shortest`, no wave higher than `largest`. Periods are given in `period_unit`.
     """
-    (column, quantity), (channel, unit) = along, told
+    (column, quantity), (channel, unit) = along, reported
     largest = min(largest, _ANY)  # a slide may err by any length, but an infinite wave is none
     u = np.asarray(data[column], dtype=float)
     span, different = float(np.ptp(u)), len(np.unique(u))
@@ -226,9 +226,9 @@ def _target(formulation: Formulation, words: str, measured: str, column: str) ->
 def measured_columns(formulation: Formulation) -> tuple[str, ...]:
     """Return the measured columns: those of the instruments, or all readings that belong to no joint."""
     roles = roles_of(formulation)
-    told = tuple(dict.fromkeys(name for one in roles.instruments for name in one.columns))
+    columns = tuple(dict.fromkeys(name for one in roles.instruments for name in one.columns))
     joints = {joint.reading for joint in roles.joints}
-    return told or tuple(name for name in formulation.readings if name not in joints)
+    return columns or tuple(name for name in formulation.readings if name not in joints)
 
 
 def _firsts(formulation: Formulation) -> tuple[str, ...]:

@@ -68,7 +68,11 @@ def warmth(data: MeasuredData, late: float, column: str, clock: str, run: Measur
     seen = np.interp(even, t[order], shown[order])
     kept = np.exp(-(even[1] - even[0]) / late)
     middle = np.concatenate([seen[:1], (seen[1:] + seen[:-1]) / 2])
-    follows = _followed((1 - kept) * (middle - seen[0]), kept)
+    # y with y_k = `kept` y_{k-1} + `steps`_k, (n,), as SciPy's `lfilter` does
+    steps = (1 - kept) * (middle - seen[0])
+    bands = np.ones((2, len(steps)))
+    bands[1] = -kept
+    follows = np.asarray(dtbtrs(bands, steps[:, None], uplo="L", diag="U")[0][:, 0])
     return np.asarray(np.interp(asked, even, follows + seen[0]))
 
 
@@ -89,16 +93,6 @@ def _record(data: MeasuredData, column: str, clock: str, run: MeasuredData) -> t
     if during.any() and np.mean(apart**2) > _OTHER_RUN * np.var(then):
         return t, shown
     return np.concatenate([known, t[new]]), np.concatenate([then, shown[new]])
-
-
-def _followed(steps: Array, kept: float) -> Array:
-    """Return y with y_k = `kept` y_{k-1} + `steps`_k, (n,), as SciPy's `lfilter` does.
-
-    Importing that takes a second.
-    """
-    bands = np.ones((2, len(steps)))
-    bands[1] = -kept
-    return np.asarray(dtbtrs(bands, steps[:, None], uplo="L", diag="U")[0][:, 0])
 
 
 _ROWS = 500  # rows that are used, evenly over the run

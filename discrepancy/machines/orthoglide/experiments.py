@@ -143,9 +143,9 @@ def experiments(draws: int = 5_000) -> Experiments:
         for w in (False, True)
     }
     size = sets["exp2", False][HANDED].coefficients
-    told = {plan: told_apart(plan, size) for plan in PLANS}
+    apart = {plan: told_apart(plan, size) for plan in PLANS}
     rivals: dict[tuple[str, str], float] = {
-        (plan, rival): value for plan, found in told.items() for rival, value in found.items()
+        (plan, rival): value for plan, found in apart.items() for rival, value in found.items()
     }
     mixed_up = {
         (name, how): small_sample(linear(_formulated(mix(printed(name))), weighted=False), ()).rms
