@@ -134,7 +134,9 @@ class Memoized:
             return slopes
         width = gate.upper - gate.lower
         size = np.where(np.isfinite(width), width, np.maximum(np.abs(x), 1.0))
-        paid = differences(self._counted, x, value, self._lower, self._upper, size, self._kind, steps)
+        paid = differences(
+            self._counted, x, value=value, lower=self._lower, upper=self._upper, size=size, kind=self._kind, steps=steps
+        )
         return np.nan_to_num(paid, posinf=0.0, neginf=0.0)
 
     def curvature(self, x: Array) -> Array | None:

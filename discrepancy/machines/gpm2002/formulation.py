@@ -461,7 +461,16 @@ class LegClosure:
         """Return an encoder at each driven joint, and with a tracker its two coordinates."""
         resolution = float(self.data.metadata.get("encoder_lsb") or 0.0)
         encoders = tuple(
-            Sensor(f"enc_{i}", "encoder", "rad", f"joint {i}", (f"leg {i}",), f"angle of joint {i}", resolution, True)
+            Sensor(
+                f"enc_{i}",
+                "encoder",
+                "rad",
+                part=f"joint {i}",
+                targets=(f"leg {i}",),
+                label=f"angle of joint {i}",
+                resolution=resolution,
+                over_place=True,
+            )
             for i in LEGS
         )
         return (*encoders, Sensor("x", "tracker", "mm"), Sensor("y", "tracker", "mm")) if self.tracked else encoders

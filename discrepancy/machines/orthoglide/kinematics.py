@@ -255,7 +255,9 @@ def _posture(rows: Rows, q: Quantities, level: Array, when: str, moment: Array |
     stacked = np.stack(centres, axis=1)
     own = stacked[np.arange(n), rows.leg]
     along, sizes = np.stack(axes), np.stack(norms)
-    return _Posture(stacked, own, along, sizes, np.stack(joints, axis=1), radii, tool, tool + skew)
+    return _Posture(
+        stacked, own, along, norms=sizes, joints=np.stack(joints, axis=1), lengths=radii, tool=tool, end=tool + skew
+    )
 
 
 def _components(
