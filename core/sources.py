@@ -26,7 +26,7 @@ _HOME = Path(__file__).resolve().parent.parent
 _FACES = (_HOME / "calibench" / "__init__.py", _HOME / "__init__.py")  # of a checkout, and installed
 # here and not when it is asked for: that may be within an import, and `sysconfig` imports what it reads
 _STANDARD = tuple({Path(sysconfig.get_paths()[key]).resolve() for key in ("stdlib", "platstdlib")})
-_OURS = ("core", "problems", "optimizers", "discrepancy")  # what a run can go through, beside its gate
+_OURS = ("core", "calibration", "problems", "optimizers", "discrepancy")  # what a run can go through, beside its gate
 
 
 @final

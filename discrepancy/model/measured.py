@@ -31,6 +31,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.notes import DataError as DataError
 from calibench.core.options import shown, suggest
 from calibench.core.tables.cells import NO_VALUE, between, is_unit, split_rows, way_out
 from calibench.core.words import as_columns
@@ -44,10 +45,6 @@ UNSTATED = "the noise is not stated"  # how a note begins on noise that was told
 LEARNED = "is learned from what the model leaves"  # in such a note: then nothing tells how much of the rest is noise
 UNREAD = "have another shape and are not read"  # in a note, of variables that are no column beside the others
 NO_REPEATS = "no repeats"  # subject of a note: nothing was read twice, so the stated noise is taken on trust
-
-
-class DataError(ValueError):
-    """The data cannot be used as they are; the message names the column, what is wrong, and the way out."""
 
 
 class MisfitError(DataError):
