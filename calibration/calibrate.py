@@ -67,7 +67,7 @@ _TO_JSON = (
 
 
 @final
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Calibration:
     """The answer of one calibration of an `arm`, from `readings`; `fit` is the one that is written.
 
@@ -78,9 +78,9 @@ class Calibration:
     """
 
     case: str
-    arm: Arm = field(repr=False)
-    readings: Readings = field(repr=False)
-    fit: Fit = field(repr=False)
+    arm: Arm
+    readings: Readings
+    fit: Fit
     fitted: int
     folds: str
     chosen: str
@@ -91,12 +91,16 @@ class Calibration:
     regions: tuple[Part, ...]
     by_joint: tuple[Part, ...]
     over_joints: tuple[OverJoint, ...]
-    drawn: Drawn = field(repr=False)
+    drawn: Drawn
     without_gains: float
     frames: Mapping[str, tuple[float, ...]]
     notes: tuple[Note, ...]
     seconds: float = nan
     files: Mapping[str, str] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        errors = f"{self.error_before:.3g} -> {self.error_after:.3g} mm on poses that were not fitted"
+        return f"<calibration {self.case}: {len(self.changes)} numbers of {self.chosen} changed, error {errors}>"
 
     @property
     def before(self) -> Error:
