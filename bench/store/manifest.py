@@ -15,7 +15,6 @@ from calibench.core.plain import json_of
 
 KIND = "calibench study"
 DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.discovery.store` keeps
-READABLE = (1, 2, SCHEMA_VERSION)
 
 
 class StoreError(ValueError):
@@ -47,14 +46,12 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         )
     if not isinstance(manifest, dict) or manifest.get("kind") != KIND:
         raise StoreError(f"{path}: is not a manifest of ours; take another folder")
-    if manifest.get("schema_version") not in READABLE:
+    if manifest.get("schema_version") != SCHEMA_VERSION:
         raise StoreError(f"{folder}: schema {manifest.get('schema_version')!r}, this version reads {SCHEMA_VERSION}")
     found: dict[str, Any] = manifest
-    if "cells" in found:  # as it is written: a label once, and the runs of its cell
-        cells = found.pop("cells")
-        found["planned"] = _planned(cells)
-        found["called"], found["budgets"] = _of_cells(cells, "called"), _of_cells(cells, "budget")
-    found.setdefault("study", folder.resolve().name)
+    cells = found.pop("cells", None)  # as it is written: a label once, and the runs of its cell
+    found["planned"] = _planned(cells)
+    found["called"], found["budgets"] = _of_cells(cells, "called"), _of_cells(cells, "budget")
     for key, is_right in _KINDS.items():
         if not is_right(found.get(key)):
             raise StoreError(f"{path}: its entry {key!r} is damaged")

@@ -48,7 +48,6 @@ from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 from calibench.bench.execution.answer import offered
 from calibench.bench.execution.run import Run
-from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.run_id import UNSEEN
 from calibench.bench.store.arrays import all_true, array_of, cast_table, empty_table, is_in, kept, not_equal, scalar_of
 from calibench.bench.store.atomic_file import remove_stale, write_whole
@@ -307,7 +306,6 @@ class ResultStore:
                     "`bench merge` the two"
                 )
             files = {**manifest.get("files", {}), **(files or {})}
-            outdated = manifest["schema_version"] != SCHEMA_VERSION  # programs that know less must not write here
             new = labels.keys() - manifest["planned"].keys()
             if drop:
                 gone = {*manifest["planned"], *manifest.get("abandoned", ())} - labels.keys() - {*other_shards}
@@ -316,14 +314,8 @@ class ResultStore:
                 manifest["abandoned"] = sorted({*manifest["abandoned"]} - labels.keys())
             every = {*manifest.get("other_shards", ()), *other_shards}
             others = sorted(every - manifest["planned"].keys() - labels.keys())
-            if (
-                new
-                or drop
-                or outdated
-                or manifest.get("files", {}) != files
-                or manifest.get("other_shards", []) != others
-            ):
-                manifest |= {"schema_version": SCHEMA_VERSION, "planned": {**manifest["planned"], **labels}}
+            if new or drop or manifest.get("files", {}) != files or manifest.get("other_shards", []) != others:
+                manifest["planned"] = {**manifest["planned"], **labels}
                 manifest |= {"other_shards": others} if others or "other_shards" in manifest else {}
                 manifest["files"] = files
                 manifest["called"] = {**manifest.get("called", {}), **(called or {})}

@@ -1,6 +1,6 @@
 """Finished runs that another version of the code made: a resume finds and counts them before anything runs.
 
-Rows without ``code_digest``, from before that column existed, cannot be judged: they are kept, and the user is told.
+Rows without a ``code_digest``, as of a run whose code could not be read, cannot be judged: they are kept and named.
 """
 
 from __future__ import annotations
@@ -41,11 +41,8 @@ class Stale:
         """Return a line on the rows without a digest; '' where there are none."""
         if not self.unknown:
             return ""
-        one = len(self.unknown) == 1
-        return (
-            f"{len(self.unknown)} of {counted(self.finished, 'finished run')} {'is' if one else 'are'} older than the "
-            f"column code_digest: which code made {'it' if one else 'them'} is not known"
-        )
+        those = f"{len(self.unknown)} of {counted(self.finished, 'finished run')}"
+        return f"{those} {'has' if len(self.unknown) == 1 else 'have'} no code_digest: what made them is not known"
 
 
 def find_stale(request: Request, store: ResultStore, but: Collection[str] = ()) -> Stale:

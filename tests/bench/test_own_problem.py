@@ -20,7 +20,6 @@ from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.costs import costs_of
 from calibench.problems import Parameter
 from calibench.problems.base import coordinates_of, parameters_of
-from tests.bench.earlier_version import as_earlier
 
 
 class Well:
@@ -272,17 +271,6 @@ def test_no_floor_is_told_of_a_problem_without_a_truth(tmp_path):
 def test_a_users_option_named_error_borrows_no_unit(tmp_path):
     problem = saying(options={"error": "J1"})
     assert optimum_of(stored(tmp_path, run_of(problem)).runs()).axis == "best J1"
-
-
-def test_rows_from_before_these_columns_are_read_with_nulls(tmp_path):
-    store = stored(tmp_path, run_of(Well()))
-    store.collect()
-    path = store.folder / "runs.parquet"
-    new = ["merit", "unit", "minimum", "judged_value", "judged_evaluations"]
-    as_earlier(path, new)
-    runs = store.runs()
-    assert runs[new].isna().all(axis=None)
-    assert stats.summary(runs)["best_median"].tolist() == runs["best_value"].tolist()
 
 
 # noise

@@ -273,7 +273,9 @@ def test_a_study_whose_first_step_was_cut_off_begins_again(tmp_path):
 
 
 def test_a_manifest_without_its_plan_is_named(store):
-    (store.folder / "manifest.json").write_text('{"kind": "calibench study", "schema_version": 1, "planned": [1]}')
+    (store.folder / "manifest.json").write_text(
+        '{"kind": "calibench study", "schema_version": 3, "study": "a", "planned": [1]}'
+    )
     with pytest.raises(StoreError, match="entry 'planned' is damaged"):
         store.manifest()
 
