@@ -6,7 +6,7 @@ number of workers, on any machines.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,9 +24,8 @@ from calibench.bench.sweep import costs
 from calibench.bench.sweep.execution import Execution, read_execution
 from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
-from calibench.bench.workers.packs import How, Job, Packs
-from calibench.bench.workers.printed import files_in
-from calibench.bench.workers.worker import Notice, do_pack
+from calibench.bench.workers.carrier import Carrier, How, Job, Packs, Serial
+from calibench.bench.workers.processes import Processes, printed_files
 from calibench.core.words import counted
 
 _SILENCE = 2.0  # seconds
@@ -73,7 +72,7 @@ def carry_out(
     execution = read_execution(request.execution)
     store = ResultStore(request.folder)
     if execution.name == "dask" and not _is_collected(request, store):
-        from calibench.bench.workers.dask.cluster import check_cluster
+        from calibench.bench.workers.dask import check_cluster
 
         check_cluster(execution.address)  # checked again later; but here no folder has been made yet
     store.open()
@@ -93,7 +92,7 @@ def carry_out(
     goes_on = len([run_id for run_id in values_of(request.folder) if run_id in left])
     if goes_on:
         tell(f"{counted(goes_on, 'run')} {'goes' if goes_on == 1 else 'go'} on from the values of before the kill")
-    skipped, before = len(request.specs) - len(left), files_in(request.folder)
+    skipped, before = len(request.specs) - len(left), printed_files(request.folder)
     unfinished = 0
     with at_work(request.folder):
         for attempt in range(_ATTEMPTS):
@@ -111,7 +110,7 @@ def carry_out(
                 tell(
                     f"{counted(len(left), 'run')} had ended, and the folder has no row of {_them(left)}: done once more"
                 )
-    printed = tuple(sorted(files_in(request.folder) - before))
+    printed = tuple(sorted(printed_files(request.folder) - before))
     return Outcome(tuple(request.specs), skipped, tuple(aside), stale, unfinished, printed)
 
 
@@ -130,10 +129,11 @@ def _do(
         with told_after(_SILENCE, lambda: tell(_COMPILING)) as compiling:
             load_kernels(unbegun.values(), compiling=compiling)  # once here, and not again in every child
     _measure_costs(unbegun, store, tell)
-    how = How(execution.inner, _replay_folder(request))
+    jobs = [Job(run_id, spec, request.labels[run_id]) for run_id, spec in unbegun.items()]
+    packs = Packs(jobs, execution.workers, How(execution.inner, _replay_folder(request)))
     report(len(broken), len(left), "")
     failed = len(broken)
-    with closing(_run_all(unbegun, request.labels, store, execution, how)) as notices:
+    with closing(_carrier_of(execution, store).carry(packs)) as notices:
         for ended, notice in enumerate(notices, start=len(broken) + 1):
             label = request.labels[notice.run_id]
             report(ended, len(left), request.called.get(label, label))
@@ -245,40 +245,11 @@ def _fail_broken(request: Request, left: Mapping[str, Spec], store: ResultStore)
     return set(broken)
 
 
-def _run_all(
-    specs: Mapping[str, Spec], labels: Mapping[str, str], store: ResultStore, execution: Execution, how: How
-) -> Generator[Notice, None, None]:
-    """Yield a notice of each run as it is kept."""
-    jobs = [Job(run_id, spec, labels[run_id]) for run_id, spec in specs.items()]
-    packs = Packs(jobs, execution.workers, how)
-    if not jobs:
-        return
+def _carrier_of(execution: Execution, store: ResultStore) -> Carrier:
     if execution.name == "dask":
-        from calibench.bench.workers.dask.sweep import run_on_dask
+        from calibench.bench.workers.dask import Dask
 
-        yield from run_on_dask(packs, store.folder, store.study, execution.workers, execution.address, _lost)
-    elif CAN_FORK or execution.workers > 1:
-        from calibench.bench.workers.pool import run_in_pool
-
-        yield from run_in_pool(packs, store.folder, store.study, execution.workers, _lost)
-    else:
-        yield from _here(packs, store)
-
-
-def _here(packs: Packs, store: ResultStore) -> Iterator[Notice]:
-    """Do the runs in this process, where no other way exists."""
-    ended: list[Notice] = []
-
-    def keep(run: Run, seconds: float) -> None:
-        store.write(run)
-        ended.append(Notice(run.run_id, run.record.status, seconds))
-
-    while (pack := packs.take()) is not None:
-        do_pack(pack, keep, lambda _: None)  # it goes on here whatever lasts: there is no other process
-        yield from ended
-        ended.clear()
-
-
-def _lost(job: Job, status: str, why: str) -> Run:
-    """Return the row of a run whose worker was lost twice, on a cluster three times."""
-    return lost_run(job.spec, job.run_id, "ProcessDied", why, timed_out=status == "timeout")
+        return Dask(store.folder, store.study, execution.workers, execution.address)
+    if CAN_FORK or execution.workers > 1:
+        return Processes(store.folder, store.study, execution.workers)
+    return Serial(store.folder, store.study)

@@ -430,7 +430,7 @@ def test_noisy_rows_are_the_same_with_any_number_of_workers_and_after_a_resume(c
     words = ("run", "problem=story:Noisy", "optimizer=nlopt_LN_BOBYQA", "budget=30")
     call(*words, "seeds=3", "study=one")
     call(*words, "seeds=2:3", "study=two")
-    call(*words, "seeds=3", "study=two", "execution=joblib", "execution.n_jobs=2")
+    call(*words, "seeds=3", "study=two", "execution=processes", "execution.n_jobs=2")
     one, two = (ResultStore(tmp_path / "results" / name).runs().set_index("run_id") for name in ("one", "two"))
     columns = ["best_value", "judged_value", "judged_evaluations"]
     assert one[columns].equals(two.loc[one.index, columns])
