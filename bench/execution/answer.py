@@ -67,10 +67,10 @@ def offered(runs: pd.DataFrame) -> pd.DataFrame:
     """
     import pandas as pd
 
-    told = runs["merit"].dropna()
-    if told.empty:
+    texts = runs["merit"].dropna()
+    if texts.empty:
         return runs
-    read = {index: json.loads(text) for index, text in told.items()}
+    read = {index: json.loads(text) for index, text in texts.items()}
     keys = list(dict.fromkeys(key for each in read.values() for key in each))
     columns = {}
     for key in keys:

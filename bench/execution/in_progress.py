@@ -135,14 +135,14 @@ class _Publisher:
             with self._lock:
                 if run in self.runs and run.lasts(self._every):
                     with suppress(Exception):
-                        self._publish(run.told())
+                        self._publish(run.progress())
 
     def end(self, run: _Followed) -> None:
         with self._lock:
             self.runs.discard(run)
             if run.was_told:
                 with suppress(Exception):
-                    self._publish(run.told(ended=True))
+                    self._publish(run.progress(ended=True))
 
 
 @final
@@ -160,7 +160,7 @@ class _Followed:
     def lasts(self, seconds: float) -> bool:
         return time.monotonic() - self._began >= seconds
 
-    def told(self, ended: bool = False) -> Progress:
+    def progress(self, ended: bool = False) -> Progress:
         self.was_told = True
         now, counts, name = time.monotonic(), self._counts, self._name
         evaluations, spent, best = counts.evaluations, counts.charged, counts.best_value
@@ -274,8 +274,8 @@ class Running:
 def running_of(progress: Progress) -> Running:
     """Return a run in progress as it is now: since its last message it has been silent, as far as is known."""
     age = max(0.0, time.time() - progress["updated_at"])
-    told: dict[str, Any] = dict(progress)
-    known = {field.name: told[field.name] for field in fields(Running)}
+    values: dict[str, Any] = dict(progress)
+    known = {field.name: values[field.name] for field in fields(Running)}
     return Running(**known | {"silent_s": progress["silent_s"] + (age if age > 5 else 0.0)})
 
 
@@ -315,8 +315,8 @@ def hosts_at_work(folder: Path | str) -> set[str]:
 
 def was_silent(folder: Path | str, run_id: str) -> bool:
     """Tell whether a run of `folder` had made no evaluation for ten minutes at its last message, or since then."""
-    told = [_read(path) for path in (Path(folder) / "running").glob(f"{run_id}-*.json")]
-    return any(running_of(progress).silent_s >= SILENT for progress in told if progress is not None)
+    found = [_read(path) for path in (Path(folder) / "running").glob(f"{run_id}-*.json")]
+    return any(running_of(progress).silent_s >= SILENT for progress in found if progress is not None)
 
 
 def remove_gone(folder: Path | str) -> None:
@@ -339,9 +339,9 @@ def remove_gone(folder: Path | str) -> None:
 def _read(path: Path) -> Progress | None:
     """Return what a file says; None where it has just gone, or is none of ours."""
     try:
-        told: Progress = json_of(path.read_text(encoding="utf-8"))
-        running_of(told)
-        return told if isinstance(told["pid"], int) else None
+        progress: Progress = json_of(path.read_text(encoding="utf-8"))
+        running_of(progress)
+        return progress if isinstance(progress["pid"], int) else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
@@ -349,8 +349,8 @@ def _read(path: Path) -> Progress | None:
 def _sweep(path: Path) -> tuple[str, int, str]:
     """Return host, pid and birth of the process that carries out a sweep; of a file that is not whole, no process."""
     try:
-        told = json_of(path.read_text(encoding="utf-8"))
-        return str(told["host"]), int(told["pid"]), str(told["born"])
+        owner = json_of(path.read_text(encoding="utf-8"))
+        return str(owner["host"]), int(owner["pid"]), str(owner["born"])
     except (OSError, ValueError, KeyError, TypeError):
         return platform.node(), os.getpid(), "-"
 

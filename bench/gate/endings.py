@@ -50,15 +50,15 @@ def text_of(error: BaseException) -> str:
 
 def frames_of(error: BaseException | None) -> str:
     """Return the last frames of `error` and of what caused it, innermost last; '' where there are none."""
-    told: list[str] = []
+    parts: list[str] = []
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))
         text = getattr(error, TOLD, "") or _frames(extract_tb(error.__traceback__))
         if text:
-            told.append(text if not told else f"{text}{type(error).__name__}, which led to:\n")
+            parts.append(text if not parts else f"{text}{type(error).__name__}, which led to:\n")
         error = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
-    text = "".join(reversed(told)).encode("utf-8", "replace").decode()
+    text = "".join(reversed(parts)).encode("utf-8", "replace").decode()
     return text if len(text) <= _LONGEST else "...\n" + text[-_LONGEST:]
 
 

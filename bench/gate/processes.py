@@ -351,14 +351,14 @@ def apart(work: Callable[[], T], limit: float) -> T:
         if not ours.poll(limit):
             raise Lost("TimeoutError", f"it did not end within {limit:g} s", timed_out=True)
         try:
-            good, told = ours.recv()
+            good, answer = ours.recv()
         except EOFError:
-            good, told = False, None
-    if told is None and not good:
+            good, answer = False, None
+    if answer is None and not good:
         raise Lost("ProcessDied", f"its process ended with {exit_of(child.exitcode)}")
     if not good:
-        raise Lost(*told)
-    result: T = told
+        raise Lost(*answer)
+    result: T = answer
     return result
 
 

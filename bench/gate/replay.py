@@ -327,15 +327,17 @@ class Replayed:
         self.differs: ReplayDiffers | None = None
         self._seen, self._wait, self._patience = -1, 0, 1
         self._ours = Calls(
-            self._value, calls.fixed, self._again,
-            calls.batch and (lambda points: self._through(_BATCH, calls.batch, points)),
-            calls.below and (lambda points, limits: self._through(_BELOW, calls.below, points, limits)),
-            calls.residuals and (lambda x: self._through(_RESIDUALS, calls.residuals, x)),
-            calls.jacobian and (lambda x: self._through(_JACOBIAN, calls.jacobian, x)),
-            calls.gradient and (lambda x: self._through(_GRADIENT, calls.gradient, x)),
-            calls.joint and (lambda x: self._through(_JOINT, calls.joint, x)),
-            calls.ahead and self._ahead,
-        )  # fmt: skip
+            value=self._value,
+            fixed=calls.fixed,
+            again=self._again,
+            batch=calls.batch and (lambda points: self._through(_BATCH, calls.batch, points)),
+            below=calls.below and (lambda points, limits: self._through(_BELOW, calls.below, points, limits)),
+            residuals=calls.residuals and (lambda x: self._through(_RESIDUALS, calls.residuals, x)),
+            jacobian=calls.jacobian and (lambda x: self._through(_JACOBIAN, calls.jacobian, x)),
+            gradient=calls.gradient and (lambda x: self._through(_GRADIENT, calls.gradient, x)),
+            joint=calls.joint and (lambda x: self._through(_JOINT, calls.joint, x)),
+            ahead=calls.ahead and self._ahead,
+        )
 
     def arm(self) -> None:
         """Replace the gate's calls by ours."""
@@ -465,8 +467,8 @@ class Replayed:
 
 
 def _digest(given: tuple[Array, ...]) -> bytes:
-    told = blake2b(digest_size=16)
+    digest = blake2b(digest_size=16)
     for array in given:
         values = np.ascontiguousarray(array, dtype=np.float64)
-        told.update(repr(values.shape).encode() + values.tobytes())
-    return told.digest()
+        digest.update(repr(values.shape).encode() + values.tobytes())
+    return digest.digest()

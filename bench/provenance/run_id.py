@@ -338,10 +338,10 @@ def _held(value: Any) -> dict[str, Any] | None:
 
 def _array(array: np.ndarray[Any, Any], depth: int) -> str:
     if array.dtype.hasobject:
-        told = _digest(plain(array.tolist(), depth + 1))
+        content = _digest(plain(array.tolist(), depth + 1))
     else:
-        told = blake2b(np.ascontiguousarray(array).tobytes(), digest_size=8).hexdigest()
-    return f"array {array.dtype.str}{list(array.shape)} {told}"
+        content = blake2b(np.ascontiguousarray(array).tobytes(), digest_size=8).hexdigest()
+    return f"array {array.dtype.str}{list(array.shape)} {content}"
 
 
 def _code(code: types.CodeType, doc: str | None) -> list[Any]:

@@ -335,8 +335,8 @@ def _write(folder: Path, sources: Sequence[Source]) -> None:
     keys = pa.concat_tables([source.keys for source in sources] or [_keys(empty_table(RUNS_SCHEMA))])
     order = _order(keys)
     whose = np.repeat(np.arange(len(sources)), [len(source.keys) for source in sources])[order] if sources else order
-    told = metadata(token_hex(8))
-    runs_schema, traces_schema = RUNS_SCHEMA.with_metadata(told), TRACES_SCHEMA.with_metadata(told)
+    origin = metadata(token_hex(8))
+    runs_schema, traces_schema = RUNS_SCHEMA.with_metadata(origin), TRACES_SCHEMA.with_metadata(origin)
     new_runs = temporary_name(folder / RUNS)
 
     def write_both(traces_file: Any) -> None:

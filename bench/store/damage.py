@@ -184,7 +184,7 @@ def _in_identity(rows: pa.Table) -> Iterator[Found]:
     columns = [rows[name].to_pylist() for name in (*names, "run_id", "budget", "start", "target")]
     keys: dict[tuple[str, str, str], list[Any] | None] = {}
     wrong: dict[str, list[bool]] = {"run_id": [], "seed": []}
-    for problem, its, data, optimizer, options, repetition, seed, told, budget, start, target in zip(
+    for problem, its, data, optimizer, options, repetition, seed, known_id, budget, start, target in zip(
         *columns, strict=True
     ):
         for key in ((problem, its, data), (optimizer, options, "")):
@@ -196,7 +196,7 @@ def _in_identity(rows: pa.Table) -> Iterator[Found]:
         pair = ([*mine, data], method) if mine is not None else ([], method)
         wrong["seed"].append(known and digest(*pair, repetition) != seed)
         by_name = known and start in ("nominal", "random")
-        wrong["run_id"].append(by_name and run_id(*pair, budget, repetition, start, target) != told)
+        wrong["run_id"].append(by_name and run_id(*pair, budget, repetition, start, target) != known_id)
     for name, flags in wrong.items():
         yield name, np.array(flags, dtype=bool), f"is not the digest of {_IDENTITY}"
 

@@ -189,12 +189,12 @@ def declared_levels(runs: pd.DataFrame) -> pd.DataFrame:
         levels.update(float(level) for level in listed)
         if own is not None and own == own:
             levels.add(float(own))
-    told = [
+    rows = [
         dict(zip(PROBLEM, key, strict=True)) | {"quantity": "value", "target": level, "level": level}
         for key, levels in rows.items()
         for level in sorted(levels, reverse=True)
     ]
-    return pd.DataFrame(told, columns=[*PROBLEM, "quantity", "target", "level"])
+    return pd.DataFrame(rows, columns=[*PROBLEM, "quantity", "target", "level"])
 
 
 def hit_tables(rows: pa.Table, traces: Iterable[pa.Table], levels: pd.DataFrame) -> Iterator[pa.Table]:
@@ -237,12 +237,12 @@ class _Runs:
     outside: Flags
     lost: Flags
     derivatives: Flags
-    told: Mapping[str, Array]
+    quantities: Mapping[str, Array]
 
     def some(self, at: Counts) -> _Runs:
         """Return the runs at these places."""
         cut = {name: getattr(self, name)[at] for name in _Runs.__annotations__ if name != "told"}
-        return _Runs(**cut, told={name: values[at] for name, values in self.told.items()})
+        return _Runs(**cut, quantities={name: values[at] for name, values in self.quantities.items()})
 
 
 def _runs_of(frame: pd.DataFrame, quantities: Iterable[str]) -> _Runs:
@@ -264,7 +264,7 @@ def _runs_of(frame: pd.DataFrame, quantities: Iterable[str]) -> _Runs:
         outside=~frame["inside_box"].fillna(False).to_numpy(dtype=bool),
         lost=(frame["status"] == "failed").to_numpy(dtype=bool),
         derivatives=frame["jacobian_evaluations"].fillna(0).to_numpy() != 0,  # imported rows do not say
-        told={name: numbers(name) for name in quantities if name in frame},
+        quantities={name: numbers(name) for name in quantities if name in frame},
     )
 
 
@@ -323,9 +323,9 @@ def _crossed(runs: _Runs, points: Points, levels: Sequence[_Quantity], lists: Se
             if one.inside and runs.outside.any():
                 found = _where(runs.outside, Crossings.none(len(at), len(one.level)), found)
         else:
-            told = runs.told.get(one.name, np.full(len(at), np.nan))
+            values = runs.quantities.get(one.name, np.full(len(at), np.nan))
             with np.errstate(invalid="ignore"):
-                reached = np.abs(told)[:, None] <= one.target
+                reached = np.abs(values)[:, None] <= one.target
             found = by_the_answer(points, runs.best_evaluation, reached & (runs.best_evaluation > 0)[:, None])
         parts.append(found)
     found = joined(parts)
@@ -379,7 +379,7 @@ def _table(tables: Sequence[tuple[Counts, Sequence[_Quantity], Crossings]], runs
     run = np.concatenate([np.repeat(at, size) for (at, _, _), size in zip(tables, sizes, strict=True)])
     names = list(dict.fromkeys(one.name for _, levels, _ in tables for one in levels))
     target, quantity = (
-        np.concatenate([np.tile(np.concatenate(told), len(at)) for (at, _, _), told in zip(tables, by, strict=True)])
+        np.concatenate([np.tile(np.concatenate(one), len(at)) for (at, _, _), one in zip(tables, by, strict=True)])
         for by in (
             [[one.target for one in levels] for _, levels, _ in tables],
             [[np.full(len(one.target), names.index(one.name)) for one in levels] for _, levels, _ in tables],

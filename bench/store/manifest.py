@@ -66,14 +66,14 @@ def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
         cells.setdefault(label, []).append(run_id)
     kept = {key: value for key, value in manifest.items() if key not in ("planned", "called", "budgets")}
     lines = [f" {json.dumps(key)}: {_indented(value)}" for key, value in kept.items()]
-    told = (
+    entries = (
         {"label": label}
         | ({"called": names[label]} if label in names else {})
         | ({"budget": budgets[label]} if label in budgets else {})
         | {"runs": ids}
         for label, ids in cells.items()
     )
-    runs = ",\n".join(f"  {json.dumps(cell)}" for cell in told)
+    runs = ",\n".join(f"  {json.dumps(cell)}" for cell in entries)
     text = "{\n" + ",\n".join([*lines, f' "cells": [\n{runs}\n ]']) + "\n}\n"
     write_whole(folder / "manifest.json", lambda file: file.write(text.encode()))
 

@@ -81,7 +81,11 @@ def locked(folder: Path, soon: float = _SOON, at_most: float = _AT_MOST) -> Iter
     lock = _acquired(folder, soon, at_most)
     holder = folder / HOLDER
     try:
-        holder.write_text(_ourselves(), encoding="utf-8")
+        try:
+            user = getpass.getuser()
+        except (KeyError, OSError):  # a container's user without a name
+            user = "unknown"
+        holder.write_text(f"process {os.getpid()} of {user} on {platform.node()}", encoding="utf-8")
         yield
     finally:
         holder.unlink(missing_ok=True)
@@ -113,14 +117,6 @@ def _wait(lock: BaseFileLock, folder: Path, soon: float, at_most: float) -> Base
                 "process, then give the same command again: finished runs are kept"
             ) from None
     return lock
-
-
-def _ourselves() -> str:
-    try:
-        user = getpass.getuser()
-    except (KeyError, OSError):  # a container's user without a name
-        user = "unknown"
-    return f"process {os.getpid()} of {user} on {platform.node()}"
 
 
 def _holder(folder: Path) -> str:
@@ -216,8 +212,8 @@ class ResultStore:
         found.attrs[FOLDER_OF] = str(self.folder.resolve())
         if not options:
             return found
-        told = with_options(found)
-        return told.drop(columns=[name for name in OF_OPTIONS if asked is not None and name not in asked])
+        table = with_options(found)
+        return table.drop(columns=[name for name in OF_OPTIONS if asked is not None and name not in asked])
 
     def rows(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Return all finished runs as Arrow has them: columns of `RUNS_SCHEMA`, or `columns`. No pandas is loaded."""

@@ -193,28 +193,28 @@ class Tables:
 
 def write_table(table: pa.Table, path: Path, pair: str | None = None) -> None:
     """Write a table whole, with where it comes from as metadata."""
-    told = metadata(pair)
+    origin = metadata(pair)
 
     def write(file: BinaryIO) -> None:
-        with sealed_writer(file, table.schema.with_metadata(told)) as out:
-            out.write_table(table.replace_schema_metadata(told))
+        with sealed_writer(file, table.schema.with_metadata(origin)) as out:
+            out.write_table(table.replace_schema_metadata(origin))
 
     write_whole(path, write)
 
 
 def metadata(pair: str | None = None) -> dict[str, str]:
     """Return the metadata of a table; tables of one collection hold the same `pair`."""
-    told: dict[str, Any] = provenance() | {"schema_version": SCHEMA_VERSION, "pair": pair}
-    return {_KEY.decode(): json.dumps(told)}
+    origin: dict[str, Any] = provenance() | {"schema_version": SCHEMA_VERSION, "pair": pair}
+    return {_KEY.decode(): json.dumps(origin)}
 
 
 def _statements(file: pq.ParquetFile) -> dict[str, Any]:
     """Return what a table of ours says of itself in its metadata; nothing where that was damaged."""
     try:
-        told = json.loads(file.schema_arrow.metadata[_KEY])
+        origin = json.loads(file.schema_arrow.metadata[_KEY])
     except ValueError:
-        told = None
-    return told if isinstance(told, dict) else {}
+        origin = None
+    return origin if isinstance(origin, dict) else {}
 
 
 def _fits(found: pa.DataType, wanted: pa.DataType) -> bool:
@@ -241,8 +241,8 @@ def sealed_writer(file: BinaryIO, schema: pa.Schema) -> Iterator[pq.ParquetWrite
 def is_whole(path: Path) -> bool:
     """Tell whether a file is as it was written. Raises `OSError` and Arrow's exceptions."""
     with open(path, "rb") as file:  # one file, though another gets its name meanwhile
-        told = (pq.read_metadata(file).metadata or {}).get(_DIGEST)
-        return told is not None and told == _digest_of(file).encode()
+        digest = (pq.read_metadata(file).metadata or {}).get(_DIGEST)
+        return digest is not None and digest == _digest_of(file).encode()
 
 
 def _digest_of(file: BinaryIO) -> str:

@@ -208,9 +208,9 @@ def _two_goals(problem: str, value: float, squared: float) -> str:
     )
 
 
-def _wrong_slope(problem: str, kind: str, told: float, differences: float) -> str:
+def _wrong_slope(problem: str, kind: str, slope: float, differences: float) -> str:
     return (
-        f"{problem}: its {kind} is wrong: along a line through the box it says {told:.3g}, differences say "
+        f"{problem}: its {kind} is wrong: along a line through the box it says {slope:.3g}, differences say "
         f"{differences:.3g}; calibench.testing.check_problem names the entry"
     )
 

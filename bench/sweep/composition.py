@@ -265,8 +265,8 @@ def _in_quotes(text: str, kind: Any) -> str:
     if (held := inside(word, "{")) is not None:
         pairs = [pair_of(part) for part in parts_of(held)]
         named = [(unquoted(pair[0].strip()), pair[1]) for pair in pairs if pair is not None]
-        told = [f"{_as_key(name)}:{_in_quotes(value, field_type(kind, name))}" for name, value in named]
-        return text if None in pairs else f"{begin}{{{','.join(told)}}}{end}"
+        pairs = [f"{_as_key(name)}:{_in_quotes(value, field_type(kind, name))}" for name, value in named]
+        return text if None in pairs else f"{begin}{{{','.join(pairs)}}}{end}"
     return f"{begin}'{word}'{end}" if _BARE.fullmatch(word) and is_text(kind, word) else text
 
 

@@ -79,9 +79,9 @@ def _not_finite(rows: Columns) -> Iterator[str]:
         for count, problem, optimizer in named:
             where[f"{optimizer} on {problem}"] += int(count or 0)
         if where.total():
-            told = [f"{count} of {name}" for name, count in where.most_common(_REASONS) if count]
-            more = f" and {len(+where) - len(told)} more" if len(+where) > len(told) else ""
-            yield f"{where.total()} {what}: {', '.join(told)}{more}"
+            names = [f"{count} of {name}" for name, count in where.most_common(_REASONS) if count]
+            more = f" and {len(+where) - len(names)} more" if len(+where) > len(names) else ""
+            yield f"{where.total()} {what}: {', '.join(names)}{more}"
 
 
 def points_outside(rows: Columns) -> str:
@@ -89,9 +89,9 @@ def points_outside(rows: Columns) -> str:
     outside = Counter[str]()
     for name, count in zip(plain(rows["optimizer"]), plain(rows["outside_evaluations"]), strict=True):
         outside[name] += int(count or 0)
-    told = [f"{count} of {name}" for name, count in outside.most_common(_REASONS) if count]
-    more = f" and those of {len(+outside) - len(told)} more" if len(+outside) > len(told) else ""
-    return f"{outside.total()} points lay outside the box or were not finite: {', '.join(told)}{more}" if told else ""
+    names = [f"{count} of {name}" for name, count in outside.most_common(_REASONS) if count]
+    more = f" and those of {len(+outside) - len(names)} more" if len(+outside) > len(names) else ""
+    return f"{outside.total()} points lay outside the box or were not finite: {', '.join(names)}{more}" if names else ""
 
 
 def _tampering(rows: Columns) -> Iterator[str]:
@@ -111,7 +111,7 @@ def _process_changes(rows: Columns) -> Iterator[str]:
         if changes is not None and len(changes):
             changed[f"{', '.join(changes)} by {optimizer} on {problem}"] += 1
     if changed:
-        told = [name for name, _ in changed.most_common(_REASONS)]
-        more = f"; and {len(changed) - len(told)} more (column process_changes)" if len(changed) > len(told) else ""
+        names = [name for name, _ in changed.most_common(_REASONS)]
+        more = f"; and {len(changed) - len(names)} more (column process_changes)" if len(changed) > len(names) else ""
         runs = counted(changed.total(), "run")
-        yield f"{runs} changed the state of the process, which was put back: {'; '.join(told)}{more}"
+        yield f"{runs} changed the state of the process, which was put back: {'; '.join(names)}{more}"

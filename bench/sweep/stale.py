@@ -62,8 +62,8 @@ def find_stale(request: Request, store: ResultStore, but: Collection[str] = ()) 
             counts.update([what])
         elif not known:
             unknown.add(run_id)
-    told = tuple(f"{n} of {' and of '.join(what)}" for what, n in counts.items())
-    return Stale(frozenset(other), frozenset(unknown), len(mine), told)
+    what = tuple(f"{n} of {' and of '.join(what)}" for what, n in counts.items())
+    return Stale(frozenset(other), frozenset(unknown), len(mine), what)
 
 
 def settle(stale: Stale, way: Way) -> set[str]:

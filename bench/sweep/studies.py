@@ -68,11 +68,7 @@ def _read(name: str, path: Path) -> dict[str, Any]:
         raise RequestError(f"study={name}: cannot be read: {' '.join(str(error).split())}") from None
     if root is None or root.id != "mapping":
         return {}
-    return _top(name, root)
-
-
-def _top(name: str, root: Any) -> dict[str, Any]:
-    """Return what stands under each key of a study: a word, and under sweeps and description as it is."""
+    # what stands under each key of a study: a word, and under sweeps and description as it is
     found: dict[str, Any] = {}
     for key, node in root.value:
         if key.id != "scalar" or key.value in found:

@@ -179,7 +179,9 @@ def _dimension(override: Any, optimizer: str) -> Dimension:
         if not choices:
             raise RequestError(f"{override.input_line}: holds no value")
         own = next((text for text in choices if _same(text, default)), None)
-        return Dimension(word, option, 0.0, 0.0, False, False, choices, own)
+        return Dimension(
+            word=word, option=option, low=0.0, high=0.0, whole=False, log=False, choices=choices, default=own
+        )
     low, high = value.start, value.end
     if low is None or high is None:
         raise RequestError(f"{override.input_line}: interval(LOW,HIGH) with finite LOW < HIGH is needed")
@@ -192,7 +194,7 @@ def _dimension(override: Any, optimizer: str) -> Dimension:
         raise RequestError(f"{override.input_line}: a logarithmic scale needs LOW above 0")
     inside = isinstance(default, int | float) and not isinstance(default, bool) and low <= default <= high
     own = (int(default) if whole else float(default)) if inside else None
-    return Dimension(word, option, low, high, whole, log, (), own)
+    return Dimension(word=word, option=option, low=low, high=high, whole=whole, log=log, choices=(), default=own)
 
 
 def _kind(optimizer: str, option: str) -> Any:
@@ -266,24 +268,20 @@ def trials(tuning: Tuning, carry: CarryOut) -> Iterator[Trial]:
         values = dict(asked.params) if asked is not None else {}
         request = read_request(tuning.words_of(values), multirun=True)
         outcome = carry(request, number)
-        score = _score(request, tuning)
+        runs = ResultStore(request.folder).runs(NEEDED)
+        mine = runs[runs["run_id"].isin(request.specs)].sort_values("run_id")
+        score = score_of(mine, tuning.by) if len(mine) == len(request.specs) else math.nan
         if math.isfinite(score):
             worst = max(worst, score)
-        told = score if math.isfinite(score) else worst + 1.0
-        if asked is not None and not math.isfinite(told):
+        value = score if math.isfinite(score) else worst + 1.0
+        if asked is not None and not math.isfinite(value):
             study.tell(asked, state=optuna.trial.TrialState.FAIL)
         elif asked is not None:
-            study.tell(asked, told)
-        elif math.isfinite(told) and all(d.default is not None for d in tuning.space):
+            study.tell(asked, value)
+        elif math.isfinite(value) and all(d.default is not None for d in tuning.space):
             default = {d.option: d.default for d in tuning.space}
-            study.add_trial(optuna.trial.create_trial(params=default, distributions=distributions, value=told))
+            study.add_trial(optuna.trial.create_trial(params=default, distributions=distributions, value=value))
         yield Trial(number, values, request, outcome, score)
-
-
-def _score(request: Request, tuning: Tuning) -> float:
-    runs = ResultStore(request.folder).runs(NEEDED)
-    mine = runs[runs["run_id"].isin(request.specs)].sort_values("run_id")
-    return score_of(mine, tuning.by) if len(mine) == len(request.specs) else math.nan
 
 
 def _sampler(tuning: Tuning) -> Any:

@@ -79,14 +79,6 @@ def close_seats(queue: str) -> None:
         seat.close()
 
 
-def close_all() -> None:
-    """End all seats of this process, which is about to end."""
-    with _LOCK:
-        seats = list(_ALL)
-    for seat in seats:
-        seat.close()
-
-
 def _follow(seat: _Seat, stream: _Stream) -> str | None:
     """Stream the runs of a pack as they end; return how it ended, None where it is not wanted any more."""
     seat.say(b"begin")
@@ -270,5 +262,9 @@ def _follow() -> None:
 
 
 def _end() -> None:
-    close_all()
+    # end all seats of this process, which is about to end
+    with _LOCK:
+        seats = list(_ALL)
+    for seat in seats:
+        seat.close()
     os._exit(0)
