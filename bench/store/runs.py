@@ -78,7 +78,14 @@ class LockHeldError(ValueError):
 @contextmanager
 def locked(folder: Path, soon: float = _SOON, at_most: float = _AT_MOST) -> Iterator[None]:
     """Hold the lock of `folder`. A wait of `soon` seconds is logged; one of `at_most` raises `LockHeldError`."""
-    lock = _acquired(folder, soon, at_most)
+    try:
+        lock = _wait(FileLock(folder / LOCK), folder, soon, at_most)
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+        lock = _wait(SoftFileLock(folder / SOFT_LOCK), folder, soon, at_most)
+    except NotImplementedError:  # what filelock makes of ENOSYS
+        lock = _wait(SoftFileLock(folder / SOFT_LOCK), folder, soon, at_most)
     holder = folder / HOLDER
     try:
         try:
@@ -90,17 +97,6 @@ def locked(folder: Path, soon: float = _SOON, at_most: float = _AT_MOST) -> Iter
     finally:
         holder.unlink(missing_ok=True)
         lock.release()
-
-
-def _acquired(folder: Path, soon: float, at_most: float) -> BaseFileLock:
-    try:
-        return _wait(FileLock(folder / LOCK), folder, soon, at_most)
-    except NotImplementedError:  # what filelock makes of ENOSYS
-        pass
-    except OSError as error:
-        if error.errno not in _NO_LOCKS:
-            raise
-    return _wait(SoftFileLock(folder / SOFT_LOCK), folder, soon, at_most)
 
 
 def _wait(lock: BaseFileLock, folder: Path, soon: float, at_most: float) -> BaseFileLock:
@@ -443,32 +439,30 @@ class ResultStore:
         readers = claim(self.folder)
         tables = self._tables(manifest)
         aside: dict[Path, None] = {}
+        quarantine = self.folder / "quarantine"
+
+        def refuse(record: Record) -> None:
+            quarantine.mkdir(exist_ok=True)
+            where = quarantine / f"{record.run_id}.json"
+            where.write_bytes(record.raw())
+            aside[where] = None
+
         new = _distinct(itertools.chain(*readers), tables.complete() | drop)
         first = next(new, None)
         if first is not None or drop or not tables.are_one_pair():
-            refused = lambda record: aside.update({self._set_aside(record): None})  # noqa: E731
-            collect_into(tables, itertools.chain([] if first is None else [first], new), drop, refused)
+            collect_into(tables, itertools.chain([] if first is None else [first], new), drop, refuse)
         for reader in readers:
             if reader.damaged:
-                aside[self._move_aside(reader.path)] = None
+                quarantine.mkdir(exist_ok=True)
+                where = quarantine / reader.path.with_suffix(ENDING).name
+                os.replace(reader.path, where)
+                aside[where] = None
             else:
                 reader.path.unlink()
         with suppress(OSError):  # somebody has begun another journal
             (self.folder / FOLDER).rmdir()
         pa.default_memory_pool().release_unused()
         return list(aside)
-
-    def _move_aside(self, path: Path) -> Path:
-        where = self.folder / "quarantine" / path.with_suffix(ENDING).name
-        where.parent.mkdir(exist_ok=True)
-        os.replace(path, where)
-        return where
-
-    def _set_aside(self, record: Record) -> Path:
-        where = self.folder / "quarantine" / f"{record.run_id}.json"
-        where.parent.mkdir(exist_ok=True)
-        where.write_bytes(record.raw())
-        return where
 
     def _studies(self) -> list[ResultStore]:
         """Return the stores to read: this one, or those of the studies in this folder of studies."""

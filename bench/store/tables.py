@@ -26,7 +26,7 @@ from pyarrow.fs import LocalFileSystem
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.store.arrays import array_of, count_distinct, empty_table, unique
+from calibench.bench.store.arrays import count_distinct, empty_table, unique
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, in_schema
@@ -79,29 +79,29 @@ class Tables:
         ids = rows["run_id"].to_pylist()
         if not ids or self.are_one_pair():
             return set(ids)
-        traced = set(self._trace_ids().to_pylist())
+        file = self.open(TRACES)
+        traced = set() if file is None else set(unique(file.read(columns=["run_id"])["run_id"]).to_pylist())
         evaluations = rows["evaluations"].to_pylist()
         return {run_id for run_id, n in zip(ids, evaluations, strict=True) if run_id in traced or not n}
 
     def are_one_pair(self) -> bool:
         """Tell whether both tables were written by the same collection, which makes them whole."""
-        marks = [self._mark(name) for name in (RUNS, TRACES)]
+        files = [self.open(name) for name in (RUNS, TRACES)]
+        marks = [None if file is None else _statements(file).get("pair") for file in files]
         return marks[0] is not None and marks[0] == marks[1]
 
     def open(self, name: str) -> pq.ParquetFile | None:
         """Return a table as a file; None where it is missing. Both tables are checked: one is not read without both."""
         files = {each: self._opened(each) for each in (RUNS, TRACES)}
-        place, state = self.folder.absolute(), self._state()
+        paths = [self.folder / each for each in (RUNS, TRACES)]
+        status = [path.stat() if path.exists() else None for path in paths]
+        # by what the two files, once they were checked, are known again
+        state = [None if one is None else (one.st_ino, one.st_size, one.st_mtime_ns) for one in status]
+        place = self.folder.absolute()
         if _CHECKED.get(place) != state:
             self._check_whole(files)
             _CHECKED[place] = state
         return files[name]
-
-    def _state(self) -> list[tuple[int, int, int] | None]:
-        """Return by what the two files, once they were checked, are known again."""
-        paths = [self.folder / name for name in (RUNS, TRACES)]
-        found = [path.stat() if path.exists() else None for path in paths]
-        return [None if one is None else (one.st_ino, one.st_size, one.st_mtime_ns) for one in found]
 
     def _check_whole(self, files: Mapping[str, pq.ParquetFile | None]) -> None:
         """Refuse a table that is not as it was written."""
@@ -149,14 +149,6 @@ class Tables:
             return in_schema(file.read(columns=list(columns or schema.names)), schema, columns)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise self._unreadable(self.folder / name, error) from None
-
-    def _trace_ids(self) -> pa.Array:
-        file = self.open(TRACES)
-        return array_of([], pa.string()) if file is None else unique(file.read(columns=["run_id"])["run_id"])
-
-    def _mark(self, name: str) -> str | None:
-        file = self.open(name)
-        return None if file is None else _statements(file).get("pair")
 
     def _check_columns(self, path: Path, found: pa.Schema, schema: pa.Schema) -> None:
         if not set(schema.names) <= set(found.names):
@@ -242,19 +234,16 @@ def is_whole(path: Path) -> bool:
     """Tell whether a file is as it was written. Raises `OSError` and Arrow's exceptions."""
     with open(path, "rb") as file:  # one file, though another gets its name meanwhile
         digest = (pq.read_metadata(file).metadata or {}).get(_DIGEST)
-        return digest is not None and digest == _digest_of(file).encode()
-
-
-def _digest_of(file: BinaryIO) -> str:
-    """Return the digest of a Parquet file's bytes before the footer."""
-    end = file.seek(-_TAIL, 2)
-    left = end - int.from_bytes(file.read(4), "little")
-    digest = blake2b(digest_size=16)
-    file.seek(0)
-    while left > 0 and (some := file.read(min(left, _READ))):
-        digest.update(some)
-        left -= len(some)
-    return digest.hexdigest()
+        if digest is None:
+            return False
+        end = file.seek(-_TAIL, 2)
+        remaining = end - int.from_bytes(file.read(4), "little")  # the bytes before the footer
+        mine = blake2b(digest_size=16)
+        file.seek(0)
+        while remaining > 0 and (some := file.read(min(remaining, _READ))):
+            mine.update(some)
+            remaining -= len(some)
+        return bool(digest == mine.hexdigest().encode())
 
 
 @final

@@ -71,7 +71,7 @@ def carry_out(
     """
     execution = read_execution(request.execution)
     store = ResultStore(request.folder)
-    if execution.name == "dask" and not _is_collected(request, store):
+    if execution.name == "dask" and not (store.is_begun and store.collected() >= request.specs.keys()):
         from calibench.bench.workers.dask import check_cluster
 
         check_cluster(execution.address)  # checked again later; but here no folder has been made yet
@@ -107,9 +107,8 @@ def carry_out(
             if unfinished or not left:
                 break
             if attempt + 1 < _ATTEMPTS:
-                tell(
-                    f"{counted(len(left), 'run')} had ended, and the folder has no row of {_them(left)}: done once more"
-                )
+                them = "it" if len(left) == 1 else "them"
+                tell(f"{counted(len(left), 'run')} had ended, and the folder has no row of {them}: done once more")
     printed = tuple(sorted(printed_files(request.folder) - before))
     return Outcome(tuple(request.specs), skipped, tuple(aside), stale, unfinished, printed)
 
@@ -128,9 +127,12 @@ def _do(
     if unbegun and CAN_FORK and execution.name != "dask":
         with told_after(_SILENCE, lambda: tell(_COMPILING)) as compiling:
             load_kernels(unbegun.values(), compiling=compiling)  # once here, and not again in every child
-    _measure_costs(unbegun, store, tell)
+    measured = list(costs.measured(unbegun.values(), store.manifest().get("costs", [])))
+    store.note_costs(measured)
+    tell_of_costs(measured, tell)
     jobs = [Job(run_id, spec, request.labels[run_id]) for run_id, spec in unbegun.items()]
-    packs = Packs(jobs, execution.workers, How(execution.inner, _replay_folder(request)))
+    replay = None if request.replay is False else ReplayFolder(request.folder.resolve(), request.replay is True)
+    packs = Packs(jobs, execution.workers, How(execution.inner, replay))
     report(len(broken), len(left), "")
     failed = len(broken)
     with closing(_carrier_of(execution, store).carry(packs)) as notices:
@@ -141,10 +143,6 @@ def _do(
             if request.stop_after is not None and failed >= request.stop_after:
                 return len(left) - ended
     return 0
-
-
-def _them(runs: Mapping[str, Spec]) -> str:
-    return "it" if len(runs) == 1 else "them"
 
 
 def _settled(
@@ -165,22 +163,29 @@ def _settled(
     return stale
 
 
-def _measure_costs(specs: Mapping[str, Spec], store: ResultStore, tell: Callable[[str], None]) -> None:
-    """Measure what an evaluation of each problem costs, keep it in the manifest, and warn where it scatters."""
-    measured = list(costs.measured(specs.values(), store.manifest().get("costs", [])))
-    store.note_costs(measured)
-    tell_of_costs(measured, tell)
-
-
 def tell_of_costs(measured: Iterable[Mapping[str, Any]], tell: Callable[[str], None]) -> None:
     """Tell of which problems a value or a slope was found to be none; `measured` are records of `bench.sweep.costs`."""
     for record in measured:
+        problem = record["problem"]
         if costs.UNLIKE in record:
-            tell(_noisy(record["problem"], *record[costs.UNLIKE]))
+            first, second = record[costs.UNLIKE]
+            tell(
+                f"{problem}: the same point gave {first:.6g} and then {second:.6g}; say stochastic = True where that "
+                "is noise, so that all seeds run and answers are judged apart, or keep no state between calls"
+            )
         if costs.WRONG_SLOPE in record:
-            tell(_wrong_slope(record["problem"], *record[costs.WRONG_SLOPE]))
+            kind, slope, differences = record[costs.WRONG_SLOPE]
+            tell(
+                f"{problem}: its {kind} is wrong: along a line through the box it says {slope:.3g}, differences say "
+                f"{differences:.3g}; calibench.testing.check_problem names the entry"
+            )
         if costs.TWO_GOALS in record:
-            tell(_two_goals(record["problem"], *record[costs.TWO_GOALS]))
+            value, squared = record[costs.TWO_GOALS]
+            tell(
+                f"{problem}: at its start the value is {value:g} and the sum of its squared residuals {squared:g}: "
+                "methods that use residuals search and report that sum, all others the value; let the call return "
+                "r @ r"
+            )
 
 
 @contextmanager
@@ -199,37 +204,6 @@ def told_after(seconds: float, say: Callable[[], None]) -> Iterator[Callable[[],
         clock.cancel()
         if clock.ident is not None:
             clock.join()
-
-
-def _two_goals(problem: str, value: float, squared: float) -> str:
-    return (
-        f"{problem}: at its start the value is {value:g} and the sum of its squared residuals {squared:g}: methods "
-        "that use residuals search and report that sum, all others the value; let the call return r @ r"
-    )
-
-
-def _wrong_slope(problem: str, kind: str, slope: float, differences: float) -> str:
-    return (
-        f"{problem}: its {kind} is wrong: along a line through the box it says {slope:.3g}, differences say "
-        f"{differences:.3g}; calibench.testing.check_problem names the entry"
-    )
-
-
-def _noisy(problem: str, first: float, second: float) -> str:
-    return (
-        f"{problem}: the same point gave {first:.6g} and then {second:.6g}; say stochastic = True where that is noise, "
-        "so that all seeds run and answers are judged apart, or keep no state between calls"
-    )
-
-
-def _is_collected(request: Request, store: ResultStore) -> bool:
-    """Tell whether all runs stand in the tables already, so that nobody is needed to do them."""
-    return store.is_begun and store.collected() >= request.specs.keys()
-
-
-def _replay_folder(request: Request) -> ReplayFolder | None:
-    """Return where the values of runs are kept as they go, so that a killed one goes on; None where they are not."""
-    return None if request.replay is False else ReplayFolder(request.folder.resolve(), always=request.replay is True)
 
 
 def _fail_broken(request: Request, left: Mapping[str, Spec], store: ResultStore) -> set[str]:

@@ -225,7 +225,10 @@ def _sweeps(arguments: Sequence[str], multirun: bool) -> tuple[str, list[list[An
             [*(o for o in parse([*_besides(shared, sweep), *sweep]) if o.key_or_group not in given), *overrides]
             for sweep in preset["sweeps"]
         ]
-    once = _of_all(sweeps)
+    of_all = [{o.input_line: o for o in sweep if o.key_or_group.partition(".")[0] in ONCE} for sweep in sweeps]
+    for line in (line for words in of_all for line in words if any(line not in others for others in of_all)):
+        raise RequestError(f"{line}: stands in one sweep and is for all of the study; write it beside sweeps:")
+    once = list(of_all[0].values())
     for o in once:
         if o.is_sweep_override():
             raise RequestError(f"{o.input_line}: one value is needed, it is the same for all runs")
@@ -236,14 +239,6 @@ def _besides(shared: Mapping[str, Any], sweep: Sequence[str]) -> list[str]:
     """Return what the sweeps of a study share as words, without those that a sweep says itself."""
     own = {word.partition("=")[0] for word in sweep}
     return [f"{key}={value}" for key, value in shared.items() if key not in own]
-
-
-def _of_all(sweeps: Sequence[Sequence[Any]]) -> list[Any]:
-    """Return the words that are one for all runs. Raises `RequestError` where not all sweeps of a study have them."""
-    found = [{o.input_line: o for o in sweep if o.key_or_group.partition(".")[0] in ONCE} for sweep in sweeps]
-    for line in (line for words in found for line in words if any(line not in others for others in found)):
-        raise RequestError(f"{line}: stands in one sweep and is for all of the study; write it beside sweeps:")
-    return list(found[0].values())
 
 
 def _seeds_asked(overrides: Sequence[Any]) -> int:
@@ -633,9 +628,14 @@ def called(cells: Mapping[str, Cell]) -> dict[str, str]:
     """
     settings = {name: [getattr(cell, name) for cell in cells.values()] for name in SETTING}
     swept = several(settings)
-    problems_of, methods_of = _problems(cells.values()), _method_names(cells.values())
+    problems_of = [_problem(cell) for cell in cells.values()]
+    methods_of = [(str(cell.optimizer[0]), canonical(cell.optimizer[1])) for cell in cells.values()]
+    few = len({(name, options) for name, options, _ in problems_of}) <= _BESIDE
+    titles = titles_of_problems(problems_of) if few else [problem_name(name, given) for name, given, _ in problems_of]
+    few = len(set(methods_of)) <= _BESIDE
+    methods = names_of_methods(methods_of) if few else [method_name(*pair) for pair in methods_of]
     names = {}
-    for label, problem, method, *values in zip(cells, problems_of, methods_of, *settings.values(), strict=True):
+    for label, problem, method, *values in zip(cells, titles, methods, *settings.values(), strict=True):
         of_cell = dict(zip(SETTING, values, strict=True))
         names[label] = ", ".join([f"{method} on {problem}", *(setting_text(name, of_cell[name]) for name in swept)])
     count = Counter(names.values())
@@ -645,20 +645,6 @@ def called(cells: Mapping[str, Cell]) -> dict[str, str]:
 def _problem(cell: Cell) -> tuple[str, str, str]:
     name, options, *data = cell.problem
     return name, canonical(options), str(data[0]) if data else ""
-
-
-def _problems(cells: Iterable[Cell]) -> list[str]:
-    named = [_problem(cell) for cell in cells]
-    if len({(name, options) for name, options, _ in named}) <= _BESIDE:
-        return titles_of_problems(named)
-    return [problem_name(name, options) for name, options, _ in named]
-
-
-def _method_names(cells: Iterable[Cell]) -> list[str]:
-    named = [(str(cell.optimizer[0]), canonical(cell.optimizer[1])) for cell in cells]
-    if len(set(named)) <= _BESIDE:
-        return names_of_methods(named)
-    return [method_name(*pair) for pair in named]
 
 
 def copies(cells: Iterable[Cell]) -> list[str]:

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, final
+from typing import Literal, final
 
 from calibench.bench.provenance.code_digest import changed_parts
 from calibench.bench.store.runs import ResultStore
@@ -56,7 +56,16 @@ def find_stale(request: Request, store: ResultStore, but: Collection[str] = ()) 
         run_id, before = str(row["run_id"]), row["code_digest"]
         known = isinstance(before, str) and before != ""
         parts = changed_parts(str(before), request.codes[run_id]) if known else []
-        what = tuple(dict.fromkeys([*_whose(parts, row), *(moved[n] for n in _names(row) if n in moved)]))
+        problem, optimizer = str(row["problem"]), str(row["optimizer"])
+        library = f"{row['library']} {row['library_version']}" if row["library_version"] else ""
+        words = {
+            "problem": f"problem {problem}",
+            "optimizer": f"optimizer {optimizer}" + (f" (the runs were made with {library})" if library else ""),
+            "gate": "calibench's evaluator",
+            "files": f"problem {problem}, whose file of data was another (where it writes it: a str)",
+        }
+        named = [words[part] for part in parts]
+        what = tuple(dict.fromkeys([*named, *(moved[name] for name in (problem, optimizer) if name in moved)]))
         if what:
             other.add(run_id)
             counts.update([what])
@@ -71,25 +80,6 @@ def settle(stale: Stale, way: Way) -> set[str]:
     if way == "ask" and stale.other:
         raise RequestError(f"{stale.told()}; --rerun does them again, --keep goes on with them; nothing was run")
     return {*stale.other, *stale.unknown} if way == "rerun" else set()
-
-
-def _whose(parts: list[str], row: dict[Any, Any]) -> list[str]:
-    words = {
-        "problem": f"problem {row['problem']}",
-        "optimizer": f"optimizer {row['optimizer']}" + _version(row),
-        "gate": "calibench's evaluator",
-        "files": f"problem {row['problem']}, whose file of data was another (where it writes it: a str)",
-    }
-    return [words[part] for part in parts]
-
-
-def _version(row: dict[Any, Any]) -> str:
-    version = row["library_version"]
-    return f" (the runs were made with {row['library']} {version})" if isinstance(version, str) and version else ""
-
-
-def _names(row: dict[Any, Any]) -> tuple[str, str]:
-    return str(row["problem"]), str(row["optimizer"])
 
 
 def _moved(request: Request, store: ResultStore) -> dict[str, str]:

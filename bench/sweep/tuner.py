@@ -172,7 +172,10 @@ def _dimension(override: Any, optimizer: str) -> Dimension:
 
     word = override.key_or_group
     option = _option(word, optimizer)
-    default = _default(optimizer, option)
+    try:
+        default = default_of(optimizer, option)
+    except ValueError:  # a preset, or a class by its path: read_request says what is wrong with it
+        default = None
     value = None if isinstance(override, PlainOverride) else override.value()
     if not isinstance(value, IntervalSweep):
         choices = tuple(dict.fromkeys(values_of(as_annotated(override, _kind(optimizer, option)))))
@@ -203,13 +206,6 @@ def _kind(optimizer: str, option: str) -> Any:
         return registry.option(optimizer, option).annotation
     except ValueError:  # a preset, or a class by its path: read_request says what is wrong with it
         return Any
-
-
-def _default(optimizer: str, option: str) -> Any:
-    try:
-        return default_of(optimizer, option)
-    except ValueError:  # a preset, or a class by its path: read_request says what is wrong with it
-        return None
 
 
 def _same(text: str, default: Any) -> bool:

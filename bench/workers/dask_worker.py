@@ -59,7 +59,7 @@ def do_flight(queue: str, flight: int, home: bytes, pack: bytes) -> None:
         return
     try:
         stream.send(begun=True)  # who is lost from here on may be lost by a run
-        ended = _follow(seat, stream)
+        ended = _stream_home(seat, stream)
     except BaseException:
         seat.close()
         raise
@@ -79,7 +79,7 @@ def close_seats(queue: str) -> None:
         seat.close()
 
 
-def _follow(seat: _Seat, stream: _Stream) -> str | None:
+def _stream_home(seat: _Seat, stream: _Stream) -> str | None:
     """Stream the runs of a pack as they end; return how it ended, None where it is not wanted any more."""
     seat.say(b"begin")
     while stream.is_wanted():
@@ -242,7 +242,7 @@ def serve(address: str, scratch: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
     logging.disable(logging.CRITICAL)  # what matters is told by what happens to the runs
     dask.config.set({"distributed.worker.profile.enabled": False})  # it looks a hundred times a second
-    threading.Thread(target=_follow, daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(Exception):  # the scheduler is gone, say
         asyncio.run(_serve(address, scratch))
     _end()
@@ -255,7 +255,7 @@ async def _serve(address: str, scratch: str) -> None:
         await worker.finished()
 
 
-def _follow() -> None:
+def _end_with_parent() -> None:
     """Wait until the parent is gone or wants us no more; then go."""
     os.read(0, 1)
     _end()
