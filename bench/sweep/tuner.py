@@ -23,21 +23,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import combinations
-from typing import Any, Literal, cast, final, get_args
+from typing import Annotated, Any, Literal, final, get_args
 
 from calibench.bench.statistics.choosing import NEEDED, By, default_of, score_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import Outcome
 from calibench.bench.sweep.composition import as_annotated, last_value, parse, values_of
 from calibench.bench.sweep.request import Request, read_request
-from calibench.bench.sweep.words import PlainOverride, RequestError
-from calibench.core.options import LARGEST_WHOLE, suggest, unquoted
+from calibench.bench.sweep.words import PlainOverride, RequestError, Word, read
+from calibench.core.options import LARGEST_WHOLE, unquoted
 from calibench.core.seeds import seed_sequence
 from calibench.optimizers import registry
 
 Sampler = Literal["tpe", "random", "cmaes"]
 MOST_TRIALS = 10_000
-_WORDS = {"tuner": "optuna", "tuner.trials": "20", "tuner.sampler": "tpe", "tuner.seed": "0", "tuner.by": "value"}
 _WHOLE_SWEEP = ("shard", "stop_after")  # a trial is judged by all its runs
 
 
@@ -73,6 +72,18 @@ class Dimension:
 
 @final
 @dataclass(frozen=True)
+class TunerWords:
+    """The words that say how options are proposed."""
+
+    tuner: Annotated[str, Word("tuner", "optuna", "Optuna proposes values for options")] = ""
+    trials: Annotated[int, Word("tuner.trials", "N", "how many settings are tried", least=1, most=MOST_TRIALS)] = 20
+    sampler: Annotated[Sampler, Word("tuner.sampler", "tpe|random|cmaes", "how the next one is chosen")] = "tpe"
+    seed: Annotated[int, Word("tuner.seed", "N", "of the sampler", least=0, most=LARGEST_WHOLE)] = 0
+    by: Annotated[By, Word("tuner.by", "value|goal", "what is best")] = "value"
+
+
+@final
+@dataclass(frozen=True)
 class Tuning:
     """What was asked for: the words of every trial, the options that vary, and how they are proposed."""
 
@@ -91,7 +102,12 @@ class Tuning:
 
 def read_tuning(words: Sequence[str]) -> Tuning:
     """Return what `words` ask for. Raises `RequestError`."""
-    given, rest = _tuner_words(words)
+    ours = [text for text in words if text.partition("=")[0].partition(".")[0] == "tuner"]
+    rest = [text for text in words if text not in ours]
+    given = read(TunerWords, "run", ours)
+    if given.tuner != "optuna":
+        way = f"; write tuner=optuna tuner.sampler={given.tuner}" if given.tuner in get_args(Sampler) else ""
+        raise RequestError(f"tuner={given.tuner}: tuner=optuna is needed{way}")
     overrides = parse(rest)
     for o in overrides:
         if o.key_or_group in _WHOLE_SWEEP:
@@ -109,51 +125,17 @@ def read_tuning(words: Sequence[str]) -> Tuning:
         if one.option == other.option:
             raise RequestError(f"{one.word} and {other.word} are one option; give it once")
     words_left = tuple(text for text, o in zip(rest, overrides, strict=True) if o not in varied)
-    sampler = given.get("tuner.sampler", "tpe")
-    if sampler not in get_args(Sampler):
-        raise RequestError(f"tuner.sampler={sampler}: {suggest(sampler, get_args(Sampler))}")
-    if sampler == "cmaes" and sum(not d.choices for d in space) < 2:
+    if given.sampler == "cmaes" and sum(not d.choices for d in space) < 2:
         raise RequestError("tuner.sampler=cmaes: needs two options that are intervals, or tuner.sampler=tpe")
-    by = given.get("tuner.by", "value")
-    if by not in get_args(By):
-        raise RequestError(f"tuner.by={by}: {suggest(by, get_args(By))}")
     return Tuning(
         words=words_left,
         space=space,
         optimizer=optimizer,
-        trials=_number(given, "tuner.trials", 1, MOST_TRIALS),
-        sampler=cast(Sampler, sampler),
-        seed=_number(given, "tuner.seed", 0, LARGEST_WHOLE),
-        by=cast(By, by),
+        trials=given.trials,
+        sampler=given.sampler,
+        seed=given.seed,
+        by=given.by,
     )
-
-
-def _tuner_words(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
-    given: dict[str, str] = {}
-    rest = []
-    for word in words:
-        key, _, value = word.partition("=")
-        if key.partition(".")[0] != "tuner":
-            rest.append(word)
-            continue
-        if key not in _WORDS:
-            raise RequestError(f"unknown argument {key!r}; {suggest(key, _WORDS)}")
-        if key in given:
-            raise RequestError(f"{key} is given twice ({given[key]} and {value}); give it once")
-        given[key] = value
-    if given.get("tuner") != "optuna":
-        asked = given.get("tuner", "")
-        way = f"; write tuner=optuna tuner.sampler={asked}" if asked in get_args(Sampler) else ""
-        raise RequestError(f"tuner={asked}: tuner=optuna is needed{way}")
-    return given, rest
-
-
-def _number(given: Mapping[str, str], key: str, least: int, most: int) -> int:
-    text = given.get(key, _WORDS[key])
-    value = int(text) if text.isascii() and text.isdigit() and len(text) < 20 else -1
-    if not least <= value <= most:
-        raise RequestError(f"{key}={text:.40}: a whole number from {least} to {most} is needed")
-    return value
 
 
 def _option(key: str, optimizer: str) -> str:
