@@ -1,9 +1,7 @@
 """The meaning of the best point of a run: its place in the box, physical parameters, merit, judged value.
 
-Figures of merit: those of the machines have columns of their own; all others of a problem are kept as JSON.
-
-``runs.parquet`` has one text column `merit` for the others, so that its columns are the same for every problem.
-`offered` makes a number column ``merit.KEY`` of each key for readers of the rows.
+Figures of merit of the machines have columns of their own; all others of a problem are JSON in the one text column
+`merit`, so that the columns are the same for every problem. `offered` makes number columns ``merit.KEY`` of them.
 """
 
 from __future__ import annotations

@@ -1,13 +1,10 @@
-"""The environment of a run with a costly objective: processes for its batches, and the file of its values.
+"""The surroundings of a run with a costly objective: processes for its batches, and the file of its values.
 
-`costly` is entered in the process that makes the run: this one, or the child of a run with a time limit.
-
-The batches of one run, evaluated by several processes at once: the same points, the same values, in the same order.
-
-A problem with a `batch` of its own is given slices of the points, if it says ``splits_batches = True``: that the value
-of a point has the same bits whatever points stand beside it. Of any other problem each point is one call in some
-process. The gate then still asks for one value after another, and gets those that have been computed ahead: it counts,
-traces and stops as if it had waited for each.
+`costly` is entered in the process that makes the run: this one, or the child of a run with a time limit. A problem with
+a `batch` of its own is given slices of the points, if it says ``splits_batches = True``: that the value of a point has
+the same bits whatever points stand beside it. Of any other problem each point is one call in some process. The gate
+then still asks for one value after another, and gets those that have been computed ahead: it counts, traces and stops
+as if it had waited for each.
 """
 
 from __future__ import annotations

@@ -1,21 +1,13 @@
-"""Progress of a run while it runs: read by another thread, shown as files and lines.
+"""The progress of a run while it runs: read by another thread, written as small files, read by who asks.
 
-Progress of a run, published every second by another thread, which only reads the gate's counts.
+``with publishing(publish):`` stands around all runs of a process. `publish` then gets a `Progress` every second for
+each run that lasts longer than that, and a last one with ``ended``. The thread only reads the gate's counts: shorter
+runs cost a few microseconds, evaluations nothing, and an exception of `publish` fails no run. While foreign code holds
+Python's lock in a C loop this thread does not run either; the last `Progress` then becomes old, which a reader sees.
 
-Use ``with publishing(publish):`` around all runs of a process. `publish` then gets a `Progress` every second for each
-run that lasts longer than that, and a last one with ``ended``. Shorter runs cost a few microseconds, evaluations
-nothing. An exception of `publish` is ignored: no run fails by it. While foreign code holds Python's lock in a C loop
-this thread does not run either; the last `Progress` then becomes old, which a reader can see
-(`bench.execution.in_progress`).
-
-The runs in progress of a folder: a small file each in ``FOLDER/running``, written every second, gone at its end.
-Beside them stands a file of each sweep, so that one that has no run to tell of yet is seen as well.
-
-What a killed process leaves there is not counted: on its own machine a process that is gone is known to be.
-
-One thread for each process that reads the runs in progress now and then, so that no evaluation pays for it.
-
-It starts with the first run and ends some seconds after the last one.
+`to_files` writes them to ``FOLDER/running``, a file each, gone at its end. Beside them stands a file of each sweep, so
+that one that has no run to tell of yet is seen as well. What a killed process leaves there is not counted: on its own
+machine a process that is gone is known to be.
 """
 
 from __future__ import annotations

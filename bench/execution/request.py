@@ -1,30 +1,14 @@
-"""The request of a run: checked once, named, and prepared for all runs of a problem and an optimiser.
+"""The request of a run: checked once, before anything runs, with all that determines its id and its seeds.
 
-A checked request of a run, with all that determines its id and its seeds.
+A run that has begun raises nothing: its row reports the failure. So all checks are here: that problem and optimiser fit
+each other, budget, repetition and start, and that their optional attributes can be read and are of their kind. An
+attribute may be a property, which is foreign code: any exception of it is reported in one line. Tasks that no optimiser
+here can solve (constraints, whole numbers, several objectives) are refused.
 
-A problem and an optimiser that fit each other, with all that is the same in all their runs: found once.
-
-Two thirds of the time of a short run went into finding it again. The pairs of our own classes are kept in a process; a
-user's object is made anew for every run, as it may remember what it was asked.
-
-The checks of a request: a problem and an optimiser that fit each other, a budget, a repetition and a start.
-
-All are made once, before anything runs. A run that has begun raises nothing: its row reports the failure.
-
-The optional attributes of a problem besides its box, start and call: read and checked once, before anything runs.
-
-They are `targets`, `minimum`, `unit`, `group`, `parameters`, `truth`, `merit`, `stochastic` with `noise_free`
-(`bench.execution.stochastic`). Tasks that no optimiser here can solve (constraints, whole numbers, several objectives)
-are refused.
-
-Read the attributes of a problem or optimiser once before anything runs: each can be read, and is of its kind.
-
-An attribute may be a property, which is foreign code: any exception of it is reported in one line.
-
-A trial of a user's class in a child process before this process builds it: it may crash or hang there.
-
-Planning a sweep builds every problem and optimiser once. A crash there would end the command, and with it the runs of
-all other problems.
+A `Pair` has what is the same in all runs of a problem and an optimiser. Finding that again took two thirds of the time
+of a short run, so the pairs of our own classes are kept in a process; a user's object is made anew for every run, as it
+may remember what it was asked. Planning a sweep builds each once: a user's class is first tried in a child process
+(`probe`), as a crash here would end the command, and with it the runs of all other problems.
 """
 
 from __future__ import annotations

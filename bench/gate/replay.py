@@ -10,11 +10,9 @@ gate's count when evaluations have become slower than that, and has the next cal
 written down is made again after a kill: the place of each value among the calls stands beside it. A method that asks
 from several threads is not replayed.
 
-The file of one run's values: appended to as they come, read from its beginning after a kill.
-
-Each record is its length, the CRC-32 of what follows, and that; one ``os.write`` a record, so that a process killed by
-signal 9 loses at most the evaluation in flight. A last record that is torn is cut off. The first record says which run
-by which code it is; a file that says otherwise is not used. While a process has the file, others leave it alone.
+The file has a record a value: its length, the CRC-32 of what follows, and that; one ``os.write`` a record, so that a
+process killed by signal 9 loses at most the evaluation in flight. A torn last record is cut off. The first says which
+run by which code it is; a file that says otherwise is not used, nor one that another process has.
 """
 
 from __future__ import annotations

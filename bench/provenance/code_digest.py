@@ -7,11 +7,9 @@ class and the local modules that it imports (`core.sources`); of what is defined
 an optimiser also holds the version of the library it calls, as does that of a problem that names one in `library`. The
 rest of this package, which draws and reports, is no part of it, nor are docstrings and comments.
 
-A digest of the files that a problem is given as options of type `Path`, so that a change is noticed.
-
-A problem that has a `data_id` names its data itself, and its files are not read. A relative path is searched for in the
-working folder, then beside the module of the class. Of a folder all files count, with their names, at any depth; hidden
-ones and `__pycache__` do not.
+Files count that a problem is given as options of type `Path`, unless it has a `data_id`, which names its data. A
+relative path is searched for in the working folder, then beside the module of the class. Of a folder all files count,
+with their names, at any depth; hidden ones and `__pycache__` do not.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Columns of finished runs, read in one way whether pandas, Arrow or a list holds them.
 
 So what is computed of them is written once, and a small sweep that is only told on a terminal does not load pandas.
-
-Swept options as columns: ``opt.population``, ``prob.n``, those alone that differ within the study.
+Swept options become columns ``opt.population``, ``prob.n``: those alone that differ within the study.
 """
 
 from __future__ import annotations

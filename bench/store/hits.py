@@ -6,14 +6,12 @@ made from runs and traces some thousand runs at a time. Which targets there are 
 each: problem, problem_options, data_id, quantity, target, level (`bench.statistics.targets`). Where it has a column
 `inside` that is true, a run whose answer lies outside the box reaches none of these.
 
-When a run reached a level: from the points of its trace, the declared hits of its row, and its answer.
-
 A trace is thinned (`bench.gate.evaluator`): it holds every improvement among the first 64 evaluations, later ones that
-gain more than a tenth on the point before, and 16 marks a decade. A crossing is therefore known exactly where the level
-lies more than that tenth below the point before, as nothing unrecorded comes so far; else it lies between two points.
-`evaluations` and `charged` of a `Crossings` are the earliest counts at which the level was surely reached, and
-`evaluations_after` and `charged_after` the latest at which it surely was not: exact where they differ by one. Nothing
-between is interpolated. A level that the problem declares is exact, as the gate watched it.
+gain more than a tenth on the point before, and 16 marks a decade. So a crossing is known exactly where the level lies
+more than that tenth below the point before; else it lies between two points, and nothing is interpolated. `evaluations`
+and `charged` of a `Crossings` are the earliest counts at which the level was surely reached, `evaluations_after` and
+`charged_after` the latest at which it surely was not. A level that the problem declares is exact, as the gate watched
+it.
 """
 
 from __future__ import annotations
@@ -183,15 +181,15 @@ def declared_levels(runs: pd.DataFrame) -> pd.DataFrame:
     """Return the levels that the runs themselves name: their problem's targets and the value that ends the run."""
     import pandas as pd
 
-    rows: dict[tuple[Any, ...], set[float]] = {}
+    known: dict[tuple[Any, ...], set[float]] = {}
     for *key, listed, own in zip(*(runs[name] for name in (*PROBLEM, "targets", "target")), strict=True):
-        levels = rows.setdefault(tuple(key), set())
+        levels = known.setdefault(tuple(key), set())
         levels.update(float(level) for level in listed)
         if own is not None and own == own:
             levels.add(float(own))
     rows = [
         dict(zip(PROBLEM, key, strict=True)) | {"quantity": "value", "target": level, "level": level}
-        for key, levels in rows.items()
+        for key, levels in known.items()
         for level in sorted(levels, reverse=True)
     ]
     return pd.DataFrame(rows, columns=[*PROBLEM, "quantity", "target", "level"])

@@ -19,11 +19,8 @@ folder, and any of them may be killed at any moment. They keep to this:
 
 No decision is made by a clock, by the age of a file, or by whether a process on another machine is alive.
 
-One process at a time rewrites the tables of a study: a lock file in its folder, on every system and file system.
-
-The lock is the system's own (`filelock.FileLock`), which ends with the process that holds it. On a file system that has
-none, such as some network drives, the lock is that a file exists (`filelock.SoftFileLock`). Beside it stands a note of
-who holds it, for those that wait.
+The lock is `filelock.FileLock`; on a file system that has none, such as some network drives, it is that a file exists
+(`filelock.SoftFileLock`). Beside it stands a note of who holds it, for those that wait.
 """
 
 from __future__ import annotations

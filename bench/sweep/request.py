@@ -1,12 +1,8 @@
 """From the command line to a list of runs: Hydra composes, the registries check; nothing runs before all is correct.
 
-Each problem and each optimiser is composed once, not once for each pair: composing takes a tenth of a second.
-
-The members of a sweep: each problem and each optimiser that is named, composed with its own options and built.
-
-A name may be a registered one, a preset of ``conf/``, a user's class, or a glob over the registry.
-
-Names of a sweep's cells on the terminal: those that tables have for their problems and methods.
+Each problem and each optimiser of a sweep is a `Member`: a registered name, a preset of ``conf/``, a user's class, or
+what a glob matches, composed with its own options and built once, not once for each pair: composing takes a tenth of a
+second. Cells are called on the terminal as tables call their problems and methods.
 """
 
 from __future__ import annotations

@@ -1,19 +1,14 @@
 """A sweep whose next setting is proposed from the scores of those before: Optuna over the options of one optimiser.
 
-The words of a tuned sweep: ``tuner=optuna tuner.trials=20``, and Hydra's words for what an option may be.
-
 ``interval(0.3,0.9)`` is any number between, ``int(interval(10,200))`` any whole one, ``tag(log,int(interval(10,200)))``
 likewise on a logarithmic scale; ``range(10,200,10)`` and ``a,b,c`` are values to choose from.
-
-Trials, one after the other: Optuna proposes a setting, its runs are an ordinary sweep, their score is told back.
 
 A trial is one setting on all cells of the command, by the same gate, store and run ids as any sweep. So nothing is kept
 of the search but its rows: the same command asks the same proposals of the same seed again, finds the runs of the
 finished trials done, tells their scores and goes on. For that a score depends on the runs of its trial alone, in an
 order that does not depend on when they were collected; and a trial without one (a run without an answer, or nobody at
-the goal) is told as one decade worse than the worst before it, or as failed where there was none.
-
-The default setting is run first, as it is what choosing must beat.
+the goal) counts as one decade worse than the worst before it, or as failed where there was none. The default setting is
+run first, as it is what choosing must beat.
 """
 
 from __future__ import annotations
