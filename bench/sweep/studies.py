@@ -30,8 +30,9 @@ def study_preset(name: str) -> dict[str, Any] | None:
     near = difflib.get_close_matches("sweeps", preset, n=1) if sweeps is None else []
     if near:
         raise RequestError(f"study={name}: {near[0]}: did you mean sweeps?")
-    listed = isinstance(sweeps, list) and sweeps and all(isinstance(sweep, list) for sweep in sweeps)
-    if not listed or not all(isinstance(word, str) and "=" in word for sweep in sweeps for word in sweep):
+    listed: list[Any] = sweeps if isinstance(sweeps, list) else []
+    words = [word for sweep in listed for word in (sweep if isinstance(sweep, list) else [None])]
+    if not listed or not all(isinstance(word, str) and "=" in word for word in words):
         raise RequestError(
             f"study={name}: sweeps: a list of lists of words KEY=VALUE is needed, such as - [problem=full12, "
             'optimizer=de]; a word with a comma stands in quotes: "optimizer=lm,de"'
@@ -39,7 +40,7 @@ def study_preset(name: str) -> dict[str, Any] | None:
     found = dict(preset)
     if is_study_file(name) and path.parent != Path():
         found |= {key: _beside(path.parent, found[key]) for key in _CLASSES & {*found}}
-        parted = [[word.partition("=") for word in sweep] for sweep in sweeps]
+        parted = [[word.partition("=") for word in sweep] for sweep in listed]
         found["sweeps"] = [
             [f"{key}={_beside(path.parent, value) if key in _CLASSES else value}" for key, _, value in sweep]
             for sweep in parted
