@@ -239,7 +239,7 @@ class _Runs:
 
     def some(self, at: Counts) -> _Runs:
         """Return the runs at these places."""
-        cut = {name: getattr(self, name)[at] for name in _Runs.__annotations__ if name != "told"}
+        cut = {name: getattr(self, name)[at] for name in _Runs.__annotations__ if name != "quantities"}
         return _Runs(**cut, quantities={name: values[at] for name, values in self.quantities.items()})
 
 
