@@ -28,7 +28,7 @@ from pathlib import Path
 
 from calibench.bench.cli import main as bench
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.workers import pool  # noqa: F401 (loaded before the forks)
+from calibench.bench.workers import processes  # noqa: F401 (loaded before the forks)
 
 _ADOPTS = 36  # PR_SET_CHILD_SUBREAPER of <linux/prctl.h>: what killed processes leave becomes our child
 _DAY = 86_400.0

@@ -145,7 +145,8 @@ _WORDS: dict[str, dict[str, dict[str, str]]] = {
             "problem.data=FILE": "joints and readings",
         },
         "tuner=optuna": {
-            "tuner.trials=N": "how many settings are tried",
+            "tuner=optuna": "Optuna proposes values for options",
+            "tuner.trials=N": "how many settings are tried (20)",
             "tuner.sampler=tpe|random|cmaes": "how the next one is chosen (tpe)",
             "tuner.seed=N": "of the sampler (0)",
             "tuner.by=value|goal": "what is best (value)",

@@ -13,8 +13,7 @@ A digest of the code that searched a set: after an edit of a machine its data ar
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -28,12 +27,12 @@ from calibench.bench.discovery.record import SearchRecord
 from calibench.bench.discovery.request import DiscoverRequest
 from calibench.bench.discovery.store import FindingStore
 from calibench.bench.gate.endings import place_of, text_of
+from calibench.bench.gate.processes import CAN_FORK, WorkerPool
 from calibench.bench.measured.sources import Source, sources
 from calibench.bench.provenance.code_digest import digest_of
 from calibench.bench.provenance.environment import provenance
 from calibench.core.seeds import digest
 from calibench.core.sources import module_digest
-from calibench.core.user_file import as_usual, safe_children
 from calibench.core.words import one_line
 from calibench.discrepancy import DataError, MeasuredData, Report
 from calibench.discrepancy.design.next_poses import NextPoses, NoPool, UnknownRival, next_poses
@@ -68,18 +67,24 @@ def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]
     if not task.alone:
         store.open()
     try:
-        if request.workers == 1 or task.alone:
-            for source in listed:
-                yield task.search(source, ())
+        if request.workers == 1 or task.alone or not CAN_FORK:
+            yield from map(task.search, listed)
         else:
-            from joblib import Parallel, delayed
-
-            jobs = (delayed(task.search)(source, tuple(sys.path)) for source in listed)
-            with safe_children():
-                yield from Parallel(n_jobs=request.workers, backend="loky", return_as="generator")(jobs)
+            with WorkerPool(lambda source: _sendable(task.search(source)), min(request.workers, len(listed))) as pool:
+                pool.begin(listed)
+                for _ in listed:
+                    yield pool.take()
     finally:
         if request.folder.is_dir():
             store.collect()
+
+
+def _sendable(outcome: Outcome) -> Outcome:
+    """Return the outcome with a report as if it were read back: the model of a search has functions in it."""
+    report = outcome.record.report
+    if report is None:
+        return outcome
+    return replace(outcome, record=replace(outcome.record, report=replace(report, candidates=(), fitted=None)))
 
 
 @final
@@ -92,10 +97,8 @@ class _Task:
     retry: bool
     alone: bool
 
-    def search(self, source: Source, path: Sequence[str]) -> Outcome:
-        """Search one set and write what came of it. `path` lets a worker import the user's own machine."""
-        as_usual()
-        sys.path[:] = list(dict.fromkeys([*sys.path, *path]))
+    def search(self, source: Source) -> Outcome:
+        """Search one set and write what came of it."""
         request, data_id = self.request, source.data_id
         case_id = digest(source.case, data_id, request.options, search_digest(request.build_machine()))
         store, page = FindingStore(request.folder), request.folder / source.case / "report.html"

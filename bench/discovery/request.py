@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -195,10 +196,10 @@ def _needed(given: Mapping[str, str], key: str, what: str) -> str:
 
 def _workers(given: Mapping[str, str]) -> int:
     execution = given.get("execution", "serial")
-    choices = ("serial", "processes", "joblib")
+    choices = ("serial", "processes")
     if execution not in choices:
         raise RequestError(f"execution={execution}: {suggest(execution, choices)}")
     n_jobs = read_workers(read_word(given.get("execution.n_jobs", "-1"), int))
     if execution == "serial" and "execution.n_jobs" in given:
         raise RequestError("execution.n_jobs: execution=serial is one process; add execution=processes")
-    return 1 if execution == "serial" else n_jobs
+    return 1 if execution == "serial" else (os.cpu_count() or 1) if n_jobs == -1 else n_jobs

@@ -1,9 +1,7 @@
 """The meaning of the best point of a run: its place in the box, physical parameters, merit, judged value.
 
-Figures of merit: those of the machines have columns of their own; all others of a problem are kept as JSON.
-
-``runs.parquet`` has one text column `merit` for the others, so that its columns are the same for every problem.
-`offered` makes a number column ``merit.KEY`` of each key for readers of the rows.
+Figures of merit of the machines have columns of their own; all others of a problem are JSON in the one text column
+`merit`, so that the columns are the same for every problem. `offered` makes number columns ``merit.KEY`` of them.
 """
 
 from __future__ import annotations
@@ -67,10 +65,10 @@ def offered(runs: pd.DataFrame) -> pd.DataFrame:
     """
     import pandas as pd
 
-    told = runs["merit"].dropna()
-    if told.empty:
+    texts = runs["merit"].dropna()
+    if texts.empty:
         return runs
-    read = {index: json.loads(text) for index, text in told.items()}
+    read = {index: json.loads(text) for index, text in texts.items()}
     keys = list(dict.fromkeys(key for each in read.values() for key in each))
     columns = {}
     for key in keys:

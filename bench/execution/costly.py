@@ -1,13 +1,10 @@
-"""The environment of a run with a costly objective: processes for its batches, and the file of its values.
+"""The surroundings of a run with a costly objective: processes for its batches, and the file of its values.
 
-`costly` is entered in the process that makes the run: this one, or the child of a run with a time limit.
-
-The batches of one run, evaluated by several processes at once: the same points, the same values, in the same order.
-
-A problem with a `batch` of its own is given slices of the points, if it says ``splits_batches = True``: that the value
-of a point has the same bits whatever points stand beside it. Of any other problem each point is one call in some
-process. The gate then still asks for one value after another, and gets those that have been computed ahead: it counts,
-traces and stops as if it had waited for each.
+`costly` is entered in the process that makes the run: this one, or the child of a run with a time limit. A problem with
+a `batch` of its own is given slices of the points, if it says ``splits_batches = True``: that the value of a point has
+the same bits whatever points stand beside it. Of any other problem each point is one call in some process. The gate
+then still asks for one value after another, and gets those that have been computed ahead: it counts, traces and stops
+as if it had waited for each.
 """
 
 from __future__ import annotations
@@ -128,7 +125,7 @@ def around(
         return nullcontext()
     if replay is not None:
         replay = ReplayFolder(os.path.abspath(replay.folder), replay.always)  # the objective may go elsewhere
-    return _costly(gate, problem, run_id, code, inner, replay, time_limit)
+    return _costly(gate, problem, run_id, code, inner=inner, replay=replay, time_limit=time_limit)
 
 
 @contextmanager
@@ -137,6 +134,7 @@ def _costly(
     problem: Any,
     run_id: str,
     code: str,
+    *,
     inner: int,
     replay: ReplayFolder | None,
     time_limit: float | None,
@@ -144,38 +142,20 @@ def _costly(
     calls = calls_of(problem)
     with in_parallel(calls, inner) if inner > 1 else nullcontext(calls) as calls:
         gate.ask(calls)
-        if replay is None:
+        file = None if replay is None else ReplayFile(_file_of(replay.folder, run_id), run_id, code)
+        if replay is None or file is None or not file.usable:  # else another process makes this run too, and has it
             yield
-        else:
-            with _replayed(gate, calls, problem, run_id, code, inner, replay, time_limit):
+            return
+        noise = problem.rng if is_stochastic(problem) else None
+        replayed = Replayed(gate, calls, file, always=replay.always, processes=inner, limit=time_limit, noise=noise)
+        replayed.arm()
+        try:
+            with nullcontext() if replay.always else looked_at(replayed.look, _SLOWLY):
                 yield
-
-
-@contextmanager
-def _replayed(
-    gate: Evaluator,
-    calls: Calls,
-    problem: Any,
-    run_id: str,
-    code: str,
-    inner: int,
-    replay: ReplayFolder,
-    time_limit: float | None,
-) -> Iterator[None]:
-    file = ReplayFile(_file_of(replay.folder, run_id), run_id, code)
-    if not file.usable:  # another process makes this run too, and has the file
-        yield
-        return
-    noise = problem.rng if is_stochastic(problem) else None
-    replayed = Replayed(gate, calls, file, always=replay.always, processes=inner, limit=time_limit, noise=noise)
-    replayed.arm()
-    try:
-        with nullcontext() if replay.always else looked_at(replayed.look, _SLOWLY):
-            yield
-    finally:
-        file.close()
-    if replayed.differs is not None:  # and the optimiser did not let it pass
-        raise replayed.differs
+        finally:
+            file.close()
+        if replayed.differs is not None:  # and the optimiser did not let it pass
+            raise replayed.differs
 
 
 def _file_of(folder: Path | str, run_id: str) -> str:

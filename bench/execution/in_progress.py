@@ -1,21 +1,13 @@
-"""Progress of a run while it runs: read by another thread, shown as files and lines.
+"""The progress of a run while it runs: read by another thread, written as small files, read by who asks.
 
-Progress of a run, published every second by another thread, which only reads the gate's counts.
+``with publishing(publish):`` stands around all runs of a process. `publish` then gets a `Progress` every second for
+each run that lasts longer than that, and a last one with ``ended``. The thread only reads the gate's counts: shorter
+runs cost a few microseconds, evaluations nothing, and an exception of `publish` fails no run. While foreign code holds
+Python's lock in a C loop this thread does not run either; the last `Progress` then becomes old, which a reader sees.
 
-Use ``with publishing(publish):`` around all runs of a process. `publish` then gets a `Progress` every second for each
-run that lasts longer than that, and a last one with ``ended``. Shorter runs cost a few microseconds, evaluations
-nothing. An exception of `publish` is ignored: no run fails by it. While foreign code holds Python's lock in a C loop
-this thread does not run either; the last `Progress` then becomes old, which a reader can see
-(`bench.execution.in_progress`).
-
-The runs in progress of a folder: a small file each in ``FOLDER/running``, written every second, gone at its end.
-Beside them stands a file of each sweep, so that one that has no run to tell of yet is seen as well.
-
-What a killed process leaves there is not counted: on its own machine a process that is gone is known to be.
-
-One thread for each process that reads the runs in progress now and then, so that no evaluation pays for it.
-
-It starts with the first run and ends some seconds after the last one.
+`to_files` writes them to ``FOLDER/running``, a file each, gone at its end. Beside them stands a file of each sweep, so
+that one that has no run to tell of yet is seen as well. What a killed process leaves there is not counted: on its own
+machine a process that is gone is known to be.
 """
 
 from __future__ import annotations
@@ -135,14 +127,14 @@ class _Publisher:
             with self._lock:
                 if run in self.runs and run.lasts(self._every):
                     with suppress(Exception):
-                        self._publish(run.told())
+                        self._publish(run.progress())
 
     def end(self, run: _Followed) -> None:
         with self._lock:
             self.runs.discard(run)
             if run.was_told:
                 with suppress(Exception):
-                    self._publish(run.told(ended=True))
+                    self._publish(run.progress(ended=True))
 
 
 @final
@@ -160,7 +152,7 @@ class _Followed:
     def lasts(self, seconds: float) -> bool:
         return time.monotonic() - self._began >= seconds
 
-    def told(self, ended: bool = False) -> Progress:
+    def progress(self, ended: bool = False) -> Progress:
         self.was_told = True
         now, counts, name = time.monotonic(), self._counts, self._name
         evaluations, spent, best = counts.evaluations, counts.charged, counts.best_value
@@ -274,8 +266,8 @@ class Running:
 def running_of(progress: Progress) -> Running:
     """Return a run in progress as it is now: since its last message it has been silent, as far as is known."""
     age = max(0.0, time.time() - progress["updated_at"])
-    told: dict[str, Any] = dict(progress)
-    known = {field.name: told[field.name] for field in fields(Running)}
+    values: dict[str, Any] = dict(progress)
+    known = {field.name: values[field.name] for field in fields(Running)}
     return Running(**known | {"silent_s": progress["silent_s"] + (age if age > 5 else 0.0)})
 
 
@@ -315,8 +307,8 @@ def hosts_at_work(folder: Path | str) -> set[str]:
 
 def was_silent(folder: Path | str, run_id: str) -> bool:
     """Tell whether a run of `folder` had made no evaluation for ten minutes at its last message, or since then."""
-    told = [_read(path) for path in (Path(folder) / "running").glob(f"{run_id}-*.json")]
-    return any(running_of(progress).silent_s >= SILENT for progress in told if progress is not None)
+    found = [_read(path) for path in (Path(folder) / "running").glob(f"{run_id}-*.json")]
+    return any(running_of(progress).silent_s >= SILENT for progress in found if progress is not None)
 
 
 def remove_gone(folder: Path | str) -> None:
@@ -339,9 +331,9 @@ def remove_gone(folder: Path | str) -> None:
 def _read(path: Path) -> Progress | None:
     """Return what a file says; None where it has just gone, or is none of ours."""
     try:
-        told: Progress = json_of(path.read_text(encoding="utf-8"))
-        running_of(told)
-        return told if isinstance(told["pid"], int) else None
+        progress: Progress = json_of(path.read_text(encoding="utf-8"))
+        running_of(progress)
+        return progress if isinstance(progress["pid"], int) else None
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
@@ -349,8 +341,8 @@ def _read(path: Path) -> Progress | None:
 def _sweep(path: Path) -> tuple[str, int, str]:
     """Return host, pid and birth of the process that carries out a sweep; of a file that is not whole, no process."""
     try:
-        told = json_of(path.read_text(encoding="utf-8"))
-        return str(told["host"]), int(told["pid"]), str(told["born"])
+        owner = json_of(path.read_text(encoding="utf-8"))
+        return str(owner["host"]), int(owner["pid"]), str(owner["born"])
     except (OSError, ValueError, KeyError, TypeError):
         return platform.node(), os.getpid(), "-"
 

@@ -46,7 +46,16 @@ def lost_run(
     """
     ending = Ending("" if timed_out else error_type or "Lost", error, wall_s, cpu_s)
     provenance()  # here, where it is kept, and not in every child
-    row = _bare(spec, ending, {}, {}, spec.problem, spec.optimizer, _UNSAID, "")
+    row = _bare(
+        spec=spec,
+        ending=ending,
+        problem_options={},
+        optimizer_options={},
+        problem=spec.problem,
+        optimizer=spec.optimizer,
+        library=_UNSAID,
+        code="",
+    )
     for look in (_as_built, _as_declared):
         try:
             row = apart(lambda look=look: look(spec, ending), patience)  # type: ignore[misc]
@@ -71,14 +80,14 @@ def _as_declared(spec: Spec, ending: Ending) -> RunRow:
     known, methods = problems.registry, optimizers.registry
     problem, optimizer = known.factory(spec.problem), methods.factory(spec.optimizer)
     return _bare(
-        spec,
-        ending,
-        options_as_asked(known, spec.problem, spec.problem_options),
-        options_as_asked(methods, spec.optimizer, spec.optimizer_options),
-        known.told_name(spec.problem),
-        methods.told_name(spec.optimizer),
-        library_of(optimizer),
-        code_digest(problem, optimizer),
+        spec=spec,
+        ending=ending,
+        problem_options=options_as_asked(known, spec.problem, spec.problem_options),
+        optimizer_options=options_as_asked(methods, spec.optimizer, spec.optimizer_options),
+        problem=known.told_name(spec.problem),
+        optimizer=methods.told_name(spec.optimizer),
+        library=library_of(optimizer),
+        code=code_digest(problem, optimizer),
     )
 
 

@@ -1,30 +1,14 @@
-"""The request of a run: checked once, named, and prepared for all runs of a problem and an optimiser.
+"""The request of a run: checked once, before anything runs, with all that determines its id and its seeds.
 
-A checked request of a run, with all that determines its id and its seeds.
+A run that has begun raises nothing: its row reports the failure. So all checks are here: that problem and optimiser fit
+each other, budget, repetition and start, and that their optional attributes can be read and are of their kind. An
+attribute may be a property, which is foreign code: any exception of it is reported in one line. Tasks that no optimiser
+here can solve (constraints, whole numbers, several objectives) are refused.
 
-A problem and an optimiser that fit each other, with all that is the same in all their runs: found once.
-
-Two thirds of the time of a short run went into finding it again. The pairs of our own classes are kept in a process; a
-user's object is made anew for every run, as it may remember what it was asked.
-
-The checks of a request: a problem and an optimiser that fit each other, a budget, a repetition and a start.
-
-All are made once, before anything runs. A run that has begun raises nothing: its row reports the failure.
-
-The optional attributes of a problem besides its box, start and call: read and checked once, before anything runs.
-
-They are `targets`, `minimum`, `unit`, `group`, `parameters`, `truth`, `merit`, `stochastic` with `noise_free`
-(`bench.execution.stochastic`). Tasks that no optimiser here can solve (constraints, whole numbers, several objectives)
-are refused.
-
-Read the attributes of a problem or optimiser once before anything runs: each can be read, and is of its kind.
-
-An attribute may be a property, which is foreign code: any exception of it is reported in one line.
-
-A trial of a user's class in a child process before this process builds it: it may crash or hang there.
-
-Planning a sweep builds every problem and optimiser once. A crash there would end the command, and with it the runs of
-all other problems.
+A `Pair` has what is the same in all runs of a problem and an optimiser. Finding that again took two thirds of the time
+of a short run, so the pairs of our own classes are kept in a process; a user's object is made anew for every run, as it
+may remember what it was asked. Planning a sweep builds each once: a user's class is first tried in a child process
+(`probe`), as a crash here would end the command, and with it the runs of all other problems.
 """
 
 from __future__ import annotations
@@ -169,12 +153,26 @@ def pair_of(problem: Any, optimizer: Any, problem_name: str | None = None, optim
     method = name_of(optimizer) if optimizer_name is None else optimizer_name
     problem_key, optimizer_key = key_of_problem(problem, who), key_of_optimizer(optimizer, method)
     return Pair(
-        problem, who, canonical(options_of(problem)), problem_key, int(digest(problem_key), 16),
-        optimizer, method, canonical(options_of(optimizer)), optimizer_key, int(digest(optimizer_key), 16),
-        tuple(extra_of(problem, "targets", ())), extra_of(problem, "data_id", ""), unit_of(problem),
-        group_of(problem), minimum_of(problem), library_of(optimizer), code_digest(problem, optimizer),
-        is_foreign(problem), is_foreign(optimizer),
-    )  # fmt: skip
+        problem=problem,
+        problem_name=who,
+        problem_options=canonical(options_of(problem)),
+        problem_key=problem_key,
+        problem_word=int(digest(problem_key), 16),
+        optimizer=optimizer,
+        optimizer_name=method,
+        optimizer_options=canonical(options_of(optimizer)),
+        optimizer_key=optimizer_key,
+        optimizer_word=int(digest(optimizer_key), 16),
+        targets=tuple(extra_of(problem, "targets", ())),
+        data_id=extra_of(problem, "data_id", ""),
+        unit=unit_of(problem),
+        problem_group=str(extra_of(problem, "group", "")),
+        minimum=minimum_of(problem),
+        library=library_of(optimizer),
+        code=code_digest(problem, optimizer),
+        foreign_problem=is_foreign(problem),
+        foreign_optimizer=is_foreign(optimizer),
+    )
 
 
 def foreign_modules(registry: Registry[Any], name: str) -> list[str]:
@@ -258,7 +256,14 @@ def check_pair(problem: Any, optimizer: Any) -> None:
     _check_is_object("problem", problem)
     _check_is_object("optimizer", optimizer)
     who, method = _named(problem), _named(optimizer)
-    check_problem_is_readable(problem, who)
+    _read(problem, f"problem {who}", _OF_A_PROBLEM)
+    for name in _METHODS:
+        if not callable(getattr(problem, name, None) or float):
+            raise ValueError(f"problem {who}: {name} is no method")
+    _is_text(problem, f"problem {who}", "data_id", "a digest of its data, say")
+    kernel = getattr(problem, "kernel", None)
+    if kernel is not None and not (isinstance(kernel, tuple) and len(kernel) == 2 and callable(kernel[0])):
+        raise ValueError(f"problem {who}: kernel: a function and what it takes beside x, as a pair, are needed")
     check_optimizer_is_readable(optimizer, method)
     missing = [a for a in ("lower", "upper", "start") if not hasattr(problem, a)]
     if missing or not callable(problem):
@@ -385,8 +390,8 @@ def _open_side(problem: Any) -> str:
         return ""
     i = int(wide[0])
     ends = {"lower": float(lower[i]), "upper": float(upper[i])}
-    told = {name: end for name, end in ends.items() if np.isinf(end)} or ends
-    return ", ".join(f"{name}[{i}]={end:g}" for name, end in told.items())
+    wrong = {name: end for name, end in ends.items() if np.isinf(end)} or ends
+    return ", ".join(f"{name}[{i}]={end:g}" for name, end in wrong.items())
 
 
 def _is_number(value: Any) -> bool:
@@ -498,11 +503,6 @@ def _asks(asked: Any, kind: str, dimension: int) -> bool:
         return True
 
 
-def group_of(problem: Any) -> str:
-    """Return the group of its suite that the problem belongs to; '' where it does not say."""
-    return str(extra_of(problem, "group", ""))
-
-
 _METHODS = (
     "residuals", "jacobian", "gradient", "value_and_gradient", "batch", "batch_below", "compile", "compile_values",
     "physical", "seeded",
@@ -513,18 +513,6 @@ _OF_A_PROBLEM = (
 )  # fmt: skip
 _OF_AN_OPTIMIZER = ("traits", "library", "name", "options", "compile", "minimize")
 _TRAITS = ("stochastic", "uses_residuals", "uses_start", "minimum_dimension", "maximum_dimension")
-
-
-def check_problem_is_readable(problem: Any, who: str) -> None:
-    """Raise `ValueError`, one line, where an attribute of `problem` cannot be read, or is of the wrong kind."""
-    _read(problem, f"problem {who}", _OF_A_PROBLEM)
-    for name in _METHODS:
-        if not callable(getattr(problem, name, None) or float):
-            raise ValueError(f"problem {who}: {name} is no method")
-    _is_text(problem, f"problem {who}", "data_id", "a digest of its data, say")
-    kernel = getattr(problem, "kernel", None)
-    if kernel is not None and not (isinstance(kernel, tuple) and len(kernel) == 2 and callable(kernel[0])):
-        raise ValueError(f"problem {who}: kernel: a function and what it takes beside x, as a pair, are needed")
 
 
 def check_optimizer_is_readable(optimizer: Any, who: str) -> None:
@@ -554,8 +542,8 @@ def _read(thing: Any, label: str, names: tuple[str, ...]) -> None:
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # SystemExit too
-            told = f"{type(error).__name__}: {text_of(error)}"
-            raise ValueError(f"{label}: its {name} cannot be read: {told}") from error
+            text = f"{type(error).__name__}: {text_of(error)}"
+            raise ValueError(f"{label}: its {name} cannot be read: {text}") from error
 
 
 def _is_text(thing: Any, label: str, name: str, such_as: str) -> None:

@@ -1,7 +1,4 @@
-"""A finished run as its row: each column of `RunRow` beside its source.
-
-The end of a run: failed before it began, failed without an answer, out of time, or ended by itself and why.
-"""
+"""A finished run as its row: each column of `RunRow` beside its source, and from its end status and reason."""
 
 from __future__ import annotations
 

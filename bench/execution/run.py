@@ -198,18 +198,18 @@ class Run:
 
     def __repr__(self) -> str:
         """Return the run in a line; `row` has everything."""
-        told, unit = self.record, f" {self.record.unit}" if self.record.unit else ""
-        why = f": {told.error_type} {told.error}" if told.error_type or told.error else ""
+        row, unit = self.record, f" {self.record.unit}" if self.record.unit else ""
+        why = f": {row.error_type} {row.error}" if row.error_type or row.error else ""
         return (
-            f"<run {told.run_id} of {told.optimizer} on {told.problem}: {told.charged} of {told.budget} charged, "
-            f"best {told.best_value:.6g}{unit}, {told.status} ({told.stop_reason}){why}>"
+            f"<run {row.run_id} of {row.optimizer} on {row.problem}: {row.charged} of {row.budget} charged, "
+            f"best {row.best_value:.6g}{unit}, {row.status} ({row.stop_reason}){why}>"
         )
 
     def _repr_html_(self) -> str:
         """Return the run and its answer, as a notebook shows them."""
-        told = self.record
-        values = told.best_x or [] if told.parameter_values is None else told.parameter_values
-        names = told.parameter_names or [f"x{i}" for i in range(len(values))]
+        row = self.record
+        values = row.best_x or [] if row.parameter_values is None else row.parameter_values
+        names = row.parameter_names or [f"x{i}" for i in range(len(values))]
         return html_table(repr(self).strip("<>"), ("parameter", "value"), list(zip(names, values)))
 
     @property
@@ -413,17 +413,13 @@ def make_run(asked: Asked, way: Way, watch: Watch | None = None, found: Found | 
     gate.close()
     ending = with_an_answer(gate, ending)
     if watch is not None:
-        watch.enter(Phase.JUDGING, _judging_limit(watch) if pair.foreign_problem else inf)
+        watch.enter(Phase.JUDGING, (watch.limit if watch.limit < inf else _PATIENCE) if pair.foreign_problem else inf)
         if pair.foreign_problem:
             draft = row_of(asked, gate, place_of_answer(pair, gate.best_x), ending, began)
             watch.tell(Run(draft, tuple(gate.trace)))
     answer, ending = answer_of(pair, gate.best_x, ending, repetition)
     process_changes = [] if state is None else state.put_back()
     return Run(row_of(asked, gate, answer, ending, began, process_changes), tuple(gate.trace))
-
-
-def _judging_limit(watch: Watch) -> float:
-    return watch.limit if watch.limit < inf else _PATIENCE
 
 
 def _compile(problem: Any, optimizer: Any, begin: Callable[[], object]) -> Ending | None:

@@ -1,7 +1,7 @@
 """A row of ``runs.parquet``: every column is declared here, once, with its type and its meaning.
 
 Execution makes a `RunRow`, `bench.store.schema` makes the Arrow schema of it, and a test holds the list of columns in
-``docs/results.md`` to it. A column that is null in the rows of an earlier version says so (`added`).
+``docs/results.md`` to it. A field that may be None is null where a run, or a published one, has no such value.
 """
 
 from dataclasses import dataclass
@@ -20,11 +20,10 @@ _PARQUET = {str: "string", int: "int64", float: "double", bool: "bool", datetime
 @final
 @dataclass(frozen=True)
 class Says:
-    """Metadata of a column besides its name and type: with `added`, rows of earlier versions have null."""
+    """Metadata of a column besides its name and type."""
 
     group: Group
     meaning: str
-    added: bool = False
 
 
 @final
@@ -51,8 +50,8 @@ class RunRow:
     jacobian_evaluations: Annotated[int, Says("cost", "derivatives of the residuals or of the value")]
     charged: Annotated[int, Says("cost", "evaluations + dimension x jacobian_evaluations")]
     non_finite: Annotated[int, Says("cost", "values that were not finite")]
-    batch_evaluations: Annotated[int | None, Says("cost", "of the evaluations those in batches", added=True)]
-    residual_evaluations: Annotated[int | None, Says("cost", "of the evaluations those of residuals", added=True)]
+    batch_evaluations: Annotated[int | None, Says("cost", "of the evaluations those in batches")]
+    residual_evaluations: Annotated[int | None, Says("cost", "of the evaluations those of residuals")]
     restarts: Annotated[int, Says("cost", "how often the optimizer began again")]
     status: Annotated[str, Says("ending", "ok, failed or timeout")]
     stop_reason: Annotated[str, Says("ending", f"{', '.join(STOP_REASONS[:-1])} or {STOP_REASONS[-1]}")]
@@ -87,57 +86,44 @@ class RunRow:
     platform: Annotated[str, Says("origin", "operating system and processor")]
     started_at: Annotated[datetime, Says("origin", "when the search began, UTC")]
     schema_version: Annotated[int, Says("origin", "version of these columns")]
-    code_digest: Annotated[str | None, Says("code", "digests of the code that ran: problem.optimizer.gate", added=True)]
-    traceback: Annotated[str | None, Says("ending", "last frames of the error", added=True)]
-    merit: Annotated[str | None, Says("merit", "figures of merit that have no column, as JSON", added=True)]
-    unit: Annotated[str | None, Says("answer", "unit of the value; empty: not said", added=True)]
-    minimum: Annotated[float | None, Says("answer", "least value that the problem declares; null: none", added=True)]
-    judged_value: Annotated[
-        float | None, Says("answer", "value of the answer without noise; null: no noise", added=True)
-    ]
-    judged_evaluations: Annotated[int | None, Says("answer", "fresh evaluations that judged it; 0: exact", added=True)]
+    code_digest: Annotated[str | None, Says("code", "digests of the code that ran: problem.optimizer.gate")]
+    traceback: Annotated[str | None, Says("ending", "last frames of the error")]
+    merit: Annotated[str | None, Says("merit", "figures of merit that have no column, as JSON")]
+    unit: Annotated[str | None, Says("answer", "unit of the value; empty: not said")]
+    minimum: Annotated[float | None, Says("answer", "least value that the problem declares; null: none")]
+    judged_value: Annotated[float | None, Says("answer", "value of the answer without noise; null: no noise")]
+    judged_evaluations: Annotated[int | None, Says("answer", "fresh evaluations that judged it; 0: exact")]
     outside_evaluations: Annotated[
         int | None,
-        Says("cost", "those outside the box or not finite; null: known not to ask for any", added=True),
+        Says("cost", "those outside the box or not finite; null: known not to ask for any"),
     ]
-    tampering: Annotated[str | None, Says("ending", "what the optimizer tried at the gate; empty: nothing", added=True)]
-    problem_group: Annotated[
-        str | None, Says("identity", "group of the suite that the problem declares; empty: none", added=True)
-    ]
+    tampering: Annotated[str | None, Says("ending", "what the optimizer tried at the gate; empty: nothing")]
+    problem_group: Annotated[str | None, Says("identity", "group of the suite that the problem declares; empty: none")]
     parameter_units: Annotated[
-        list[str] | None, Says("answer", "units of the parameters; null where the problem declares none", added=True)
+        list[str] | None, Says("answer", "units of the parameters; null where the problem declares none")
     ]
-    parameter_starts: Annotated[list[float] | None, Says("answer", "their values at the start", added=True)]
-    parameter_truths: Annotated[
-        list[float | None] | None, Says("answer", "their true values; null: not known", added=True)
-    ]
-    chance: Annotated[
-        bool | None, Says("identity", "whether another repetition can differ; null: not known", added=True)
-    ]
+    parameter_starts: Annotated[list[float] | None, Says("answer", "their values at the start")]
+    parameter_truths: Annotated[list[float | None] | None, Says("answer", "their true values; null: not known")]
+    chance: Annotated[bool | None, Says("identity", "whether another repetition can differ; null: not known")]
     non_finite_slopes: Annotated[
-        int | None, Says("cost", "entries of gradients and Jacobians that were not finite, and read as 0", added=True)
+        int | None, Says("cost", "entries of gradients and Jacobians that were not finite, and read as 0")
     ]
     process_changes: Annotated[
-        list[str] | None, Says("ending", "what the run changed in its process, and was put back", added=True)
+        list[str] | None, Says("ending", "what the run changed in its process, and was put back")
     ]
-    gradient_evaluations: Annotated[
-        int | None, Says("cost", "of the jacobian_evaluations those of the value", added=True)
-    ]
-    joint_evaluations: Annotated[
-        int | None, Says("cost", "of the evaluations those that gave their gradient too", added=True)
-    ]
+    gradient_evaluations: Annotated[int | None, Says("cost", "of the jacobian_evaluations those of the value")]
+    joint_evaluations: Annotated[int | None, Says("cost", "of the evaluations those that gave their gradient too")]
 
 
 @final
 @dataclass(frozen=True)
 class Column:
-    """A column of ``runs.parquet``: `parquet` is its Arrow type by name; with `added`, older rows have null."""
+    """A column of ``runs.parquet``: `parquet` is its Arrow type by name."""
 
     name: str
     parquet: str
     group: Group
     meaning: str
-    added: bool
 
 
 def _columns() -> tuple[Column, ...]:
@@ -146,7 +132,7 @@ def _columns() -> tuple[Column, ...]:
 
 
 def _column(name: str, kind: Any, said: Says) -> Column:
-    return Column(name, _parquet_type(kind), said.group, said.meaning, said.added)
+    return Column(name, _parquet_type(kind), said.group, said.meaning)
 
 
 def _parquet_type(kind: Any) -> str:

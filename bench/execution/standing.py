@@ -80,7 +80,12 @@ def run_apart(spec: Spec, inner: int, replay: ReplayFolder | None, run_id: str) 
             return as_lost_in_judging(heard.draft, run)
         run_id = run_id if heard.name is None else heard.name.run_id
         if found is not None or run.phase == Phase.BUILDING:
-            return _lost(spec, run if found is None else found.cut, run_id)
+            cut = run if found is None else found.cut
+            ending, patience = cut.ending, _PATIENCE if spec.time_limit is None else min(spec.time_limit, _PATIENCE)
+            return lost_run(
+                spec, run_id, ending.error_type, ending.error, timed_out=cut.timed_out,
+                wall_s=ending.wall_s, cpu_s=ending.cpu_s, patience=patience,
+            )  # fmt: skip
         found = Found(run, began)
 
 
@@ -136,12 +141,3 @@ def _is_plain(value: Any) -> bool:
     if isinstance(value, list | tuple):
         return all(map(_is_plain, value))
     return value is None or type(value) in (bool, int, float, str)
-
-
-def _lost(spec: Spec, cut: Cut, run_id: str) -> Run:
-    """Return the row of a run whose parts cannot be built, or not once more."""
-    ending, patience = cut.ending, _PATIENCE if spec.time_limit is None else min(spec.time_limit, _PATIENCE)
-    return lost_run(
-        spec, run_id, ending.error_type, ending.error, timed_out=cut.timed_out,
-        wall_s=ending.wall_s, cpu_s=ending.cpu_s, patience=patience,
-    )  # fmt: skip

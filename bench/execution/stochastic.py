@@ -73,7 +73,8 @@ def judged(problem: Any, x: Array | None, key: Any, repetition: int) -> Judged:
         return Judged()
     known = getattr(problem, "noise_free", None)
     if known is not None:
-        return Judged(_worst_if_not_finite(float(known(np.array(x)))), 0)
+        value = float(known(np.array(x)))
+        return Judged(value if np.isfinite(value) else float("inf"), 0)
     gate = Evaluator(_with_generator(problem, _generator(key, "judge", repetition)), FRESH)
     return Judged(float(np.mean([gate(x) for _ in range(FRESH)])), FRESH)
 
@@ -112,7 +113,3 @@ def _with_generator(problem: Any, rng: np.random.Generator) -> Any:
 
 def _generator(key: Any, purpose: str, repetition: int) -> np.random.Generator:
     return np.random.default_rng(seed_sequence(key, purpose, repetition=repetition))
-
-
-def _worst_if_not_finite(value: float) -> float:
-    return value if np.isfinite(value) else float("inf")

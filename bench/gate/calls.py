@@ -62,12 +62,29 @@ def calls_of(problem: Any) -> Calls:
         kernel = getattr(problem, "kernel", None)  # the compiled kernel itself: 30 ns less a call
         value, fixed = kernel or (lambda x, _: ask(x), None)
         again = ask if kernel else raise_again
-        return Calls(value, fixed, again, batch, below, residuals, jacobian, gradient, joint)
+        return Calls(
+            value=value,
+            fixed=fixed,
+            again=again,
+            batch=batch,
+            below=below,
+            residuals=residuals,
+            jacobian=jacobian,
+            gradient=gradient,
+            joint=joint,
+        )
     checked = _number(ask)
     return Calls(
-        lambda x, _: checked(x), None, raise_again, batch and _numbers(batch), below and _numbers(below),
-        residuals and _vector(residuals), jacobian and _matrix(jacobian), gradient, joint,
-    )  # fmt: skip
+        value=lambda x, _: checked(x),
+        fixed=None,
+        again=raise_again,
+        batch=batch and _numbers(batch),
+        below=below and _numbers(below),
+        residuals=residuals and _vector(residuals),
+        jacobian=jacobian and _matrix(jacobian),
+        gradient=gradient,
+        joint=joint,
+    )
 
 
 def raise_again(_x: Array) -> float:

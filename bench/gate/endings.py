@@ -1,18 +1,12 @@
-"""Why a run ended: the words of the column `stop_reason`, listed here and nowhere else.
+"""Why a run ended: the words of `stop_reason`, and what is kept of an exception.
 
-A new reason is entered here, set where it happens (in the gate, as `Evaluator.stopped`, or in
-`calibench.bench.execution.row_of`), and told in docs/results.md.
+`STOP_REASONS` lists the words, here and nowhere else; a new one is set where it happens (in the gate, as
+`Evaluator.stopped`, or in `calibench.bench.execution.row_of`), and told in docs/results.md.
 
-The last frames of a failure, as a row keeps them.
-
-A user looks for a failure in his own code first. So if his code has a frame, those of this package are left out, except
-the one that raised. If there are more frames than a row keeps, frames of libraries are left out before those of the
-user. The text says how many are left out.
-
-An exception that was raised in another process, as values that can be sent: the same type, text and frames here.
-
-What cannot be sent (a class defined in a function, an argument that is an open file) comes as an exception of a type of
-the same name.
+Of a failure a row keeps the last frames. A user looks for it in his own code first: if that has a frame, those of this
+package are left out, except the one that raised, and frames of libraries before those of the user where there are too
+many. An exception of another process comes as values that can be sent (`ToldError`): the same type, text and frames;
+what cannot be sent, such as a class defined in a function, as an exception of a type of the same name.
 """
 
 from __future__ import annotations
@@ -50,15 +44,15 @@ def text_of(error: BaseException) -> str:
 
 def frames_of(error: BaseException | None) -> str:
     """Return the last frames of `error` and of what caused it, innermost last; '' where there are none."""
-    told: list[str] = []
+    parts: list[str] = []
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))
         text = getattr(error, TOLD, "") or _frames(extract_tb(error.__traceback__))
         if text:
-            told.append(text if not told else f"{text}{type(error).__name__}, which led to:\n")
+            parts.append(text if not parts else f"{text}{type(error).__name__}, which led to:\n")
         error = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
-    text = "".join(reversed(told)).encode("utf-8", "replace").decode()
+    text = "".join(reversed(parts)).encode("utf-8", "replace").decode()
     return text if len(text) <= _LONGEST else "...\n" + text[-_LONGEST:]
 
 

@@ -1,30 +1,15 @@
-"""Child processes: forked for a run or a batch, heard, and ended with all processes that they have started.
+"""Child processes: made for a run, a batch or a sweep, heard, and ended with all processes that they have started.
 
-A forked child: for work that may take its process down with it, or that has to be ended from outside.
+`Child` does what it is sent until it is ended; `WorkerPool` has several of them do jobs at once and gives the answers
+in the order of the jobs; `at_once` makes calls so. `forked` and `apart` have one piece of work done, which may take its
+process down with it, or has to be ended from outside: the child is watched and not the pipe alone, which a process that
+it has started holds open for as long as it lives; and what it had sent before it ended is heard first.
 
-It costs a fork and nothing a call. The child ends with its parent, also where that is killed, and what the child has
-started ends with the child (`bench.gate.processes`).
-
-Messages from a child process, heard until the child itself ends.
-
-The end of a pipe tells nothing here: a process that the child has started holds it open for as long as it lives. So the
-child is watched, and what it had said before it ended is heard first.
-
-A pool of forked processes that do jobs at once and give the answers back in the order of the jobs.
-
-For one run and its costly objective: made as the run begins, by the thread that makes it, ended with the run. What a
-job raises is raised here, as the same type with the same text. A process that dies raises `ProcessDied`. The processes
-end with their parent, also where that is killed, and what they have started ends with them
-(`bench.gate.processes`).
-
-Calls that do not wait for each other, in as many forked processes as there are cores.
-
-A worker process and all that it starts: one family, which ends as a whole.
-
-``become_worker(parent)`` is the first thing that a child does: it leads a process group of its own, the system kills it
-when its parent ends (also where it is stuck in C and no thread of Python runs), and what its descendants leave behind
-becomes its own child, so that nobody gets lost. ``end_family(pid)`` is what a parent does to end it: the worker,
-its group, and those descendants that have left the group.
+A worker process and all that it starts are one family, which ends as a whole. ``become_worker(parent)`` is the first
+thing that a child does: it leads a process group of its own, the system kills it when its parent ends (also where it is
+stuck in C and no thread of Python runs), and what its descendants leave behind becomes its own child, so that nobody
+gets lost. ``end_family(pid)`` is what a parent does to end it: the worker, its group, and those descendants that have
+left the group.
 
 The death signal and the adoption are Linux's (prctl); elsewhere the group alone is there. The signal is sent when the
 *thread* that made the worker ends, so that thread must live as long as the worker. What a worker that dies by itself
@@ -34,6 +19,7 @@ leaves is found by its group; a daemon of its own session survives it.
 from __future__ import annotations
 
 import ctypes
+import gc
 import multiprocessing
 import os
 import pickle
@@ -44,12 +30,12 @@ import struct
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Container, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cache
 from math import inf
-from multiprocessing.connection import Connection, Pipe, wait
+from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from time import perf_counter
@@ -58,6 +44,229 @@ from typing import Any, TypeVar, final
 
 from calibench.bench.gate.endings import ToldError, frames_of, text_of
 from calibench.core.process_state import OWN_THREAD
+from calibench.core.user_file import as_usual, safe_children
+
+T = TypeVar("T")
+Job = Any
+Answer = Any
+CAN_FORK = "fork" in multiprocessing.get_all_start_methods()
+_LOOK = 0.5  # seconds after which a silent process is looked at: is it alive?
+
+
+@final
+class Child:
+    """A process that does ``work(connection, *given)``, or none before `start` and after `end`.
+
+    `connection` is our end of its pipe. The work lasts until the pipe ends; `prepare` was called before. Where a system
+    cannot fork it is started anew.
+    """
+
+    def __init__(self, work: Callable[..., None], *given: Any) -> None:
+        self._work, self._given = work, given
+        self._process: BaseProcess | None = None
+        self.connection: Connection
+
+    @property
+    def is_there(self) -> bool:
+        """Tell whether a process was started, and not ended by us: it may be gone by itself."""
+        return self._process is not None
+
+    @property
+    def is_gone(self) -> bool:
+        """Tell whether the process has ended by itself: not by its pipe, which a grandchild may hold open."""
+        return self._process is not None and self._process.exitcode is not None
+
+    def start(self, others: Iterable[Connection] = ()) -> None:
+        """Start the process; of our connections to `others` it keeps none."""
+        context: Any = multiprocessing.get_context("fork" if CAN_FORK else "spawn")
+        self.connection, theirs = context.Pipe()
+        inherited = [self.connection, *others] if CAN_FORK else []
+        self._process = context.Process(target=_live, args=(theirs, inherited, os.getpid(), self._work, self._given))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # forking beside threads: the child uses none of them
+            with nullcontext() if CAN_FORK else safe_children():
+                self._process.start()
+        theirs.close()
+
+    def send(self, what: object) -> None:
+        """Send it something to do."""
+        with suppress(OSError):  # it has just died, which `why_lost` tells
+            self.connection.send(what)
+
+    def messages(self) -> list[bytes]:
+        """Return what it has sent since the last time, message by message."""
+        messages = []
+        with suppress(EOFError, ConnectionError):  # it has died
+            while self.connection.poll():
+                messages.append(self.connection.recv_bytes())
+        return messages
+
+    def why_lost(self) -> tuple[str, str] | None:
+        """Return status and reason for a run whose process has ended; None while it is there."""
+        if self._process is None or self._process.exitcode is None:
+            return None
+        return "failed", f"its process ended with {exit_of(self._process.exitcode)}"
+
+    def interrupt(self) -> None:
+        """Kill the process with all that it has started, from any thread; `end` must still be called."""
+        if self._process is None or self._process.pid is None:
+            return
+        if not self.is_gone:
+            end_family(self._process.pid)
+            self._process.kill()
+        elif CAN_FORK:
+            with suppress(OSError):  # what it has left in its group
+                os.killpg(self._process.pid, signal.SIGKILL)
+
+    def end(self) -> str:
+        """End the process with all that it has started; return how it ended, "" where there was none."""
+        if self._process is None:
+            return ""
+        self.interrupt()
+        self._process.join()
+        self.connection.close()
+        ending, self._process = exit_of(self._process.exitcode), None
+        return ending
+
+
+def _live(
+    theirs: Connection, inherited: Iterable[Connection], parent: int, work: Callable[..., None], given: tuple[Any, ...]
+) -> None:
+    """Do the work of a child, from its first breath to its last."""
+    as_usual()
+    become_worker(parent)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    for connection in inherited:
+        connection.close()
+    gc.freeze()  # a fork has the parent's heap, numba's large one: to look through it for garbage would also copy it
+    with suppress(EOFError, ConnectionError):  # the parent is gone
+        work(theirs, *given)
+    os._exit(1)
+
+
+class ProcessDied(RuntimeError):
+    """A process of the pool is gone: a crash in foreign code, or a kill from outside."""
+
+
+@final
+class WorkerPool:
+    """Do ``work(job)`` in `size` forked processes, as a context. They know what this process knew when it began."""
+
+    def __init__(self, work: Callable[[Job], Answer], size: int) -> None:
+        self._work, self._size = work, size
+        self._children: list[Child] = []
+        self._busy: set[Child] = set()
+        self._owner = 0
+        self._jobs: Sequence[Job] = ()
+        self._round = self._sent = self._taken = 0
+        self._answers: dict[int, tuple[bool, Answer]] = {}
+        self._broken: ProcessDied | None = None
+
+    def begin(self, jobs: Sequence[Job]) -> None:
+        """Take these jobs; answers of earlier jobs that nobody has taken are dropped."""
+        self._jobs, self._sent, self._taken, self._answers = jobs, 0, 0, {}
+        self._round += 1
+
+    def take(self) -> Answer:
+        """Return the answer of the next job, in the order of the jobs, or raise what it raised."""
+        number = self._taken
+        while number not in self._answers:
+            if self._broken is not None:
+                raise self._broken
+            self._feed()
+            self._hear()
+        self._taken += 1
+        self._feed()
+        done, answer = self._answers.pop(number)
+        if done:
+            return answer
+        raise answer.rebuilt()
+
+    def interrupt(self) -> None:
+        """End the processes from another thread; a waiting `take` raises. `close` must still be called."""
+        for child in self._children:
+            child.interrupt()
+
+    def close(self) -> None:
+        """End the processes and wait until they are gone."""
+        children, self._children = self._children, []
+        for child in children:
+            if self._owner == os.getpid():
+                child.end()
+            else:
+                child.connection.close()
+        if children:
+            os.close(self._held)
+
+    def __enter__(self) -> WorkerPool:
+        flush_output()  # else each process would print what is in there
+        self._owner = os.getpid()
+        parent_pipe, self._held = os.pipe()
+        prepare()
+        for _ in range(self._size):
+            child = Child(_serve, self._work, parent_pipe, self._held)
+            child.start(other.connection for other in self._children)
+            self._children.append(child)
+        os.close(parent_pipe)
+        return self
+
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        self.close()
+
+    def _feed(self) -> None:
+        """Hand a job to each process that has none."""
+        for child in self._children:
+            if self._sent == len(self._jobs):
+                return
+            if child in self._busy:
+                continue
+            try:
+                child.connection.send((self._round, self._sent, self._jobs[self._sent]))
+            except OSError:
+                self._mourn(child)
+                return
+            self._busy.add(child)
+            self._sent += 1
+
+    def _hear(self) -> None:
+        """Wait for an answer of any process."""
+        ready = wait([child.connection for child in self._busy], _LOOK)
+        for child in [child for child in self._busy if child.connection in ready]:
+            try:
+                of_round, number, done, answer = child.connection.recv()
+            except (EOFError, OSError):
+                self._mourn(child)
+                return
+            self._busy.remove(child)
+            if of_round == self._round:
+                self._answers[number] = done, answer
+        if not ready:  # a process that has forked in its turn keeps the connection open beyond its own end
+            for child in self._busy:
+                if child.is_gone:
+                    self._mourn(child)
+                    return
+
+    def _mourn(self, child: Child) -> None:
+        """Note that a process is gone; it stays busy, so that nobody gives it a job."""
+        self._busy.add(child)
+        self._broken = ProcessDied(f"a process that evaluated points ended with {child.end()}")
+
+
+def _serve(connection: Connection, work: Callable[[Job], Answer], parent_pipe: int, held: int) -> None:
+    """Be a process of the pool until the parent ends it."""
+    os.close(held)
+    threading.Thread(target=_follow, name=f"{OWN_THREAD}follow", args=(parent_pipe,), daemon=True).start()
+    while True:
+        of_round, number, job = connection.recv()
+        try:
+            answer = pickle.dumps((of_round, number, True, work(job)))
+        except BaseException as error:  # SystemExit too: what ends a run there ends it here
+            answer = pickle.dumps((of_round, number, False, ToldError.of(error)))
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(Exception):
+                stream.flush()
+        connection.send_bytes(answer)
 
 
 def at_once(calls: Sequence[Callable[[], T]]) -> list[T]:
@@ -74,13 +283,8 @@ def at_once(calls: Sequence[Callable[[], T]]) -> list[T]:
         return [pool.take() for _ in calls]
 
 
-T = TypeVar("T")
-CAN_FORK = "fork" in multiprocessing.get_all_start_methods()
-Work = Callable[[Any], None]  # of the child's `Sender`
-
-
 @contextmanager
-def forked(work: Work) -> Iterator[tuple[BaseProcess, Receiver]]:
+def forked(work: Callable[[Sender], None]) -> Iterator[tuple[BaseProcess, Receiver]]:
     """Yield a child that does ``work(theirs)``, and our end of the line; at the end of the block it is killed.
 
     Its family is killed with it. The line ends (`EOFError`) when the child does, whoever still holds it: with code 0
@@ -147,14 +351,14 @@ def apart(work: Callable[[], T], limit: float) -> T:
         if not ours.poll(limit):
             raise Lost("TimeoutError", f"it did not end within {limit:g} s", timed_out=True)
         try:
-            good, told = ours.recv()
+            good, answer = ours.recv()
         except EOFError:
-            good, told = False, None
-    if told is None and not good:
+            good, answer = False, None
+    if answer is None and not good:
         raise Lost("ProcessDied", f"its process ended with {exit_of(child.exitcode)}")
     if not good:
-        raise Lost(*told)
-    result: T = told
+        raise Lost(*answer)
+    result: T = answer
     return result
 
 
@@ -167,7 +371,7 @@ def flush_output() -> None:
         ctypes.CDLL(None).fflush(None)
 
 
-def _in_child(work: Work, theirs: int, ours: int, parent_pipe: int, held: int, parent: int) -> None:
+def _in_child(work: Callable[[Sender], None], theirs: int, ours: int, parent_pipe: int, held: int, parent: int) -> None:
     become_worker(parent)
     os.close(ours)
     os.close(held)
@@ -273,205 +477,6 @@ def _process_descriptor(pid: int) -> int | None:
         return os.pidfd_open(pid)
     except (AttributeError, OSError):
         return None
-
-
-_LOOK = 0.5  # seconds after which a silent process is looked at: is it alive?
-Job = Any
-Answer = Any
-
-
-class ProcessDied(RuntimeError):
-    """A process of the pool is gone: a crash in foreign code, or a kill from outside."""
-
-
-@final
-class WorkerPool:
-    """Do ``work(job)`` in `size` forked processes, as a context. They know what this process knew when it began."""
-
-    def __init__(self, work: Callable[[Job], Answer], size: int) -> None:
-        self._work, self._size = work, size
-        self._workers: list[_Worker] = []
-        self._owner = 0
-        self._jobs: Sequence[Job] = ()
-        self._round = self._sent = self._taken = 0
-        self._answers: dict[int, tuple[bool, Answer]] = {}
-        self._broken: ProcessDied | None = None
-
-    def begin(self, jobs: Sequence[Job]) -> None:
-        """Take these jobs; answers of earlier jobs that nobody has taken are dropped."""
-        self._jobs, self._sent, self._taken, self._answers = jobs, 0, 0, {}
-        self._round += 1
-
-    def take(self) -> Answer:
-        """Return the answer of the next job, in the order of the jobs, or raise what it raised."""
-        number = self._taken
-        while number not in self._answers:
-            if self._broken is not None:
-                raise self._broken
-            self._feed()
-            self._hear()
-        self._taken += 1
-        self._feed()
-        done, answer = self._answers.pop(number)
-        if done:
-            return answer
-        raise answer.rebuilt()
-
-    def interrupt(self) -> None:
-        """End the processes from another thread; a waiting `take` raises. `close` must still be called."""
-        for worker in self._workers:
-            end_family(worker.pid)
-
-    def close(self) -> None:
-        """End the processes and wait until they are gone."""
-        workers, self._workers = self._workers, []
-        for worker in workers:
-            if self._owner == os.getpid():
-                worker.kill()
-            worker.connection.close()
-        if workers:
-            os.close(self._held)
-
-    def __enter__(self) -> WorkerPool:
-        self._start()
-        return self
-
-    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
-        self.close()
-
-    def _feed(self) -> None:
-        """Hand a job to each process that has none."""
-        for worker in self._workers:
-            if self._sent == len(self._jobs):
-                return
-            if worker.busy:
-                continue
-            try:
-                worker.connection.send((self._round, self._sent, self._jobs[self._sent]))
-            except OSError:
-                self._mourn(worker)
-                return
-            worker.busy = True
-            self._sent += 1
-
-    def _hear(self) -> None:
-        """Wait for an answer of any process."""
-        busy = {worker.connection: worker for worker in self._workers if worker.busy}
-        heard = wait(list(busy), _LOOK)
-        for connection in heard:
-            worker = busy[connection]  # type: ignore[index]
-            try:
-                of_round, number, done, answer = worker.connection.recv()
-            except (EOFError, OSError):
-                self._mourn(worker)
-                return
-            worker.busy = False
-            if of_round == self._round:
-                self._answers[number] = done, answer
-        if not heard:  # a process that has forked in its turn keeps the connection open beyond its own end
-            for worker in busy.values():
-                if worker.is_gone():
-                    self._mourn(worker)
-
-    def _mourn(self, worker: _Worker) -> None:
-        self._broken = ProcessDied(f"a process that evaluated points ended with {worker.ending()}")
-
-    def _start(self) -> None:
-        for stream in (sys.stdout, sys.stderr):
-            with suppress(Exception):
-                stream.flush()  # else each process would print what is in there
-        self._owner = os.getpid()
-        parent_pipe, self._held = os.pipe()
-        prepare()
-        for _ in range(self._size):
-            ours, theirs = Pipe()
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DeprecationWarning)  # threads beside: the child uses none of them
-                pid = os.fork()
-            if not pid:
-                _live(
-                    self._work,
-                    self._owner,
-                    theirs,
-                    parent_pipe,
-                    [ours, *(w.connection for w in self._workers)],
-                    self._held,
-                )
-            theirs.close()
-            self._workers.append(_Worker(pid, ours))
-        os.close(parent_pipe)
-
-
-@final
-class _Worker:
-    """What the parent knows of one process, which nobody else waits for."""
-
-    def __init__(self, pid: int, connection: Connection) -> None:
-        self.pid, self.connection = pid, connection
-        self.busy = False
-        self._status: int | None = None
-
-    def is_gone(self) -> bool:
-        """Tell whether the process has ended; it is left to be waited for, so that its number stays its own."""
-        if self._status is not None:
-            return True
-        if not hasattr(os, "waitid"):  # macOS before Python 3.13: there the end of its connection tells
-            return False
-        return os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
-
-    def kill(self) -> None:
-        """End the process and what it has started, and wait for its end."""
-        if self._status is None:
-            end_family(self.pid)
-            self._status = os.waitpid(self.pid, 0)[1]
-
-    def ending(self) -> str:
-        """Return how it ended, as text, where it has ended or its connection has."""
-        self.kill()
-        return exit_of(os.waitstatus_to_exitcode(self._status or 0))
-
-
-def _live(
-    work: Callable[[Job], Answer], parent: int, ours: Connection, parent_pipe: int, others: list[Connection], held: int
-) -> None:
-    """Be a process of the pool until the parent ends it. Never returns."""
-    try:
-        become_worker(parent)
-        os.close(held)
-        for other in others:
-            other.close()
-        threading.Thread(
-            target=_work_until_parent_ends, name=f"{OWN_THREAD}follow", args=(parent_pipe,), daemon=True
-        ).start()
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # what this process has for them is not for us
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        _serve(work, ours)
-        end_own_children()
-    finally:
-        os._exit(0)
-
-
-def _serve(work: Callable[[Job], Answer], connection: Connection) -> None:
-    while True:
-        try:
-            of_round, number, job = connection.recv()
-        except (EOFError, OSError):
-            return
-        try:
-            answer, done = work(job), True
-        except BaseException as error:  # SystemExit too: what ends a run there ends it here
-            answer, done = ToldError.of(error), False
-        for stream in (sys.stdout, sys.stderr):
-            with suppress(Exception):
-                stream.flush()
-        connection.send((of_round, number, done, answer))
-
-
-def _work_until_parent_ends(parent_pipe: int) -> None:
-    """Wait until the parent is gone; then go, with all that was started here, where the system has not done so."""
-    os.read(parent_pipe, 1)
-    end_own_children()
-    os._exit(1)
 
 
 _LINUX = sys.platform == "linux"

@@ -10,11 +10,9 @@ gate's count when evaluations have become slower than that, and has the next cal
 written down is made again after a kill: the place of each value among the calls stands beside it. A method that asks
 from several threads is not replayed.
 
-The file of one run's values: appended to as they come, read from its beginning after a kill.
-
-Each record is its length, the CRC-32 of what follows, and that; one ``os.write`` a record, so that a process killed by
-signal 9 loses at most the evaluation in flight. A last record that is torn is cut off. The first record says which run
-by which code it is; a file that says otherwise is not used. While a process has the file, others leave it alone.
+The file has a record a value: its length, the CRC-32 of what follows, and that; one ``os.write`` a record, so that a
+process killed by signal 9 loses at most the evaluation in flight. A torn last record is cut off. The first says which
+run by which code it is; a file that says otherwise is not used, nor one that another process has.
 """
 
 from __future__ import annotations
@@ -327,15 +325,17 @@ class Replayed:
         self.differs: ReplayDiffers | None = None
         self._seen, self._wait, self._patience = -1, 0, 1
         self._ours = Calls(
-            self._value, calls.fixed, self._again,
-            calls.batch and (lambda points: self._through(_BATCH, calls.batch, points)),
-            calls.below and (lambda points, limits: self._through(_BELOW, calls.below, points, limits)),
-            calls.residuals and (lambda x: self._through(_RESIDUALS, calls.residuals, x)),
-            calls.jacobian and (lambda x: self._through(_JACOBIAN, calls.jacobian, x)),
-            calls.gradient and (lambda x: self._through(_GRADIENT, calls.gradient, x)),
-            calls.joint and (lambda x: self._through(_JOINT, calls.joint, x)),
-            calls.ahead and self._ahead,
-        )  # fmt: skip
+            value=self._value,
+            fixed=calls.fixed,
+            again=self._again,
+            batch=calls.batch and (lambda points: self._through(_BATCH, calls.batch, points)),
+            below=calls.below and (lambda points, limits: self._through(_BELOW, calls.below, points, limits)),
+            residuals=calls.residuals and (lambda x: self._through(_RESIDUALS, calls.residuals, x)),
+            jacobian=calls.jacobian and (lambda x: self._through(_JACOBIAN, calls.jacobian, x)),
+            gradient=calls.gradient and (lambda x: self._through(_GRADIENT, calls.gradient, x)),
+            joint=calls.joint and (lambda x: self._through(_JOINT, calls.joint, x)),
+            ahead=calls.ahead and self._ahead,
+        )
 
     def arm(self) -> None:
         """Replace the gate's calls by ours."""
@@ -465,8 +465,8 @@ class Replayed:
 
 
 def _digest(given: tuple[Array, ...]) -> bytes:
-    told = blake2b(digest_size=16)
+    digest = blake2b(digest_size=16)
     for array in given:
         values = np.ascontiguousarray(array, dtype=np.float64)
-        told.update(repr(values.shape).encode() + values.tobytes())
-    return told.digest()
+        digest.update(repr(values.shape).encode() + values.tobytes())
+    return digest.digest()

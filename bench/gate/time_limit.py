@@ -260,8 +260,8 @@ class Mirror:
         self._head[13:15] = gate.earlier
         self._head[15:18] = gate.gradient_evaluations, gate.joint_evaluations, gate.non_finite_slopes
         if gate.attempts:
-            told = "\0".join(gate.attempts).encode()[: self._attempts.size]
-            self._attempts[: len(told)] = np.frombuffer(told, dtype=np.uint8)
+            attempts = "\0".join(gate.attempts).encode()[: self._attempts.size]
+            self._attempts[: len(attempts)] = np.frombuffer(attempts, dtype=np.uint8)
 
     def read(self) -> dict[str, Any]:
         """Return the last state of the gate that was written."""

@@ -7,11 +7,9 @@ class and the local modules that it imports (`core.sources`); of what is defined
 an optimiser also holds the version of the library it calls, as does that of a problem that names one in `library`. The
 rest of this package, which draws and reports, is no part of it, nor are docstrings and comments.
 
-A digest of the files that a problem is given as options of type `Path`, so that a change is noticed.
-
-A problem that has a `data_id` names its data itself, and its files are not read. A relative path is searched for in the
-working folder, then beside the module of the class. Of a folder all files count, with their names, at any depth; hidden
-ones and `__pycache__` do not.
+Files count that a problem is given as options of type `Path`, unless it has a `data_id`, which names its data. A
+relative path is searched for in the working folder, then beside the module of the class. Of a folder all files count,
+with their names, at any depth; hidden ones and `__pycache__` do not.
 """
 
 from __future__ import annotations
@@ -94,8 +92,8 @@ def digest_of(thing: Any) -> str:
     targets: list[Any] = [thing if isinstance(thing, types.FunctionType | type) else type(thing)]
     if made is not None:
         targets.append(made.factory)
-    told = {_told(target) for target in targets}
-    return told.pop() if len(told) == 1 else _digest(sorted(told))
+    digests = {_told(target) for target in targets}
+    return digests.pop() if len(digests) == 1 else _digest(sorted(digests))
 
 
 def _told(target: Any) -> str:
@@ -110,14 +108,14 @@ def _of_live_code(target: Any, module: str, seen: set[int]) -> list[Any]:
         return []
     seen.add(id(target))
     if isinstance(target, type):
-        told: list[Any] = [target.__qualname__]
+        parts: list[Any] = [target.__qualname__]
         for base in target.__bases__:
-            told.append(sources.module_digest(base.__module__) or _of_live_code(base, module, seen))
+            parts.append(sources.module_digest(base.__module__) or _of_live_code(base, module, seen))
         for name, value in sorted(vars(target).items()):
             if name.startswith("__") and not isinstance(value, types.FunctionType):
                 continue
-            told.append([name, _of_member(value, module, seen)])
-        return told
+            parts.append([name, _of_member(value, module, seen)])
+        return parts
     return [_of_member(target, module, seen)]
 
 
@@ -128,21 +126,21 @@ def _of_member(value: Any, module: str, seen: set[int]) -> Any:
             return plain(value)
         except Exception:  # whatever a foreign value does when it is looked at
             return type(value).__qualname__
-    told = []
+    parts = []
     for function in functions:
         try:
-            told.append(code_of(function))
+            parts.append(code_of(function))
         except Exception:  # it closes over what cannot be told, or over nothing yet
-            told.append([function.__code__.co_code.hex()])
+            parts.append([function.__code__.co_code.hex()])
         for name in _names(function.__code__):
             used = function.__globals__.get(name)
             if isinstance(used, type | types.FunctionType) and used.__module__ == module:
-                told.append([name, _of_live_code(used, module, seen)])
+                parts.append([name, _of_live_code(used, module, seen)])
             elif isinstance(used, types.ModuleType):
-                told.append([name, sources.module_digest(used.__name__) if _is_local(used) else ""])
+                parts.append([name, sources.module_digest(used.__name__) if _is_local(used) else ""])
             elif isinstance(used, int | float | str | tuple):
-                told.append([name, repr(used)])
-    return told
+                parts.append([name, repr(used)])
+    return parts
 
 
 def _functions(value: Any) -> Iterator[types.FunctionType]:
@@ -161,8 +159,8 @@ def _is_local(module: types.ModuleType) -> bool:
     return file is not None and sources.is_local(file) and module.__name__ in sys.modules
 
 
-def _digest(told: Any) -> str:
-    return blake2b(repr(told).encode(), digest_size=6).hexdigest()
+def _digest(value: Any) -> str:
+    return blake2b(repr(value).encode(), digest_size=6).hexdigest()
 
 
 _DEPTH = 12  # of objects in objects, as in `plain`
@@ -200,8 +198,8 @@ def _content(path: PurePath, home: Path | None) -> str:
     for place in places:
         try:
             if place.is_file():
-                told = place.stat()
-                return _digest_of_file(place.absolute(), told.st_size, told.st_mtime_ns)
+                status = place.stat()
+                return _digest_of_file(place.absolute(), status.st_size, status.st_mtime_ns)
         except OSError:  # the problem itself will say so
             continue
     for place in places:
@@ -233,31 +231,31 @@ def _files_of(folder: Path) -> tuple[tuple[str, int, int], ...]:
                 )
             name = f"{above}{entry.name}"
             try:
-                told = entry.stat()
+                status = entry.stat()
             except OSError:  # a link to nothing
                 continue
-            if stat.S_ISREG(told.st_mode):
-                found.append((name, told.st_size, told.st_mtime_ns))
-            elif stat.S_ISDIR(told.st_mode) and (place := _place(told)) not in seen:
+            if stat.S_ISREG(status.st_mode):
+                found.append((name, status.st_size, status.st_mtime_ns))
+            elif stat.S_ISDIR(status.st_mode) and (place := _place(status)) not in seen:
                 seen.add(place)
                 left.append((f"{name}/", inside / entry.name))
     return tuple(sorted(found))
 
 
-def _place(told: os.stat_result) -> tuple[int, int]:
-    return told.st_dev, told.st_ino
+def _place(status: os.stat_result) -> tuple[int, int]:
+    return status.st_dev, status.st_ino
 
 
 @lru_cache(maxsize=64)
 def _digest_of_folder(folder: Path, files: tuple[tuple[str, int, int], ...]) -> str:
-    told = blake2b(digest_size=12)
+    digest = blake2b(digest_size=12)
     for name, size, changed in files:
         try:
             content = _digest_of_file(folder / name, size, changed)
         except OSError:
             content = ""
-        told.update(f"{name}\0{content}\0".encode("utf-8", "surrogateescape"))
-    return told.hexdigest()
+        digest.update(f"{name}\0{content}\0".encode("utf-8", "surrogateescape"))
+    return digest.hexdigest()
 
 
 @lru_cache(maxsize=_MOST)

@@ -1,13 +1,10 @@
 """The identity of a run: canonical names and options, the digest that names it, and the seeds that follow from names.
 
 Nothing here depends on the order of jobs, on the machine, or on Python's `hash`: an optimiser added to a sweep leaves
-every other row as it was, to the last bit.
-
-Values of options as JSON, so that every difference between two runs is kept.
-
-Numbers, texts, lists and mappings stay as they are, a dataclass becomes its fields; a large array, another object or a
-nameless function is represented by a digest of its content. A value without such content, such as a random generator or
-an open file, is refused.
+every other row as it was, to the last bit. Options are JSON in which every difference between two runs is kept: there
+numbers, texts, lists and mappings stay as they are, a dataclass becomes its fields; a large array, another object or a
+nameless function is represented by a digest of its content. What has none, such as a random generator or an open file,
+is refused.
 """
 
 from __future__ import annotations
@@ -338,10 +335,10 @@ def _held(value: Any) -> dict[str, Any] | None:
 
 def _array(array: np.ndarray[Any, Any], depth: int) -> str:
     if array.dtype.hasobject:
-        told = _digest(plain(array.tolist(), depth + 1))
+        content = _digest(plain(array.tolist(), depth + 1))
     else:
-        told = blake2b(np.ascontiguousarray(array).tobytes(), digest_size=8).hexdigest()
-    return f"array {array.dtype.str}{list(array.shape)} {told}"
+        content = blake2b(np.ascontiguousarray(array).tobytes(), digest_size=8).hexdigest()
+    return f"array {array.dtype.str}{list(array.shape)} {content}"
 
 
 def _code(code: types.CodeType, doc: str | None) -> list[Any]:

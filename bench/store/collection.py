@@ -41,7 +41,7 @@ from calibench.bench.store.arrays import (
 )
 from calibench.bench.store.atomic_file import temporary_name, write_whole
 from calibench.bench.store.journal import Record
-from calibench.bench.store.schema import PART_SCHEMA, POINT, RUNS_SCHEMA, TRACE, TRACES_SCHEMA, with_all
+from calibench.bench.store.schema import PART_SCHEMA, POINT, RUNS_SCHEMA, TRACE, TRACES_SCHEMA, in_schema
 from calibench.bench.store.tables import ORDER, RUNS, TRACES, Tables, metadata, sealed_writer
 
 Index = NDArray[np.int64]
@@ -198,7 +198,7 @@ class _Sequence:
         """Return the next `count` rows."""
         parts = [self._held]
         while sum(map(len, parts)) < count:
-            parts.append(with_all(pa.Table.from_batches([next(self._batches)]), self._schema))
+            parts.append(in_schema(pa.Table.from_batches([next(self._batches)]), self._schema))
         found = pa.concat_tables(parts)
         self._held = found.slice(count).combine_chunks() if len(found) > count else empty_table(self._schema)
         return found.slice(0, count)
@@ -335,8 +335,8 @@ def _write(folder: Path, sources: Sequence[Source]) -> None:
     keys = pa.concat_tables([source.keys for source in sources] or [_keys(empty_table(RUNS_SCHEMA))])
     order = _order(keys)
     whose = np.repeat(np.arange(len(sources)), [len(source.keys) for source in sources])[order] if sources else order
-    told = metadata(token_hex(8))
-    runs_schema, traces_schema = RUNS_SCHEMA.with_metadata(told), TRACES_SCHEMA.with_metadata(told)
+    origin = metadata(token_hex(8))
+    runs_schema, traces_schema = RUNS_SCHEMA.with_metadata(origin), TRACES_SCHEMA.with_metadata(origin)
     new_runs = temporary_name(folder / RUNS)
 
     def write_both(traces_file: Any) -> None:

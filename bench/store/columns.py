@@ -1,8 +1,7 @@
 """Columns of finished runs, read in one way whether pandas, Arrow or a list holds them.
 
 So what is computed of them is written once, and a small sweep that is only told on a terminal does not load pandas.
-
-Swept options as columns: ``opt.population``, ``prob.n``, those alone that differ within the study.
+Swept options become columns ``opt.population``, ``prob.n``: those alone that differ within the study.
 """
 
 from __future__ import annotations
@@ -143,8 +142,8 @@ def with_options(runs: pd.DataFrame) -> pd.DataFrame:
             names = {member: typed(member) for text in read for member in [read[text].get(key)] if _is_text(member)}
             apart = len({*names.values()}) == len(names)  # no two members of one name
             values = [read[text].get(key) for text in runs[options]]
-            told = [names[value] if apart and _is_text(value) else value for value in values]
-            columns[prefix + key] = _column(told, runs.index)
+            texts = [names[value] if apart and _is_text(value) else value for value in values]
+            columns[prefix + key] = _column(texts, runs.index)
     return pd.concat([runs, pd.DataFrame(columns, index=runs.index)], axis=1) if columns else runs
 
 

@@ -1,8 +1,7 @@
 """The first damage of a study's tables: what no run can have, with its row and column.
 
 A run is known by many columns that must agree. They are looked through column by column where a table is not as its
-store wrote it (`bench.store.tables`), so that who has edited it learns where; and in tables of earlier versions,
-which have no seal.
+store wrote it (`bench.store.tables`), so that who has edited it learns where.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from calibench import optimizers, problems
 from calibench.bench.gate.endings import STOP_REASONS
 from calibench.bench.provenance.run_id import chosen_options, run_id
-from calibench.bench.store.arrays import cast, dictionary_encode, index_in, kept, list_value_length, lists_of, numbers
+from calibench.bench.store.arrays import cast, dictionary_encode, index_in, list_value_length, lists_of, numbers
 from calibench.core.registry import Registry
 from calibench.core.seeds import digest
 
@@ -57,20 +56,14 @@ class Damage:
     rule: str
 
 
-def first_damage(rows: pa.Table, traces: pa.Table, whole: bool) -> Damage | None:
-    """Return what is wrong in the rows, or else in the traces.
-
-    `whole` tells that this version wrote both, at one time: no trace is missing or of a run that is not there, and an
-    id is the digest of other columns, which in another version, whose options have other defaults, it seems not to be.
-    """
+def first_damage(rows: pa.Table, traces: pa.Table) -> Damage | None:
+    """Return what is wrong in the rows, or else in the traces."""
     of = index_in(traces["run_id"], rows["run_id"].combine_chunks())
-    if not whole:
-        traces, of = kept(traces, of.is_valid()), of.drop_null()
     for in_traces, table, found in (
         (False, rows, _in_rows(rows)),
         (True, traces, _in_traces(traces, of)),
-        (False, rows, _in_ends(rows, traces, of, whole)),
-        (False, rows, _in_identity(rows) if whole else iter(())),
+        (False, rows, _in_ends(rows, traces, of)),
+        (False, rows, _in_identity(rows)),
     ):
         for column, wrong, rule in found:
             if wrong.any():
@@ -165,14 +158,14 @@ def _in_traces(traces: pa.Table, of: pa.ChunkedArray) -> Iterator[Found]:
         yield "best_value", inside & (best > np.append(np.inf, best[:-1])[: len(best)]), "rises"
 
 
-def _in_ends(rows: pa.Table, traces: pa.Table, of: pa.ChunkedArray, whole: bool) -> Iterator[Found]:
+def _in_ends(rows: pa.Table, traces: pa.Table, of: pa.ChunkedArray) -> Iterator[Found]:
     """Yield what differs between a row and the last point of its trace; of published data values may be rounded."""
     run = numbers(of).astype(np.int64)
     last = np.full(len(rows), -1)
     last[run] = np.arange(len(run))
     has = last >= 0
     evaluations = numbers(rows["evaluations"])
-    yield "evaluations", whole & ~has & (evaluations > 0), "has no trace in traces.parquet"
+    yield "evaluations", ~has & (evaluations > 0), "has no trace in traces.parquet"
     ours = has & ~_null(rows["code_digest"])
     for name in ("evaluations", "charged", "best_value"):
         end, said = np.full(len(rows), -1.0), numbers(rows[name]).astype(float)
@@ -191,7 +184,7 @@ def _in_identity(rows: pa.Table) -> Iterator[Found]:
     columns = [rows[name].to_pylist() for name in (*names, "run_id", "budget", "start", "target")]
     keys: dict[tuple[str, str, str], list[Any] | None] = {}
     wrong: dict[str, list[bool]] = {"run_id": [], "seed": []}
-    for problem, its, data, optimizer, options, repetition, seed, told, budget, start, target in zip(
+    for problem, its, data, optimizer, options, repetition, seed, known_id, budget, start, target in zip(
         *columns, strict=True
     ):
         for key in ((problem, its, data), (optimizer, options, "")):
@@ -203,7 +196,7 @@ def _in_identity(rows: pa.Table) -> Iterator[Found]:
         pair = ([*mine, data], method) if mine is not None else ([], method)
         wrong["seed"].append(known and digest(*pair, repetition) != seed)
         by_name = known and start in ("nominal", "random")
-        wrong["run_id"].append(by_name and run_id(*pair, budget, repetition, start, target) != told)
+        wrong["run_id"].append(by_name and run_id(*pair, budget, repetition, start, target) != known_id)
     for name, flags in wrong.items():
         yield name, np.array(flags, dtype=bool), f"is not the digest of {_IDENTITY}"
 

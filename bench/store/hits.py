@@ -6,14 +6,12 @@ made from runs and traces some thousand runs at a time. Which targets there are 
 each: problem, problem_options, data_id, quantity, target, level (`bench.statistics.targets`). Where it has a column
 `inside` that is true, a run whose answer lies outside the box reaches none of these.
 
-When a run reached a level: from the points of its trace, the declared hits of its row, and its answer.
-
 A trace is thinned (`bench.gate.evaluator`): it holds every improvement among the first 64 evaluations, later ones that
-gain more than a tenth on the point before, and 16 marks a decade. A crossing is therefore known exactly where the level
-lies more than that tenth below the point before, as nothing unrecorded comes so far; else it lies between two points.
-`evaluations` and `charged` of a `Crossings` are the earliest counts at which the level was surely reached, and
-`evaluations_after` and `charged_after` the latest at which it surely was not: exact where they differ by one. Nothing
-between is interpolated. A level that the problem declares is exact, as the gate watched it.
+gain more than a tenth on the point before, and 16 marks a decade. So a crossing is known exactly where the level lies
+more than that tenth below the point before; else it lies between two points, and nothing is interpolated. `evaluations`
+and `charged` of a `Crossings` are the earliest counts at which the level was surely reached, `evaluations_after` and
+`charged_after` the latest at which it surely was not. A level that the problem declares is exact, as the gate watched
+it.
 """
 
 from __future__ import annotations
@@ -183,18 +181,18 @@ def declared_levels(runs: pd.DataFrame) -> pd.DataFrame:
     """Return the levels that the runs themselves name: their problem's targets and the value that ends the run."""
     import pandas as pd
 
-    rows: dict[tuple[Any, ...], set[float]] = {}
+    known: dict[tuple[Any, ...], set[float]] = {}
     for *key, listed, own in zip(*(runs[name] for name in (*PROBLEM, "targets", "target")), strict=True):
-        levels = rows.setdefault(tuple(key), set())
+        levels = known.setdefault(tuple(key), set())
         levels.update(float(level) for level in listed)
         if own is not None and own == own:
             levels.add(float(own))
-    told = [
+    rows = [
         dict(zip(PROBLEM, key, strict=True)) | {"quantity": "value", "target": level, "level": level}
-        for key, levels in rows.items()
+        for key, levels in known.items()
         for level in sorted(levels, reverse=True)
     ]
-    return pd.DataFrame(told, columns=[*PROBLEM, "quantity", "target", "level"])
+    return pd.DataFrame(rows, columns=[*PROBLEM, "quantity", "target", "level"])
 
 
 def hit_tables(rows: pa.Table, traces: Iterable[pa.Table], levels: pd.DataFrame) -> Iterator[pa.Table]:
@@ -237,12 +235,12 @@ class _Runs:
     outside: Flags
     lost: Flags
     derivatives: Flags
-    told: Mapping[str, Array]
+    quantities: Mapping[str, Array]
 
     def some(self, at: Counts) -> _Runs:
         """Return the runs at these places."""
-        cut = {name: getattr(self, name)[at] for name in _Runs.__annotations__ if name != "told"}
-        return _Runs(**cut, told={name: values[at] for name, values in self.told.items()})
+        cut = {name: getattr(self, name)[at] for name in _Runs.__annotations__ if name != "quantities"}
+        return _Runs(**cut, quantities={name: values[at] for name, values in self.quantities.items()})
 
 
 def _runs_of(frame: pd.DataFrame, quantities: Iterable[str]) -> _Runs:
@@ -264,7 +262,7 @@ def _runs_of(frame: pd.DataFrame, quantities: Iterable[str]) -> _Runs:
         outside=~frame["inside_box"].fillna(False).to_numpy(dtype=bool),
         lost=(frame["status"] == "failed").to_numpy(dtype=bool),
         derivatives=frame["jacobian_evaluations"].fillna(0).to_numpy() != 0,  # imported rows do not say
-        told={name: numbers(name) for name in quantities if name in frame},
+        quantities={name: numbers(name) for name in quantities if name in frame},
     )
 
 
@@ -323,9 +321,9 @@ def _crossed(runs: _Runs, points: Points, levels: Sequence[_Quantity], lists: Se
             if one.inside and runs.outside.any():
                 found = _where(runs.outside, Crossings.none(len(at), len(one.level)), found)
         else:
-            told = runs.told.get(one.name, np.full(len(at), np.nan))
+            values = runs.quantities.get(one.name, np.full(len(at), np.nan))
             with np.errstate(invalid="ignore"):
-                reached = np.abs(told)[:, None] <= one.target
+                reached = np.abs(values)[:, None] <= one.target
             found = by_the_answer(points, runs.best_evaluation, reached & (runs.best_evaluation > 0)[:, None])
         parts.append(found)
     found = joined(parts)
@@ -379,7 +377,7 @@ def _table(tables: Sequence[tuple[Counts, Sequence[_Quantity], Crossings]], runs
     run = np.concatenate([np.repeat(at, size) for (at, _, _), size in zip(tables, sizes, strict=True)])
     names = list(dict.fromkeys(one.name for _, levels, _ in tables for one in levels))
     target, quantity = (
-        np.concatenate([np.tile(np.concatenate(told), len(at)) for (at, _, _), told in zip(tables, by, strict=True)])
+        np.concatenate([np.tile(np.concatenate(one), len(at)) for (at, _, _), one in zip(tables, by, strict=True)])
         for by in (
             [[one.target for one in levels] for _, levels, _ in tables],
             [[np.full(len(one.target), names.index(one.name)) for one in levels] for _, levels, _ in tables],

@@ -147,14 +147,18 @@ class Journal:
         finally:
             os.close(file)
         self._count += 1
-        return _has_its_name(path)
+        try:  # whether it is still there: by opening it, which a network drive answers anew
+            os.close(os.open(path, os.O_RDONLY))
+        except FileNotFoundError:
+            return False
+        return True
 
     def _made_header(self) -> bytes:
-        told = {
+        header = {
             "schema_version": SCHEMA_VERSION, "host": platform.node(), "pid": os.getpid(), "born": born(os.getpid()),
             "began_at": time.time(), "columns": self._names, "common": self._common,
         }  # fmt: skip
-        return _line(b"H", _json(told))
+        return _line(b"H", _json(header))
 
 
 @final
@@ -207,8 +211,8 @@ class JournalReader:
 
     def is_written(self) -> bool:
         """Tell whether its writer may still be there; on another machine it may. To be shown, not to be decided by."""
-        told = self.header()
-        return told is not None and not is_gone(told["host"], told["pid"], told["born"])
+        header = self.header()
+        return header is not None and not is_gone(header["host"], header["pid"], header["born"])
 
     def _lines(self, splits: int) -> Iterator[list[bytes]]:
         """Yield the fields of each whole line; one without its end is being written, or its writer was killed."""
@@ -263,15 +267,6 @@ def _opened(path: Path) -> BinaryIO:
         return open(path, "rb")
     except FileNotFoundError:
         return open(path.with_suffix(CLAIMED), "rb")
-
-
-def _has_its_name(path: Path) -> bool:
-    """Tell whether a file is still there: by opening it, which a network drive answers anew."""
-    try:
-        os.close(os.open(path, os.O_RDONLY))
-    except FileNotFoundError:
-        return False
-    return True
 
 
 def _line(*fields: bytes) -> bytes:

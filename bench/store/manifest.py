@@ -15,7 +15,6 @@ from calibench.core.plain import json_of
 
 KIND = "calibench study"
 DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.discovery.store` keeps
-READABLE = (1, 2, SCHEMA_VERSION)
 
 
 class StoreError(ValueError):
@@ -31,7 +30,12 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """
     path = folder / "manifest.json"
     if not folder.is_dir():
-        near = _near(folder.parent, folder.name) or _in_results(folder)
+        near = _near(folder.parent, folder.name)
+        known = [path.parent.as_posix() for path in sorted(Path("results").glob("*/manifest.json"))]
+        if not near and known:  # a study's name may stand for its folder
+            named = [path for path in known if path.endswith(f"/{folder.as_posix()}")]
+            hint = f"did you mean {named[0]}?" if named else suggest(f"results/{folder.as_posix()}", known)
+            near = f"; {hint}"
         raise StoreError(f"{folder}: there is no such study folder{near}")
     try:
         manifest = json_of(path.read_text(encoding="utf-8"))
@@ -47,14 +51,17 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         )
     if not isinstance(manifest, dict) or manifest.get("kind") != KIND:
         raise StoreError(f"{path}: is not a manifest of ours; take another folder")
-    if manifest.get("schema_version") not in READABLE:
+    if manifest.get("schema_version") != SCHEMA_VERSION:
         raise StoreError(f"{folder}: schema {manifest.get('schema_version')!r}, this version reads {SCHEMA_VERSION}")
     found: dict[str, Any] = manifest
-    if "cells" in found:  # as it is written: a label once, and the runs of its cell
-        cells = found.pop("cells")
-        found["planned"] = _planned(cells)
-        found["called"], found["budgets"] = _of_cells(cells, "called"), _of_cells(cells, "budget")
-    found.setdefault("study", folder.resolve().name)
+    cells = found.pop("cells", None)  # as it is written: a label once, and the runs of its cell
+    try:
+        found["planned"] = {run_id: cell["label"] for cell in cells for run_id in cell["runs"]}
+        found["called"], found["budgets"] = (
+            {cell["label"]: cell[key] for cell in cells if key in cell} for key in ("called", "budget")
+        )
+    except (TypeError, KeyError):
+        raise StoreError(f"{path}: its entry 'planned' is damaged") from None
     for key, is_right in _KINDS.items():
         if not is_right(found.get(key)):
             raise StoreError(f"{path}: its entry {key!r} is damaged")
@@ -68,15 +75,15 @@ def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
     for run_id, label in manifest["planned"].items():
         cells.setdefault(label, []).append(run_id)
     kept = {key: value for key, value in manifest.items() if key not in ("planned", "called", "budgets")}
-    lines = [f" {json.dumps(key)}: {_indented(value)}" for key, value in kept.items()]
-    told = (
+    lines = [f" {json.dumps(key)}: " + json.dumps(value, indent=1).replace("\n", "\n ") for key, value in kept.items()]
+    entries = (
         {"label": label}
         | ({"called": names[label]} if label in names else {})
         | ({"budget": budgets[label]} if label in budgets else {})
         | {"runs": ids}
         for label, ids in cells.items()
     )
-    runs = ",\n".join(f"  {json.dumps(cell)}" for cell in told)
+    runs = ",\n".join(f"  {json.dumps(cell)}" for cell in entries)
     text = "{\n" + ",\n".join([*lines, f' "cells": [\n{runs}\n ]']) + "\n}\n"
     write_whole(folder / "manifest.json", lambda file: file.write(text.encode()))
 
@@ -122,32 +129,6 @@ def _near(parent: Path, name: str = "") -> str:
     """Return a hint of the studies that stand in `parent`; '' where there are none."""
     known = [path.parent.name for path in sorted(parent.glob("*/manifest.json"))]
     return f"; in {parent} {suggest(name, known)}" if known else ""
-
-
-def _in_results(folder: Path) -> str:
-    """Return a hint of the studies of ``results/``, where a study's name was given for its folder."""
-    known = [path.parent.as_posix() for path in sorted(Path("results").glob("*/manifest.json"))]
-    named = [path for path in known if path.endswith(f"/{folder.as_posix()}")]
-    near = suggest(f"results/{folder.as_posix()}", known)
-    return f"; did you mean {named[0]}?" if named else f"; {near}" if known else ""
-
-
-def _planned(cells: Any) -> Any:
-    try:
-        return {run_id: cell["label"] for cell in cells for run_id in cell["runs"]}
-    except (TypeError, KeyError):
-        return None
-
-
-def _of_cells(cells: Any, key: str) -> Any:
-    try:
-        return {cell["label"]: cell[key] for cell in cells if key in cell}
-    except (TypeError, KeyError):
-        return None
-
-
-def _indented(value: Any) -> str:
-    return json.dumps(value, indent=1).replace("\n", "\n ")
 
 
 def _are(key: type, value: type) -> Any:

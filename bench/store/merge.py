@@ -13,7 +13,7 @@ from typing import Any, final
 
 import pyarrow as pa
 
-from calibench.bench.execution.run_row import COLUMNS, SCHEMA_VERSION
+from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.store.arrays import is_in
 from calibench.bench.store.collection import collect_into, nested
 from calibench.bench.store.manifest import StoreError, in_other_shards, write_manifest
@@ -78,13 +78,7 @@ def _new(stores: Sequence[ResultStore], study: str, known: set[str]) -> Iterator
         for begin in range(0, len(rows), _CHUNK):
             some = rows.slice(begin, _CHUNK)
             some = some.set_column(at, RUNS_SCHEMA.field("study"), pa.array([study] * len(some), pa.string()))
-            some = some.set_column(*_version(len(some)))
             yield nested(some, traces.filter(is_in(traces["run_id"], some["run_id"].combine_chunks())))
-
-
-def _version(count: int) -> tuple[int, pa.Field, pa.Array]:
-    at = RUNS_SCHEMA.get_field_index("schema_version")
-    return at, RUNS_SCHEMA.field("schema_version"), pa.array([SCHEMA_VERSION] * count, pa.int64())
 
 
 def _in_several(stores: Sequence[ResultStore], keep_first: bool) -> int:
@@ -135,4 +129,4 @@ def _joined(manifests: Sequence[dict[str, Any]]) -> dict[str, Any]:
     others = {run_id for manifest in manifests for run_id in manifest.get("other_shards", ())}
     if others:
         joined["other_shards"] = sorted(others - joined["planned"].keys())
-    return joined | {"schema_version": SCHEMA_VERSION}
+    return joined

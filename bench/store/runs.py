@@ -19,11 +19,8 @@ folder, and any of them may be killed at any moment. They keep to this:
 
 No decision is made by a clock, by the age of a file, or by whether a process on another machine is alive.
 
-One process at a time rewrites the tables of a study: a lock file in its folder, on every system and file system.
-
-The lock is the system's own (`filelock.FileLock`), which ends with the process that holds it. On a file system that has
-none, such as some network drives, the lock is that a file exists (`filelock.SoftFileLock`). Beside it stands a note of
-who holds it, for those that wait.
+The lock is `filelock.FileLock`; on a file system that has none, such as some network drives, it is that a file exists
+(`filelock.SoftFileLock`). Beside it stands a note of who holds it, for those that wait.
 """
 
 from __future__ import annotations
@@ -48,7 +45,6 @@ from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 from calibench.bench.execution.answer import offered
 from calibench.bench.execution.run import Run
-from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.run_id import UNSEEN
 from calibench.bench.store.arrays import all_true, array_of, cast_table, empty_table, is_in, kept, not_equal, scalar_of
 from calibench.bench.store.atomic_file import remove_stale, write_whole
@@ -79,25 +75,25 @@ class LockHeldError(ValueError):
 @contextmanager
 def locked(folder: Path, soon: float = _SOON, at_most: float = _AT_MOST) -> Iterator[None]:
     """Hold the lock of `folder`. A wait of `soon` seconds is logged; one of `at_most` raises `LockHeldError`."""
-    lock = _acquired(folder, soon, at_most)
+    try:
+        lock = _wait(FileLock(folder / LOCK), folder, soon, at_most)
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+        lock = _wait(SoftFileLock(folder / SOFT_LOCK), folder, soon, at_most)
+    except NotImplementedError:  # what filelock makes of ENOSYS
+        lock = _wait(SoftFileLock(folder / SOFT_LOCK), folder, soon, at_most)
     holder = folder / HOLDER
     try:
-        holder.write_text(_ourselves(), encoding="utf-8")
+        try:
+            user = getpass.getuser()
+        except (KeyError, OSError):  # a container's user without a name
+            user = "unknown"
+        holder.write_text(f"process {os.getpid()} of {user} on {platform.node()}", encoding="utf-8")
         yield
     finally:
         holder.unlink(missing_ok=True)
         lock.release()
-
-
-def _acquired(folder: Path, soon: float, at_most: float) -> BaseFileLock:
-    try:
-        return _wait(FileLock(folder / LOCK), folder, soon, at_most)
-    except NotImplementedError:  # what filelock makes of ENOSYS
-        pass
-    except OSError as error:
-        if error.errno not in _NO_LOCKS:
-            raise
-    return _wait(SoftFileLock(folder / SOFT_LOCK), folder, soon, at_most)
 
 
 def _wait(lock: BaseFileLock, folder: Path, soon: float, at_most: float) -> BaseFileLock:
@@ -114,14 +110,6 @@ def _wait(lock: BaseFileLock, folder: Path, soon: float, at_most: float) -> Base
                 "process, then give the same command again: finished runs are kept"
             ) from None
     return lock
-
-
-def _ourselves() -> str:
-    try:
-        user = getpass.getuser()
-    except (KeyError, OSError):  # a container's user without a name
-        user = "unknown"
-    return f"process {os.getpid()} of {user} on {platform.node()}"
 
 
 def _holder(folder: Path) -> str:
@@ -217,8 +205,8 @@ class ResultStore:
         found.attrs[FOLDER_OF] = str(self.folder.resolve())
         if not options:
             return found
-        told = with_options(found)
-        return told.drop(columns=[name for name in OF_OPTIONS if asked is not None and name not in asked])
+        table = with_options(found)
+        return table.drop(columns=[name for name in OF_OPTIONS if asked is not None and name not in asked])
 
     def rows(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Return all finished runs as Arrow has them: columns of `RUNS_SCHEMA`, or `columns`. No pandas is loaded."""
@@ -307,7 +295,6 @@ class ResultStore:
                     "`bench merge` the two"
                 )
             files = {**manifest.get("files", {}), **(files or {})}
-            outdated = manifest["schema_version"] != SCHEMA_VERSION  # programs that know less must not write here
             new = labels.keys() - manifest["planned"].keys()
             if drop:
                 gone = {*manifest["planned"], *manifest.get("abandoned", ())} - labels.keys() - {*other_shards}
@@ -316,14 +303,8 @@ class ResultStore:
                 manifest["abandoned"] = sorted({*manifest["abandoned"]} - labels.keys())
             every = {*manifest.get("other_shards", ()), *other_shards}
             others = sorted(every - manifest["planned"].keys() - labels.keys())
-            if (
-                new
-                or drop
-                or outdated
-                or manifest.get("files", {}) != files
-                or manifest.get("other_shards", []) != others
-            ):
-                manifest |= {"schema_version": SCHEMA_VERSION, "planned": {**manifest["planned"], **labels}}
+            if new or drop or manifest.get("files", {}) != files or manifest.get("other_shards", []) != others:
+                manifest["planned"] = {**manifest["planned"], **labels}
                 manifest |= {"other_shards": others} if others or "other_shards" in manifest else {}
                 manifest["files"] = files
                 manifest["called"] = {**manifest.get("called", {}), **(called or {})}
@@ -455,32 +436,30 @@ class ResultStore:
         readers = claim(self.folder)
         tables = self._tables(manifest)
         aside: dict[Path, None] = {}
+        quarantine = self.folder / "quarantine"
+
+        def refuse(record: Record) -> None:
+            quarantine.mkdir(exist_ok=True)
+            where = quarantine / f"{record.run_id}.json"
+            where.write_bytes(record.raw())
+            aside[where] = None
+
         new = _distinct(itertools.chain(*readers), tables.complete() | drop)
         first = next(new, None)
         if first is not None or drop or not tables.are_one_pair():
-            refused = lambda record: aside.update({self._set_aside(record): None})  # noqa: E731
-            collect_into(tables, itertools.chain([] if first is None else [first], new), drop, refused)
+            collect_into(tables, itertools.chain([] if first is None else [first], new), drop, refuse)
         for reader in readers:
             if reader.damaged:
-                aside[self._move_aside(reader.path)] = None
+                quarantine.mkdir(exist_ok=True)
+                where = quarantine / reader.path.with_suffix(ENDING).name
+                os.replace(reader.path, where)
+                aside[where] = None
             else:
                 reader.path.unlink()
         with suppress(OSError):  # somebody has begun another journal
             (self.folder / FOLDER).rmdir()
         pa.default_memory_pool().release_unused()
         return list(aside)
-
-    def _move_aside(self, path: Path) -> Path:
-        where = self.folder / "quarantine" / path.with_suffix(ENDING).name
-        where.parent.mkdir(exist_ok=True)
-        os.replace(path, where)
-        return where
-
-    def _set_aside(self, record: Record) -> Path:
-        where = self.folder / "quarantine" / f"{record.run_id}.json"
-        where.parent.mkdir(exist_ok=True)
-        where.write_bytes(record.raw())
-        return where
 
     def _studies(self) -> list[ResultStore]:
         """Return the stores to read: this one, or those of the studies in this folder of studies."""

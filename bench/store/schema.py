@@ -1,11 +1,11 @@
 """The Arrow schemas of results: a run (`bench.execution.run_row`), a point of a trace, both in one, a target's hit.
 
-A schema is explicit, so that a column of nulls keeps its type. What an earlier version wrote lacks columns: they are
-read as null.
+A schema is explicit, so that a column of nulls keeps its type.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -57,21 +57,12 @@ POINT = tuple(name for name in TRACES_SCHEMA.names if name != "run_id")
 PART_SCHEMA = RUNS_SCHEMA.append(
     pa.field(TRACE, pa.list_(pa.struct([(name, TRACES_SCHEMA.field(name).type) for name in POINT])))
 )
-_ADDED = frozenset(column.name for column in COLUMNS if column.added)
 
 
-def is_ours(found: pa.Schema, schema: pa.Schema) -> bool:
-    """Tell whether a file of this version or an earlier one has the columns that were `found`."""
-    return set(schema.names) - _ADDED <= set(found.names)
-
-
-def with_all(table: pa.Table, schema: pa.Schema, columns: list[str] | None = None) -> pa.Table:
-    """Return the table with all columns (of `columns`) of the schema in its order, null where it has none of a name."""
-    wanted = [field for field in schema if columns is None or field.name in columns]
-    found = [
-        table[field.name] if field.name in table.schema.names else pa.nulls(len(table), field.type) for field in wanted
-    ]
-    return cast_table(pa.table(found, names=[field.name for field in wanted]), pa.schema(wanted))
+def in_schema(table: pa.Table, schema: pa.Schema, columns: Sequence[str] | None = None) -> pa.Table:
+    """Return the columns of the schema (or those of `columns`) in its order and of its types."""
+    wanted = pa.schema([field for field in schema if columns is None or field.name in columns])
+    return cast_table(table.select(wanted.names), wanted)
 
 
 def to_pandas(table: pa.Table) -> pd.DataFrame:

@@ -1,16 +1,13 @@
-"""The two tables of a study, ``runs.parquet`` and ``traces.parquet``: read with care, written whole.
+"""The two tables of a study, ``runs.parquet`` and ``traces.parquet``: read with care, written whole, sealed.
 
-Read is only what this store wrote for this study: our columns with their types, each run once, all of one study and of
-a version that is known, and as it was written, which its seal tells (`bench.store.tables`). Anything else is
-refused, named by row and column where a value is one that no run can have (`bench.store.damage`), and left alone. The
-tables are replaced one after the other; a kill in between leaves them unlike, which the mark that both hold tells.
+Read is only what this store wrote for this study: our columns with their types, each run once, all of one study and
+schema. Anything else is refused, named by row and column where a value is one that no run can have
+(`bench.store.damage`), and left alone. The tables are replaced one after the other; a kill in between leaves them
+unlike, which the mark that both hold tells.
 
-A sealed Parquet file: it ends with a digest of itself, so that an edit with whatever tool is noticed.
-
-The digest is of all bytes before the footer, and stands in the footer. So a table and its digest get their name in one
-rename: beside it, in a manifest say, a kill between the two would leave a table that nobody reads again. What rewrites
-a table keeps the metadata of its schema, which says that it is sealed, and leaves the digest out, or keeps it beside
-other bytes. It is a guard against accidents and careless edits, not against who forges it.
+A seal is a digest of all bytes before the footer, kept in the footer, so that an edit with whatever tool is noticed:
+what rewrites a table leaves the digest out, or keeps it beside other bytes. In a manifest beside the table, a kill
+between the two would leave a table that nobody reads again. It guards against accidents, not against who forges it.
 """
 
 from __future__ import annotations
@@ -29,10 +26,10 @@ from pyarrow.fs import LocalFileSystem
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.store.arrays import array_of, count_distinct, empty_table, unique
+from calibench.bench.store.arrays import count_distinct, empty_table, unique
 from calibench.bench.store.atomic_file import write_whole
-from calibench.bench.store.manifest import READABLE, StoreError
-from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, is_ours, with_all
+from calibench.bench.store.manifest import StoreError
+from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, in_schema
 from calibench.core.words import shortened
 
 RUNS, TRACES, HITS = "runs.parquet", "traces.parquet", "hits.parquet"
@@ -74,7 +71,7 @@ class Tables:
         """Yield the points of all traces, in the order of the runs, some hundred thousand at a time."""
         file = self.open(TRACES)
         for batch in () if file is None else file.iter_batches(batch_size=_PIECE, use_threads=False):
-            yield with_all(pa.Table.from_batches([batch]), TRACES_SCHEMA)
+            yield in_schema(pa.Table.from_batches([batch]), TRACES_SCHEMA)
 
     def complete(self) -> set[str]:
         """Return the ids of the runs whose row and trace are both there."""
@@ -82,36 +79,35 @@ class Tables:
         ids = rows["run_id"].to_pylist()
         if not ids or self.are_one_pair():
             return set(ids)
-        traced = set(self._trace_ids().to_pylist())
+        file = self.open(TRACES)
+        traced = set() if file is None else set(unique(file.read(columns=["run_id"])["run_id"]).to_pylist())
         evaluations = rows["evaluations"].to_pylist()
         return {run_id for run_id, n in zip(ids, evaluations, strict=True) if run_id in traced or not n}
 
     def are_one_pair(self) -> bool:
         """Tell whether both tables were written by the same collection, which makes them whole."""
-        marks = [self._mark(name) for name in (RUNS, TRACES)]
+        files = [self.open(name) for name in (RUNS, TRACES)]
+        marks = [None if file is None else _statements(file).get("pair") for file in files]
         return marks[0] is not None and marks[0] == marks[1]
 
     def open(self, name: str) -> pq.ParquetFile | None:
         """Return a table as a file; None where it is missing. Both tables are checked: one is not read without both."""
         files = {each: self._opened(each) for each in (RUNS, TRACES)}
-        place, state = self.folder.absolute(), self._state()
+        paths = [self.folder / each for each in (RUNS, TRACES)]
+        status = [path.stat() if path.exists() else None for path in paths]
+        # by what the two files, once they were checked, are known again
+        state = [None if one is None else (one.st_ino, one.st_size, one.st_mtime_ns) for one in status]
+        place = self.folder.absolute()
         if _CHECKED.get(place) != state:
             self._check_whole(files)
             _CHECKED[place] = state
         return files[name]
 
-    def _state(self) -> list[tuple[int, int, int] | None]:
-        """Return by what the two files, once they were checked, are known again."""
-        paths = [self.folder / name for name in (RUNS, TRACES)]
-        found = [path.stat() if path.exists() else None for path in paths]
-        return [None if one is None else (one.st_ino, one.st_size, one.st_mtime_ns) for one in found]
-
     def _check_whole(self, files: Mapping[str, pq.ParquetFile | None]) -> None:
-        """Refuse a table that is not as it was written; one of an earlier version, without a seal, if it has damage."""
+        """Refuse a table that is not as it was written."""
         there = {name: file for name, file in files.items() if file is not None}
-        sealed = [name for name, file in there.items() if _statements(file).get(SEALED)]
-        changed = [name for name in sealed if not is_whole(self.folder / name)]
-        if not changed and len(sealed) == len(there):
+        changed = [name for name in there if not is_whole(self.folder / name)]
+        if not changed:
             return
         tables = {RUNS: empty_table(RUNS_SCHEMA), TRACES: empty_table(TRACES_SCHEMA)}
         for name, file in there.items():
@@ -119,15 +115,14 @@ class Tables:
         self._check(tables[RUNS])
         from calibench.bench.store.damage import first_damage  # of no use for tables that are whole
 
-        found = first_damage(tables[RUNS], tables[TRACES], whole=bool(changed))
+        found = first_damage(tables[RUNS], tables[TRACES])
         if found is not None:
             where = f"row {found.row} (run {found.run}), column {found.column}"
             value = shortened(json.dumps(found.value, default=str))
             raise StoreError(
                 f"{self.folder / (TRACES if found.in_traces else RUNS)}: {where}: {value} {found.rule}; {_LEFT}"
             )
-        if changed:
-            raise StoreError(f"{self.folder / changed[0]}: was changed after bench wrote it; {_LEFT}")
+        raise StoreError(f"{self.folder / changed[0]}: was changed after bench wrote it; {_LEFT}")
 
     def _opened(self, name: str) -> pq.ParquetFile | None:
         path = self.folder / name
@@ -151,22 +146,12 @@ class Tables:
         self, name: str, file: pq.ParquetFile, schema: pa.Schema, columns: Sequence[str] | None = None
     ) -> pa.Table:
         try:
-            found = file.schema_arrow
-            wanted = [column for column in columns or schema.names if column in found.names]
-            return with_all(file.read(columns=wanted), schema, None if columns is None else list(columns))
+            return in_schema(file.read(columns=list(columns or schema.names)), schema, columns)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise self._unreadable(self.folder / name, error) from None
 
-    def _trace_ids(self) -> pa.Array:
-        file = self.open(TRACES)
-        return array_of([], pa.string()) if file is None else unique(file.read(columns=["run_id"])["run_id"])
-
-    def _mark(self, name: str) -> str | None:
-        file = self.open(name)
-        return None if file is None else _statements(file).get("pair")
-
     def _check_columns(self, path: Path, found: pa.Schema, schema: pa.Schema) -> None:
-        if not is_ours(found, schema):
+        if not set(schema.names) <= set(found.names):
             raise StoreError(f"{path}: has not our columns; is it from another program or version? It is left alone")
         if _KEY not in (found.metadata or {}):
             raise StoreError(
@@ -189,9 +174,9 @@ class Tables:
                 f"{path}: has rows of study {others[0]!r}, this folder is study {self.study!r}; it is left alone "
                 "(`bench merge A B --to C` joins studies)"
             )
-        versions = {version for version in unique(table["schema_version"]).to_pylist()} - set(READABLE)
+        versions = {version for version in unique(table["schema_version"]).to_pylist()} - {SCHEMA_VERSION}
         if versions:
-            raise StoreError(f"{path}: has rows of schema {versions.pop()}, this version reads {READABLE}")
+            raise StoreError(f"{path}: has rows of schema {versions.pop()}, this version reads {SCHEMA_VERSION}")
 
     def _unreadable(self, path: Path, error: Exception) -> StoreError:
         first = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -200,28 +185,28 @@ class Tables:
 
 def write_table(table: pa.Table, path: Path, pair: str | None = None) -> None:
     """Write a table whole, with where it comes from as metadata."""
-    told = metadata(pair)
+    origin = metadata(pair)
 
     def write(file: BinaryIO) -> None:
-        with sealed_writer(file, table.schema.with_metadata(told)) as out:
-            out.write_table(table.replace_schema_metadata(told))
+        with sealed_writer(file, table.schema.with_metadata(origin)) as out:
+            out.write_table(table.replace_schema_metadata(origin))
 
     write_whole(path, write)
 
 
 def metadata(pair: str | None = None) -> dict[str, str]:
     """Return the metadata of a table; tables of one collection hold the same `pair`."""
-    told: dict[str, Any] = provenance() | {"schema_version": SCHEMA_VERSION, "pair": pair, SEALED: True}
-    return {_KEY.decode(): json.dumps(told)}
+    origin: dict[str, Any] = provenance() | {"schema_version": SCHEMA_VERSION, "pair": pair}
+    return {_KEY.decode(): json.dumps(origin)}
 
 
 def _statements(file: pq.ParquetFile) -> dict[str, Any]:
-    """Return what a table of ours says of itself in its metadata; where that was damaged, that it was sealed."""
+    """Return what a table of ours says of itself in its metadata; nothing where that was damaged."""
     try:
-        told = json.loads(file.schema_arrow.metadata[_KEY])
+        origin = json.loads(file.schema_arrow.metadata[_KEY])
     except ValueError:
-        told = None
-    return told if isinstance(told, dict) else {SEALED: True}
+        origin = None
+    return origin if isinstance(origin, dict) else {}
 
 
 def _fits(found: pa.DataType, wanted: pa.DataType) -> bool:
@@ -231,7 +216,6 @@ def _fits(found: pa.DataType, wanted: pa.DataType) -> bool:
     return bool(found == wanted) or (pa.types.is_timestamp(found) and pa.types.is_timestamp(wanted))
 
 
-SEALED = "sealed"  # of the statements in the metadata of a schema: true in those of a sealed file
 _DIGEST = b"calibench_digest"
 _TAIL = 8  # bytes after the footer: its length, and Parquet's mark
 _READ = 1 << 20
@@ -247,22 +231,19 @@ def sealed_writer(file: BinaryIO, schema: pa.Schema) -> Iterator[pq.ParquetWrite
 
 
 def is_whole(path: Path) -> bool:
-    """Tell whether a file that says it is sealed is as it was written. Raises `OSError` and Arrow's exceptions."""
+    """Tell whether a file is as it was written. Raises `OSError` and Arrow's exceptions."""
     with open(path, "rb") as file:  # one file, though another gets its name meanwhile
-        told = (pq.read_metadata(file).metadata or {}).get(_DIGEST)
-        return told is not None and told == _digest_of(file).encode()
-
-
-def _digest_of(file: BinaryIO) -> str:
-    """Return the digest of a Parquet file's bytes before the footer."""
-    end = file.seek(-_TAIL, 2)
-    left = end - int.from_bytes(file.read(4), "little")
-    digest = blake2b(digest_size=16)
-    file.seek(0)
-    while left > 0 and (some := file.read(min(left, _READ))):
-        digest.update(some)
-        left -= len(some)
-    return digest.hexdigest()
+        digest = (pq.read_metadata(file).metadata or {}).get(_DIGEST)
+        if digest is None:
+            return False
+        end = file.seek(-_TAIL, 2)
+        remaining = end - int.from_bytes(file.read(4), "little")  # the bytes before the footer
+        mine = blake2b(digest_size=16)
+        file.seek(0)
+        while remaining > 0 and (some := file.read(min(remaining, _READ))):
+            mine.update(some)
+            remaining -= len(some)
+        return bool(digest == mine.hexdigest().encode())
 
 
 @final

@@ -6,7 +6,7 @@ number of workers, on any machines.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,9 +24,8 @@ from calibench.bench.sweep import costs
 from calibench.bench.sweep.execution import Execution, read_execution
 from calibench.bench.sweep.request import Request
 from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
-from calibench.bench.workers.packs import How, Job, Packs
-from calibench.bench.workers.printed import files_in
-from calibench.bench.workers.worker import Notice, do_pack
+from calibench.bench.workers.carrier import Carrier, How, Job, Packs, Serial
+from calibench.bench.workers.processes import Processes, printed_files
 from calibench.core.words import counted
 
 _SILENCE = 2.0  # seconds
@@ -72,8 +71,8 @@ def carry_out(
     """
     execution = read_execution(request.execution)
     store = ResultStore(request.folder)
-    if execution.name == "dask" and not _is_collected(request, store):
-        from calibench.bench.workers.dask.cluster import check_cluster
+    if execution.name == "dask" and not (store.is_begun and store.collected() >= request.specs.keys()):
+        from calibench.bench.workers.dask import check_cluster
 
         check_cluster(execution.address)  # checked again later; but here no folder has been made yet
     store.open()
@@ -93,7 +92,7 @@ def carry_out(
     goes_on = len([run_id for run_id in values_of(request.folder) if run_id in left])
     if goes_on:
         tell(f"{counted(goes_on, 'run')} {'goes' if goes_on == 1 else 'go'} on from the values of before the kill")
-    skipped, before = len(request.specs) - len(left), files_in(request.folder)
+    skipped, before = len(request.specs) - len(left), printed_files(request.folder)
     unfinished = 0
     with at_work(request.folder):
         for attempt in range(_ATTEMPTS):
@@ -108,10 +107,9 @@ def carry_out(
             if unfinished or not left:
                 break
             if attempt + 1 < _ATTEMPTS:
-                tell(
-                    f"{counted(len(left), 'run')} had ended, and the folder has no row of {_them(left)}: done once more"
-                )
-    printed = tuple(sorted(files_in(request.folder) - before))
+                them = "it" if len(left) == 1 else "them"
+                tell(f"{counted(len(left), 'run')} had ended, and the folder has no row of {them}: done once more")
+    printed = tuple(sorted(printed_files(request.folder) - before))
     return Outcome(tuple(request.specs), skipped, tuple(aside), stale, unfinished, printed)
 
 
@@ -129,11 +127,15 @@ def _do(
     if unbegun and CAN_FORK and execution.name != "dask":
         with told_after(_SILENCE, lambda: tell(_COMPILING)) as compiling:
             load_kernels(unbegun.values(), compiling=compiling)  # once here, and not again in every child
-    _measure_costs(unbegun, store, tell)
-    how = How(execution.inner, _replay_folder(request))
+    measured = list(costs.measured(unbegun.values(), store.manifest().get("costs", [])))
+    store.note_costs(measured)
+    tell_of_costs(measured, tell)
+    jobs = [Job(run_id, spec, request.labels[run_id]) for run_id, spec in unbegun.items()]
+    replay = None if request.replay is False else ReplayFolder(request.folder.resolve(), request.replay is True)
+    packs = Packs(jobs, execution.workers, How(execution.inner, replay))
     report(len(broken), len(left), "")
     failed = len(broken)
-    with closing(_run_all(unbegun, request.labels, store, execution, how)) as notices:
+    with closing(_carrier_of(execution, store).carry(packs)) as notices:
         for ended, notice in enumerate(notices, start=len(broken) + 1):
             label = request.labels[notice.run_id]
             report(ended, len(left), request.called.get(label, label))
@@ -141,10 +143,6 @@ def _do(
             if request.stop_after is not None and failed >= request.stop_after:
                 return len(left) - ended
     return 0
-
-
-def _them(runs: Mapping[str, Spec]) -> str:
-    return "it" if len(runs) == 1 else "them"
 
 
 def _settled(
@@ -165,22 +163,29 @@ def _settled(
     return stale
 
 
-def _measure_costs(specs: Mapping[str, Spec], store: ResultStore, tell: Callable[[str], None]) -> None:
-    """Measure what an evaluation of each problem costs, keep it in the manifest, and warn where it scatters."""
-    measured = list(costs.measured(specs.values(), store.manifest().get("costs", [])))
-    store.note_costs(measured)
-    tell_of_costs(measured, tell)
-
-
 def tell_of_costs(measured: Iterable[Mapping[str, Any]], tell: Callable[[str], None]) -> None:
     """Tell of which problems a value or a slope was found to be none; `measured` are records of `bench.sweep.costs`."""
     for record in measured:
+        problem = record["problem"]
         if costs.UNLIKE in record:
-            tell(_noisy(record["problem"], *record[costs.UNLIKE]))
+            first, second = record[costs.UNLIKE]
+            tell(
+                f"{problem}: the same point gave {first:.6g} and then {second:.6g}; say stochastic = True where that "
+                "is noise, so that all seeds run and answers are judged apart, or keep no state between calls"
+            )
         if costs.WRONG_SLOPE in record:
-            tell(_wrong_slope(record["problem"], *record[costs.WRONG_SLOPE]))
+            kind, slope, differences = record[costs.WRONG_SLOPE]
+            tell(
+                f"{problem}: its {kind} is wrong: along a line through the box it says {slope:.3g}, differences say "
+                f"{differences:.3g}; calibench.testing.check_problem names the entry"
+            )
         if costs.TWO_GOALS in record:
-            tell(_two_goals(record["problem"], *record[costs.TWO_GOALS]))
+            value, squared = record[costs.TWO_GOALS]
+            tell(
+                f"{problem}: at its start the value is {value:g} and the sum of its squared residuals {squared:g}: "
+                "methods that use residuals search and report that sum, all others the value; let the call return "
+                "r @ r"
+            )
 
 
 @contextmanager
@@ -201,37 +206,6 @@ def told_after(seconds: float, say: Callable[[], None]) -> Iterator[Callable[[],
             clock.join()
 
 
-def _two_goals(problem: str, value: float, squared: float) -> str:
-    return (
-        f"{problem}: at its start the value is {value:g} and the sum of its squared residuals {squared:g}: methods "
-        "that use residuals search and report that sum, all others the value; let the call return r @ r"
-    )
-
-
-def _wrong_slope(problem: str, kind: str, told: float, differences: float) -> str:
-    return (
-        f"{problem}: its {kind} is wrong: along a line through the box it says {told:.3g}, differences say "
-        f"{differences:.3g}; calibench.testing.check_problem names the entry"
-    )
-
-
-def _noisy(problem: str, first: float, second: float) -> str:
-    return (
-        f"{problem}: the same point gave {first:.6g} and then {second:.6g}; say stochastic = True where that is noise, "
-        "so that all seeds run and answers are judged apart, or keep no state between calls"
-    )
-
-
-def _is_collected(request: Request, store: ResultStore) -> bool:
-    """Tell whether all runs stand in the tables already, so that nobody is needed to do them."""
-    return store.is_begun and store.collected() >= request.specs.keys()
-
-
-def _replay_folder(request: Request) -> ReplayFolder | None:
-    """Return where the values of runs are kept as they go, so that a killed one goes on; None where they are not."""
-    return None if request.replay is False else ReplayFolder(request.folder.resolve(), always=request.replay is True)
-
-
 def _fail_broken(request: Request, left: Mapping[str, Spec], store: ResultStore) -> set[str]:
     """Keep the rows of runs whose problem or optimiser cannot be built at all; return their ids."""
     broken = {run_id: spec for run_id, spec in left.items() if run_id in request.broken}
@@ -245,40 +219,11 @@ def _fail_broken(request: Request, left: Mapping[str, Spec], store: ResultStore)
     return set(broken)
 
 
-def _run_all(
-    specs: Mapping[str, Spec], labels: Mapping[str, str], store: ResultStore, execution: Execution, how: How
-) -> Generator[Notice, None, None]:
-    """Yield a notice of each run as it is kept."""
-    jobs = [Job(run_id, spec, labels[run_id]) for run_id, spec in specs.items()]
-    packs = Packs(jobs, execution.workers, how)
-    if not jobs:
-        return
+def _carrier_of(execution: Execution, store: ResultStore) -> Carrier:
     if execution.name == "dask":
-        from calibench.bench.workers.dask.sweep import run_on_dask
+        from calibench.bench.workers.dask import Dask
 
-        yield from run_on_dask(packs, store.folder, store.study, execution.workers, execution.address, _lost)
-    elif CAN_FORK or execution.workers > 1:
-        from calibench.bench.workers.pool import run_in_pool
-
-        yield from run_in_pool(packs, store.folder, store.study, execution.workers, _lost)
-    else:
-        yield from _here(packs, store)
-
-
-def _here(packs: Packs, store: ResultStore) -> Iterator[Notice]:
-    """Do the runs in this process, where no other way exists."""
-    ended: list[Notice] = []
-
-    def keep(run: Run, seconds: float) -> None:
-        store.write(run)
-        ended.append(Notice(run.run_id, run.record.status, seconds))
-
-    while (pack := packs.take()) is not None:
-        do_pack(pack, keep, lambda _: None)  # it goes on here whatever lasts: there is no other process
-        yield from ended
-        ended.clear()
-
-
-def _lost(job: Job, status: str, why: str) -> Run:
-    """Return the row of a run whose worker was lost twice, on a cluster three times."""
-    return lost_run(job.spec, job.run_id, "ProcessDied", why, timed_out=status == "timeout")
+        return Dask(store.folder, store.study, execution.workers, execution.address)
+    if CAN_FORK or execution.workers > 1:
+        return Processes(store.folder, store.study, execution.workers)
+    return Serial(store.folder, store.study)

@@ -1,8 +1,6 @@
-"""Hydra's composition of conf/config.yaml with overrides, as plain containers.
+"""Hydra's composition of conf/config.yaml with the words of a command line, as plain containers.
 
-Hydra itself is loaded for what is more than plain words (`bench.sweep.words`).
-
-The words of a command line as Hydra's overrides: read by its grammar, or where they are plain, without it.
+Hydra itself, and its grammar, are loaded for what is more than plain words (`bench.sweep.words`).
 """
 
 from __future__ import annotations
@@ -265,8 +263,8 @@ def _in_quotes(text: str, kind: Any) -> str:
     if (held := inside(word, "{")) is not None:
         pairs = [pair_of(part) for part in parts_of(held)]
         named = [(unquoted(pair[0].strip()), pair[1]) for pair in pairs if pair is not None]
-        told = [f"{_as_key(name)}:{_in_quotes(value, field_type(kind, name))}" for name, value in named]
-        return text if None in pairs else f"{begin}{{{','.join(told)}}}{end}"
+        items = [f"{_as_key(name)}:{_in_quotes(value, field_type(kind, name))}" for name, value in named]
+        return text if None in pairs else f"{begin}{{{','.join(items)}}}{end}"
     return f"{begin}'{word}'{end}" if _BARE.fullmatch(word) and is_text(kind, word) else text
 
 

@@ -26,7 +26,7 @@ from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, name_of, options_of
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.priced import KINDS, key_of_costs
-from calibench.bench.workers.printed import nothing_printed
+from calibench.bench.workers.processes import nothing_printed
 from calibench.core.own_state import kept
 from calibench.problems.base import extra_of
 
@@ -95,7 +95,7 @@ def seconds_a_call(
         if names[key] not in records:
             unknown.append(spec)
     records |= {key_of_costs(record): record for record in measured(unknown)}
-    return {key: records.get(told, {}).get(KINDS[0]) for key, told in names.items()}
+    return {key: records.get(name, {}).get(KINDS[0]) for key, name in names.items()}
 
 
 def costs_of(
@@ -262,11 +262,11 @@ def _heard(ours: Receiver) -> tuple[Record | None, bool]:
     end = perf_counter() + _READY
     try:
         while ours.poll(max(0.0, end - perf_counter())):
-            told = ours.recv()
-            if told is None:
+            message = ours.recv()
+            if message is None:
                 return record, True
             end = perf_counter() + _PATIENCE if record is None else end
-            record = (record or {}) | told
+            record = (record or {}) | message
     except EOFError:  # the problem ended the child's process
         pass
     return record, False

@@ -12,8 +12,7 @@ from calibench.bench.sweep.words import RequestError, read_inner, read_workers
 from calibench.core.options import suggest
 
 _OPTIONS = {
-    "serial": ("inner",), "processes": ("n_jobs", "inner"), "joblib": ("n_jobs", "inner"),
-    "dask": ("n_jobs", "address", "inner"),
+    "serial": ("inner",), "processes": ("n_jobs", "inner"), "dask": ("n_jobs", "address", "inner"),
 }  # fmt: skip
 _BY_SHARDS = ("slurm", "ray", "kubernetes", "submitit", "pbs", "sge", "lsf", "htcondor")
 
@@ -33,7 +32,7 @@ class Execution:
 
 
 def check_name(name: str) -> str:
-    """Return the name of a back end; joblib is the earlier name of processes. Raises `RequestError` for another."""
+    """Return the name of a back end. Raises `RequestError` for another."""
     if name in _BY_SHARDS:
         raise RequestError(
             f"execution={name}: a cluster is used in two ways: shard=I/N, a part of the runs in each job of an array, "
@@ -42,7 +41,7 @@ def check_name(name: str) -> str:
         )
     if name not in _OPTIONS:
         raise RequestError(f"execution={name}: {suggest(name, _OPTIONS)}")
-    return {"joblib": "processes"}.get(name, name)
+    return name
 
 
 def check_option(name: str, option: str) -> None:
@@ -50,7 +49,7 @@ def check_option(name: str, option: str) -> None:
     if option not in _OPTIONS[name]:
         every = {each: None for options in _OPTIONS.values() for each in options}
         meant = next(iter(get_close_matches(option, every, n=1)), option)
-        who = [other for other, options in _OPTIONS.items() if meant in options and other != "joblib"]
+        who = [other for other, options in _OPTIONS.items() if meant in options]
         near = f"; did you mean execution.{meant}?" if meant != option else ""
         has = (
             f"{near or ';'} add execution={' or execution='.join(who)}, which has it"

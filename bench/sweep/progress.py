@@ -1,9 +1,8 @@
 """Progress of a sweep: a bar on a terminal and in a notebook, plain lines elsewhere; with the runs in progress.
 
 A thread reads the folder of the study every few seconds, where workers, here or elsewhere, write how far long runs are
-(`bench.execution.in_progress`).
-
-How long the remaining runs take, from the finished runs of their cell, or from the cost of a call.
+(`bench.execution.in_progress`). How long the rest takes is told from the finished runs of a cell, or the cost of a
+call.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def remarks_of(cells: Iterable[Asked]) -> tuple[str, ...]:
 
     A budget is in vain for a method that proposes nothing of its own within it, by its `Traits`.
     """
-    below: dict[str, None] = {}
+    lines: dict[str, None] = {}
     vain: dict[int, dict[str, int]] = {}
     for problem_label, problem, method_label, method, budget, target in cells:
         least = minimum_of(problem)
@@ -40,30 +40,28 @@ def remarks_of(cells: Iterable[Asked]) -> tuple[str, ...]:
             and target < least
             and not isclose(target, least, rel_tol=_ROUNDING)
         ):
-            below[f"target={target:g}: no run can reach it, {problem_label} says that its least value is {least:g}"] = (
-                None
-            )
+            line = f"target={target:g}: no run can reach it, {problem_label} says that its least value is {least:g}"
+            lines[line] = None
         traits = getattr(method, "traits", None)
         if traits is not None:
             first = traits.minimum_budget + traits.minimum_budget_per_dimension * int(np.size(problem.lower))
             if 1 < first >= budget:
                 vain.setdefault(budget, {})[method_label] = first
-    return (*below, *(_in_vain(budget, first) for budget, first in sorted(vain.items())))
-
-
-def _in_vain(budget: int, first: dict[str, int]) -> str:
-    """Return the line on methods whose first sample uses up a budget: name -> evaluations of that sample."""
-    named = listed([f"{name} ({size})" for name, size in first.items()], _NAMED)
-    return (
-        f"budget={budget}: it ends within the first sample of {named}, before "
-        f"{'they propose' if len(first) > 1 else 'it proposes'} a point of {'their' if len(first) > 1 else 'its'} own"
-    )
+    for budget, sizes in sorted(vain.items()):
+        named = listed([f"{name} ({size})" for name, size in sizes.items()], _NAMED)
+        they, their = ("they propose", "their") if len(sizes) > 1 else ("it proposes", "its")
+        line = f"budget={budget}: it ends within the first sample of {named}, before {they} a point of {their} own"
+        lines[line] = None
+    return tuple(lines)
 
 
 def remarks_on_rows(rows: Columns) -> Iterator[str]:
     """Yield a line for what was not finite in these runs, what methods tried, and what changed the process."""
     yield from _not_finite(rows)
-    yield from _tampering(rows)
+    both = zip(plain(rows["optimizer"]), plain(rows["tampering"]), strict=True)
+    for (name, tampering), count in Counter((name, tried) for name, tried in both if tried).most_common(_REASONS):
+        runs = counted(count, "run")
+        yield f"{name} tried in {runs} what no method may: {tampering}; the counts are true all the same"
     yield from _process_changes(rows)
 
 
@@ -79,9 +77,9 @@ def _not_finite(rows: Columns) -> Iterator[str]:
         for count, problem, optimizer in named:
             where[f"{optimizer} on {problem}"] += int(count or 0)
         if where.total():
-            told = [f"{count} of {name}" for name, count in where.most_common(_REASONS) if count]
-            more = f" and {len(+where) - len(told)} more" if len(+where) > len(told) else ""
-            yield f"{where.total()} {what}: {', '.join(told)}{more}"
+            names = [f"{count} of {name}" for name, count in where.most_common(_REASONS) if count]
+            more = f" and {len(+where) - len(names)} more" if len(+where) > len(names) else ""
+            yield f"{where.total()} {what}: {', '.join(names)}{more}"
 
 
 def points_outside(rows: Columns) -> str:
@@ -89,18 +87,9 @@ def points_outside(rows: Columns) -> str:
     outside = Counter[str]()
     for name, count in zip(plain(rows["optimizer"]), plain(rows["outside_evaluations"]), strict=True):
         outside[name] += int(count or 0)
-    told = [f"{count} of {name}" for name, count in outside.most_common(_REASONS) if count]
-    more = f" and those of {len(+outside) - len(told)} more" if len(+outside) > len(told) else ""
-    return f"{outside.total()} points lay outside the box or were not finite: {', '.join(told)}{more}" if told else ""
-
-
-def _tampering(rows: Columns) -> Iterator[str]:
-    """Yield what methods tried at the gate."""
-    both = zip(plain(rows["optimizer"]), plain(rows["tampering"]), strict=True)
-    for (name, tampering), count in Counter((name, tried) for name, tried in both if tried).most_common(_REASONS):
-        yield (
-            f"{name} tried in {counted(count, 'run')} what no method may: {tampering}; the counts are true all the same"
-        )
+    names = [f"{count} of {name}" for name, count in outside.most_common(_REASONS) if count]
+    more = f" and those of {len(+outside) - len(names)} more" if len(+outside) > len(names) else ""
+    return f"{outside.total()} points lay outside the box or were not finite: {', '.join(names)}{more}" if names else ""
 
 
 def _process_changes(rows: Columns) -> Iterator[str]:
@@ -111,7 +100,7 @@ def _process_changes(rows: Columns) -> Iterator[str]:
         if changes is not None and len(changes):
             changed[f"{', '.join(changes)} by {optimizer} on {problem}"] += 1
     if changed:
-        told = [name for name, _ in changed.most_common(_REASONS)]
-        more = f"; and {len(changed) - len(told)} more (column process_changes)" if len(changed) > len(told) else ""
+        names = [name for name, _ in changed.most_common(_REASONS)]
+        more = f"; and {len(changed) - len(names)} more (column process_changes)" if len(changed) > len(names) else ""
         runs = counted(changed.total(), "run")
-        yield f"{runs} changed the state of the process, which was put back: {'; '.join(told)}{more}"
+        yield f"{runs} changed the state of the process, which was put back: {'; '.join(names)}{more}"

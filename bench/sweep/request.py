@@ -1,12 +1,8 @@
 """From the command line to a list of runs: Hydra composes, the registries check; nothing runs before all is correct.
 
-Each problem and each optimiser is composed once, not once for each pair: composing takes a tenth of a second.
-
-The members of a sweep: each problem and each optimiser that is named, composed with its own options and built.
-
-A name may be a registered one, a preset of ``conf/``, a user's class, or a glob over the registry.
-
-Names of a sweep's cells on the terminal: those that tables have for their problems and methods.
+Each problem and each optimiser of a sweep is a `Member`: a registered name, a preset of ``conf/``, a user's class, or
+what a glob matches, composed with its own options and built once, not once for each pair: composing takes a tenth of a
+second. Cells are called on the terminal as tables call their problems and methods.
 """
 
 from __future__ import annotations
@@ -187,10 +183,23 @@ def _request_of(study: str, sweeps: list[list[Any]], once: list[Any]) -> Request
     labels = {spec_id: labels[spec_id] for spec_id in specs}
     execution = settings["execution"]
     return Request(
-        specs, labels, folder, execution, codes, files, left_out, stop_after, replay, broken, called(cells),
-        remarks_of(asked), tuple(copies(cells.values())), max(_seeds_asked(sweep) for sweep in sweeps), other_shards,
-        {label: cell.budget for label, cell in cells.items()},
-    )  # fmt: skip
+        specs=specs,
+        labels=labels,
+        folder=folder,
+        execution=execution,
+        codes=codes,
+        files=files,
+        left_out=left_out,
+        stop_after=stop_after,
+        replay=replay,
+        broken=broken,
+        called=called(cells),
+        remarks=remarks_of(asked),
+        copies=tuple(copies(cells.values())),
+        seeds=max(_seeds_asked(sweep) for sweep in sweeps),
+        other_shards=other_shards,
+        budgets={label: cell.budget for label, cell in cells.items()},
+    )
 
 
 def _sweeps(arguments: Sequence[str], multirun: bool) -> tuple[str, list[list[Any]], list[Any]]:
@@ -212,7 +221,10 @@ def _sweeps(arguments: Sequence[str], multirun: bool) -> tuple[str, list[list[An
             [*(o for o in parse([*_besides(shared, sweep), *sweep]) if o.key_or_group not in given), *overrides]
             for sweep in preset["sweeps"]
         ]
-    once = _of_all(sweeps)
+    of_all = [{o.input_line: o for o in sweep if o.key_or_group.partition(".")[0] in ONCE} for sweep in sweeps]
+    for line in (line for words in of_all for line in words if any(line not in others for others in of_all)):
+        raise RequestError(f"{line}: stands in one sweep and is for all of the study; write it beside sweeps:")
+    once = list(of_all[0].values())
     for o in once:
         if o.is_sweep_override():
             raise RequestError(f"{o.input_line}: one value is needed, it is the same for all runs")
@@ -223,14 +235,6 @@ def _besides(shared: Mapping[str, Any], sweep: Sequence[str]) -> list[str]:
     """Return what the sweeps of a study share as words, without those that a sweep says itself."""
     own = {word.partition("=")[0] for word in sweep}
     return [f"{key}={value}" for key, value in shared.items() if key not in own]
-
-
-def _of_all(sweeps: Sequence[Sequence[Any]]) -> list[Any]:
-    """Return the words that are one for all runs. Raises `RequestError` where not all sweeps of a study have them."""
-    found = [{o.input_line: o for o in sweep if o.key_or_group.partition(".")[0] in ONCE} for sweep in sweeps]
-    for line in (line for words in found for line in words if any(line not in others for others in found)):
-        raise RequestError(f"{line}: stands in one sweep and is for all of the study; write it beside sweeps:")
-    return list(found[0].values())
 
 
 def _seeds_asked(overrides: Sequence[Any]) -> int:
@@ -254,11 +258,11 @@ def _left_out(skipped: _Skipped) -> tuple[str, ...]:
     every, lacking = set(skipped), dict[str, list[str]]()
     for problem, needed in skipped.items():
         for needs, names in needed.items():
-            told = f"{_methods(names)} {'needs' if len(names) == 1 else 'need'} {needs}"
-            lacking.setdefault(told, []).append(problem)
+            lack = f"{_methods(names)} {'needs' if len(names) == 1 else 'need'} {needs}"
+            lacking.setdefault(lack, []).append(problem)
     return tuple(
-        f"{told}: skipped" if set(where) == every else f"{told}: skipped on {', '.join(where)}"
-        for told, where in lacking.items()
+        f"{lack}: skipped" if set(where) == every else f"{lack}: skipped on {', '.join(where)}"
+        for lack, where in lacking.items()
     )
 
 
@@ -293,7 +297,11 @@ def _expand(
                 names += [optimizer.name] if optimizer.name not in names else []
                 continue
             skipped.setdefault(problem.label, {})
-            _check_cell(problem, optimizer, budget, target)
+            try:
+                check_request(problem.built, optimizer.built, budget, 0, target)
+            except ValueError as error:
+                given = [member.asked for member in (problem, optimizer) if member.options]
+                raise RequestError(f"{error} ({'; '.join(given)})" if given else str(error)) from error
             chosen = preferred_start(problem.built, start)
             label = _label(problem, optimizer, budget, chosen, target)
             repetitions = repetitions_of(optimizer.built, chosen, wanted, is_stochastic(problem.built))
@@ -301,20 +309,17 @@ def _expand(
             check_runs(planned)
             for repetition in repetitions:
                 spec = Spec(
-                    problem.place, problem.options, optimizer.place, optimizer.options,
-                    budget, repetition, chosen, target,
-                )  # fmt: skip
+                    problem=problem.place,
+                    problem_options=problem.options,
+                    optimizer=optimizer.place,
+                    optimizer_options=optimizer.options,
+                    budget=budget,
+                    repetition=repetition,
+                    start=chosen,
+                    target=target,
+                )
                 known = run_id(problem.key, optimizer.key, budget, repetition, chosen, target)
                 yield known, spec, label, (problem, optimizer)
-
-
-def _check_cell(problem: Member, optimizer: Member, budget: int, target: float | None) -> None:
-    """Raise `ValueError` where a method cannot be run on a problem, with the options that were given."""
-    try:
-        check_request(problem.built, optimizer.built, budget, 0, target)
-    except ValueError as error:
-        given = [member.asked for member in (problem, optimizer) if member.options]
-        raise RequestError(f"{error} ({'; '.join(given)})" if given else str(error)) from error
 
 
 def _label(problem: Member, optimizer: Member, budget: int, start: Start, target: float | None) -> str:
@@ -335,7 +340,14 @@ def _broken_cell(
     label = _label(problem, optimizer, budget, chosen, target)
     for repetition in read_seeds(settings["seeds"]):
         spec = Spec(
-            problem.place, problem.options, optimizer.place, optimizer.options, budget, repetition, chosen, target
+            problem=problem.place,
+            problem_options=problem.options,
+            optimizer=optimizer.place,
+            optimizer_options=optimizer.options,
+            budget=budget,
+            repetition=repetition,
+            start=chosen,
+            target=target,
         )
         known = run_id(problem.key, optimizer.key, budget, repetition, chosen, target)
         yield known, spec, label, (problem, optimizer)
@@ -398,8 +410,8 @@ class Member:
     @property
     def label(self) -> str:
         options = sorted(self.key[1].items())
-        told = [f"{key}={value if isinstance(value, str) else dumps(value)}" for key, value in options]
-        return f"{self.name} ({', '.join(told)})" if told else self.name
+        texts = [f"{key}={value if isinstance(value, str) else dumps(value)}" for key, value in options]
+        return f"{self.name} ({', '.join(texts)})" if texts else self.name
 
 
 def members_of(kind: str, overrides: list[Any]) -> list[Member]:
@@ -410,7 +422,16 @@ def members_of(kind: str, overrides: list[Any]) -> list[Member]:
     globbed = dict(named[::-1])  # the first of a name that comes twice counts
     choices = list(dict.fromkeys(name for name, _ in named)) if any(globbed.values()) else [name for name, _ in named]
     if not choices:
-        raise RequestError(_nothing_named(kind, overrides))
+        # the message for a request without a problem or an optimiser; a study that is not one may be why
+        study = last_value(overrides, "study", "")
+        file = near_study(study) if study else ""
+        near = f"did you mean study={file}?" if file else suggest(study, study_names())
+        prepared = f" (study={study} is not a prepared one; {near})" if study else ""
+        names = _group(kind)
+        raise RequestError(
+            f"{kind}=NAME is missing{prepared}, such as {', '.join(names[:_SHOWN])}; `bench list {kind}s` lists all "
+            f"{len(names)}, and FILE.py:CLASS is yours"
+        )
     classes = _class_names(choices)
     known = {*choices, *classes.values()}
     addressed = [o.key_or_group.partition(".")[2] for o in overrides if o.key_or_group.startswith(f"{own}.")]
@@ -440,19 +461,6 @@ def members_of(kind: str, overrides: list[Any]) -> list[Member]:
     return members
 
 
-def _nothing_named(kind: str, overrides: list[Any]) -> str:
-    """Return the message for a request without a problem or an optimiser; a study that is not one may be why."""
-    study = last_value(overrides, "study", "")
-    file = near_study(study) if study else ""
-    near = f"did you mean study={file}?" if file else suggest(study, study_names())
-    prepared = f" (study={study} is not a prepared one; {near})" if study else ""
-    names = _group(kind)
-    some = (
-        f"such as {', '.join(names[:_SHOWN])}; `bench list {kind}s` lists all {len(names)}, and FILE.py:CLASS is yours"
-    )
-    return f"{kind}=NAME is missing{prepared}, {some}"
-
-
 def _chosen_options(
     kind: str, choice: str, name: str, composed: Mapping[str, Any], asked: set[str], written: Mapping[str, str]
 ) -> dict[str, Any]:
@@ -467,8 +475,8 @@ def _chosen_options(
     if missing:
         ways = " ".join(f"{kind}.{k}=..." for k in missing)
         way = _way(kind, name)
-        told = way if way and kind == "optimizer" else f" (no default); add {ways}{way}"
-        raise RequestError(f"{choice} needs {', '.join(missing)}{told}")
+        remedy = way if way and kind == "optimizer" else f" (no default); add {ways}{way}"
+        raise RequestError(f"{choice} needs {', '.join(missing)}{remedy}")
     for option in asked:
         untyped = declared[option].type is Any and isinstance(declared[option].default, bool)
         if untyped and str(composed[option]).lower() in _YES_OR_NO:
@@ -488,7 +496,7 @@ def _chosen_options(
 def _member(kind: str, name: str, chosen: dict[str, Any], globbed: bool) -> Member:
     """Return a problem or an optimiser, built, with its key; or the one that could not be built, with the reason."""
     registry = registry_of(kind)
-    told = registry.told_name(name)
+    row_name = registry.told_name(name)
     lost = probe(registry, name, chosen)
     if lost is not None:
         return _unbuilt(kind, name, chosen, globbed, lost)
@@ -496,15 +504,15 @@ def _member(kind: str, name: str, chosen: dict[str, Any], globbed: bool) -> Memb
         place = registry.place(name)  # found in any working folder
         with kept(*foreign_modules(registry, place)):
             built = registry.make(place, **chosen)
-        key = key_of_problem(built, told) if kind == "problem" else key_of_optimizer(built, told)
+        key = key_of_problem(built, row_name) if kind == "problem" else key_of_optimizer(built, row_name)
     except ValueError:
         raise
     except (Exception, SystemExit) as error:
         way = _way(kind, name)
         given = ", ".join(f"{option}={shown(value)}" for option, value in chosen.items())
-        told = f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}{way}"
-        raise RequestError(f"{told}{given and f' (it was given {given})'}") from error
-    return Member(told, registry.place(name), chosen, built, key, globbed)
+        message = f"{kind} {name} cannot be built: {type(error).__name__}: {text_of(error)}{way}"
+        raise RequestError(f"{message}{given and f' (it was given {given})'}") from error
+    return Member(row_name, registry.place(name), chosen, built, key, globbed)
 
 
 def _way(kind: str, name: str) -> str:
@@ -543,10 +551,10 @@ def _class_names(choices: Sequence[str]) -> dict[str, str]:
 def _unbuilt(kind: str, name: str, options: Mapping[str, Any], globbed: bool, why: Lost) -> Member:
     """Return the member whose class cannot be built, with the name that it would have; `built` is the class."""
     registry = registry_of(kind)
-    told = registry.told_name(name)
-    key: list[Any] = [told, chosen_options(registry, told, options_as_asked(registry, name, options))]
+    row_name = registry.told_name(name)
+    key: list[Any] = [row_name, chosen_options(registry, row_name, options_as_asked(registry, name, options))]
     key += [""] if kind == "problem" else []
-    return Member(told, registry.place(name), options, registry.factory(name), key, globbed, why)
+    return Member(row_name, registry.place(name), options, registry.factory(name), key, globbed, why)
 
 
 def _choices(kind: str, override: Any) -> list[tuple[str, bool]]:
@@ -615,12 +623,17 @@ def called(cells: Mapping[str, Cell]) -> dict[str, str]:
     A start, a budget and a target are told where the sweep has several.
     """
     settings = {name: [getattr(cell, name) for cell in cells.values()] for name in SETTING}
-    told = several(settings)
-    problems_of, methods_of = _problems(cells.values()), _method_names(cells.values())
+    swept = several(settings)
+    problems_of = [_problem(cell) for cell in cells.values()]
+    methods_of = [(str(cell.optimizer[0]), canonical(cell.optimizer[1])) for cell in cells.values()]
+    few = len({(name, options) for name, options, _ in problems_of}) <= _BESIDE
+    titles = titles_of_problems(problems_of) if few else [problem_name(name, given) for name, given, _ in problems_of]
+    few = len(set(methods_of)) <= _BESIDE
+    methods = names_of_methods(methods_of) if few else [method_name(*pair) for pair in methods_of]
     names = {}
-    for label, problem, method, *values in zip(cells, problems_of, methods_of, *settings.values(), strict=True):
+    for label, problem, method, *values in zip(cells, titles, methods, *settings.values(), strict=True):
         of_cell = dict(zip(SETTING, values, strict=True))
-        names[label] = ", ".join([f"{method} on {problem}", *(setting_text(name, of_cell[name]) for name in told)])
+        names[label] = ", ".join([f"{method} on {problem}", *(setting_text(name, of_cell[name]) for name in swept)])
     count = Counter(names.values())
     return {label: name if count[name] == 1 else label for label, name in names.items()}
 
@@ -628,20 +641,6 @@ def called(cells: Mapping[str, Cell]) -> dict[str, str]:
 def _problem(cell: Cell) -> tuple[str, str, str]:
     name, options, *data = cell.problem
     return name, canonical(options), str(data[0]) if data else ""
-
-
-def _problems(cells: Iterable[Cell]) -> list[str]:
-    named = [_problem(cell) for cell in cells]
-    if len({(name, options) for name, options, _ in named}) <= _BESIDE:
-        return titles_of_problems(named)
-    return [problem_name(name, options) for name, options, _ in named]
-
-
-def _method_names(cells: Iterable[Cell]) -> list[str]:
-    named = [(str(cell.optimizer[0]), canonical(cell.optimizer[1])) for cell in cells]
-    if len(set(named)) <= _BESIDE:
-        return names_of_methods(named)
-    return [method_name(*pair) for pair in named]
 
 
 def copies(cells: Iterable[Cell]) -> list[str]:

@@ -1,6 +1,6 @@
 """Finished runs that another version of the code made: a resume finds and counts them before anything runs.
 
-Rows without ``code_digest``, from before that column existed, cannot be judged: they are kept, and the user is told.
+Rows without a ``code_digest``, as of a run whose code could not be read, cannot be judged: they are kept and named.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, final
+from typing import Literal, final
 
 from calibench.bench.provenance.code_digest import changed_parts
 from calibench.bench.store.runs import ResultStore
@@ -41,11 +41,8 @@ class Stale:
         """Return a line on the rows without a digest; '' where there are none."""
         if not self.unknown:
             return ""
-        one = len(self.unknown) == 1
-        return (
-            f"{len(self.unknown)} of {counted(self.finished, 'finished run')} {'is' if one else 'are'} older than the "
-            f"column code_digest: which code made {'it' if one else 'them'} is not known"
-        )
+        those = f"{len(self.unknown)} of {counted(self.finished, 'finished run')}"
+        return f"{those} {'has' if len(self.unknown) == 1 else 'have'} no code_digest: what made them is not known"
 
 
 def find_stale(request: Request, store: ResultStore, but: Collection[str] = ()) -> Stale:
@@ -59,14 +56,23 @@ def find_stale(request: Request, store: ResultStore, but: Collection[str] = ()) 
         run_id, before = str(row["run_id"]), row["code_digest"]
         known = isinstance(before, str) and before != ""
         parts = changed_parts(str(before), request.codes[run_id]) if known else []
-        what = tuple(dict.fromkeys([*_whose(parts, row), *(moved[n] for n in _names(row) if n in moved)]))
+        problem, optimizer = str(row["problem"]), str(row["optimizer"])
+        library = f"{row['library']} {row['library_version']}" if row["library_version"] else ""
+        words = {
+            "problem": f"problem {problem}",
+            "optimizer": f"optimizer {optimizer}" + (f" (the runs were made with {library})" if library else ""),
+            "gate": "calibench's evaluator",
+            "files": f"problem {problem}, whose file of data was another (where it writes it: a str)",
+        }
+        named = [words[part] for part in parts]
+        what = tuple(dict.fromkeys([*named, *(moved[name] for name in (problem, optimizer) if name in moved)]))
         if what:
             other.add(run_id)
             counts.update([what])
         elif not known:
             unknown.add(run_id)
-    told = tuple(f"{n} of {' and of '.join(what)}" for what, n in counts.items())
-    return Stale(frozenset(other), frozenset(unknown), len(mine), told)
+    what = tuple(f"{n} of {' and of '.join(what)}" for what, n in counts.items())
+    return Stale(frozenset(other), frozenset(unknown), len(mine), what)
 
 
 def settle(stale: Stale, way: Way) -> set[str]:
@@ -74,25 +80,6 @@ def settle(stale: Stale, way: Way) -> set[str]:
     if way == "ask" and stale.other:
         raise RequestError(f"{stale.told()}; --rerun does them again, --keep goes on with them; nothing was run")
     return {*stale.other, *stale.unknown} if way == "rerun" else set()
-
-
-def _whose(parts: list[str], row: dict[Any, Any]) -> list[str]:
-    words = {
-        "problem": f"problem {row['problem']}",
-        "optimizer": f"optimizer {row['optimizer']}" + _version(row),
-        "gate": "calibench's evaluator",
-        "files": f"problem {row['problem']}, whose file of data was another (where it writes it: a str)",
-    }
-    return [words[part] for part in parts]
-
-
-def _version(row: dict[Any, Any]) -> str:
-    version = row["library_version"]
-    return f" (the runs were made with {row['library']} {version})" if isinstance(version, str) and version else ""
-
-
-def _names(row: dict[Any, Any]) -> tuple[str, str]:
-    return str(row["problem"]), str(row["optimizer"])
 
 
 def _moved(request: Request, store: ResultStore) -> dict[str, str]:

@@ -30,7 +30,9 @@ def study_preset(name: str) -> dict[str, Any] | None:
     near = difflib.get_close_matches("sweeps", preset, n=1) if sweeps is None else []
     if near:
         raise RequestError(f"study={name}: {near[0]}: did you mean sweeps?")
-    if not isinstance(sweeps, list) or not sweeps or not all(_is_words(sweep) for sweep in sweeps):
+    listed: list[Any] = sweeps if isinstance(sweeps, list) else []
+    words = [word for sweep in listed for word in (sweep if isinstance(sweep, list) else [None])]
+    if not listed or not all(isinstance(word, str) and "=" in word for word in words):
         raise RequestError(
             f"study={name}: sweeps: a list of lists of words KEY=VALUE is needed, such as - [problem=full12, "
             'optimizer=de]; a word with a comma stands in quotes: "optimizer=lm,de"'
@@ -38,7 +40,11 @@ def study_preset(name: str) -> dict[str, Any] | None:
     found = dict(preset)
     if is_study_file(name) and path.parent != Path():
         found |= {key: _beside(path.parent, found[key]) for key in _CLASSES & {*found}}
-        found["sweeps"] = [[_word_beside(path.parent, word) for word in sweep] for sweep in sweeps]
+        parted = [[word.partition("=") for word in sweep] for sweep in listed]
+        found["sweeps"] = [
+            [f"{key}={_beside(path.parent, value) if key in _CLASSES else value}" for key, _, value in sweep]
+            for sweep in parted
+        ]
     return found
 
 
@@ -47,11 +53,6 @@ def near_study(name: str) -> str:
     files = {path.name: path for path in sorted(Path().glob("*.y*ml"))}
     near = difflib.get_close_matches(name, [*files, *(path.stem for path in files.values())], n=1)
     return next((file for file, path in files.items() if near and near[0] in (file, path.stem)), "")
-
-
-def _near_file(path: Path) -> str:
-    near = difflib.get_close_matches(path.name, [p.name for p in sorted(path.parent.glob("*.y*ml")) if p.exists()], n=1)
-    return f"; did you mean {path.with_name(near[0])}?" if near else ""
 
 
 def _read(name: str, path: Path) -> dict[str, Any]:
@@ -63,16 +64,15 @@ def _read(name: str, path: Path) -> dict[str, Any]:
         check_yaml(text)
         root = compose(text, BaseLoader)
     except FileNotFoundError:
-        raise RequestError(f"study={name}: there is no file {path}{_near_file(path)}") from None
+        files = [file.name for file in sorted(path.parent.glob("*.y*ml")) if file.exists()]
+        near = difflib.get_close_matches(path.name, files, n=1)
+        hint = f"; did you mean {path.with_name(near[0])}?" if near else ""
+        raise RequestError(f"study={name}: there is no file {path}{hint}") from None
     except (OSError, ValueError, YAMLError) as error:
         raise RequestError(f"study={name}: cannot be read: {' '.join(str(error).split())}") from None
     if root is None or root.id != "mapping":
         return {}
-    return _top(name, root)
-
-
-def _top(name: str, root: Any) -> dict[str, Any]:
-    """Return what stands under each key of a study: a word, and under sweeps and description as it is."""
+    # what stands under each key of a study: a word, and under sweeps and description as it is
     found: dict[str, Any] = {}
     for key, node in root.value:
         if key.id != "scalar" or key.value in found:
@@ -122,11 +122,6 @@ _FILE = re.compile(r"(?<![\w./~-])[\w.-][\w ./+-]*\.py(?=:)")  # relative, in a 
 _WRITABLE = re.compile(r"[\w ./+-]+")  # what Hydra takes without quotes, and inside them
 
 
-def _word_beside(home: Path, word: str) -> str:
-    key, _, value = word.partition("=")
-    return f"{key}={_beside(home, value)}" if key in _CLASSES else word
-
-
 def _beside(home: Path, value: Any) -> Any:
     """Return the choice `value` with paths from the working folder for class files that stand in `home`."""
 
@@ -145,7 +140,3 @@ def is_study_file(name: str) -> bool:
 def study_names() -> list[str]:
     """Return the names of the prepared studies."""
     return sorted(path.stem for path in (CONF / "study").glob("*.yaml"))
-
-
-def _is_words(sweep: Any) -> bool:
-    return isinstance(sweep, list) and all(isinstance(word, str) and "=" in word for word in sweep)

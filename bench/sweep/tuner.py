@@ -1,19 +1,14 @@
 """A sweep whose next setting is proposed from the scores of those before: Optuna over the options of one optimiser.
 
-The words of a tuned sweep: ``tuner=optuna tuner.trials=20``, and Hydra's words for what an option may be.
-
 ``interval(0.3,0.9)`` is any number between, ``int(interval(10,200))`` any whole one, ``tag(log,int(interval(10,200)))``
 likewise on a logarithmic scale; ``range(10,200,10)`` and ``a,b,c`` are values to choose from.
-
-Trials, one after the other: Optuna proposes a setting, its runs are an ordinary sweep, their score is told back.
 
 A trial is one setting on all cells of the command, by the same gate, store and run ids as any sweep. So nothing is kept
 of the search but its rows: the same command asks the same proposals of the same seed again, finds the runs of the
 finished trials done, tells their scores and goes on. For that a score depends on the runs of its trial alone, in an
 order that does not depend on when they were collected; and a trial without one (a run without an answer, or nobody at
-the goal) is told as one decade worse than the worst before it, or as failed where there was none.
-
-The default setting is run first, as it is what choosing must beat.
+the goal) counts as one decade worse than the worst before it, or as failed where there was none. The default setting is
+run first, as it is what choosing must beat.
 """
 
 from __future__ import annotations
@@ -23,21 +18,20 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import combinations
-from typing import Any, Literal, cast, final, get_args
+from typing import Annotated, Any, Literal, final, get_args
 
 from calibench.bench.statistics.choosing import NEEDED, By, default_of, score_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import Outcome
 from calibench.bench.sweep.composition import as_annotated, last_value, parse, values_of
 from calibench.bench.sweep.request import Request, read_request
-from calibench.bench.sweep.words import PlainOverride, RequestError
-from calibench.core.options import LARGEST_WHOLE, suggest, unquoted
+from calibench.bench.sweep.words import PlainOverride, RequestError, Word, read
+from calibench.core.options import LARGEST_WHOLE, unquoted
 from calibench.core.seeds import seed_sequence
 from calibench.optimizers import registry
 
 Sampler = Literal["tpe", "random", "cmaes"]
 MOST_TRIALS = 10_000
-_WORDS = {"tuner": "optuna", "tuner.trials": "20", "tuner.sampler": "tpe", "tuner.seed": "0", "tuner.by": "value"}
 _WHOLE_SWEEP = ("shard", "stop_after")  # a trial is judged by all its runs
 
 
@@ -73,6 +67,18 @@ class Dimension:
 
 @final
 @dataclass(frozen=True)
+class TunerWords:
+    """The words that say how options are proposed."""
+
+    tuner: Annotated[str, Word("tuner", "optuna", "Optuna proposes values for options")] = ""
+    trials: Annotated[int, Word("tuner.trials", "N", "how many settings are tried", least=1, most=MOST_TRIALS)] = 20
+    sampler: Annotated[Sampler, Word("tuner.sampler", "tpe|random|cmaes", "how the next one is chosen")] = "tpe"
+    seed: Annotated[int, Word("tuner.seed", "N", "of the sampler", least=0, most=LARGEST_WHOLE)] = 0
+    by: Annotated[By, Word("tuner.by", "value|goal", "what is best")] = "value"
+
+
+@final
+@dataclass(frozen=True)
 class Tuning:
     """What was asked for: the words of every trial, the options that vary, and how they are proposed."""
 
@@ -91,7 +97,12 @@ class Tuning:
 
 def read_tuning(words: Sequence[str]) -> Tuning:
     """Return what `words` ask for. Raises `RequestError`."""
-    given, rest = _tuner_words(words)
+    ours = [text for text in words if text.partition("=")[0].partition(".")[0] == "tuner"]
+    rest = [text for text in words if text not in ours]
+    given = read(TunerWords, "run", ours)
+    if given.tuner != "optuna":
+        way = f"; write tuner=optuna tuner.sampler={given.tuner}" if given.tuner in get_args(Sampler) else ""
+        raise RequestError(f"tuner={given.tuner}: tuner=optuna is needed{way}")
     overrides = parse(rest)
     for o in overrides:
         if o.key_or_group in _WHOLE_SWEEP:
@@ -109,51 +120,17 @@ def read_tuning(words: Sequence[str]) -> Tuning:
         if one.option == other.option:
             raise RequestError(f"{one.word} and {other.word} are one option; give it once")
     words_left = tuple(text for text, o in zip(rest, overrides, strict=True) if o not in varied)
-    sampler = given.get("tuner.sampler", "tpe")
-    if sampler not in get_args(Sampler):
-        raise RequestError(f"tuner.sampler={sampler}: {suggest(sampler, get_args(Sampler))}")
-    if sampler == "cmaes" and sum(not d.choices for d in space) < 2:
+    if given.sampler == "cmaes" and sum(not d.choices for d in space) < 2:
         raise RequestError("tuner.sampler=cmaes: needs two options that are intervals, or tuner.sampler=tpe")
-    by = given.get("tuner.by", "value")
-    if by not in get_args(By):
-        raise RequestError(f"tuner.by={by}: {suggest(by, get_args(By))}")
     return Tuning(
         words=words_left,
         space=space,
         optimizer=optimizer,
-        trials=_number(given, "tuner.trials", 1, MOST_TRIALS),
-        sampler=cast(Sampler, sampler),
-        seed=_number(given, "tuner.seed", 0, LARGEST_WHOLE),
-        by=cast(By, by),
+        trials=given.trials,
+        sampler=given.sampler,
+        seed=given.seed,
+        by=given.by,
     )
-
-
-def _tuner_words(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
-    given: dict[str, str] = {}
-    rest = []
-    for word in words:
-        key, _, value = word.partition("=")
-        if key.partition(".")[0] != "tuner":
-            rest.append(word)
-            continue
-        if key not in _WORDS:
-            raise RequestError(f"unknown argument {key!r}; {suggest(key, _WORDS)}")
-        if key in given:
-            raise RequestError(f"{key} is given twice ({given[key]} and {value}); give it once")
-        given[key] = value
-    if given.get("tuner") != "optuna":
-        asked = given.get("tuner", "")
-        way = f"; write tuner=optuna tuner.sampler={asked}" if asked in get_args(Sampler) else ""
-        raise RequestError(f"tuner={asked}: tuner=optuna is needed{way}")
-    return given, rest
-
-
-def _number(given: Mapping[str, str], key: str, least: int, most: int) -> int:
-    text = given.get(key, _WORDS[key])
-    value = int(text) if text.isascii() and text.isdigit() and len(text) < 20 else -1
-    if not least <= value <= most:
-        raise RequestError(f"{key}={text:.40}: a whole number from {least} to {most} is needed")
-    return value
 
 
 def _option(key: str, optimizer: str) -> str:
@@ -172,14 +149,19 @@ def _dimension(override: Any, optimizer: str) -> Dimension:
 
     word = override.key_or_group
     option = _option(word, optimizer)
-    default = _default(optimizer, option)
+    try:
+        default = default_of(optimizer, option)
+    except ValueError:  # a preset, or a class by its path: read_request says what is wrong with it
+        default = None
     value = None if isinstance(override, PlainOverride) else override.value()
     if not isinstance(value, IntervalSweep):
         choices = tuple(dict.fromkeys(values_of(as_annotated(override, _kind(optimizer, option)))))
         if not choices:
             raise RequestError(f"{override.input_line}: holds no value")
         own = next((text for text in choices if _same(text, default)), None)
-        return Dimension(word, option, 0.0, 0.0, False, False, choices, own)
+        return Dimension(
+            word=word, option=option, low=0.0, high=0.0, whole=False, log=False, choices=choices, default=own
+        )
     low, high = value.start, value.end
     if low is None or high is None:
         raise RequestError(f"{override.input_line}: interval(LOW,HIGH) with finite LOW < HIGH is needed")
@@ -192,7 +174,7 @@ def _dimension(override: Any, optimizer: str) -> Dimension:
         raise RequestError(f"{override.input_line}: a logarithmic scale needs LOW above 0")
     inside = isinstance(default, int | float) and not isinstance(default, bool) and low <= default <= high
     own = (int(default) if whole else float(default)) if inside else None
-    return Dimension(word, option, low, high, whole, log, (), own)
+    return Dimension(word=word, option=option, low=low, high=high, whole=whole, log=log, choices=(), default=own)
 
 
 def _kind(optimizer: str, option: str) -> Any:
@@ -201,13 +183,6 @@ def _kind(optimizer: str, option: str) -> Any:
         return registry.option(optimizer, option).annotation
     except ValueError:  # a preset, or a class by its path: read_request says what is wrong with it
         return Any
-
-
-def _default(optimizer: str, option: str) -> Any:
-    try:
-        return default_of(optimizer, option)
-    except ValueError:  # a preset, or a class by its path: read_request says what is wrong with it
-        return None
 
 
 def _same(text: str, default: Any) -> bool:
@@ -266,24 +241,20 @@ def trials(tuning: Tuning, carry: CarryOut) -> Iterator[Trial]:
         values = dict(asked.params) if asked is not None else {}
         request = read_request(tuning.words_of(values), multirun=True)
         outcome = carry(request, number)
-        score = _score(request, tuning)
+        runs = ResultStore(request.folder).runs(NEEDED)
+        mine = runs[runs["run_id"].isin(request.specs)].sort_values("run_id")
+        score = score_of(mine, tuning.by) if len(mine) == len(request.specs) else math.nan
         if math.isfinite(score):
             worst = max(worst, score)
-        told = score if math.isfinite(score) else worst + 1.0
-        if asked is not None and not math.isfinite(told):
+        value = score if math.isfinite(score) else worst + 1.0
+        if asked is not None and not math.isfinite(value):
             study.tell(asked, state=optuna.trial.TrialState.FAIL)
         elif asked is not None:
-            study.tell(asked, told)
-        elif math.isfinite(told) and all(d.default is not None for d in tuning.space):
+            study.tell(asked, value)
+        elif math.isfinite(value) and all(d.default is not None for d in tuning.space):
             default = {d.option: d.default for d in tuning.space}
-            study.add_trial(optuna.trial.create_trial(params=default, distributions=distributions, value=told))
+            study.add_trial(optuna.trial.create_trial(params=default, distributions=distributions, value=value))
         yield Trial(number, values, request, outcome, score)
-
-
-def _score(request: Request, tuning: Tuning) -> float:
-    runs = ResultStore(request.folder).runs(NEEDED)
-    mine = runs[runs["run_id"].isin(request.specs)].sort_values("run_id")
-    return score_of(mine, tuning.by) if len(mine) == len(request.specs) else math.nan
 
 
 def _sampler(tuning: Tuning) -> Any:

@@ -1,26 +1,24 @@
-"""The words of a command line: read, composed with conf/, and turned into values or refused.
+"""The words of a command line, turned into values or refused in one line.
 
-What budget=, seeds=, start=, target= and time_limit= may be: a value is read or refused.
-
-KEY=VALUE words of a verb that Hydra does not compose, each once; `core.options` reads what they say.
-
-Overrides of plain words and numbers, read and composed without Hydra.
-
-Hydra is loaded for what needs its grammar: lists, globs, quotes, presets. ``problem=full12 budget=100`` does not, and
-composing it by Hydra costs as much processor time as a small run. What is read here is a part of Hydra's grammar on
-which there is nothing to decide, and whatever lies outside is left to Hydra. A test holds both to the same result.
+First what budget=, seeds=, start=, target= and the other words of a sweep may be. Then the words of a verb that Hydra
+does not compose: its request is a dataclass that declares a `Word` for each field, `read` makes it and `help_of` its
+help. Last, overrides of plain words and numbers, read and composed without Hydra, which is loaded for what needs its
+grammar: lists, globs, quotes, presets. ``problem=full12 budget=100`` does not, and composing it by Hydra costs as much
+processor time as a small run. A test holds both to the same result.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, final
+from dataclasses import MISSING, dataclass, fields
+from typing import Any, Literal, TypeVar, final, get_args, get_origin, get_type_hints
 
 from calibench.bench.execution.request import LONGEST_TIME, MOST_EVALUATIONS, Start
-from calibench.core.options import LARGEST_WHOLE, coerce, shown, suggest
+from calibench.core.options import LARGEST_WHOLE, coerce, read_option, shown, suggest
 
+T = TypeVar("T")
 MOST_RUNS = 1_000_000  # of one command: planning them takes .6 GB and a minute
 MOST_WORKERS = 1024  # processes on one machine: each has its own Python
 LONGEST_NAME = 200  # bytes: file systems take 255, and files beside a folder add to its name
@@ -190,6 +188,67 @@ def read_pairs(verb: str, words: Iterable[str], known: Mapping[str, str]) -> dic
             raise ValueError(f"{verb}: {key} is given twice ({given[key]} and {value}); give it once")
         given[key] = value
     return given
+
+
+@final
+@dataclass(frozen=True)
+class Word:
+    """Metadata of a field of a request: the word ``key=example``, what it means, and the bounds of a number."""
+
+    key: str
+    example: str
+    meaning: str
+    least: float = -math.inf
+    most: float = math.inf
+
+
+def read(cls: type[T], verb: str, words: Iterable[str]) -> T:
+    """Return the request that KEY=VALUE words ask for: a dataclass whose fields are annotated with their `Word`.
+
+    Raises `ValueError`, one line: as `read_pairs` does, at a word without a default that is missing, and at a value
+    of another type, of no choice, or out of bounds.
+    """
+    declared = _declared(cls)
+    given = read_pairs(verb, words, {one.key: one.example for _, one, _ in declared.values()})
+    values: dict[str, Any] = {}
+    for name, (kind, one, default) in declared.items():
+        if one.key in given:
+            values[name] = _read_word(one, given[one.key], kind)
+        elif default is MISSING:
+            raise RequestError(f"{one.key}= is missing: {one.meaning}, such as {one.key}={one.example}")
+    return cls(**values)
+
+
+def help_of(cls: type) -> dict[str, str]:
+    """Return the words of a request for ``--help``: how each is written -> what it means, and its default."""
+    return {
+        f"{one.key}={one.example}": one.meaning if default in (MISSING, "", None) else f"{one.meaning} ({default})"
+        for _, one, default in _declared(cls).values()
+    }
+
+
+def _declared(cls: type) -> dict[str, tuple[Any, Word, Any]]:
+    """Return of each field its type, its word and its default."""
+    hints = get_type_hints(cls, include_extras=True)
+    return {one.name: (*get_args(hints[one.name])[:2], one.default) for one in fields(cls)}
+
+
+def _read_word(one: Word, text: str, kind: Any) -> Any:
+    if get_origin(kind) is Literal:
+        if text not in get_args(kind):
+            raise RequestError(f"{one.key}={text:.40}: {suggest(text, get_args(kind))}")
+        return text
+    bounded = one.least > -math.inf or one.most < math.inf
+    try:
+        value = read_option(one.key, text, kind)
+    except ValueError:
+        if not bounded:
+            raise
+        value = math.nan
+    if bounded and not one.least <= value <= one.most:
+        number = "a whole number" if kind is int else "a number"
+        raise RequestError(f"{one.key}={text:.40}: {number} from {one.least} to {one.most} is needed")
+    return value
 
 
 _KEY = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?", re.ASCII)

@@ -118,7 +118,7 @@ def test_adding_or_reordering_optimisers_leaves_every_other_row(run_bench, here)
 def test_one_worker_and_two_write_the_same_rows(run_bench, here):
     sweep = "run -m problem=full12 problem.error=J1,J3 optimizer=de,trf,pygmo_cmaes budget=400 seeds=2"
     assert run_bench(f"{sweep} study=one")[0] == 0
-    assert run_bench(f"{sweep} study=two execution=joblib execution.n_jobs=2")[0] == 0
+    assert run_bench(f"{sweep} study=two execution=processes execution.n_jobs=2")[0] == 0
     one, two = (ResultStore(here / "results" / study) for study in ("one", "two"))
     drop = [*REPEATABLE, "study"]
     pd.testing.assert_frame_equal(one.runs().drop(columns=drop), two.runs().drop(columns=drop))
@@ -154,7 +154,7 @@ def test_a_sweep_killed_in_the_middle_goes_on_where_it_was(here):
 def test_a_users_own_problem_and_optimiser_sweep_like_built_in_ones(run_bench, here):
     code, *_ = run_bench(
         "run -m problem=users_own:Bowl,sensor_zero prob.users_own:Bowl.n=3 optimizer=users_own:Wanderer,de budget=60 "
-        "seeds=2 execution=joblib execution.n_jobs=2"
+        "seeds=2 execution=processes execution.n_jobs=2"
     )
     assert code == 0
     runs = table(here)
@@ -319,8 +319,8 @@ def test_a_damaged_journal_is_one_line_and_costs_the_run_of_its_line(run_bench, 
         ("run problem=full12 optimizer=de target=low", "target=low"),
         ("run problem=full12 optimizer=de buget=10", "did you mean 'budget'"),
         ("run problem=full12 optimizer=de execution=slurm", "shard=I/N"),
-        ("run problem=full12 optimizer=de execution=joblin", "did you mean 'joblib'"),
-        ("run problem=full12 optimizer=de execution=joblib execution.n_jobs=0", "n_jobs=0"),
+        ("run problem=full12 optimizer=de execution=proceses", "did you mean 'processes'"),
+        ("run problem=full12 optimizer=de execution=processes execution.n_jobs=0", "n_jobs=0"),
         ("run problem=full12 optimizer=de execution.n_job=2", "n_jobs? add execution=processes or execution=dask"),
         ("run problem=full12 optimizer=de execution=dask execution.n_job=2", "did you mean execution.n_jobs?"),
         ("run problem=full12 optimizer=de --dri-run", "did you mean '--dry-run'"),

@@ -1,22 +1,16 @@
-"""Which code made a row: what counts, what does not; and rows from before the column are read and continued."""
+"""Which code made a row: what counts, and what does not."""
 
 import re
-import shutil
 import sys
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.cli import main
 from calibench.bench.provenance.code_digest import changed_parts, code_digest
-from calibench.bench.store.runs import ResultStore
 from calibench.core import sources
-
-OLD = Path(__file__).parent / "old_rows"
 
 
 def test_a_digest_has_a_part_for_each_of_problem_optimiser_and_gate():
@@ -124,33 +118,3 @@ def test_the_code_is_no_part_of_id_or_seed(monkeypatch):
     assert (after["run_id"], after["seed"], after["best_value"]) == (
         before["run_id"], before["seed"], before["best_value"],
     )  # fmt: skip
-
-
-@pytest.mark.slow
-def test_rows_of_schema_1_are_read_reported_and_continued(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])
-    shutil.copytree(OLD, tmp_path / "results" / "old_rows")
-    store = ResultStore(tmp_path / "results" / "old_rows")
-    old = store.runs()
-    assert old["repetition"].tolist() == [0, 1]
-    assert old["code_digest"].isna().all()
-    assert old["traceback"].isna().all()
-
-    def call(command):
-        with pytest.raises(SystemExit) as ended:
-            main(command.split())
-        said = capsys.readouterr()
-        return ended.value.code, said.out, said.err
-
-    assert call(f"show {old['run_id'][1]}")[0] == 0
-    assert call("report results/old_rows")[0] == 0
-    code, out, err = call("run problem=sensor_zero optimizer=de budget=60 seeds=4 start=nominal study=old_rows")
-    assert code == 0
-    assert "4 runs (2 done before)" in out
-    assert "2 of 2 finished runs are older than the column code_digest" in err
-    now = store.runs()
-    assert now["best_value"].tolist()[:2] == old["best_value"].tolist()
-    assert now["code_digest"].isna().tolist() == [True, True, False, False]
-    assert store.manifest()["schema_version"] == 3
-    assert "code_digest" in pq.read_schema(store.folder / "runs.parquet").names

@@ -17,7 +17,6 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.priced import KINDS, priced
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
-from tests.bench.earlier_version import as_earlier
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -264,16 +263,3 @@ def test_a_sweep_measures_each_problem_once_and_tells_the_second_currency(tmp_pa
     assert "one call takes: a value" in page
     assert "of these the objective" in page
     assert "objective_s_median" not in stats.summary(runs)
-
-
-def test_rows_from_before_the_kinds_were_counted_are_read(tmp_path):
-    store = ResultStore(tmp_path / "old")
-    store.open()
-    store.write(bench.execute(problems.make("sensor_zero"), optimizers.make("lm"), budget=50))
-    later = ["batch_evaluations", "residual_evaluations"]
-    store.collect()
-    as_earlier(store.folder / "runs.parquet", later)
-    assert store.runs()[later].isna().all(axis=None)
-    assert not store.damaged()
-    assert len(store.runs()) == 1
-    assert stats.summary(store.runs(), [])["runs"].tolist() == [1]

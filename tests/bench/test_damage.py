@@ -1,11 +1,9 @@
 """Tables that no store wrote are refused, by row and column, by every verb; and all that a store writes is not."""
 
-import json
 import shutil
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
@@ -20,7 +18,6 @@ from calibench.bench.store.damage import first_damage
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.merge import merge
 from calibench.bench.store.runs import ResultStore
-from tests.bench.earlier_version import as_earlier
 
 pytestmark = pytest.mark.usefixtures("one_process", "undrawn")
 
@@ -99,12 +96,12 @@ def test_what_a_store_writes_has_no_damage(every_kind, tmp_path):
     rows, points = every_kind.tables()
     assert set(rows["status"].to_pylist()) == {"ok", "failed", "timeout"}
     assert set(rows["stop_reason"].to_pylist()) >= {"budget", "target", "failed", "timeout"}
-    assert first_damage(rows, points, whole=True) is None
+    assert first_damage(rows, points) is None
     merge([every_kind.folder], tmp_path / "merged")
     ResultStore(tmp_path / "filled").fill(every_kind.runs(), every_kind.traces())
     for name in ("merged", "filled"):
         tables._CHECKED.clear()
-        assert first_damage(*ResultStore(tmp_path / name).tables(), whole=True) is None
+        assert first_damage(*ResultStore(tmp_path / name).tables()) is None
 
 
 def test_published_data_that_were_imported_have_no_damage(every_kind, run_bench, tmp_path):
@@ -114,7 +111,7 @@ def test_published_data_that_were_imported_have_no_damage(every_kind, run_bench,
     assert run_bench("merge theirs study --to both")[0] == 0
     for name in ("theirs", "both"):
         tables._CHECKED.clear()
-        assert first_damage(*ResultStore(name).tables(), whole=True) is None
+        assert first_damage(*ResultStore(name).tables()) is None
         assert len(read_study(name).runs)
 
 
@@ -360,19 +357,3 @@ def test_a_table_is_sealed_as_it_gets_its_name_and_other_readers_do_not_see_it(e
         path = every_kind.folder / name
         assert seal.is_whole(path)
         assert list(pq.read_schema(path).metadata) == [b"calibench"]
-        assert json.loads(pq.read_schema(path).metadata[b"calibench"])["sealed"] is True
-
-
-def test_a_table_of_an_earlier_version_without_a_seal_is_read_if_it_has_no_damage(every_kind, tmp_path):
-    shutil.copytree(every_kind.folder, tmp_path / "study")
-    for name in ("runs.parquet", "traces.parquet"):
-        as_earlier(tmp_path / "study" / name)
-    store = ResultStore(tmp_path / "study")
-    assert len(store.runs()) == len(every_kind.runs())
-    rows = pq.read_table(store.folder / "runs.parquet")
-    other = rows.set_column(
-        rows.schema.get_field_index("best_value"), "best_value", pc.subtract(rows["best_value"], pa.scalar(1e9))
-    )
-    pq.write_table(other.replace_schema_metadata(rows.schema.metadata), store.folder / "runs.parquet")
-    with pytest.raises(StoreError, match=r"column best_value: .* is not that of the last point of its trace"):
-        store.runs()

@@ -19,9 +19,9 @@ import pytest
 from calibench.bench.cli import main
 from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.workers.dask.cluster import ClusterError, cluster
-from calibench.bench.workers.dask.home import Home, difference, home_of
-from calibench.bench.workers.dask.task import _Seat
+from calibench.bench.workers.dask import ClusterError, cluster
+from calibench.bench.workers.dask_seat import Home, difference, home_of
+from calibench.bench.workers.dask_worker import _Seat
 from tests.few import few
 from tests.processes import alive, descendants, wait_for
 from tests.same_rows import rows
@@ -295,8 +295,8 @@ def test_nothing_is_said_where_another_dask_has_taken_the_port_of_its_page(capfd
 SETTLE = """
 import json, pickle, sys
 from pathlib import Path
-from calibench.bench.workers.dask.home import difference, moved, settle
-from calibench.bench.workers.packs import Job, Pack
+from calibench.bench.workers.dask_seat import difference, moved, settle
+from calibench.bench.workers.carrier import Job, Pack
 home, spec = pickle.load(sys.stdin.buffer)
 places = settle(home, Path(sys.argv[1]))
 spec = moved(Pack((Job("a", spec, "a"),)), places).jobs[0].spec

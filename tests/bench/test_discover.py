@@ -132,7 +132,7 @@ def test_the_tables_have_a_row_a_finding_and_a_row_a_case(results):
 
 
 def test_the_rows_are_the_same_with_any_number_of_workers(results, folder, tmp_path, capsys):
-    call(f"discover machine=gpm2002 data={folder} results={tmp_path} pages=none execution=joblib", capsys)
+    call(f"discover machine=gpm2002 data={folder} results={tmp_path} pages=none execution=processes", capsys)
     for table in ("findings", "gaps"):
         one, two = (pd.read_parquet(r / "discover" / f"{table}.parquet").drop(columns=ORIGIN, errors="ignore")
                     for r in (results, tmp_path))  # fmt: skip

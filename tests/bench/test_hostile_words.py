@@ -115,8 +115,8 @@ def test_a_value_beyond_all_measure_is_one_line(word, told):
 
 
 def test_more_processes_than_a_machine_has_are_not_started():
-    assert "at most 1024" in refused("run", *RUN, "execution=joblib", "execution.n_jobs=100000000")
-    words = ("machine=gpm2002", "data=a.csv", "execution=joblib", "execution.n_jobs=100000000")
+    assert "at most 1024" in refused("run", *RUN, "execution=processes", "execution.n_jobs=100000000")
+    words = ("machine=gpm2002", "data=a.csv", "execution=processes", "execution.n_jobs=100000000")
     assert "at most 1024" in refused("discover", *words)
 
 

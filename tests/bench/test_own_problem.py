@@ -20,7 +20,6 @@ from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.costs import costs_of
 from calibench.problems import Parameter
 from calibench.problems.base import coordinates_of, parameters_of
-from tests.bench.earlier_version import as_earlier
 
 
 class Well:
@@ -274,17 +273,6 @@ def test_a_users_option_named_error_borrows_no_unit(tmp_path):
     assert optimum_of(stored(tmp_path, run_of(problem)).runs()).axis == "best J1"
 
 
-def test_rows_from_before_these_columns_are_read_with_nulls(tmp_path):
-    store = stored(tmp_path, run_of(Well()))
-    store.collect()
-    path = store.folder / "runs.parquet"
-    new = ["merit", "unit", "minimum", "judged_value", "judged_evaluations"]
-    as_earlier(path, new)
-    runs = store.runs()
-    assert runs[new].isna().all(axis=None)
-    assert stats.summary(runs)["best_median"].tolist() == runs["best_value"].tolist()
-
-
 # noise
 
 
@@ -442,7 +430,7 @@ def test_noisy_rows_are_the_same_with_any_number_of_workers_and_after_a_resume(c
     words = ("run", "problem=story:Noisy", "optimizer=nlopt_LN_BOBYQA", "budget=30")
     call(*words, "seeds=3", "study=one")
     call(*words, "seeds=2:3", "study=two")
-    call(*words, "seeds=3", "study=two", "execution=joblib", "execution.n_jobs=2")
+    call(*words, "seeds=3", "study=two", "execution=processes", "execution.n_jobs=2")
     one, two = (ResultStore(tmp_path / "results" / name).runs().set_index("run_id") for name in ("one", "two"))
     columns = ["best_value", "judged_value", "judged_evaluations"]
     assert one[columns].equals(two.loc[one.index, columns])

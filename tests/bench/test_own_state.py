@@ -14,11 +14,10 @@ import pandas as pd
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Run, Spec
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.workers.packs import Job, Packs
-from calibench.bench.workers.pool import run_in_pool
+from calibench.bench.workers.carrier import Job, Packs
+from calibench.bench.workers.processes import Processes
 from calibench.core.process_state import KINDS
 from tests.few import few
 from tests.same_rows import rows
@@ -195,10 +194,6 @@ def specs_of(home: Path) -> list[tuple[Spec, list[str]]]:
     return found
 
 
-def _lost(job: Job, status: str, why: str) -> Run:
-    return lost_run(job.spec, job.run_id, "ProcessDied", why)
-
-
 def spec(home: Path, name: str, repetition: int = 0, **options: str) -> Spec:
     return Spec(f"{home / name}", options, "nlopt_GN_DIRECT", {}, 12, repetition)
 
@@ -231,7 +226,7 @@ def test_rows_are_the_same_in_any_order_and_with_any_number_of_workers(
     store.open()
     jobs = [Job(run.run_id, spec, spec.problem) for spec, run, _ in made]
     random.Random(workers).shuffle(jobs)
-    list(run_in_pool(Packs(jobs, workers), store.folder, "pool", workers, _lost))
+    list(Processes(store.folder, "pool", workers).carry(Packs(jobs, workers)))
     here = ResultStore(tmp_path / "here")
     here.open()
     for _, run, _ in made:
@@ -245,7 +240,7 @@ def test_a_worker_with_a_thread_that_goes_on_makes_no_further_run(home: Path, tm
     store.open()
     left = spec(home, "sets_own_state.py:Sets", what="threads", where="call")
     jobs = [Job(f"{k}", one, "a") for k, one in enumerate([left, spec(home, "sets_own_state.py:Witness"), left])]
-    assert [notice.status for notice in run_in_pool(Packs(jobs, 1), store.folder, "threads", 1, _lost)] == ["ok"] * 3
+    assert [notice.status for notice in Processes(store.folder, "threads", 1).carry(Packs(jobs, 1))] == ["ok"] * 3
     changes = dict(zip(store.runs()["best_value"] < 1, store.runs()["process_changes"].map(list), strict=True))
     assert len(store.runs()) == 2
     assert sorted(store.runs()["process_changes"].map(list)) == [[], ["threads"]], changes

@@ -197,7 +197,7 @@ def test_a_file_is_the_same_problem_from_any_folder_and_in_any_process(call, her
     for path in ("../../mine.py", str(here / "mine.py")):
         command = f"run problem={path}:Bowl optimizer=de budget=5 seeds=4 results=../../results"
         assert "4 runs (4 done before)" in call(command)[1]
-    other = "execution=joblib execution.n_jobs=2 study=other"
+    other = "execution=processes execution.n_jobs=2 study=other"
     assert call(f"run problem=../../mine.py:Bowl optimizer=de budget=5 seeds=4 results=../../results {other}")[0] == 0
     there, here_ = ResultStore(here / "results" / "other").runs(), rows(here)
     assert there["run_id"].tolist() == here_["run_id"].tolist()

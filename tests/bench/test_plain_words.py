@@ -26,7 +26,7 @@ WORDS = [
     "budget=NULL", "budget=true", "budget=False", "budget=nan", "budget=-inf", "budget=a-b", "budget=a.b", "budget=",
     "budget='5'", "budget=99999999999999999999", "budget=1e400", "budget= 5", "seeds=3", "seeds=0:5", "seeds='3'",
     "seeds=ci", "seeds=", "study=x", "study=1e3", "study=null", "results=/data/a b-c.d", "results=a,b", "results=a\\",
-    "target=1e-12", "start=random", "time_limit=2.5", "execution=joblib", "execution.n_jobs=-1", "problem.error=J2",
+    "target=1e-12", "start=random", "time_limit=2.5", "execution=processes", "execution.n_jobs=-1", "problem.error=J2",
     "problem.readings=A", "opt.de.population=200", "problem.n=7", "problem=a:B", "problem=./a.py:B",
     "problem=a.b:C", "target=a:B", "budget=a.b:C",
 ]  # fmt: skip
@@ -56,7 +56,7 @@ def test_every_name_and_preset_is_composed_as_hydra_composes_it(kind):
 
 REQUESTS = [
     [], ["budget=100", "seeds='1'"], ["budget=ci", "start=random", "target=null", "seeds='0:3'"],
-    ["execution=joblib", "execution.n_jobs=2", "results='/data/x'"], ["time_limit=2.5", "study='a'"],
+    ["execution=processes", "execution.n_jobs=2", "results='/data/x'"], ["time_limit=2.5", "study='a'"],
     ["problem=full12", "problem.error=J3"], ["problem=full12", "problem.error=5"], ["problem=full12", "optimizer=lm"],
     ["optimizer=ga", "optimizer.population=20"], ["optimizer=de", "optimizer.population=true"],
     ["optimizer=fmincon_matlab", "optimizer.tol_x=1e-9"], ["problem=full12", "problem.readings='a b'"],

@@ -110,7 +110,7 @@ def test_code_that_exits_or_fails_in_judging_is_a_failed_row(run_bench, tmp_path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("execution", ["execution=serial", "execution=joblib execution.n_jobs=2"])
+@pytest.mark.parametrize("execution", ["execution=serial", "execution=processes execution.n_jobs=2"])
 def test_a_run_that_takes_its_process_down_is_a_row_and_the_sweep_goes_on(run_bench, tmp_path, execution):
     code, out = run_bench(f"run -m problem=rough:Base problem.kind=die,ok optimizer=de budget=20 seeds=2 {execution}")
     assert code == 1
@@ -273,7 +273,9 @@ def test_a_study_whose_first_step_was_cut_off_begins_again(tmp_path):
 
 
 def test_a_manifest_without_its_plan_is_named(store):
-    (store.folder / "manifest.json").write_text('{"kind": "calibench study", "schema_version": 1, "planned": [1]}')
+    (store.folder / "manifest.json").write_text(
+        '{"kind": "calibench study", "schema_version": 3, "study": "a", "planned": [1]}'
+    )
     with pytest.raises(StoreError, match="entry 'planned' is damaged"):
         store.manifest()
 

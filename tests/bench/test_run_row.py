@@ -7,21 +7,17 @@ import types
 from dataclasses import fields
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, get_args, get_origin, get_type_hints
+from typing import get_args, get_origin, get_type_hints
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.execution.answer import Merit
 from calibench.bench.execution.run_row import COLUMNS, RunRow
 from calibench.bench.report.one_run import Found, show_run
-from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
-from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import PART_SCHEMA, RUNS_SCHEMA
-from tests.bench.earlier_version import as_earlier
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "results.md"
 NAMES = [column.name for column in COLUMNS]
@@ -95,40 +91,13 @@ def test_every_value_of_a_row_is_of_its_declared_type(runs):
     assert (runs[2].record.merit, runs[2].record.judged_evaluations) == ('{"smooth": true}', 30)
 
 
-def test_a_column_that_may_be_null_in_new_rows_or_came_later_says_so(runs):
-    hints = get_type_hints(RunRow)
-    for column in COLUMNS:
-        if column.added:
-            assert types.NoneType in get_args(hints[column.name]), column.name
-    assert get_origin(get_type_hints(RunRow, include_extras=True)["run_id"]) is Annotated
-
-
 def test_each_merit_of_the_machines_has_its_column():
     assert list(Merit().columns) == [c.name for c in COLUMNS if c.group == "merit" and c.name != "merit"]
     assert set(problems.make("full12").merit(problems.make("full12").start)) <= set(Merit().columns)
 
 
-def test_a_table_without_the_columns_that_came_later_is_read_with_nulls(runs, tmp_path):
-    store = ResultStore(tmp_path / "old")
-    store.open()
-    for run in runs[1:]:
-        store.write(run)
-    store.collect()
-    later = [column.name for column in COLUMNS if column.added]
-    path = store.folder / "runs.parquet"
-    as_earlier(path, later)
-    assert len(store.runs()) == len(store.finished()) == len(runs) - 1
-    store.write(runs[0])
-    assert store.collect() == []
-    now = pq.read_table(path)
-    assert now.schema.equals(RUNS_SCHEMA)
-    assert all(now[name].null_count >= len(runs) - 1 for name in later)
-    assert sorted(now["evaluations"].to_pylist()) == sorted(run.evaluations for run in runs)
-    assert len(stats.summary(store.runs())) == len(runs)
-
-
 def test_the_document_lists_the_columns_as_they_are_declared():
-    lines = [f"| `{c.name}` | {c.parquet} | {'yes' if c.added else ''} | {c.meaning} |" for c in COLUMNS]
+    lines = [f"| `{c.name}` | {c.parquet} | {c.meaning} |" for c in COLUMNS]
     text = DOCUMENT.read_text(encoding="utf-8")
     assert [
         line for line in text.splitlines() if re.match(r"\| `\w+` \| (string|int64|double|bool|list|time)", line)

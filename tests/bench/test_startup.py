@@ -40,7 +40,7 @@ main()
 SPARED = {
     "hydra", "omegaconf", "antlr4", "pandas", "pyarrow.pandas_compat", "pyarrow.compute",
     "scipy.linalg", "scipy.optimize", "numba.np.arraymath",  # the last is numba's compiler: the kernels are kept
-    "matplotlib", "pygmo", "nlopt", "joblib", "rich", "jinja2", "jsonschema", "scipy.stats", "pyarrow.dataset",
+    "matplotlib", "pygmo", "nlopt", "rich", "jinja2", "jsonschema", "scipy.stats", "pyarrow.dataset",
     "calibench.discrepancy", "calibench.bench.report", "calibench.bench.papers", "calibench.bench.sweep.tuner",
     "calibench.bench.statistics.choosing",
     "calibench.problems.orthoglide", "calibench.problems.delta", "calibench.problems.suites.nist",

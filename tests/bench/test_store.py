@@ -431,9 +431,15 @@ def test_a_study_named_without_its_folder_is_found_in_results(tmp_path, monkeypa
         ('{"kind": "cookbook"}', "not a manifest of ours"),
         (json.dumps({"kind": "calibench study", "schema_version": 99}), "schema 99"),
         ("[" * 100_000 + "]" * 100_000, "nested too deep"),
-        (json.dumps({"kind": "calibench study", "schema_version": 1}), "entry 'planned' is damaged"),
-        (json.dumps({"kind": "calibench study", "schema_version": 3, "cells": [1]}), "entry 'planned' is damaged"),
-        (json.dumps({"kind": "calibench study", "schema_version": 3, "cells": [], "commands": "x"}), "'commands' is"),
+        (json.dumps({"kind": "calibench study", "schema_version": 3, "study": "a"}), "entry 'planned' is damaged"),
+        (
+            json.dumps({"kind": "calibench study", "schema_version": 3, "study": "a", "cells": [1]}),
+            "entry 'planned' is damaged",
+        ),
+        (
+            json.dumps({"kind": "calibench study", "schema_version": 3, "study": "a", "cells": [], "commands": "x"}),
+            "'commands' is",
+        ),
     ],
 )
 def test_a_manifest_that_is_not_ours_is_refused(store, text, message):

@@ -1,6 +1,9 @@
 """`bench VERB --help`: the usage of that verb alone, and every word that it reads."""
 
 import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
 
 import pytest
 
@@ -8,9 +11,11 @@ from calibench.bench.calibration import design as plan
 from calibench.bench.calibration import hand_eye
 from calibench.bench.calibration import request as calibrate
 from calibench.bench.cli import _VERBS, main
+from calibench.bench.commands import verb_help
 from calibench.bench.discovery import request as discovery
 from calibench.bench.sweep import composition as hydra_overrides
-from calibench.bench.sweep import tuner as space
+from calibench.bench.sweep import tuner
+from calibench.bench.sweep.words import Word, help_of, read
 from calibench.discrepancy.registries import description_of
 
 ARM = {"machine.dh", "machine.convention", "machine.urdf", "machine.base", "machine.tip"}
@@ -18,7 +23,7 @@ READ = {
     "calibrate": {*calibrate._KEYS, *hand_eye._KEYS},
     "design": {*plan._KEYS, *discovery._DESIGN},
     "discover": {*discovery._PLAIN, *discovery._OF_COLUMNS, *ARM},
-    "run": {*hydra_overrides._KEYS, *space._WORDS, "execution", "execution.n_jobs", "problem.dh", "problem.convention"},
+    "run": {*hydra_overrides._KEYS, "execution", "execution.n_jobs", "problem.dh", "problem.convention"},
 }
 
 
@@ -46,8 +51,43 @@ def test_the_help_of_a_verb_is_its_own(told, verb):
 @pytest.mark.parametrize("verb", list(READ))
 def test_the_help_of_a_verb_has_every_word_that_it_reads(told, verb):
     text = told(verb, "--help")
-    there = set(re.findall(r"^  ([\w.]+)=", text, re.MULTILINE)) | set(re.findall(r"\b(tuner)=optuna", text))
+    there = set(re.findall(r"^  ([\w.]+)=", text, re.MULTILINE))
     assert READ[verb] <= there, READ[verb] - there
+
+
+@dataclass(frozen=True)
+class Draw:
+    urdf: Annotated[Path, Word("urdf", "my.urdf", "the arm's description")]
+    count: Annotated[int, Word("plan.n", "12", "how many", least=1, most=50)] = 4
+    by: Annotated[Literal["D", "E"], Word("by", "D|E", "what is cared for")] = "D"
+
+
+def test_a_request_of_a_verb_is_read_as_it_is_declared():
+    assert read(Draw, "draw", ["plan.n=7", "urdf=a b.urdf"]) == Draw(Path("a b.urdf"), 7)
+    assert help_of(Draw) == {
+        "urdf=my.urdf": "the arm's description", "plan.n=12": "how many (4)", "by=D|E": "what is cared for (D)",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "urdf= is missing: the arm's description, such as urdf=my.urdf"),
+        (["urdf=a", "plan.n=51"], "plan.n=51: a whole number from 1 to 50 is needed"),
+        (["urdf=a", "plan.n=many"], "plan.n=many: a whole number from 1 to 50 is needed"),
+        (["urdf=a", "by=F"], "by=F: choices: D, E"),
+        (["urdf=a", "plan.m=5"], "draw: unknown argument 'plan.m'; did you mean 'plan.n'?"),
+        (["urdf=a", "urdf=b"], "urdf is given twice"),
+        (["urdf="], "urdf needs a value, such as urdf=my.urdf"),
+    ],
+)
+def test_what_no_declaration_allows_is_refused_in_one_line(words, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        read(Draw, "draw", words)
+
+
+def test_the_words_of_a_tuner_are_told_as_they_are_declared():
+    assert verb_help._WORDS["run"]["tuner=optuna"] == help_of(tuner.TunerWords)
 
 
 def test_what_may_be_stated_of_an_arm_is_in_the_help_of_discover(told):

@@ -17,12 +17,11 @@ import pandas as pd
 import pytest
 
 from calibench.bench.execution import in_progress as running
-from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.request import made_pair, read_asked
 from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.workers.packs import Job, Packs
-from calibench.bench.workers.pool import run_in_pool
+from calibench.bench.workers.carrier import Job, Packs
+from calibench.bench.workers.processes import Processes
 from calibench.core import own_state
 from tests.processes import alive, descendants, wait_for
 from tests.same_rows import rows
@@ -157,9 +156,9 @@ def test_packs_are_of_about_a_second_once_a_cell_is_known():
     packs = Packs(jobs(1000), workers=2)
     first = packs.take()
     assert len(first.jobs) == 1
-    packs.finished(first.jobs[0], 0.01)
+    packs.note_time(first.jobs[0], 0.01)
     assert len(packs.take().jobs) == 100
-    packs.finished(first.jobs[0], 1.99)
+    packs.note_time(first.jobs[0], 1.99)
     assert len(packs.take().jobs) == 1
 
 
@@ -170,7 +169,7 @@ def test_every_job_is_handed_out_once_whatever_the_sizes():
     while (pack := packs.take()) is not None:
         for job in pack.jobs:
             handed[job.run_id] += 1
-            packs.finished(job, float(rng.exponential(0.02)))
+            packs.note_time(job, float(rng.exponential(0.02)))
     assert handed == Counter({job.run_id: 1 for job in [*jobs(300), *jobs(200, "b")]})
 
 
@@ -178,12 +177,12 @@ def test_the_run_that_a_worker_was_lost_with_goes_alone_and_is_at_fault_the_seco
     packs = Packs(jobs(3), workers=1)
     first = packs.take().jobs
     rest = [*first, *packs.take().jobs]
-    assert packs.lost(rest, at_fault=False) is None
+    assert packs.return_lost(rest, at_fault=False) is None
     again = packs.take()
     assert (again.alone, again.jobs) == (True, tuple(rest[:1]))
-    assert packs.lost(again.jobs, at_fault=True) == rest[0]
+    assert packs.return_lost(again.jobs, at_fault=True) == rest[0]
     assert [job.run_id for job in packs.take().jobs] == ["a1"]
-    assert packs.lost([], at_fault=True) is None
+    assert packs.return_lost([], at_fault=True) is None
 
 
 def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatch):
@@ -196,9 +195,6 @@ def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatc
             for s in specs]  # fmt: skip
     packs = Packs(jobs, 1)
 
-    def lost(job, status, why):
-        return lost_run(job.spec, job.run_id, "ProcessDied", why)
-
     def end_what_hangs():
         wait_for(lambda: any(run.silent_line() for run in running.read_running(store.folder)))
         (run,) = running.read_running(store.folder)
@@ -207,7 +203,7 @@ def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatc
 
     helper = threading.Thread(target=end_what_hangs)
     helper.start()
-    ended = {notice.run_id: notice.status for notice in run_in_pool(packs, store.folder, "hung", 1, lost)}
+    ended = {notice.run_id: notice.status for notice in Processes(store.folder, "hung", 1).carry(packs)}
     helper.join()
     assert ended == {jobs[0].run_id: "failed", jobs[1].run_id: "ok"}
     row = store.runs().set_index("run_id").loc[jobs[0].run_id]
@@ -220,7 +216,7 @@ def test_a_worker_that_can_do_no_more_after_each_run_loses_none(tmp_path, monkey
     store.open()
     specs = [Spec("sensor_zero", {}, "nlopt_GN_ESCH", {}, 10, repetition) for repetition in range(6)]
     packs = Packs([Job(spec.execute().run_id, spec, "a") for spec in specs], 2)
-    ended = list(run_in_pool(packs, store.folder, "left", 2, None))
+    ended = list(Processes(store.folder, "left", 2).carry(packs))
     assert [notice.status for notice in ended] == ["ok"] * 6
     assert {notice.run_id for notice in ended} == store.finished()
 

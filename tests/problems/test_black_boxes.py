@@ -178,7 +178,7 @@ def test_a_pickle_holds_the_options_and_a_child_process_builds_its_own():
 @coco
 def test_workers_find_what_one_process_finds(tmp_path):
     found = []
-    for execution in ("serial", "joblib"):
+    for execution in ("serial", "processes"):
         words = [
             "-m",
             "problem=bbob",

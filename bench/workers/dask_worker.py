@@ -1,15 +1,18 @@
-"""What a Dask worker does with a pack: have it done in a seat (`bench.workers.dask.seat`), stream the runs home.
+"""What runs in a Dask worker's process: it has packs done in a seat (`bench.workers.dask_seat`), and streams runs home.
 
 Runs go into a queue of the scheduler, so that a worker needs no way to the sweep's machine, and a full queue makes the
 workers wait. A message costs about two milliseconds of processor time on its way, so runs that end within a tenth of a
 second of each other share one. A worker that is lost costs the run in flight, and what ended in its last tenth.
 Where nobody wants the pack any more, as the sweep was stopped or killed, the seat is ended with the run it is at.
+This file loads none of the package's others: they are the seat's.
 """
 
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -20,7 +23,8 @@ from multiprocessing.connection import Connection
 from time import monotonic
 from typing import Any, final
 
-from distributed import get_worker
+import dask
+from distributed import Worker, get_worker
 
 TOGETHER = 0.1  # seconds within which runs that end travel in one message
 _LOOK = 0.25  # seconds between two looks at whether the pack is still wanted
@@ -35,16 +39,16 @@ _ONE_THREAD = {
         "VECLIB_MAXIMUM_THREADS",
     )
 }  # fmt: skip
-_ENTER = "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.dask.seat import sit; sit({descriptor})"
+_ENTER = "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.dask_seat import sit; sit({descriptor})"
 _IDLE: dict[str, list[_Seat]] = {}  # queue -> the seats of this process that wait for work
 _ALL: set[_Seat] = set()
 _LOCK = threading.Lock()
 
 
 def do_flight(queue: str, flight: int, home: bytes, pack: bytes) -> None:
-    """Do a pack; put messages into `queue`: {flight, begun, first, told, ended, refused}.
+    """Do a pack; put messages into `queue`: {flight, begun, first, words, ended, refused}.
 
-    `begun` says that a run may be at fault from here on; `told` is what the seat says of runs, the first of them that
+    `begun` says that a run may be at fault from here on; `words` are the seat's of runs, the first of them that
     ends being the pack's number `first`; `ended` is None, or "" at the end of the pack, or JSON of status and reason
     where the process was lost; `refused` says why this worker cannot.
     """
@@ -55,7 +59,7 @@ def do_flight(queue: str, flight: int, home: bytes, pack: bytes) -> None:
         return
     try:
         stream.send(begun=True)  # who is lost from here on may be lost by a run
-        ended = _follow(seat, stream)
+        ended = _stream_home(seat, stream)
     except BaseException:
         seat.close()
         raise
@@ -75,23 +79,14 @@ def close_seats(queue: str) -> None:
         seat.close()
 
 
-def close_all() -> None:
-    """End all seats of this process, which is about to end."""
-    with _LOCK:
-        seats = list(_ALL)
-    for seat in seats:
-        seat.close()
-
-
-def _follow(seat: _Seat, stream: _Stream) -> str | None:
+def _stream_home(seat: _Seat, stream: _Stream) -> str | None:
     """Stream the runs of a pack as they end; return how it ended, None where it is not wanted any more."""
     seat.say(b"begin")
     while stream.is_wanted():
-        for told in seat.told(stream.patience()):
-            if told[:1] in (b"R", b"P"):
-                stream.add(told)
-            else:
-                return told[1:].decode()
+        for words in seat.words(stream.patience()):
+            if words[:1] not in (b"R", b"P"):
+                return words[1:].decode()
+            stream.add(words)
         if seat.is_gone:
             return _SEAT_LOST
         stream.send_if_due()
@@ -106,29 +101,29 @@ class _Stream:
         self._worker: Any = get_worker()
         self._key = self._worker.get_current_task()
         self._queue, self._flight = queue, flight
-        self._told: list[bytes] = []
+        self._words: list[bytes] = []
         self._first = 0
         self._sent = monotonic()
 
     def add(self, words: bytes) -> None:
-        self._told.append(words)
+        self._words.append(words)
 
     def patience(self) -> float:
         """Return how long to wait for the next run."""
-        return max(0.0, self._sent + TOGETHER - monotonic()) if self._told else _LOOK
+        return max(0.0, self._sent + TOGETHER - monotonic()) if self._words else _LOOK
 
     def send_if_due(self) -> None:
-        if self._told and self.patience() == 0.0:
+        if self._words and self.patience() == 0.0:
             self.send()
 
     def send(self, ended: str | None = None, refused: str = "", begun: bool = False) -> None:
         """Put what there is into the queue; returns when the scheduler has it."""
         message = {
-            "flight": self._flight, "begun": begun, "first": self._first, "told": self._told, "ended": ended,
+            "flight": self._flight, "begun": begun, "first": self._first, "words": self._words, "ended": ended,
             "refused": refused,
         }  # fmt: skip
-        self._first += sum(words[:1] == b"R" for words in self._told)
-        self._told = []
+        self._first += sum(words[:1] == b"R" for words in self._words)
+        self._words = []
         put = self._worker.scheduler.queue_put(name=self._queue, data=message, timeout=None)
         on_its_way = asyncio.run_coroutine_threadsafe(put, self._worker.loop.asyncio_loop)
         while True:
@@ -178,16 +173,16 @@ class _Seat:
             return True
         return False
 
-    def told(self, patience: float) -> list[bytes]:
-        """Return what it has told, after waiting for the first for so many seconds."""
-        found = []
+    def words(self, patience: float) -> list[bytes]:
+        """Return what it has said, after waiting for the first for so many seconds."""
+        words = []
         try:
             while self._connection.poll(patience):
-                found.append(self._connection.recv_bytes())
+                words.append(self._connection.recv_bytes())
                 patience = 0.0
         except (EOFError, OSError):
             self._hung_up = True
-        return found
+        return words
 
     def close(self) -> int:
         """Let it end its child and go; end it where it does not. Return its exit code, below 0 that of a signal."""
@@ -216,14 +211,14 @@ def _take(queue: str, home: bytes, pack: bytes, is_wanted: Callable[[], bool]) -
             seat.say(home)
         seat.say(pack)
         end = monotonic() + _START
-        said: list[bytes] = []
-        while b"B" not in said and not seat.is_gone and is_wanted() and monotonic() < end:
-            said += seat.told(_LOOK)
-            refused = [words for words in said if words[:1] == b"X"]
-            if refused:
+        answers: list[bytes] = []
+        while b"B" not in answers and not seat.is_gone and is_wanted() and monotonic() < end:
+            answers += seat.words(_LOOK)
+            refusal = next((words for words in answers if words[:1] == b"X"), None)
+            if refusal is not None:
                 seat.close()
-                return None, refused[0][1:].decode()
-        if b"B" in said:
+                return None, refusal[1:].decode()
+        if b"B" in answers:
             return seat, ""
         code = seat.close()
         if not is_wanted():
@@ -240,3 +235,36 @@ def _waiting(queue: str) -> _Seat | None:
         if seat is None or not seat.is_gone:
             return seat
         seat.close()
+
+
+def serve(address: str, scratch: str) -> None:
+    """Be a worker of the scheduler at `address` until the process that started us closes our standard input."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
+    logging.disable(logging.CRITICAL)  # what matters is told by what happens to the runs
+    dask.config.set({"distributed.worker.profile.enabled": False})  # it looks a hundred times a second
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with suppress(Exception):  # the scheduler is gone, say
+        asyncio.run(_serve(address, scratch))
+    _end()
+
+
+async def _serve(address: str, scratch: str) -> None:
+    async with Worker(
+        address, nthreads=1, memory_limit="0", dashboard=False, local_directory=scratch, host="127.0.0.1"
+    ) as worker:
+        await worker.finished()
+
+
+def _end_with_parent() -> None:
+    """Wait until the parent is gone or wants us no more; then go."""
+    os.read(0, 1)
+    _end()
+
+
+def _end() -> None:
+    # end all seats of this process, which is about to end
+    with _LOCK:
+        seats = list(_ALL)
+    for seat in seats:
+        seat.close()
+    os._exit(0)

@@ -1,0 +1,262 @@
+"""A seat: the process beside a cluster's worker in which runs are executed, by a child that it forks.
+
+A Dask worker has threads, and must outlive whatever a run does. So it starts a seat, a fresh process of one thread: the
+libraries of linear algebra are told to use one thread before they are loaded, the kernels are loaded once, and a child
+that a run has ended is replaced by another fork at once. The seat itself executes nothing of a user's. It ends when the
+worker does, when it is told to, and after some idle time.
+
+It is given a `Home`, then packs. What it says begins with a letter: ``A`` it agrees to work; ``X`` why it does not;
+``B`` it can begin with a pack, and does when it hears anything; ``P`` how far a run is, JSON; ``R`` a run has ended,
+pickled with its seconds; ``E`` the pack has, with [status, why] where the child was lost.
+
+A `Home` is what the sweep's own machine has and every worker must have. Versions and the digests of code are compared,
+and a worker that differs is refused: its rows would carry the id of a run that is another one there. The sources of a
+user's classes (``FILE.py:Class``) with the local files that they import are sent along, and put where their names and
+digests are the same as here. Where the worker finds the very same files in the same place, as on this machine or a
+shared drive, it takes those: data files beside them are found too. A class ``package.module:Class`` must be installed
+where the workers are.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import pickle
+import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from time import monotonic
+from typing import final
+
+from calibench.bench.execution.in_progress import publishing
+from calibench.bench.execution.kernels import load_kernels
+from calibench.bench.execution.run import Run, Spec
+from calibench.bench.gate.processes import Child, exit_of, forked, prepare
+from calibench.bench.provenance.code_digest import GATE
+from calibench.bench.provenance.environment import provenance
+from calibench.bench.workers.carrier import Pack, do_pack, too_late
+from calibench.core import sources, user_file
+
+AGREED, REFUSED, READY, WENT_ON, RAN, ENDED = b"A", b"X", b"B", b"P", b"R", b"E"
+IDLE = 10.0  # seconds without a pack after which a seat goes
+PROGRESS_EVERY = 2.0  # seconds between two words of how far a long run is
+_LOOK = 0.25  # seconds between two looks at the child
+_NOT_IN_RUNS = ("python", "pandas", "pyarrow", "hydra-core")  # they compose and keep, and are no part of a run
+OURS = ("calibench.problems", "calibench.optimizers", "calibench.bench.execution.run", *GATE)  # what a run goes through
+
+
+def sit(descriptor: int) -> None:
+    """Do the packs that come over the socket `descriptor` until it is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the worker ends us
+    worker = Connection(descriptor)
+    child = Child(_work)
+    with tempfile.TemporaryDirectory(prefix="calibench-") as folder:
+        try:
+            home = pickle.loads(worker.recv_bytes())
+            for module in OURS:
+                importlib.import_module(module)
+            prepare()
+            places = settle(home, Path(folder))
+            why = _difference(home)
+            if why:
+                worker.send_bytes(REFUSED + why.encode())
+                return
+            worker.send_bytes(AGREED)
+            while worker.poll(IDLE):
+                pack = moved(pickle.loads(worker.recv_bytes()), places)
+                load_kernels((job.spec for job in pack.jobs), fork=False)  # others of this machine do so beside it
+                worker.send_bytes(READY)
+                worker.recv_bytes()
+                lost = _do(pack, child, worker)
+                worker.send_bytes(ENDED + (json.dumps(lost).encode() if lost else b""))
+        except (EOFError, ConnectionError):  # the worker is gone, or has no more for us
+            pass
+        finally:
+            child.end()
+
+
+def _do(pack: Pack, child: Child, worker: Connection) -> tuple[str, str] | None:
+    """Do a pack, passing on each run as it ends; return status and reason where the child was lost with one."""
+    if child.is_gone:  # it ended after its last run
+        child.end()
+    if not child.is_there:
+        child.start([worker])
+    child.send(pack)
+    for_run = iter(pack.jobs)
+    job = next(for_run, None)
+    heard = monotonic()
+    while job is not None:
+        if worker in wait([worker, child.connection], _LOOK):  # there is nothing to say to a seat at work
+            raise EOFError
+        why = child.why_lost()  # before it is heard: what it sent last must not be missed
+        for words in child.messages():
+            worker.send_bytes(words)
+            if words[:1] == RAN:
+                job, heard = next(for_run, None), monotonic()
+        if job is None:
+            break
+        why = why or too_late(job.spec.time_limit, heard)
+        if why is not None:
+            child.end()
+            return why
+    return None
+
+
+def _difference(home: Home) -> str:
+    """Return what is otherwise here, told by a child: a user's modules are not loaded into the seat."""
+    with forked(lambda theirs: theirs.send(difference(home))) as (child, ours):
+        try:
+            return str(ours.recv())
+        except EOFError:
+            child.join()
+            names = ", ".join(module for module in home.code if module not in OURS)
+            return f"a process that imports {names or 'calibench'} ends with {exit_of(child.exitcode)}"
+
+
+def _work(theirs: Connection) -> None:
+    """Do the packs that come until there is none, or this process can do no more."""
+    lock = threading.Lock()  # progress is told by a thread
+
+    def say(words: bytes) -> None:
+        with lock:
+            theirs.send_bytes(words)
+
+    def keep(run: Run, seconds: float) -> None:
+        say(RAN + pickle.dumps((run, seconds), pickle.HIGHEST_PROTOCOL))
+
+    with publishing(lambda progress: say(WENT_ON + json.dumps(progress).encode()), PROGRESS_EVERY):
+        while do_pack(theirs.recv(), keep, lambda notices: None):
+            pass
+
+
+@final
+@dataclass(frozen=True)
+class SourceFile:
+    """A file of a user's: absolute path, the folder from which it is imported, what rows call it, its content."""
+
+    path: str
+    root: str
+    name: str | None  # where it stands in our own folder; None elsewhere
+    content: bytes
+
+
+@final
+@dataclass(frozen=True)
+class Home:
+    """Versions, digests of modules by name, a user's files, and Python's path of the sweep's own process."""
+
+    versions: Mapping[str, str]
+    code: Mapping[str, str]
+    files: tuple[SourceFile, ...]
+    path: tuple[str, ...]
+
+
+def home_of(specs: Iterable[Spec]) -> Home:
+    """Return what the runs `specs` need of this machine. Their classes were loaded here."""
+    names = {name for spec in specs for name in (spec.problem, spec.optimizer) if ":" in name}
+    own = {user_file.place_of(name) for name in names if user_file.is_file_path(name)}
+    modules = {name.partition(":")[0] for name in names if not user_file.is_file_path(name)}
+    files = tuple(
+        SourceFile(str(path), str(sources.root_of(path)), sources.name_at_home(path), path.read_bytes())
+        for path in sorted(_with_packages(own))
+    )
+    code = {module: _digest(module) for module in (*OURS, *sorted(modules))}
+    return Home(_versions(), code, files, tuple(sys.path))
+
+
+def difference(home: Home) -> str:
+    """Return in words what this process has otherwise than `home`; "" where nothing. To be called after `settle`."""
+    here = _versions()
+    for package, wanted in home.versions.items():
+        if wanted and here.get(package) != wanted:
+            return f"it has {package} {here.get(package) or '(none)'}, here it is {wanted}"
+    for module, wanted in home.code.items():
+        try:
+            found = _digest(module)
+        except Exception as error:  # whatever a user's module raises as it is loaded
+            return f"it cannot import {module}: {type(error).__name__}: {error}"
+        if found != wanted:
+            return f"its code of {module} is another than here"
+    return ""
+
+
+def settle(home: Home, folder: Path) -> dict[str, str]:
+    """Put the user's files under `folder`, where they are not in place; return {path at home: path here}."""
+    places: dict[str, str] = {}
+    called: dict[Path, str] = {}
+    roots = list(dict.fromkeys(file.root for file in home.files))
+    settled = []
+    for number, root in enumerate(roots):
+        mine = [file for file in home.files if file.root == root]
+        in_place = all(_is_here(file) for file in mine)
+        top = Path(root) if in_place else (folder / str(number)).resolve()
+        settled.append(str(top))
+        for file in mine:
+            path = top / Path(file.path).relative_to(root)
+            places[file.path] = str(path)
+            if in_place:
+                continue
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(file.content)
+            if file.name is not None:
+                called[path] = file.name
+    sources.call(called)
+    sys.path[:] = dict.fromkeys([*sys.path, *settled, *(entry for entry in home.path if entry not in roots)])
+    return places
+
+
+def moved(pack: Pack, places: Mapping[str, str]) -> Pack:
+    """Return the pack with its user's files where they are here."""
+    jobs = tuple(
+        replace(job, spec=replace(job.spec, problem=_moved(job.spec.problem, places),
+                                  optimizer=_moved(job.spec.optimizer, places)))
+        for job in pack.jobs
+    )  # fmt: skip
+    return replace(pack, jobs=jobs)
+
+
+def _moved(name: str, places: Mapping[str, str]) -> str:
+    if not user_file.is_file_path(name):
+        return name
+    file = str(user_file.place_of(name))
+    return f"{places[file]}:{name.rpartition(':')[2]}" if file in places else name
+
+
+def _is_here(file: SourceFile) -> bool:
+    try:
+        return Path(file.path).read_bytes() == file.content
+    except OSError:
+        return False
+
+
+def _versions() -> dict[str, str]:
+    found = json.loads(provenance()["versions"])
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"  # rows are the same within a minor version
+    return {"Python": python, **{name: version for name, version in found.items() if name not in _NOT_IN_RUNS}}
+
+
+def _digest(module: str) -> str:
+    with user_file.no_bytecode():
+        importlib.import_module(module)
+    return sources.module_digest(module)
+
+
+def _with_packages(files: Iterable[Path]) -> set[Path]:
+    """Return `files`, the local ones that they import, and the ``__init__.py`` of the packages that these stand in."""
+    found: set[Path] = set()
+    left = list(files)
+    while left:
+        for path in sources.closure(left.pop()) - found:
+            if sources.is_ours(path):
+                continue
+            found.add(path)
+            folder = path.parent
+            while (folder / "__init__.py").is_file() and folder != folder.parent:
+                left.append(folder / "__init__.py")
+                folder = folder.parent
+    return found
