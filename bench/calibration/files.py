@@ -69,7 +69,8 @@ def read_table(named: str, stated: Mapping[str, Any]) -> Table:
 def _of_one(data: MeasuredData, file: str) -> Table:
     n = len(data)
     return Table(
-        data.columns, data.units, data.metadata, np.full(n, file), np.arange(1, n + 1), data.name, data.notes
+        data.columns, data.units, data.metadata, np.full(n, file), np.arange(1, n + 1), data.name,
+        tuple(note.text for note in data.notes),
     )  # fmt: skip
 
 
@@ -114,7 +115,7 @@ def _row_by_row(read: Sequence[MeasuredData]) -> Table:
     n = len(read[0])
     units = {name: unit for one in read for name, unit in one.units.items()}
     stated = {key: value for one in read for key, value in one.metadata.items()}
-    notes = tuple(dict.fromkeys(note for one in read for note in one.notes))
+    notes = tuple(dict.fromkeys(note.text for one in read for note in one.notes))
     joined = f"{', '.join(lengths)} are joined row by row"
     first = read[0].name
     return Table(columns, units, stated, np.full(n, first), np.arange(1, n + 1), first, (*notes, joined))

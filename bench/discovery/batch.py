@@ -31,6 +31,7 @@ from calibench.bench.gate.endings import place_of, text_of
 from calibench.bench.measured.sources import Source, sources
 from calibench.bench.provenance.code_digest import digest_of
 from calibench.bench.provenance.environment import provenance
+from calibench.core.notes import Code, Note
 from calibench.core.seeds import digest
 from calibench.core.sources import module_digest
 from calibench.core.user_file import as_usual, safe_children
@@ -127,14 +128,14 @@ class _Task:
         return Outcome(record, False, page if page.exists() else None)
 
 
-def _drawn(record: SearchRecord, report: Report, data: MeasuredData, folder: Path) -> tuple[str, ...]:
+def _drawn(record: SearchRecord, report: Report, data: MeasuredData, folder: Path) -> tuple[Note, ...]:
     """Write drawings and page; return a note where they cannot be drawn, for the verdict stands without them."""
     from calibench.bench.discovery.page.page import write_report
 
     try:
         write_report(record, report, data, folder)
     except Exception as error:
-        return (f"the page could not be drawn: {_said(error)}",)
+        return (Note(Code.NO_PAGE, f"the page could not be drawn: {_said(error)}"),)
     return ()
 
 

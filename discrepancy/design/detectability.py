@@ -13,6 +13,7 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.core.notes import Note
 from calibench.core.plain import finite
 from calibench.core.process import one_thread
 from calibench.discrepancy.checks.validate import looked_at
@@ -79,7 +80,7 @@ class Design:
     visible: tuple[str, ...]
     sines: Array
     not_testable: tuple[Untestable, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; an infinite amplitude is None."""
@@ -89,11 +90,11 @@ class Design:
             "constraints": self.constraints,
             "size": self.size,
             "threshold": self.threshold,
-            "candidates": [{"class": told.pop("group"), **told} for told in map(finite, self.candidates)],
+            "candidates": [{"class": plain.pop("group"), **plain} for plain in map(finite, self.candidates)],
             "classes": [list(names) for names in self.classes],
             "invisible": [sight.effect for sight in self.candidates if not sight.visible],
             "not_testable": finite(self.not_testable),
-            "notes": list(self.notes),
+            "notes": finite(self.notes),
         }
 
 

@@ -20,6 +20,7 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.core.notes import Code, Note
 from calibench.core.words import plain
 from calibench.discrepancy.fitting.fit import Fit, fit, fit_at, readings_of, rests
 from calibench.discrepancy.model.machine import Formulation
@@ -81,10 +82,10 @@ def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, abo
 
 
 def _digest(columns: Mapping[str, Array]) -> bytes:
-    told = blake2b(digest_size=16)
+    digest = blake2b(digest_size=16)
     for name, column in columns.items():
-        told.update(name.encode() + np.ascontiguousarray(column, dtype=float).tobytes())
-    return told.digest()
+        digest.update(name.encode() + np.ascontiguousarray(column, dtype=float).tobytes())
+    return digest.digest()
 
 
 _FAR = 30.0  # times the noise that a calibrated machine leaves, from which on other starts are tried
@@ -92,7 +93,7 @@ _STARTS = 8
 _BETTER = 0.9  # part of the cost: another minimum below this is taken for better
 
 
-def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[str, ...]]:
+def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[Note, ...]]:
     """Return the machine without effects fitted to its data, and a note where the nominal start is not the best.
 
     Other starts are drawn evenly from the box of the parameters, the same at every call. They are used only where the
@@ -109,12 +110,12 @@ def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[str, ...]]:
         return nominal, ()
     best = min(better, key=lambda found: found.cost)
     alike = sum(found.cost < best.cost / _BETTER for found in better)
-    note = (
-        f"the fit from the nominal machine leaves {plain(np.sqrt(nominal.cost / best.cost), 3)} times as much; "
-        f"{alike} of "
+    times = float(np.sqrt(nominal.cost / best.cost))
+    text = (
+        f"the fit from the nominal machine leaves {plain(times, 3)} times as much; {alike} of "
         f"{_STARTS} other starts in the box of the parameters lead to the one that is told here"
     )
-    return best, (note,)
+    return best, (Note(Code.OTHER_START, text, values={"times": times, "starts": _STARTS, "alike": alike}),)
 
 
 def _refuse_no_number(found: Fit) -> None:

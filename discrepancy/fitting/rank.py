@@ -14,6 +14,7 @@ from typing import Any, final
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
+from calibench.core.notes import Code, Note
 from calibench.discrepancy.fitting.fit import Fit, fit, fit_at, readings_of
 from calibench.discrepancy.model.learned_noise import relearned
 from calibench.discrepancy.model.machine import Formulation
@@ -36,15 +37,16 @@ class Undetermined:
     name: str
     others: Mapping[str, float]
 
-    def told(self, parameter: Parameter) -> str:
+    def note(self, parameter: Parameter) -> Note:
         """Return the note for the report."""
         held = f"{self.name} is held at {parameter.start:g}{f' {parameter.unit}' if parameter.unit else ''}"
-        if not self.others:
-            return f"these data do not determine {self.name}: {held} and has no standard error"
-        return (
-            f"these data cannot tell {self.name} from {', '.join(self.others)}: only a combination of them is "
-            f"determined; {held}, and none of them has a standard error"
-        )
+        text = f"these data do not determine {self.name}: {held} and has no standard error"
+        if self.others:
+            text = (
+                f"these data cannot tell {self.name} from {', '.join(self.others)}: only a combination of them is "
+                f"determined; {held}, and none of them has a standard error"
+            )
+        return Note(Code.UNDETERMINED, text, values={"parameters": [self.name, *self.others], "at": parameter.start})
 
 
 @final
@@ -117,10 +119,10 @@ def determined(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, 
     if equations <= rank:
         n = len(formulation.data)
         rows = f"{n} row{'s' if n > 1 else ''}"
-        told = f"; they tell {rank} of them" if lacking else ""
+        seen = f"; they tell {rank} of them" if lacking else ""
         raise DataError(
             f"{formulation.data.name}: {rows} cannot carry {len(formulation.parameters)} parameters"
-            f"{told}, and leave none of their {equations} equations to check the machine with; take more readings, or "
+            f"{seen}, and leave none of their {equations} equations to check the machine with; take more readings, or "
             "hold parameters"
         )
     if not lacking:

@@ -76,11 +76,11 @@ def outliers_of(formulation: Formulation, sensor: Sensor, r: Array, signature: A
     size, unit = outlying_size(energy, share, seen.epsilon, seen.tau), stated
     if len(first) >= thresholds().repeat_pairs:
         change, deviation = _difference(formulation, name, first, second)
-        told = mixture(change**2, np.ones(len(first)))
-        gain += told.gain
-        tau = told.tau if told.gain > seen.gain else tau
-        if told.gain > thresholds().wild_size_gain:  # nothing else that is missing shows between repeats
-            size = outlying_size(change**2, np.ones(len(first)), told.epsilon, told.tau)
+        mixed = mixture(change**2, np.ones(len(first)))
+        gain += mixed.gain
+        tau = mixed.tau if mixed.gain > seen.gain else tau
+        if mixed.gain > thresholds().wild_size_gain:  # nothing else that is missing shows between repeats
+            size = outlying_size(change**2, np.ones(len(first)), mixed.epsilon, mixed.tau)
             unit = deviation
     value, low, high = (unit * end for end in size)
     return NoiseFinding(
@@ -145,11 +145,11 @@ def outlying_size(energy: Array, share: Array, epsilon: float, tau: float) -> Si
         whole = float(weights.sum())
         if whole < 1e-9:
             break
-        told = float(np.sqrt(max((weights * (energy - 1) / share).sum() / whole, 0.0)))
+        size = float(np.sqrt(max((weights * (energy - 1) / share).sum() / whole, 0.0)))
         epsilon = float(np.clip(whole / len(weights), 1e-6, 1 - 1e-6))
-        if abs(told - tau) < 1e-6 * tau:
+        if abs(size - tau) < 1e-6 * tau:
             break
-        tau = told
+        tau = size
     degrees = max(float(weights.sum()), 1.0)
     ends = [np.sqrt(degrees / chdtri(degrees, above)) for above in (0.025, 0.975)]
     return tau, tau * float(ends[0]), tau * float(ends[1])

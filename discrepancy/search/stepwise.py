@@ -113,8 +113,8 @@ def select_stepwise(
         many = len(current.at.misclosure) >= thresholds().many_readings  # then an exact fit is slow
         hopeless = many and tests.named < thresholds().linear_hope * enough
         # misfit alone gives no name, unless the degrees of freedom are so few that no other test can
-        told = tests.p_names < level or (not picks and _few(current))
-        found = options(current, tests) if more and told and not hopeless else ()
+        significant = tests.p_names < level or (not picks and _few(current))
+        found = options(current, tests) if more and significant and not hopeless else ()
         if form is not None and not (found and found[0].gain > form.gain):
             with_form = fit_with(base, (*forms, form.effect))
             after = exchanged(picks, (), with_form, candidates, picked.by_name)

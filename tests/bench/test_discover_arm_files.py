@@ -56,7 +56,7 @@ def test_a_rotation_vector_is_told_and_read(arm, tmp_path):
 def test_the_names_of_figaroh_are_metres(arm, tmp_path):
     heads = ("x1", "y1", "z1", "phix1", "phiy1", "phiz1")
     found = formulated(arm, tmp_path, posed(heads, lambda turns: turns.as_euler("xyz"), places=1e-3))
-    assert "x1, y1, z1: FIGAROH's names, so metres" in found.data.notes
+    assert "x1, y1, z1: FIGAROH's names, so metres" in map(str, found.data.notes)
     assert np.ptp(found.data["x"]) > 500
     assert set(TURNED) <= set(found.readings)
 
@@ -67,7 +67,7 @@ def test_a_folder_of_sockets_is_one_set(arm, tmp_path):
     [source] = sources(str(tmp_path / "plate"), "arm")
     data = source.read({"socket_distance_mm": 50})
     assert source.case == "plate"
-    assert "3 places, 6 files of sockets" in data.notes
+    assert "3 places, 6 files of sockets" in map(str, data.notes)
     assert len(data) == 72
     assert sorted(set(data["place"].tolist())) == ["place_0", "place_1", "place_2"]
     assert any(p.name == "pair0_x" for p in arm.formulate(data).parameters)
@@ -103,4 +103,6 @@ def test_joints_in_a_file_of_their_own_and_beyond_their_limits_are_told(arm, tmp
         arm.formulate(read_measured(tmp_path / "tracker.csv", "arm"))
     q[7, 2] = 3.0
     notes = formulated(arm, tmp_path, table(q, seen)).data.notes
-    assert any(note.startswith("joint_3 stands outside its limits -2.6 to 2.6 of the URDF in 1 row") for note in notes)
+    assert any(
+        note.text.startswith("joint_3 stands outside its limits -2.6 to 2.6 of the URDF in 1 row") for note in notes
+    )

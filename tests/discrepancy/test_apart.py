@@ -48,7 +48,7 @@ def readings(**cells):
 def test_a_code_for_no_value_costs_its_row_and_not_the_verdict(name, code):
     report = discrepancy.explain(Turning(), readings(**{name: code}))
     assert [finding.effect for finding in report.findings] == ["thermal_zero axis"]
-    [note] = [note for note in report.notes if "all others lie between" in note]
+    [note] = [note for note in report.notes if "all others lie between" in note.text]
     assert note.startswith(f"row 18 left out: {name} is {code:g}, ")
     assert note.endswith("correct it, or mark it valid=0")
 
@@ -68,7 +68,7 @@ def test_two_codes_are_left_out_together():
 def test_a_design_is_of_the_rows_that_a_search_would_have() -> None:
     plan = design(Turning(), readings(warmth=9999.9))
     assert plan.readings == N - 1
-    assert any("warmth is 9999.9" in note for note in plan.notes)
+    assert any("warmth is 9999.9" in note.text for note in plan.notes)
 
 
 def test_a_design_lists_of_waves_that_come_one_after_another_the_first() -> None:

@@ -29,7 +29,7 @@ def test_numbered_joints_and_a_trackers_places_are_found():
     found = accepted(given, CHAIN)
     for ours, theirs in {"q_shoulder": "A1", "q_elbow": "A2", "x": "Tracker X", "z": "Tracker Z"}.items():
         np.testing.assert_array_equal(found[ours], given[theirs][1:])  # nobody knows whence the first came
-    assert "A1 to A2 are taken for shoulder, elbow, in this order" in found.notes
+    assert "A1 to A2 are taken for shoulder, elbow, in this order" in map(str, found.notes)
 
 
 def test_numbered_degrees_are_told_under_the_names_of_the_file():

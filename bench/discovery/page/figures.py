@@ -88,8 +88,8 @@ def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = N
             if np.isfinite(value):
                 shade = "white" if value > 0.55 * top else "black"
                 heavy = "bold" if value >= 2 else "normal"
-                told = "≥16" if value >= 16 else f"{value:.1f}"
-                axes.text(x, y, told, ha="center", va="center", fontsize=7.5, color=shade, fontweight=heavy)
+                exponent = "≥16" if value >= 16 else f"{value:.1f}"
+                axes.text(x, y, exponent, ha="center", va="center", fontsize=7.5, color=shade, fontweight=heavy)
         axes.set_xticks(range(len(targets)), targets, fontsize=8)
         axes.set_yticks(range(len(overs)), overs, fontsize=8)
         axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
@@ -159,8 +159,8 @@ def candidate_chart(machine: str, candidates: pd.DataFrame) -> Drawing:
         axes.barh(range(len(shown)), shown["gain"], color=colours, height=0.66)
         axes.axvline(0, color="0.4", lw=0.8)
         for y, (gain, inside) in enumerate(zip(shown["gain"], shown["in_set"])):
-            told = f"{round(gain)}{'  ●' if inside else ''}"
-            axes.annotate(told, (max(gain, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=7.5)
+            words = f"{round(gain)}{'  ●' if inside else ''}"
+            axes.annotate(words, (max(gain, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=7.5)
         axes.set_yticks(range(len(shown)), names, fontsize=8)
         axes.set_xlabel("gain (BIC)" + ("; ● on the shortlist" if shown["in_set"].any() else ""))
         axes.margins(x=0.12)
@@ -336,8 +336,8 @@ def noise_charts(report: Report) -> Iterator[tuple[str, Drawing]]:
     made: dict[str, Callable[[Report, Finding], Drawing]] = {
         "outlier": outliers_in_time, "quantisation": steps_of_the_sensor, "heavy_tails": tails_of_the_residuals,
     }  # fmt: skip
-    told = [finding for finding in report.findings if finding.family in made]
-    for number, finding in enumerate(told, start=1):
+    blamed = [finding for finding in report.findings if finding.family in made]
+    for number, finding in enumerate(blamed, start=1):
         yield f"noise_{number}", made[finding.family](report, finding)
 
 
@@ -528,8 +528,8 @@ def _unit_of(quantity: str, formulation: Formulation) -> str:
     stated = {joint.reading: joint.unit for joint in roles_of(formulation).joints}
     stated |= {p.name: p.unit for p in formulation.parameters}
     stated |= {s.column: s.unit for s in formulation.sensors if s.unit}
-    told = stated.get(quantity) or quantity_of(formulation.data.machine, quantity).unit
-    return told or formulation.data.units.get(quantity, "")
+    unit = stated.get(quantity) or quantity_of(formulation.data.machine, quantity).unit
+    return unit or formulation.data.units.get(quantity, "")
 
 
 def _words(quantity: str, formulation: Formulation) -> str:

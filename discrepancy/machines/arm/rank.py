@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from calibench.core.notes import Code
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.problems.arm.gauge import MIDDLE, WORST, told_apart, unexplained, well_told
 from calibench.problems.base import Array
@@ -48,10 +49,11 @@ def with_held(data: MeasuredData, vague: Sequence[str]) -> MeasuredData:
     many = len(vague) > 1
     kept, them = ("numbers keep their nominal values", "them") if many else ("a number keeps its nominal value", "it")
     best = f"{WORST:g} mm or {WORST:g} mrad"
-    return data.with_note(
+    text = (
         f"{kept}, as the poses tell {them} no better than to {best}: {', '.join(map(_told, vague))}; other poses would "
         "(bench design)"
     )
+    return data.with_note(Code.UNDETERMINED, text, parameters=list(vague))
 
 
 def _worst(unit: str) -> float:

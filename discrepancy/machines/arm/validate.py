@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.notes import Code, Note, once
 from calibench.core.options import suggest
 from calibench.core.words import counted, listed
 from calibench.discrepancy.checks.validate import entered
@@ -58,15 +59,16 @@ def accepted(data: MeasuredData, chain: Chain) -> MeasuredData:
     untold = [] if TO_PREDICT in data else [n for n in chain.driven if f"direction_{n}" not in whole]
     order = np.argsort(columns[clock], kind="stable")
     columns |= _beside(whole, chain, columns, order)
-    notes += _beyond_limits(columns, chain)
+    notes += [Note(Code.BEYOND_LIMITS, text) for text in _beyond_limits(columns, chain)]
     if untold:
         which = "joints" if len(untold) == len(chain.driven) else ", ".join(untold)
         told = "tells it, but of the first row, which is left out"
-        notes.append(f"no column tells from where {which} came: the order of {_order(clock)} {told}")
+        text = f"no column tells from where {which} came: the order of {_order(clock)} {told}"
+        notes.append(Note(Code.TIME_UNKNOWN, text))
     metadata = dict(whole.metadata)
     if (warm := _warmth(whole)) is not None:
         columns[WARMTH], metadata[MIDDLE] = warm
-    made = replace(whole, columns=columns, notes=tuple(dict.fromkeys(notes)), machine="arm", metadata=metadata)
+    made = replace(whole, columns=columns, notes=once(notes), machine="arm", metadata=metadata)
     return made.rows(np.arange(len(whole)) != order[0]) if untold else made
 
 
@@ -124,7 +126,8 @@ def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
         return data
     used = (*found.joints.values(), *found.position.values(), *found.rotation.values())
     turned, units, told = in_base_units(data.columns, used, data.units)
-    data = replace(data, columns={**data.columns, **turned}, units={**data.units, **units}, notes=(*data.notes, *told))
+    read = (*data.notes, *(Note(Code.UNIT, text) for text in told))
+    data = replace(data, columns={**data.columns, **turned}, units={**data.units, **units}, notes=read)
     turning = {j.name for j in chain.joints if j.kind == "rotary"}
     angles = [column for name, column in found.joints.items() if name in turning]
     far = max((float(np.nanmax(np.abs(data[column]), initial=0.0)) for column in angles), default=0.0)
@@ -135,11 +138,11 @@ def _numbered(data: MeasuredData, chain: Chain) -> MeasuredData:
     beside = {name: column for name, column in found.other.items() if name.startswith(_OF_A_JOINT)}
     seen = {**found.position, **found.rotation}
     columns |= {name: data[column] for name, column in {**seen, **beside}.items() if name not in data}
-    notes = [*data.notes, *found.notes]
+    notes = [*data.notes, *(Note(Code.COLUMNS_MATCHED, text) for text in found.notes)]
     metres = [column for column in found.position.values() if found.figaroh and column not in data.units]
     if metres:
         columns |= {name: 1e3 * columns[name] for name in found.position}
-        notes.append(f"{', '.join(metres)}: FIGAROH's names, so metres")
+        notes.append(Note(Code.UNIT, f"{', '.join(metres)}: FIGAROH's names, so metres", tuple(metres)))
     metadata = {**data.metadata, CALLED: found.rotation} if found.rotation else data.metadata
     return replace(data.with_columns(columns), notes=tuple(notes), metadata=metadata)
 
@@ -196,17 +199,17 @@ def _finite(data: MeasuredData, columns: tuple[str, ...]) -> MeasuredData:
     if not good.any():
         raise DataError(f"{data.name}: no row holds a finite number in all of {', '.join(columns)}")
     count = int((~good).sum())
-    return data.rows(good).with_note(
-        f"{count} row{'s' if count > 1 else ''} without a number in a column that is needed: left out"
-    )
+    text = f"{count} row{'s' if count > 1 else ''} without a number in a column that is needed: left out"
+    return data.rows(good).with_note(Code.ROWS_LEFT_OUT, text, rows=data.labels(~good))
 
 
-def _clock(data: MeasuredData, notes: list[str]) -> str:
+def _clock(data: MeasuredData, notes: list[Note]) -> str:
     if "t_s" in data:
         times = np.asarray(data["t_s"], dtype=float)
         if np.isfinite(times).all() and len(np.unique(times)) >= _TIMES * len(times):
             return "t_s"
-    notes.append("no clock tells the time of each row: their order is taken as that of time")
+    text = "no clock tells the time of each row: their order is taken as that of time"
+    notes.append(Note(Code.TIME_UNKNOWN, text))
     return ROW
 
 

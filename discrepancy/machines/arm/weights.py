@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from calibench.core.notes import Code
 from calibench.discrepancy.machines.arm.geometry import READING, Stand, walk
 from calibench.discrepancy.machines.arm.loads import GRAVITY, ROD, as_rods, moments
 from calibench.discrepancy.machines.arm.validate import PAYLOAD, stated_number
@@ -27,7 +28,8 @@ def with_loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: Mea
     """Return the data with the torques that vary, and a note where no mass is told."""
     held = torques(chain, stand, start, data)
     if held and weightless(chain, data):
-        data = data.with_note(_WEIGHTLESS.format(told=chain.told, way_out=_WAY_OUT[chain.told]))
+        text = _WEIGHTLESS.format(told=chain.told, way_out=_WAY_OUT[chain.told])
+        data = data.with_note(Code.MASSES_UNKNOWN, text)
     rounding = 1e-9 * max((float(np.max(np.abs(c))) for c in held.values()), default=0.0)
     vary = {name: c for name, c in held.items() if np.ptp(c) > rounding}
     return replace(data.with_columns(vary), computed=data.computed | set(vary))
