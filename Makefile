@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RESULTS ?= results
 STUDY := $(RESULTS)/cong2008
-SOURCES := core problems optimizers discrepancy bench
+SOURCES := core calibration problems optimizers discrepancy bench
 PYTEST_WORKERS ?= 2
 # one thread of BLAS, as `bench` has it: sums in another order end some searches elsewhere
 export OPENBLAS_NUM_THREADS ?= 1

@@ -23,9 +23,9 @@ from xml.sax.saxutils import escape
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURE = ROOT / "docs" / "images" / "rooms.svg"
-PACKAGES = ("plot", "testing", "bench", "discrepancy", "problems", "optimizers", "core")
+PACKAGES = ("plot", "testing", "bench", "discrepancy", "problems", "optimizers", "calibration", "core")
 _WIDE, _HIGH, _GAP, _DROP = 122, 30, 16, 34  # of a box, and between boxes and rows, in px
-_COLOURS = ("#fbe3ef", "#f2e6ff", "#e3eefc", "#e4f5e9", "#fff3d6", "#fdeae4", "#eeeeee")
+_COLOURS = ("#fbe3ef", "#f2e6ff", "#e3eefc", "#e4f5e9", "#fff3d6", "#fdeae4", "#e6f3f5", "#eeeeee")
 Imports = dict[str, tuple[str, ...]]
 
 

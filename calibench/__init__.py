@@ -13,20 +13,27 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from calibench import bench, discrepancy, optimizers, plot, problems, testing
+    from calibench import bench, calibration, discrepancy, optimizers, plot, problems, testing
     from calibench.bench.discovery.from_python import discover
     from calibench.bench.execution.run import execute
     from calibench.bench.report.from_python import answer
     from calibench.bench.store.runs import ResultStore
     from calibench.bench.sweep.from_python import sweep
+    from calibench.calibration.api import calibrate, design, hand_eye
+    from calibench.problems.identifiability import identify
 
 __all__ = [
     "ResultStore",
     "answer",
     "bench",
+    "calibrate",
+    "calibration",
+    "design",
     "discover",
     "discrepancy",
     "execute",
+    "hand_eye",
+    "identify",
     "optimizers",
     "plot",
     "problems",
@@ -37,8 +44,10 @@ __all__ = [
 _HOMES = {
     "ResultStore": "calibench.bench.store.runs",
     "answer": "calibench.bench.report.from_python",
+    **dict.fromkeys(("calibrate", "design", "hand_eye"), "calibench.calibration.api"),
     "discover": "calibench.bench.discovery.from_python",
     "execute": "calibench.bench.execution.run",
+    "identify": "calibench.problems.identifiability",
     "sweep": "calibench.bench.sweep.from_python",
 }
 

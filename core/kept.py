@@ -31,11 +31,7 @@ def kept(kind: str, of: tuple[bytes, ...], make: Callable[[], Any]) -> Any:
     except (OSError, ValueError):
         pass
     made = make()
-    _keep(path, json.dumps(made).encode())
-    return made
-
-
-def _keep(path: Path, text: bytes) -> None:
+    text = json.dumps(made).encode()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
@@ -43,3 +39,4 @@ def _keep(path: Path, text: bytes) -> None:
         os.replace(file.name, path)
     except OSError:  # a read-only home: the next process works it out again
         pass
+    return made

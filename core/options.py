@@ -132,11 +132,11 @@ def suggest(name: str, choices: Iterable[str]) -> str:
         return "there are none"
     library, apart, _ = name.partition("_")
     akin = [choice for choice in listed if apart and choice.casefold().startswith(f"{library.casefold()}_")]
-    told = akin if len(akin) > 1 and len(listed) > _LONG else listed
-    rest = f" and {len(told) - _BEGINNING} more" if near and len(told) > _LONG else ""
-    told = told[:_BEGINNING] if rest else told
+    named = akin if len(akin) > 1 and len(listed) > _LONG else listed
+    rest = f" and {len(named) - _BEGINNING} more" if near and len(named) > _LONG else ""
+    named = named[:_BEGINNING] if rest else named
     meant = f"did you mean {' or '.join(repr(choice) for choice in near)}? " if near else ""
-    return f"{meant}choices: {', '.join(told)}{rest}"
+    return f"{meant}choices: {', '.join(named)}{rest}"
 
 
 def _alike(name: str, listed: Sequence[str]) -> list[str]:
@@ -170,11 +170,11 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
     if origin in (Union, types.UnionType):
         return _coerce_union(label, value, args)
     if origin is Literal:
-        told = shown(value) if isinstance(value, list | tuple | dict) else str(value)
+        word = shown(value) if isinstance(value, list | tuple | dict) else str(value)
         for choice in args:  # 4.0 and the text 4 are the choice 4
-            if str(choice) == told or (choice == value and not isinstance(value, bool)):
+            if str(choice) == word or (choice == value and not isinstance(value, bool)):
                 return choice
-        raise ValueError(f"{label}={shown(value)}: {suggest(told, [str(a) for a in args])}")
+        raise ValueError(f"{label}={shown(value)}: {suggest(word, [str(a) for a in args])}")
     if origin in LISTS or kind in LISTS:
         return _coerce_list(label, value, origin or kind, args)
     if origin in (Mapping, dict):
@@ -332,8 +332,8 @@ def _coerce_union(label: str, value: Any, kinds: tuple[Any, ...]) -> Any:
         except ValueError as error:
             errors.append(str(error))
     begin, end = f"{label}={shown(value)}: ", " is needed"
-    needs = [told.removeprefix(begin).removesuffix(end) for told in errors]
-    if any(f"{begin}{need}{end}" != told for need, told in zip(needs, errors, strict=True)):
+    needs = [one.removeprefix(begin).removesuffix(end) for one in errors]
+    if any(f"{begin}{need}{end}" != one for need, one in zip(needs, errors, strict=True)):
         raise ValueError(errors[0])
     first, *others = dict.fromkeys([*needs, *(["null"] if type(None) in kinds else [])])
     raise ValueError(f"{begin}{first}{end}{''.join(f', or {other}' for other in others)}")
@@ -445,7 +445,7 @@ def read_word(text: str, kind: Any = Any) -> Any:
             return json.loads(written)
         except (ValueError, RecursionError):
             pass
-    return _number(word) if _takes_number(kind) and _is_number(word) else text
+    return _number(word) if any(each in (int, float) for each in _kinds(kind)) and _is_number(word) else text
 
 
 def is_text(kind: Any, word: str) -> bool:
@@ -559,10 +559,6 @@ def _takes(kind: Any, word: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _takes_number(kind: Any) -> bool:
-    return any(each in (int, float) for each in _kinds(kind))
 
 
 def _is_number(word: str) -> bool:

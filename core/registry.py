@@ -427,8 +427,12 @@ def beside(kind: str, name: str) -> str:
 
 def suggest_or_own(name: str, choices: Iterable[str]) -> str:
     """Return the way out of an unknown name: one that is near it, or else how a class of one's own is named."""
-    told = suggest(name, choices)
-    return told if told.startswith("did you mean") else f"a class of your own is FILE.py:CLASS or MODULE:CLASS; {told}"
+    advice = suggest(name, choices)
+    return (
+        advice
+        if advice.startswith("did you mean")
+        else f"a class of your own is FILE.py:CLASS or MODULE:CLASS; {advice}"
+    )
 
 
 def about(factory: Callable[..., Any]) -> str:

@@ -39,5 +39,5 @@ def arctan2(y: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
 
 
 def _each(of: Callable[..., float], *arrays: ArrayLike) -> NDArray[np.float64]:
-    told: Any = np.frompyfunc(of, len(arrays), 1)(*(np.asarray(array, dtype=float) for array in arrays))
-    return np.asarray(told, dtype=float)
+    values: Any = np.frompyfunc(of, len(arrays), 1)(*(np.asarray(array, dtype=float) for array in arrays))
+    return np.asarray(values, dtype=float)

@@ -26,7 +26,7 @@ _HOME = Path(__file__).resolve().parent.parent
 _FACES = (_HOME / "calibench" / "__init__.py", _HOME / "__init__.py")  # of a checkout, and installed
 # here and not when it is asked for: that may be within an import, and `sysconfig` imports what it reads
 _STANDARD = tuple({Path(sysconfig.get_paths()[key]).resolve() for key in ("stdlib", "platstdlib")})
-_OURS = ("core", "problems", "optimizers", "discrepancy")  # what a run can go through, beside its gate
+_OURS = ("core", "calibration", "problems", "optimizers", "discrepancy")  # what a run can go through, beside its gate
 
 
 @final
@@ -94,37 +94,33 @@ def module_digest(module: str) -> str:
     file = file_of(module)
     if file is None:
         return ""
-    told = blake2b(digest_size=6)
+    whole = blake2b(digest_size=6)
     root = root_of(file)
     files = sorted(closure(file), key=lambda p: _told_name(p, root))
     for path in files:
-        told.update(f"{_told_name(path, root)}:{_source(path).digest};".encode())
+        whole.update(f"{_told_name(path, root)}:{_source(path).digest};".encode())
     names = dict.fromkeys((module, *map(dotted, files)))
-    _TOLD[module] = _Told(told.hexdigest(), tuple((name, _spec(name)) for name in names))
+    _TOLD[module] = _Told(whole.hexdigest(), tuple((name, _spec(name)) for name in names))
     return _TOLD[module].digest
 
 
 def closure(file: Path) -> frozenset[Path]:
     """Return `file` and all local files that it imports, directly or through others."""
     if file not in _REACHED or not _REACHED[file].holds():
-        _REACHED[file] = _Reached.now(_reached(file))
+        found: set[Path] = set()
+        leads: dict[tuple[_Import, Path], list[Path]] = {}
+        left = [file]
+        while left:
+            path = left.pop()
+            if path not in found:
+                found.add(path)
+                root = root_of(path)
+                for one in dict.fromkeys(_source(path).imports):
+                    if (one, root) not in leads:  # most files import what others do
+                        leads[one, root] = _files_of(one, root)
+                    left += leads[one, root]
+        _REACHED[file] = _Reached.now(frozenset(found))
     return _REACHED[file].files
-
-
-def _reached(file: Path) -> frozenset[Path]:
-    found: set[Path] = set()
-    leads: dict[tuple[_Import, Path], list[Path]] = {}
-    left = [file]
-    while left:
-        path = left.pop()
-        if path not in found:
-            found.add(path)
-            root = root_of(path)
-            for one in dict.fromkeys(_source(path).imports):
-                if (one, root) not in leads:  # most files import what others do
-                    leads[one, root] = _files_of(one, root)
-                left += leads[one, root]
-    return frozenset(found)
 
 
 def hidden_beside(file: Path, root: Path) -> dict[str, Path]:
@@ -287,30 +283,26 @@ def _files_of(one: _Import, root: Path) -> list[Path]:
         return []
     target = _find(one.module, root)
     if target is not None and is_ours(target):
-        return _of_ours(one, target, root)
+        # the files of ours that an import runs: not the whole package where a name leads to one module of it
+        if target in _FACES:  # from calibench import problems
+            whole = f"{one.module}.{one.name}"
+            return [] if one.name is None or _find(whole, root) is None else _files_of(_Import(whole, None), root)
+        if not _can_be_run_through(target):
+            return []
+        if target.name != "__init__.py":
+            return [target]
+        if one.name in (None, "*"):
+            return sorted(target.parent.rglob("*.py"))
+        inside = _find(f"{one.module}.{one.name}", root)
+        if inside is not None:
+            return [inside]
+        home = _source(target).provides.get(one.name or "")
+        return [] if home is None else _files_of(_Import(home, one.name), root)
     parts = one.module.split(".")
     names = [".".join(parts[:i]) for i in range(1, len(parts) + 1)]
     names += [] if one.name is None else [f"{one.module}.{one.name}"]
     files = [_find(name, root) for name in names]
     return [file for file in files if file is not None and not is_ours(file) and is_local(file)]
-
-
-def _of_ours(one: _Import, target: Path, root: Path) -> list[Path]:
-    """Return the files of ours that an import runs: not the whole package where a name leads to one module of it."""
-    if target in _FACES:  # from calibench import problems
-        whole = f"{one.module}.{one.name}"
-        return [] if one.name is None or _find(whole, root) is None else _files_of(_Import(whole, None), root)
-    if not _can_be_run_through(target):
-        return []
-    if target.name != "__init__.py":
-        return [target]
-    if one.name in (None, "*"):
-        return sorted(target.parent.rglob("*.py"))
-    inside = _find(f"{one.module}.{one.name}", root)
-    if inside is not None:
-        return [inside]
-    home = _source(target).provides.get(one.name or "")
-    return [] if home is None else _files_of(_Import(home, one.name), root)
 
 
 @cache
@@ -347,7 +339,11 @@ def _find(name: str, root: Path) -> Path | None:
     """Return the file of the module `name`: beside the importing file, or where it was loaded from."""
     if not name:
         return None
-    return (None if _is_hidden(name, root) else _search(name, root)) or file_of(name)
+    # tell whether a package stands before the folder of `root` that `name` begins with
+    top, _, inside = name.partition(".")
+    return (
+        None if (bool(inside) and not _is_package_in(root, top) and file_of(top) is not None) else _search(name, root)
+    ) or file_of(name)
 
 
 def _is_installed(top: str, root: Path) -> bool:
@@ -363,15 +359,6 @@ def _origin(top: str) -> Path | None:
     except (ImportError, ValueError):
         return None
     return _resolved(spec.origin) if spec is not None and spec.origin is not None else None
-
-
-def _is_hidden(name: str, root: Path) -> bool:
-    """Tell whether a package stands before the folder of `root` that `name` begins with.
-
-    Python takes a folder without ``__init__.py``, such as that of a clone, only where it finds no package of the name.
-    """
-    top, _, inside = name.partition(".")
-    return bool(inside) and not _is_package_in(root, top) and file_of(top) is not None
 
 
 @cache

@@ -36,16 +36,16 @@ def check_word(word: str) -> None:
     ValueError: problem.free=: brackets stand 99 deep in each other; at most 30 are read
     """
     key, equals, _ = word.partition("=")
-    told = shortened(key) + equals
+    beginning = shortened(key) + equals
     if len(word) > LONGEST_WORD:
-        raise ValueError(f"{told}: has {len(word)} characters; an argument has at most {LONGEST_WORD}")
+        raise ValueError(f"{beginning}: has {len(word)} characters; an argument has at most {LONGEST_WORD}")
     wrong = next((c for c in word if not c.isprintable() and _is_no_text(c)), None)
     if wrong is not None:
         what = "bytes that are no UTF-8" if "\ud800" <= wrong <= "\udfff" else f"the control character {wrong!a}"
-        raise ValueError(f"{told}: holds {what}; an argument is plain text")
+        raise ValueError(f"{beginning}: holds {what}; an argument is plain text")
     deep = depth(word)
     if deep > DEEPEST:
-        raise ValueError(f"{told}: brackets stand {deep} deep in each other; at most {DEEPEST} are read")
+        raise ValueError(f"{beginning}: brackets stand {deep} deep in each other; at most {DEEPEST} are read")
 
 
 def depth(text: str) -> int:
@@ -146,8 +146,8 @@ def plain(value: float, digits: int = 3, sign: str = "") -> str:
     >>> plain(1634.2, 2), plain(0.00123, 2), plain(-38.0), plain(2.5e7, sign="+")
     ('1600', '0.0012', '-38', '+2.5e+07')
     """
-    told = f"{value:{sign}.{digits}g}"
-    return f"{float(told):{sign}.0f}" if 10**digits <= abs(float(told)) < 1e5 else told
+    short = f"{value:{sign}.{digits}g}"
+    return f"{float(short):{sign}.0f}" if 10**digits <= abs(float(short)) < 1e5 else short
 
 
 def span(seconds: float) -> str:

@@ -28,12 +28,16 @@ def value_and_gradient(objective: Objective, x: Array) -> tuple[float, Array]:
             r = objective.residuals(x)
             return float(r @ r), 2.0 * (objective.jacobian(x).T @ r)
     value = objective(x)
-    return value, forward_differences(objective, x, value)
-
-
-def forward_differences(objective: Objective, x: Array, value: float) -> Array:
-    """Return the gradient at x by `dimension` further evaluations, each inside the box."""
-    return differences(objective, x, value, objective.lower, objective.upper, _sizes(objective, x))
+    # what steps are relative to, shape (dim,): the box where it is closed, and at least the point
+    width = objective.upper - objective.lower
+    return value, differences(
+        objective,
+        x,
+        value,
+        objective.lower,
+        objective.upper,
+        np.maximum(np.abs(x), np.where(np.isfinite(width), width, 1.0)),
+    )
 
 
 def differences(
@@ -130,7 +134,9 @@ class Memoized:
             return slopes
         width = gate.upper - gate.lower
         size = np.where(np.isfinite(width), width, np.maximum(np.abs(x), 1.0))
-        paid = differences(self._counted, x, value, self._lower, self._upper, size, self._kind, steps)
+        paid = differences(
+            self._counted, x, value=value, lower=self._lower, upper=self._upper, size=size, kind=self._kind, steps=steps
+        )
         return np.nan_to_num(paid, posinf=0.0, neginf=0.0)
 
     def curvature(self, x: Array) -> Array | None:
@@ -148,12 +154,6 @@ class Memoized:
     def _counted(self, x: Array) -> float:
         self.count += 1
         return self._objective(x)
-
-
-def _sizes(objective: Objective, x: Array) -> Array:
-    """Return what steps are relative to, shape (dim,): the box where it is closed, and at least the point."""
-    width = objective.upper - objective.lower
-    return np.maximum(np.abs(x), np.where(np.isfinite(width), width, 1.0))
 
 
 def _shifted(x: Array, i: int, lower: Array, upper: Array) -> Callable[[float], Array]:

@@ -409,7 +409,8 @@ class Pygmo:
         return 1 if self.from_start else members(self.algorithm, self.options["population"], dimension, budget)
 
     def _most_members(self) -> tuple[int, int]:
-        return most_members(self.algorithm, self.options["population"])
+        population = self.options["population"]
+        return (population, 0) if isinstance(population, int) else RULES[self.algorithm].most
 
     def compile(self) -> None:
         """Import pygmo, so that no clock sees it."""
@@ -702,11 +703,6 @@ RULES: dict[str, PopulationRule] = {
         ),
     )
 }  # fmt: skip
-
-
-def most_members(method: str, population: int | str | None) -> tuple[int, int]:
-    """Return (a, b): in d dimensions `method` has at most a + b d members."""
-    return (population, 0) if isinstance(population, int) else RULES[method].most
 
 
 def members(method: str, population: int | str | None, dimension: int, budget: int) -> int:

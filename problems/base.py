@@ -144,8 +144,8 @@ def _named(problem: Any, attribute: str, own: bool) -> tuple[Parameter, ...]:
 
 def line_of(problem: Calibration) -> str:
     """Return a problem in a line: its name, its options and how many parameters there are."""
-    told = "".join(f" {key}={shown(value)}" for key, value in problem.options.items() if value is not None)
-    return f"<problem {problem.name}{told}: {counted(len(problem.lower), 'parameter')}>"
+    options = "".join(f" {key}={shown(value)}" for key, value in problem.options.items() if value is not None)
+    return f"<problem {problem.name}{options}: {counted(len(problem.lower), 'parameter')}>"
 
 
 def table_of(problem: Calibration) -> str:

@@ -117,7 +117,7 @@ def identify(problem: Any, x: Array | None = None, noise: float | None = None) -
     coordinates = getattr(problem, "coordinates", None) or ()
     if not coordinates or any(isinstance(one, str) for one in coordinates):
         coordinates = coordinates_of(problem)
-    told = any(getattr(problem, name, None) is not None for name in ("residual_noise", "residual_covariance"))
+    stated = any(getattr(problem, name, None) is not None for name in ("residual_noise", "residual_covariance"))
     scale = np.array([1.0 / _ANGLE_ARM if c.unit == "rad" else 1.0 for c in coordinates])
     weighted = _weighted(problem, x) * scale
     few = weighted.shape[0] < weighted.shape[1]  # only then are null directions missing from the thin form
@@ -139,7 +139,7 @@ def identify(problem: Any, x: Array | None = None, noise: float | None = None) -
         condition=float(s[0] / s[rank - 1]) if rank else float("inf"),
         noise=noise,
         standard_errors=errors,
-        noise_unit=extra_of(problem, "noise_unit", "rad" if told else "in a residual"),
+        noise_unit=extra_of(problem, "noise_unit", "rad" if stated else "in a residual"),
     )
 
 

@@ -18,7 +18,6 @@ PUBLISHED = "published data that do not ship; tests/bench/test_exchange.py"
 
 BLOCKS = {
     ("README.md", "de               5000 evaluations"): "printed by the Python above it, which is run and compared",
-    ("README.md", "import calibench"): "`calibench.calibrate` is being built; a `python` block from then on",
     ("README.md", "git clone URL calibench && python -m pip install ./calibench"): FRESH,
     ("README.md", "bench run -m problem=./mine.py:Rosenbrock"): FRESH,
     ("guide.md", "git clone URL calibench && python -m pip install ./calibench"): FRESH,

@@ -16,7 +16,17 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "CONTRIBUTING.md").read_text()
 SECTIONS = dict(re.findall(r"^## ([^\n]+)\n(.*?)(?=^## |\Z)", PAGE, re.DOTALL | re.MULTILINE))
 RECIPES = ["A problem", "An optimiser", "An effect", "A machine", "A paper"]
-COPIED = ("bench", "calibench", "conf", "core", "discrepancy", "optimizers", "problems", "pyproject.toml")
+COPIED = (
+    "bench",
+    "calibench",
+    "calibration",
+    "conf",
+    "core",
+    "discrepancy",
+    "optimizers",
+    "problems",
+    "pyproject.toml",
+)
 LONG = "bench paper"  # minutes: the ledger's own tests run it
 
 

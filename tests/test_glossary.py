@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "words.md"
 LINES = [line for line in PAGE.read_text().splitlines() if line.startswith("- ")]
 ENTRY = re.compile(r"- \*\*([^*]+)\*\*: (.+[.])$")
-ROOMS = ("core", "problems", "optimizers", "discrepancy", "bench", "benchmarks", "docs")
+ROOMS = ("core", "calibration", "problems", "optimizers", "discrepancy", "bench", "benchmarks", "docs")
 TEXTS = [
     " ".join(path.read_text().split()).lower()
     for path in [ROOT / "README.md", *(p for room in ROOMS for p in (ROOT / room).rglob("*.*"))]

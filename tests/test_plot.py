@@ -440,6 +440,10 @@ def test_the_page_on_python_writes_each_call_as_it_is():
         "sweep": calibench.sweep,
         "answer": calibench.answer,
         "discover": calibench.discover,
+        "calibrate": calibench.calibrate,
+        "design": calibench.design,
+        "hand_eye": calibench.hand_eye,
+        "identify": calibench.identify,
     }
     for name, function in told.items():
         signature = inspect.signature(function)

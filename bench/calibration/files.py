@@ -8,43 +8,20 @@ place is named by its path below that folder.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
 from calibench.bench.measured import sources
 from calibench.bench.measured.files import check_alike, pairs_of, read_socket, socket_files, socket_note
+from calibench.calibration.readings import Table
+from calibench.core.notes import Code, DataError, Note, once
 from calibench.core.options import suggest
-from calibench.discrepancy import DataError, MeasuredData
+from calibench.discrepancy import MeasuredData
 
 MACHINE = "arm"
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Table:
-    """Columns name -> (n,) in base units where `units` states one, and where they come from.
-
-    `file` and `row` (n,) say which reading of which file a row is, for messages; `name` is the case.
-    """
-
-    columns: Mapping[str, Any]
-    units: Mapping[str, str]
-    stated: Mapping[str, Any]
-    file: Any
-    row: Any
-    name: str
-    notes: tuple[str, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.row)
-
-    def told(self, i: int) -> str:
-        """Return how a message names a row: its number, and its file where there are several."""
-        several = len(set(self.file.tolist())) > 1
-        return f"{self.file[i]} row {self.row[i]}" if several else f"row {self.row[i]}"
 
 
 def read_table(named: str, stated: Mapping[str, Any]) -> Table:
@@ -55,23 +32,19 @@ def read_table(named: str, stated: Mapping[str, Any]) -> Table:
     path = Path(named).expanduser()
     if named and path.is_dir():
         return _of_folder(path, stated)
-    found = sources(named, MACHINE)
-    read = [replace(source.read(stated, part=len(found) > 1), name=source.case) for source in found]
+    named_sources = sources(named, MACHINE)
+    read = [replace(source.read(stated, part=len(named_sources) > 1), name=source.case) for source in named_sources]
     if len(read) == 1:
-        return _of_one(read[0], read[0].name)
+        return _of_one(read[0])
     _check_names(read, stated)
     first = set(read[0].columns)
     if all(set(one.columns) == first for one in read):
-        return _one_after_the_other([_of_one(one, one.name) for one in read])
+        return _one_after_the_other([_of_one(one) for one in read])
     return _row_by_row(read)
 
 
-def _of_one(data: MeasuredData, file: str) -> Table:
-    n = len(data)
-    return Table(
-        data.columns, data.units, data.metadata, np.full(n, file), np.arange(1, n + 1), data.name,
-        tuple(note.text for note in data.notes),
-    )  # fmt: skip
+def _of_one(data: MeasuredData) -> Table:
+    return Table.of(data.columns, data.name, units=data.units, stated=data.metadata, notes=data.notes)
 
 
 def _one_after_the_other(tables: Sequence[Table]) -> Table:
@@ -82,8 +55,10 @@ def _one_after_the_other(tables: Sequence[Table]) -> Table:
     columns = {name: np.concatenate([one.columns[name] for one in tables]) for name in tables[0].columns}
     file, row = (np.concatenate([getattr(one, key) for one in tables]) for key in ("file", "row"))
     name = "_".join(one.name for one in tables) if len(tables) <= 3 else tables[0].name
-    notes = tuple(dict.fromkeys(note for one in tables for note in one.notes))
-    return Table(columns, tables[0].units, tables[0].stated, file, row, name, notes)
+    notes = once(note for one in tables for note in one.notes)
+    return Table(
+        columns=columns, units=tables[0].units, stated=tables[0].stated, file=file, row=row, name=name, notes=notes
+    )
 
 
 def _check_names(read: Sequence[MeasuredData], stated: Mapping[str, Any]) -> None:
@@ -101,9 +76,9 @@ def _row_by_row(read: Sequence[MeasuredData]) -> Table:
     """Return files that are joined row by row, such as joints and tracker, as one table. Raises `DataError`."""
     lengths = {one.name: len(one) for one in read}
     if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{name} {n}" for name, n in lengths.items())
+        counts = ", ".join(f"{name} {n}" for name, n in lengths.items())
         raise DataError(
-            f"files are joined row by row, and these have not as many rows ({said}); leave out the rows that one of "
+            f"files are joined row by row, and these have not as many rows ({counts}); leave out the rows that one of "
             "them lacks"
         )
     columns: dict[str, Any] = {}
@@ -112,13 +87,12 @@ def _row_by_row(read: Sequence[MeasuredData]) -> Table:
         if twice:
             raise DataError(f"{one.name}: column {twice[0]} is in another file too, with other numbers; rename one")
         columns |= one.columns
-    n = len(read[0])
-    units = {name: unit for one in read for name, unit in one.units.items()}
-    stated = {key: value for one in read for key, value in one.metadata.items()}
-    notes = tuple(dict.fromkeys(note.text for one in read for note in one.notes))
     joined = f"{', '.join(lengths)} are joined row by row"
-    first = read[0].name
-    return Table(columns, units, stated, np.full(n, first), np.arange(1, n + 1), first, (*notes, joined))
+    return Table.of(
+        columns, read[0].name, units={name: unit for one in read for name, unit in one.units.items()},
+        stated={key: value for one in read for key, value in one.metadata.items()},
+        notes=once([*(note for one in read for note in one.notes), Note(Code.FILE, joined)]),
+    )  # fmt: skip
 
 
 def _alike(a: Any, b: Any) -> bool:
@@ -132,7 +106,7 @@ def _of_folder(folder: Path, stated: Mapping[str, Any]) -> Table:
         raise DataError(
             f"{folder}: holds no hole_0.csv, hole_1.csv or socket_0.csv in folders by place; name a file of readings"
         )
-    read = {file.told: read_socket(file, MACHINE, stated) for file in files}
+    read = {file.label: read_socket(file, MACHINE, stated) for file in files}
     check_alike(folder, read)
-    whole = _one_after_the_other([_of_one(one, told) for told, one in read.items()])
-    return replace(whole, name=folder.name, notes=(socket_note(files), *whole.notes))
+    whole = _one_after_the_other([_of_one(one) for one in read.values()])
+    return replace(whole, name=folder.name, notes=(Note(Code.FILE, socket_note(files)), *whole.notes))

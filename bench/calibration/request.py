@@ -1,19 +1,27 @@
-"""The request of `bench calibrate`: a URDF or a table, data, statements on them, and the folder of the result."""
+"""`bench calibrate`: from its words to a calibration, and the files of it: description, readings, JSON and a page."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, final
+from typing import Any, final
 
-from calibench.bench.calibration.model import KNOWN_TO
-from calibench.bench.calibration.readings import OBSERVED
+from calibench.bench.calibration.files import read_table
+from calibench.bench.measured import write_measured
 from calibench.bench.measured.files import pairs_of
+from calibench.bench.measured.sources import OF_A_CALIBRATION
+from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.sweep.words import RequestError, check_study, read_pairs
+from calibench.calibration.arm import read_arm
+from calibench.calibration.calibrate import Calibration, Level, calibrate_arm
+from calibench.calibration.model import KNOWN_TO
+from calibench.calibration.readings import OBSERVED, columns_of
+from calibench.calibration.start import HowRead
 from calibench.core.options import coerce, read_option, suggest
+from calibench.discrepancy import MeasuredData
 
-Level = Literal["auto", "frames", "zeros", "geometry", "gains"]
 _KEYS = {
     "urdf": "my.urdf", "dh": "my_table.csv", "convention": "standard", "machine.dh": "my_table.csv",
     "machine.convention": "standard", "data": "my.csv", "machine.urdf": "my.urdf", "machine.tip": "tool0",
@@ -26,31 +34,43 @@ _MOST_RESAMPLES = 10_000
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CalibrateRequest:
     """A calibration of the arm of `urdf`, or of the table `dh`; `stated` goes before the data's own metadata.
 
     `distance` [mm] is that of the two sockets of a place, 0 where it is not known, `sigma_distance` [mm] how well it is
-    known. `level` is how much of the arm is
-    calibrated; auto takes what predicts poses best that were not fitted.
+    known. `level` is how much of the arm is calibrated; auto takes what predicts poses best that were not fitted.
     """
 
     urdf: Path | None
     data: str
     tip: str = ""
     base: str = ""
-    observe: str = ""
+    how: HowRead = field(default_factory=lambda: HowRead(limits=True))
     stated: Mapping[str, Any] = field(default_factory=dict)
-    rotation: str = ""
     distance: float = 0.0
     sigma_distance: float = KNOWN_TO
     level: Level = "auto"
-    limits: bool = True
     resamples: int = 200
     page: bool = True
     folder: Path = Path("results/calibrate")
     dh: Path | None = None
     convention: str = ""
+
+    def carry_out(self) -> Calibration:
+        """Return the calibration. Raises `ValueError`, in one line."""
+        path = self.dh or self.urdf
+        assert path is not None
+        arm = None
+        if self.dh is None:  # what cannot be used of a URDF is said before the data are read
+            arm = read_arm(path, table=False, base=self.base, tip=self.tip)
+        table = read_table(self.data, self.stated)
+        if arm is None:
+            arm = read_arm(path, table=True, convention=self.convention, option="", data=table, how=self.how)
+        return calibrate_arm(
+            arm, table, how=self.how, distance=self.distance, sigma_distance=self.sigma_distance, level=self.level,
+            resamples=self.resamples,
+        )  # fmt: skip
 
 
 def check_description(urdf: str, dh: str, convention: str, given: Mapping[str, str], option: str) -> None:
@@ -106,10 +126,37 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
         raise RequestError(f"resamples={resamples}: from 20 to {_MOST_RESAMPLES} draws are needed")
     stated: dict[str, Any] = {key: pairs_of(key, given[key]) for key in ("columns", "units") if key in given}
     return CalibrateRequest(
-        Path(urdf).expanduser() if urdf else None, given["data"], given.get("machine.tip", ""),
-        given.get("machine.base", ""), observe, stated, given.get("rotation", ""), distance, known_to,
-        coerce("level", given.get("level", "auto"), Level),
-        read_option("limits", given.get("limits", "true"), bool), resamples,
-        read_option("page", given.get("page", "true"), bool),
-        Path(given.get("results", "results")).expanduser() / study, Path(dh).expanduser() if dh else None, convention,
+        urdf=Path(urdf).expanduser() if urdf else None, data=given["data"], tip=given.get("machine.tip", ""),
+        base=given.get("machine.base", ""),
+        how=HowRead(observe, given.get("rotation", ""), read_option("limits", given.get("limits", "true"), bool)),
+        stated=stated, distance=distance, sigma_distance=known_to,
+        level=coerce("level", given.get("level", "auto"), Level), resamples=resamples,
+        page=read_option("page", given.get("page", "true"), bool),
+        folder=Path(given.get("results", "results")).expanduser() / study, dh=Path(dh).expanduser() if dh else None,
+        convention=convention,
     )  # fmt: skip
+
+
+def write_calibration(answer: Calibration, request: CalibrateRequest) -> Calibration:
+    """Write everything of one calibration into its folder; return it with the files' names."""
+    folder = request.folder / answer.case
+    folder.mkdir(parents=True, exist_ok=True)
+    files: dict[str, str] = {}
+    if answer.chosen != "frames":
+        for kind, (name, content) in answer.written(request.data).items():
+            files[kind] = str(_put(folder / name, content))
+    columns, units, stated = columns_of(answer.readings, request.distance)
+    readings = MeasuredData(columns, "arm", stated, answer.readings.table.name, units=units)
+    files["readings"] = str(write_measured(readings, folder / OF_A_CALIBRATION))
+    answer = replace(answer, files=files)
+    if request.page:
+        from calibench.bench.calibration.page import write_page  # drawings take half a second to load
+
+        files["page"] = str(write_page(answer, folder))
+    files["json"] = str(folder / "calibration.json")
+    _put(Path(files["json"]), json.dumps(answer.to_dict(), indent=1, allow_nan=False).encode())
+    return answer
+
+
+def _put(path: Path, content: bytes) -> Path:
+    return write_whole(path, lambda file: file.write(content))

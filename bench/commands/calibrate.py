@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 from math import isfinite
 
-from calibench.bench.calibration.calibrate import calibrate
-from calibench.bench.calibration.report.words import headline, level_rows, rows_of_changes, sentences
-from calibench.bench.calibration.report.write import write_calibration
-from calibench.bench.calibration.request import read_calibrate
+from calibench.bench.calibration.request import read_calibrate, write_calibration
+from calibench.bench.calibration.words import headline, level_rows, rows_of_changes, sentences
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_end, print_table
 from calibench.core.words import plain
@@ -23,8 +21,7 @@ def run(argv: list[str]) -> int:
 
         return hand_eye.run(words, "--json" in flags)
     request = read_calibrate(words)
-    found, written, readings = calibrate(request)
-    found = write_calibration(found, written, readings, request)
+    found = write_calibration(request.carry_out(), request)
     if "--json" in flags:
         print(json.dumps(found.to_dict(), allow_nan=False))
         return 0
@@ -34,7 +31,7 @@ def run(argv: list[str]) -> int:
     print("\nerror of poses that were not fitted [mm]")
     print_table(["free", "rms", "95 %", "median", "largest", *_more_heads(found.levels)], level_rows(found))
     if found.changes:
-        print(f"\nwhat changes in the {found.described}")
+        print(f"\nwhat changes in the {found.source}")
         print_table(["joint", "what", "by", "95 %"], rows_of_changes(found))
     wild = [f"{one.row} ({plain(one.error, 3)} mm)" for one in found.wild]
     print_end("wild readings", wild, found.notes, found.files.values())

@@ -112,7 +112,7 @@ def print_table(columns: list[str], rows: list[list[str]]) -> None:
         print("  ".join(str(cell).ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip())
 
 
-def print_end(what: str, left_out: Sequence[str], notes: Iterable[str], written: Iterable[object]) -> None:
+def print_end(what: str, left_out: Sequence[str], notes: Iterable[object], written: Iterable[object]) -> None:
     """Print what was left out of a fit, called `what`, the first few of it; then the notes, and the files written."""
     if left_out:
         more = f" and {len(left_out) - _LISTED} more" if len(left_out) > _LISTED else ""

@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from calibench.bench.calibration.plan import Planned, asks_for_poses, planned
+from calibench.bench.calibration.design import asks_for_poses, read_design_poses
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_table
 from calibench.bench.discovery.design import Designed, designed
@@ -20,6 +20,7 @@ from calibench.bench.discovery.page.page import smallest, untested_lines
 from calibench.bench.discovery.page.words import share
 from calibench.bench.discovery.request import read_design
 from calibench.bench.store.atomic_file import write_whole
+from calibench.calibration.poses import Design
 from calibench.core.words import plain, printable
 from calibench.core.words import print_plain as print
 from calibench.discrepancy.labels import effect_label
@@ -113,7 +114,7 @@ _STEPS = (0, 5, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200)
 def design_poses(argv: list[str]) -> int:
     """Print the poses that are worth most, and write them to the file that was asked for."""
     flags, words = split_flags(argv, ("--json",))
-    found, to = planned(words)
+    found, to = read_design_poses(words)
     if to is not None:
         heads = [f"{name} [{'rad' if turn else 'mm'}]" for name, turn in _turning(found)]
         lines = [",".join(heads), *(",".join(f"{v:.6f}" for v in row) for row in found.joints)]
@@ -143,7 +144,7 @@ def design_poses(argv: list[str]) -> int:
     return 0
 
 
-def _print_poses(found: Planned) -> None:
+def _print_poses(found: Design) -> None:
     turns = [turn for _, turn in _turning(found)]
     heads = [f"{name} [{'°' if turn else 'mm'}]" for name, turn in _turning(found)]
     rows = []
@@ -153,7 +154,7 @@ def _print_poses(found: Planned) -> None:
     print_table(["", *heads, "target [mm]"], rows)
 
 
-def _turning(found: Planned) -> list[tuple[str, bool]]:
+def _turning(found: Design) -> list[tuple[str, bool]]:
     """Return each joint with whether it turns; one that slides does not."""
     kinds = {joint.name: joint.kind for joint in found.chain.joints}
     return [(name, kinds.get(name, "rotary") == "rotary") for name in found.chain.driven]

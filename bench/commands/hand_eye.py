@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 from math import degrees, isfinite
 
-from calibench.bench.calibration.hand_eye.frames import Frame
-from calibench.bench.calibration.hand_eye.hand_eye import hand_eye, write_hand_eye
-from calibench.bench.calibration.hand_eye.request import read_hand_eye
-from calibench.bench.calibration.hand_eye.result import HandEye, Left
+from calibench.bench.calibration.hand_eye import read_hand_eye, write_hand_eye
 from calibench.bench.commands.console import print_end, print_table
+from calibench.calibration.hand_eye import Frame, HandEye, Residual
 from calibench.core.words import plain
 from calibench.core.words import print_plain as print
 
@@ -17,7 +15,7 @@ from calibench.core.words import print_plain as print
 def run(words: list[str], as_json: bool) -> int:
     """Calibrate the camera that `words` name, write what came of it, and print it."""
     request = read_hand_eye(words)
-    found = write_hand_eye(hand_eye(request), request)
+    found = write_hand_eye(request.carry_out(), request)
     if as_json:
         print(json.dumps(found.to_dict(), allow_nan=False))
         return 0
@@ -38,7 +36,7 @@ def _headline(found: HandEye) -> str:
     return f"{_left(found.fitted)} rms of the fitted poses; error of others {found.how}"
 
 
-def _left(left: Left) -> str:
+def _left(left: Residual) -> str:
     return _size(left.position, left.rotation)
 
 

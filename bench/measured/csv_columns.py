@@ -74,8 +74,8 @@ def of_table(table: Table, text: Collection[str]) -> Found:
         if len(row) != len(names):
             commas = table.delimiter == "," and len(row) > len(names)
             way_out = "decimal commas? then part the cells by semicolons" if commas else "mend it, or leave the row out"
-            told = f"reading {number} has {len(row)} cells, the {'header' if table.names else 'first'} {len(names)}"
-            raise DataError(f"{told}; it is line {line} of the file: {way_out}")
+            problem = f"reading {number} has {len(row)} cells, the {'header' if table.names else 'first'} {len(names)}"
+            raise DataError(f"{problem}; it is line {line} of the file: {way_out}")
     cells = zip(*(row for _, row in rows), strict=True)
     named = {name: column for name, column in zip(names, cells, strict=True) if name}
     columns, times = columns_of(named, text, table.delimiter != ",", units)
@@ -212,11 +212,11 @@ def _column(name: str, stripped: Sequence[str], is_text: bool) -> Any:
         return values
     if name in COLUMNS_OF_NAMES:
         return as_words(name, stripped)
-    if len(wrong) == sum(not no_value(cell) for cell in stripped) and not _holds_numbers(name):
+    if len(wrong) == sum(not no_value(cell) for cell in stripped) and name not in columns_of_numbers():
         return as_words(name, stripped)
     i = wrong[0]
-    told = f"column {name}, reading {i + 1}: {shortened(stripped[i])!r} is no number"
-    raise DataError(f"{told}{way_out(stripped[i])}")
+    what = f"column {name}, reading {i + 1}: {shortened(stripped[i])!r} is no number"
+    raise DataError(f"{what}{way_out(stripped[i])}")
 
 
 def like_numbers(column: Any) -> str:
@@ -235,10 +235,6 @@ def check_letters(name: str, widest: int, rows: int) -> None:
     """Raise `DataError` for a column whose words, each as wide as the widest, would take too much room."""
     if widest * rows > MOST_LETTERS:
         raise DataError(f"column {name}: a cell has {widest} characters; words are needed, or leave the column out")
-
-
-def _holds_numbers(name: str) -> bool:
-    return name in columns_of_numbers()
 
 
 _TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?\s*(Z|[+-]\d\d:?\d\d)?")
@@ -277,8 +273,8 @@ def times_of(name: str, column: Sequence[str], unit: str | None) -> Seconds | No
     if len(others) > _FEW * len(column) and name not in columns_of_numbers():
         return None  # words, one of which looks like a time
     if others:
-        told = shortened(column[others[0]])
-        raise DataError(f"column {name}, reading {others[0] + 1}: {told!r} is no time of day such as 14:03:22.5")
+        word = shortened(column[others[0]])
+        raise DataError(f"column {name}, reading {others[0] + 1}: {word!r} is no time of day such as 14:03:22.5")
     values, nights = seconds_of_day(column)
     over = f", on over {counted(nights, 'midnight')}" if nights else ""
     return Seconds(values, f"times of day, turned into seconds from the first{over}", True)
@@ -292,8 +288,8 @@ def seconds_of_day(column: Sequence[str]) -> tuple[Any, int]:
     """
     found = np.full(len(column), np.nan)
     for i, cell in enumerate(column):
-        if told := _OF_DAY.fullmatch(cell):
-            hours, minutes, rest = told.groups("0")
+        if time := _OF_DAY.fullmatch(cell):
+            hours, minutes, rest = time.groups("0")
             found[i] = 3600 * int(hours) + 60 * int(minutes) + float(rest.replace(",", "."))
     known = np.flatnonzero(~np.isnan(found))
     nights = np.cumsum(np.diff(found[known], prepend=found[known[0]]) < -_DAY / 2)
@@ -313,9 +309,9 @@ def _from_earliest(name: str, column: Sequence[str]) -> Any:
         try:
             times.append(datetime.fromisoformat(cell.replace(",", ".").replace(" ", "T", 1).replace(" ", "")))
         except ValueError:
-            told = shortened(cell)
+            word = shortened(cell)
             raise DataError(
-                f"column {name}, reading {i + 1}: {told!r} is no time such as 2026-03-01T12:30:05"
+                f"column {name}, reading {i + 1}: {word!r} is no time such as 2026-03-01T12:30:05"
             ) from None
     known = [time for time in times if time is not None]
     if len({time.tzinfo is None for time in known}) > 1:

@@ -113,8 +113,8 @@ def read_measured(
         found = renamed(found, of, *(of_part(found, names, said) if part else (names, said)))
         table, notes, base = _in_base_units(found.columns, found.units, of)
         about = {**metadata, "machine": of}
-        told = frozenset(stated or {}) - {"columns", "units"}
-        return MeasuredData(table, of, about, path.stem, (*found.notes, *notes), units=base, stated=told)
+        statements = frozenset(stated or {}) - {"columns", "units"}
+        return MeasuredData(table, of, about, path.stem, (*found.notes, *notes), units=base, stated=statements)
     except FileNotFoundError:
         raise DataError(f"{path}: there is no such file") from None
     except (DataError, ValueError, pa.ArrowException, NotImplementedError) as error:
@@ -346,8 +346,8 @@ def table_of(content: bytes) -> pa.Table:
 
 def is_text(kind: pa.DataType) -> bool:
     """Tell whether a column of this type holds words."""
-    told = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
-    return any(is_it(kind) for is_it in (*told, pa.types.is_binary, pa.types.is_large_binary))
+    text_kinds = (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view)
+    return any(is_it(kind) for is_it in (*text_kinds, pa.types.is_binary, pa.types.is_large_binary))
 
 
 def _opened(content: bytes, words: list[str]) -> pq.ParquetFile:
@@ -364,12 +364,12 @@ _SOCKET = re.compile(r"(?:hole|socket)[_ -]?(\d+)", re.IGNORECASE)
 @final
 @dataclass(frozen=True)
 class SocketFile:
-    """The postures of one socket: where the file lies, the socket's number and its place, and how it is told."""
+    """The postures of one socket: where the file lies, the socket's number and its place, and how it is called."""
 
     path: Path
     socket: int
     place: str
-    told: str
+    label: str
 
 
 def socket_files(folder: Path) -> list[SocketFile]:
@@ -394,7 +394,7 @@ def read_socket(file: SocketFile, machine: str, stated: Mapping[str, Any]) -> Me
     data = read_measured(file.path, machine, stated)
     n = len(data)
     own = {"socket": np.full(n, file.socket), "place": np.full(n, file.place)}
-    return replace(data, columns={**data.columns, **own}, name=file.told)
+    return replace(data, columns={**data.columns, **own}, name=file.label)
 
 
 def read_sockets(folder: Path, machine: str, stated: Mapping[str, Any]) -> MeasuredData:
@@ -410,9 +410,9 @@ def read_sockets(folder: Path, machine: str, stated: Mapping[str, Any]) -> Measu
 def check_alike(folder: Path, read: Mapping[str, MeasuredData]) -> None:
     """Raise `DataError` for a file with other columns than the first, or in other units."""
     first, *others = read
-    for told in others:
-        if set(read[told].columns) != set(read[first].columns) or read[told].units != read[first].units:
-            raise DataError(f"{folder}: {told} has other columns or units than {first}; write them alike")
+    for other in others:
+        if set(read[other].columns) != set(read[first].columns) or read[other].units != read[first].units:
+            raise DataError(f"{folder}: {other} has other columns or units than {first}; write them alike")
 
 
 def socket_note(files: list[SocketFile]) -> str:

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from benchmarks.arms.frames import FRAMES, framed, freed
 from benchmarks.arms.series import SERIES, URDF, series
-from calibench.bench.calibration.judged import rms, rms_interval
+from calibench.calibration.leave_out import rms, rms_interval
+from calibench.calibration.walk import BASE, PLACE, TOOL
 from calibench.discrepancy import MeasuredData, Model, Predicted
 from calibench.discrepancy.machines.arm import Arm
-from calibench.discrepancy.machines.arm.geometry import BASE, PLACE, TOOL
 from calibench.problems.base import Array
 from calibench.problems.fitting import gauss_newton
 

@@ -14,8 +14,8 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.calibration.walk import BASE, TOOL
 from calibench.discrepancy import MeasuredData, Model, Predicted
-from calibench.discrepancy.machines.arm.geometry import BASE, TOOL
 from calibench.problems.base import Array, Parameter
 from calibench.problems.fitting import gauss_newton
 

@@ -5,17 +5,14 @@ The rows are base and target alone, joint zeros, lengths and angles too, and the
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from benchmarks.arms.series import EACH, URDF, series
-from calibench.bench.calibration.calibrate import calibrate
-from calibench.bench.calibration.report.result import Calibration
-from calibench.bench.calibration.request import CalibrateRequest
+from calibench.calibration.api import calibrate
+from calibench.calibration.calibrate import Calibration
 from calibench.discrepancy import MeasuredData
 
 FREE = {
@@ -38,12 +35,6 @@ def rows(folder: Path, name: str) -> Iterator[str]:
 
 def calibrated(data: MeasuredData) -> Calibration:
     """Return the calibration with all levels tried, each with the errors of the poses that `data` hold back."""
-    columns = {f"{n} [mm]" if n in "xyz" else n: np.asarray(data[n]) for n in data.columns if n != "row"}
-    with TemporaryDirectory() as made:
-        path = Path(made) / "poses.csv"
-        with path.open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(columns)
-            writer.writerows(zip(*(column.tolist() for column in columns.values()), strict=True))
-        request = CalibrateRequest(Path(URDF), str(path), level="gains", resamples=20, page=False)
-        return calibrate(request)[0]
+    columns = {n: np.asarray(data[n]) for n in data.columns if n != "row"}
+    units = dict.fromkeys("xyz", "mm")
+    return calibrate(URDF, columns, units=units, level="gains", resamples=20)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.arms.series import URDF, series
-from calibench.problems.arm.chains.urdf import read_urdf
+from calibench.calibration.urdf import read_urdf
 from calibench.problems.base import Array
 
 ORDERS = range(1, 65)

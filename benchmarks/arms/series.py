@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from calibench.bench.measured import read_measured
+from calibench.calibration.urdf import read_urdf
 from calibench.discrepancy import MeasuredData
-from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.arm.measured import shipped
 from calibench.problems.base import Array
 

@@ -18,12 +18,13 @@ import numpy as np
 from benchmarks.arms import mukca
 from benchmarks.arms.mukca import DISTANCE
 from calibench.bench.calibration.files import read_table
-from calibench.bench.calibration.fit import fitted, fitted_from, norms, order_of
-from calibench.bench.calibration.judged import rms
-from calibench.bench.calibration.model import ArmModel, model_of
-from calibench.bench.calibration.readings import read_readings
-from calibench.bench.calibration.start import started
-from calibench.problems.arm.chains.urdf import read_urdf
+from calibench.calibration.determined import order_of
+from calibench.calibration.fit import fit_arm, fit_from, norms
+from calibench.calibration.leave_out import rms
+from calibench.calibration.model import ArmModel, model_of
+from calibench.calibration.readings import read_readings
+from calibench.calibration.start import start_of
+from calibench.calibration.urdf import read_urdf
 from calibench.problems.arm.measured import shipped
 from calibench.problems.base import Array
 
@@ -53,10 +54,8 @@ def rows(folder: Path) -> Sequence[str]:
     theirs = _theirs(nominal, [mukca.fitted(nominal, some) for some in others], seen)
     model = _model(nominal, folder)
     order = order_of(model.names, "geometry")
-    fit = fitted(model, order)
-    ours = place_by_place(
-        fit.model, [fitted_from(fit, order, model.place != place) for place in np.unique(model.place)]
-    )
+    fit = fit_arm(model, order)
+    ours = place_by_place(fit.model, [fit_from(fit, order, model.place != place) for place in np.unique(model.place)])
     lines = [
         _line(
             "the authors' URDF, fitted to all nine places",
@@ -99,8 +98,8 @@ def difference(theirs: Array, ours: Array, seed: int = 0) -> tuple[float, float]
 
 def _model(urdf: Path, folder: Path) -> ArmModel:
     chain = read_urdf(urdf).chain("", _TIP)
-    start = started(read_readings(read_table(str(folder / "panda_2"), {}), chain), chain)
-    return model_of(chain, start.readings, start.base, start.tool, DISTANCE)
+    start = start_of(read_readings(read_table(str(folder / "panda_2"), {}), chain), chain)
+    return model_of(chain, start.readings, start.base, start.tool, distance=DISTANCE)
 
 
 def _line(name: str, found: Places) -> str:

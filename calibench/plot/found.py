@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
 from textwrap import fill
@@ -12,10 +13,11 @@ from typing import Any, Literal
 import pandas as pd
 from matplotlib.axes import Axes
 
-from calibench.bench.calibration.report.page.figures import draw_joints, joints_size
+from calibench.bench.calibration.figures import draw_joints, joints_size
 from calibench.bench.discovery.page.figures import Residuals, draw_gap, draw_residuals, gap_of, means_of, series_of
 from calibench.bench.discovery.page.words import compared, floor_holds_the_gap, noise_words
 from calibench.bench.report.shared.drawing import axes_in, explain_lines, figure_of
+from calibench.calibration.calibrate import Calibration
 from calibench.core.options import suggest
 from calibench.discrepancy import Report
 from calibench.plot.numbers import with_data
@@ -90,8 +92,10 @@ def _residuals(report: Report, show: Show | None, effect: str | None) -> Residua
     return drawn[min(at, len(drawn) - 1)]
 
 
-def _calibration(calibration: Mapping[str, Any] | str | Path) -> pd.DataFrame:
+def _calibration(calibration: Calibration | Mapping[str, Any] | str | Path) -> pd.DataFrame:
     """Return the error over the place of each joint: joint, unit, at, low, high, before, after [mm], poses."""
+    if isinstance(calibration, Calibration):
+        return pd.DataFrame([asdict(one) for one in calibration.over_joints])
     told = _json(calibration) if isinstance(calibration, str | Path) else calibration
     if not told.get("over_joints"):
         raise ValueError("calibration: it has no over_joints; the calibration.json of bench calibrate has them")
@@ -99,10 +103,11 @@ def _calibration(calibration: Mapping[str, Any] | str | Path) -> pd.DataFrame:
 
 
 @with_data(_calibration)
-def calibration(calibration: Mapping[str, Any] | str | Path, ax: Axes | None = None) -> Axes:
+def calibration(calibration: Calibration | Mapping[str, Any] | str | Path, ax: Axes | None = None) -> Axes:
     """Draw the rms error of poses that were not fitted over the range of each joint, before and after.
 
-    `calibration` is the path of a calibration.json of ``bench calibrate``, its folder, or what stands in it.
+    `calibration` is what `calibench.calibrate` returns, the path of a calibration.json of ``bench calibrate``, its
+    folder, or what stands in it.
     """
     table = _calibration(calibration)
     with axes_in(ax, *joints_size(table)) as axes:

@@ -164,7 +164,8 @@ def _cache_folder() -> Path:
 def _source_digest() -> str:
     """Return a digest of every source that may contain a kernel, with its path, at any depth."""
     root, digest = Path(__file__).resolve().parents[2], blake2b(digest_size=8)
-    for package, sources in (("core", "*"), ("problems", "*"), ("optimizers", "*"), ("bench", "_*_kernels")):
+    ours = {**dict.fromkeys(("core", "calibration", "problems", "optimizers"), "*"), "bench": "_*_kernels"}
+    for package, sources in ours.items():
         for source in sorted((root / package).rglob(f"{sources}.py")):
             digest.update(f"{source.relative_to(root).as_posix()}\0".encode())
             digest.update(source.read_bytes())

@@ -140,9 +140,9 @@ def heads(row: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
             continue
         match = _HEAD.fullmatch(head) if len(head) <= _LONGEST_HEAD else None
         if match is None or not match["name"]:
-            told = f"{shortened(head)!r}" if head.strip() else f"'' of column {place + 1}"
+            where = f"{shortened(head)!r}" if head.strip() else f"'' of column {place + 1}"
             over = "" if head.strip() else "; leave out a line that names groups of columns"
-            raise ValueError(f"header {told}: a name, or a name with its unit such as angle [rad], is needed{over}")
+            raise ValueError(f"header {where}: a name, or a name with its unit such as angle [rad], is needed{over}")
         if match["name"] in known and _NUMBER.fullmatch(match["name"]):
             raise ValueError(
                 f"the first row holds the number {match['name']} twice, so it is no header; write the names of the "

@@ -282,6 +282,45 @@ class EffectFamily:
                 found += Catalogue(candidates=built)
         return found
 
+    def linear(
+        self,
+        target: str,
+        columns: tuple[str, ...],
+        coefficients: Mapping[str, str],
+        changes: Callable[[Quantities, MeasuredData], dict[str, Array]],
+        *,
+        unit: str = "",
+        twins: tuple[str, ...] = (),
+        measure: Callable[[Array], float] | None = None,
+        largest: float = math.inf,
+        along: Along | None = None,
+        positions: int = 1,
+        begins: float = math.nan,
+        begins_unit: str = "",
+    ) -> LinearEffect:
+        """Return the effect of this family on `target`: `coefficients` are name -> unit, see `LinearEffect`.
+
+        `unit` is that of its amplitude, by default that of its first coefficient.
+        """
+        return LinearEffect(
+            family=self.name,
+            target=target,
+            formula=self.formula,
+            channel=self.channel,
+            columns=columns,
+            coefficients=tuple(coefficients),
+            units=tuple(coefficients.values()),
+            unit=unit or next(iter(coefficients.values())),
+            changes=changes,
+            twins=twins,
+            measure=measure or size,
+            largest=largest,
+            along=along,
+            positions=positions,
+            begins=begins,
+            begins_unit=begins_unit,
+        )
+
     def enter(self) -> EffectFamily:
         """Put the family into the registry, under `machine/name`, and return it."""
         effects.register(f"{self.machine}/{self.name}")(lambda: self)

@@ -93,9 +93,9 @@ class Constraints:
                 raise DataError(f"sensor {sensor.column}: no noise is stated of it; there are {', '.join(self.noise)}")
         for name, sigma in self.noise.items():
             if not (isinstance(sigma, int | float) and np.isfinite(sigma) and sigma > 0):
-                told = f"{sigma:g}" if isinstance(sigma, int | float) else repr(sigma)
+                shown_sigma = f"{sigma:g}" if isinstance(sigma, int | float) else repr(sigma)
                 only = " (None, unknown, is for what Predicted measures)" if sigma is None else ""
-                raise DataError(f"noise of {name}: {told}; a standard deviation above 0 is needed{only}")
+                raise DataError(f"noise of {name}: {shown_sigma}; a standard deviation above 0 is needed{only}")
         refuse_twice((*self.noise, *self.inputs), self.held, self.parameters)
         sensors = (*self.instruments, *joints_among(self.inputs, self.roles))
         data = complete(self.data, (*self.noise, *self.inputs), sensors)
@@ -171,10 +171,12 @@ def joints_among(inputs: Sequence[str], roles: Roles) -> tuple[Sensor, ...]:
     return tuple(Sensor(joint.reading, "joint", joint.unit) for joint in roles.joints if joint.reading in inputs)
 
 
-def check_kinds(told: str, columns: object, inputs: object, parameters: Sequence[object]) -> None:
+def check_kinds(argument: str, columns: object, inputs: object, parameters: Sequence[object]) -> None:
     """Raise `DataError` where a statement of an author has a wrong type: a word for a tuple, names without noise."""
     if not isinstance(columns, Mapping):
-        raise DataError(f"{told}: each column with its standard deviation is needed, such as {told}={{'x': 0.02}}")
+        raise DataError(
+            f"{argument}: each column with its standard deviation is needed, such as {argument}={{'x': 0.02}}"
+        )
     refuse_word("inputs", inputs)
     for one in parameters:
         if not isinstance(one, Parameter):
@@ -270,16 +272,16 @@ class Predicted:
 
     def constraints(self, q: Quantities) -> Numbers:
         """Return measured minus predicted, shape (n, m); raise `DataError` for a prediction of another shape."""
-        told = np.asarray(self.predict(q))
+        predicted = np.asarray(self.predict(q))
         n, m = len(self.data), len(self.measured)
-        if told.shape == (n,) and m == 1:
-            told = told[:, None]
-        if told.shape != (n, m):
+        if predicted.shape == (n,) and m == 1:
+            predicted = predicted[:, None]
+        if predicted.shape != (n, m):
             raise DataError(
-                f"predict(q) returned shape {told.shape} for {n} readings of {', '.join(self.measured)}: "
+                f"predict(q) returned shape {predicted.shape} for {n} readings of {', '.join(self.measured)}: "
                 f"({n}, {m}) is needed; np.stack([...], axis=-1) makes it"
             )
-        return np.asarray(np.stack([q[name] for name in self.measured], axis=-1) - told)
+        return np.asarray(np.stack([q[name] for name in self.measured], axis=-1) - predicted)
 
     def decorrelate(self, rows: Array) -> Array:
         """Return `rows` as they are: each reading has noise of its own."""
@@ -393,7 +395,24 @@ class Blocks:
         if not blocks:
             raise DataError("Blocks: at least one block is needed")
         parts = _alike(blocks)
-        _check(parts)
+        first: dict[str, tuple[str, Any]] = {}
+        for block in parts:
+            roles: dict[str, tuple[str, Any]] = {
+                p.name: ("free", (p.unit, p.start, p.lower, p.upper)) for p in block.parameters
+            }
+            roles |= {name: ("held", value) for name, value in block.fixed.items()}
+            roles |= dict.fromkeys(block.readings, ("measured", None)) | dict.fromkeys(
+                inputs_of(block), ("an input", None)
+            )
+            for name, role in roles.items():
+                other = first.setdefault(name, role)
+                if other != role:
+                    how = (
+                        f"{other[0]} in one and {role[0]} in another"
+                        if other[0] != role[0]
+                        else f"{role[0]} differently"
+                    )
+                    raise DataError(f"Blocks: {name} is {how}; state it alike in all blocks")
         self._set(_stacked(parts), parts)
         self._set(self.data, tuple(part.on(self.data.rows(rows)) for part, rows in self._rows(parts)))
 
@@ -575,21 +594,6 @@ def _alike(blocks: Sequence[Formulation]) -> tuple[Formulation, ...]:
     return tuple(parted)
 
 
-def _check(blocks: Sequence[Formulation]) -> None:
-    first: dict[str, tuple[str, Any]] = {}
-    for block in blocks:
-        roles: dict[str, tuple[str, Any]] = {
-            p.name: ("free", (p.unit, p.start, p.lower, p.upper)) for p in block.parameters
-        }
-        roles |= {name: ("held", value) for name, value in block.fixed.items()}
-        roles |= dict.fromkeys(block.readings, ("measured", None)) | dict.fromkeys(inputs_of(block), ("an input", None))
-        for name, told in roles.items():
-            other = first.setdefault(name, told)
-            if other != told:
-                how = f"{other[0]} in one and {told[0]} in another" if other[0] != told[0] else f"{told[0]} differently"
-                raise DataError(f"Blocks: {name} is {how}; state it alike in all blocks")
-
-
 def _stacked(blocks: Sequence[Formulation]) -> MeasuredData:
     """Return the rows of all blocks one below the other, with a column for the block, poses and visits told apart."""
     parts = [_filled_in(_identified(block.data), block, blocks) for block in blocks]
@@ -665,8 +669,8 @@ def check_slopes(formulation: Formulation, words: str) -> None:
         at = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(at.filename).name}, line {at.lineno}"
         compares = "; it is given all readings at once: no if, and no comparison" if _takes_one(formulation, q) else ""
-        told = f"{words} failed at the start values: {type(error).__name__}: {error} ({where})"
-        raise DataError(f"{told}{compares}") from error
+        failure = f"{words} failed at the start values: {type(error).__name__}: {error} ({where})"
+        raise DataError(f"{failure}{compares}") from error
     try:
         slopes = few.slopes(q)
     except TypeError as error:

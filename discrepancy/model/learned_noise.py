@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.measured import DataError, MeasuredData, kinds_of
+from calibench.discrepancy.model.measured import DataError, kinds_of
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of
 from calibench.discrepancy.thresholds import thresholds
@@ -36,8 +36,8 @@ def learned_noise(formulation: Formulation) -> dict[str, float]:
     """
     data = formulation.data
     if data.has("split"):
-        told = np.asarray(data["split"]) != "hold"
-        data = data.rows(told) if told.any() else data
+        fitted = np.asarray(data["split"]) != "hold"
+        data = data.rows(fitted) if fitted.any() else data
     there = formulation.on(data)
     names, unknown = there.readings, unknown_noise_of(there)
     model = Model(there)
@@ -54,7 +54,13 @@ def learned_noise(formulation: Formulation) -> dict[str, float]:
         left = np.asarray(model.residuals(x))
     found = noise_left(there, left, len(x))
     for name, deviation in found.items():
-        _refuse_no_scatter(data, name, deviation)
+        first = float(data[name][0])
+        if not np.ptp(data[name]) and deviation <= max(_LEAST * abs(first), _SMALLEST):
+            rows = f"all {len(data)} fitted rows" if len(data) > 1 else "the only fitted row"
+            raise DataError(
+                f"{data.name}: {name} reads {first:g} in {rows}, which tells nothing of its noise; state the noise, or "
+                "take readings that differ"
+            )
     return found
 
 
@@ -70,7 +76,9 @@ def noise_left(formulation: Formulation, left: Array, spent: float) -> dict[str,
         for k, name in enumerate(names)
         if name in unknown
     }
-    for columns in _of_one_instrument(formulation):
+    # the columns of each instrument, as the roles have them and as the sensors' kinds do
+    by_role = [one.columns for one in roles_of(formulation).instruments]
+    for columns in [*by_role, *(tuple(one.column for one in kind) for kind in kinds_of(formulation.sensors))]:
         found |= _pooled({name: found[name] for name in columns if name in found}, n, each)
     return found
 
@@ -82,12 +90,6 @@ def relearned(formulation: Formulation, left: Array, spent: float) -> Formulatio
     """
     again = getattr(formulation, "relearned", None)  # of `Predicted`, and of what stands around it
     return formulation if again is None else again(left, spent)
-
-
-def _of_one_instrument(formulation: Formulation) -> list[tuple[str, ...]]:
-    """Return the columns of each instrument, as the roles have them and as the sensors' kinds do."""
-    by_role = [one.columns for one in roles_of(formulation).instruments]
-    return [*by_role, *(tuple(one.column for one in kind) for kind in kinds_of(formulation.sensors))]
 
 
 def _pooled(found: dict[str, float], n: int, spent: float) -> dict[str, float]:
@@ -113,16 +115,6 @@ def told_by_middle(n: int, spent: float) -> float:
     number, chance would look like misfit.
     """
     return max(_TOLD * (n - spent), 1.0)
-
-
-def _refuse_no_scatter(data: MeasuredData, name: str, sigma: float) -> None:
-    first = float(data[name][0])
-    if not np.ptp(data[name]) and sigma <= max(_LEAST * abs(first), _SMALLEST):
-        rows = f"all {len(data)} fitted rows" if len(data) > 1 else "the only fitted row"
-        raise DataError(
-            f"{data.name}: {name} reads {first:g} in {rows}, which tells nothing of its noise; state the noise, or "
-            "take readings that differ"
-        )
 
 
 def weighted_fit(model: Model, x: Array, weight: Array) -> Array:

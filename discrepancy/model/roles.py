@@ -45,9 +45,9 @@ class Joint:
     def __post_init__(self) -> None:
         if self.kind not in ("rotary", "sliding"):
             raise DataError(f"{self.name}: kind {self.kind!r}: rotary or sliding")
-        for told, number in (("teeth", self.teeth), ("period", self.period)):
+        for key, number in (("teeth", self.teeth), ("period", self.period)):
             if not (isinstance(number, int | float) and 0 <= number < inf):
-                raise DataError(f"{self.name}: {told} {number!r}: a number above 0, or 0 for unknown, is needed")
+                raise DataError(f"{self.name}: {key} {number!r}: a number above 0, or 0 for unknown, is needed")
         if not self.unit:
             object.__setattr__(self, "unit", "rad" if self.kind == "rotary" else "mm")
 
@@ -106,9 +106,11 @@ class Roles:
     columns: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for told, parts in (("joints", self.joints), ("lengths", self.lengths), ("instruments", self.instruments)):
+        for argument, parts in (("joints", self.joints), ("lengths", self.lengths), ("instruments", self.instruments)):
             if not isinstance(parts, tuple | list):
-                raise DataError(f"roles: {told} is one {type(parts).__name__}; a tuple is needed: {told}=(..., )")
+                raise DataError(
+                    f"roles: {argument} is one {type(parts).__name__}; a tuple is needed: {argument}=(..., )"
+                )
         refuse_word("roles: columns", self.columns)
         names = [ALL, *(p.name for p in self.joints), *(p.name for p in self.lengths)]
         names += [p.name for p in self.instruments]
@@ -144,10 +146,10 @@ class Roles:
             _known(instrument.name, instrument.columns, set(formulation.readings), "measured column")
 
 
-def refuse_word(told: str, names: object) -> None:
+def refuse_word(argument: str, names: object) -> None:
     """Raise `DataError` for a word in the place of a tuple of words: its letters would be taken for names."""
     if isinstance(names, str):
-        raise DataError(f"{told}: {names!r} is one word; a tuple of columns is needed: ({names!r},)")
+        raise DataError(f"{argument}: {names!r} is one word; a tuple of columns is needed: ({names!r},)")
 
 
 def roles_of(formulation: Formulation) -> Roles:
@@ -179,21 +181,23 @@ def words_of(roles: Roles) -> dict[str, str]:
     >>> words_of(Roles(joints=(Joint("joint 2", "Winkel", direction="von"),), time="clock"))
     {'clock': 'time', 'Winkel': 'angle of joint 2', 'von': 'direction of joint 2'}
     """
-    told = {roles.time: "time", roles.temperature: "temperature"}
+    meanings = {roles.time: "time", roles.temperature: "temperature"}
     for joint in roles.joints:
         rotary = joint.kind == "rotary"
         each = {joint.reading: "angle" if rotary else "position", joint.direction: "direction",
                 joint.velocity: "velocity", joint.torque: "torque" if rotary else "force",
                 joint.temperature: "temperature"}  # fmt: skip
-        told |= {name: f"{word} of {joint.label or joint.name}" for name, word in each.items() if name not in told}
+        meanings |= {
+            name: f"{word} of {joint.label or joint.name}" for name, word in each.items() if name not in meanings
+        }
     for length in roles.lengths:
         each = {length.quantity: "length", length.force: "force along", length.temperature: "temperature"}
         of = {name: word if word.endswith("along") else f"{word} of" for name, word in each.items()}
-        told |= {name: f"{word} {length.label or length.name}" for name, word in of.items() if name not in told}
+        meanings |= {name: f"{word} {length.label or length.name}" for name, word in of.items() if name not in meanings}
     for one in roles.instruments:
         speeds = zip(one.velocity, one.columns)
-        told |= {name: f"velocity of {column}" for name, column in speeds if name not in told}
-    return {name: words for name, words in told.items() if name}
+        meanings |= {name: f"velocity of {column}" for name, column in speeds if name not in meanings}
+    return {name: words for name, words in meanings.items() if name}
 
 
 def inputs_of(formulation: Formulation) -> tuple[str, ...]:

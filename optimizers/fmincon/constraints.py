@@ -171,7 +171,9 @@ def region(
     lower, upper = _bound("lb", lb, n, -np.inf), _bound("ub", ub, n, np.inf)
     rows, limits = _linear("A", A, "b", b, n)
     rows_eq, limits_eq = _linear("Aeq", Aeq, "beq", beq, n)
-    return Region(lower, upper, rows, limits, rows_eq, limits_eq, nonlcon, gradients, kind)
+    return Region(
+        lower, upper, A=rows, b=limits, Aeq=rows_eq, beq=limits_eq, nonlcon=nonlcon, gradients=gradients, kind=kind
+    )
 
 
 def step_sizes(x: Array, lower: Array, upper: Array) -> Array:
@@ -370,7 +372,19 @@ def iterate_at(
         float(np.max(scaled[kept] * np.maximum(slack[kept], 0.0), initial=0.0)),
     )
     violation = region.violation(x)
-    return Iterate(x, value, gradient, J_in, J_eq, violation, first_order, inequalities, equalities, at_lower, at_upper)
+    return Iterate(
+        x,
+        value,
+        gradient=gradient,
+        J_in=J_in,
+        J_eq=J_eq,
+        violation=violation,
+        first_order=first_order,
+        inequalities=inequalities,
+        equalities=equalities,
+        at_lower=at_lower,
+        at_upper=at_upper,
+    )
 
 
 _WEIGHT = 100.0

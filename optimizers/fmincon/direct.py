@@ -104,7 +104,16 @@ def fmincon(
     chosen = optimoptions(options)
     start = _start(x0)
     where = region(
-        len(start), A, b, Aeq, beq, lb, ub, nonlcon, chosen.SpecifyConstraintGradient, chosen.FiniteDifferenceType
+        len(start),
+        A,
+        b=b,
+        Aeq=Aeq,
+        beq=beq,
+        lb=lb,
+        ub=ub,
+        nonlcon=nonlcon,
+        gradients=chosen.SpecifyConstraintGradient,
+        kind=chosen.FiniteDifferenceType,
     )
     asked = Called(fun, chosen.filled(len(start)), where.lower, where.upper)
     found, m, m_eq = search(asked, where, chosen, start), len(where.b), len(where.beq)
@@ -116,8 +125,8 @@ def fmincon(
         fval=answer.value,
         exitflag=found.flag,
         output=Output(
-            iterations, asked.count, step, step_length, answer.violation, answer.first_order, chosen.Algorithm,
-            found.message,
+            iterations, asked.count, stepsize=step, lssteplength=step_length, constrviolation=answer.violation,
+            firstorderopt=answer.first_order, algorithm=chosen.Algorithm, message=found.message,
         ),
         lambda_=Multipliers(
             answer.at_lower, answer.at_upper, answer.inequalities[:m], answer.equalities[:m_eq],
@@ -147,7 +156,19 @@ def _nowhere(x0: Array, m_in: int, m_eq: int) -> Iterate:
     n, nan = len(x0), float("nan")
     zero, slopes = np.zeros(n), np.full(n, nan)
     J_in, J_eq = np.zeros((m_in, n)), np.zeros((m_eq, n))
-    return Iterate(x0, nan, slopes, J_in, J_eq, nan, nan, np.zeros(m_in), np.zeros(m_eq), zero, zero)
+    return Iterate(
+        x0,
+        nan,
+        gradient=slopes,
+        J_in=J_in,
+        J_eq=J_eq,
+        violation=nan,
+        first_order=nan,
+        inequalities=np.zeros(m_in),
+        equalities=np.zeros(m_eq),
+        at_lower=zero,
+        at_upper=zero,
+    )
 
 
 @final

@@ -98,7 +98,9 @@ class Fmincon:
         asked = Memoized(objective, self.SpecifyObjectiveGradient, self.FiniteDifferenceType)
         while not np.isfinite(asked.value(start)):
             start = objective.restart()
-        box = region(objective.dimension, None, None, None, None, objective.lower, objective.upper, None)
+        box = region(
+            objective.dimension, None, b=None, Aeq=None, beq=None, lb=objective.lower, ub=objective.upper, nonlcon=None
+        )
         search(asked, box, self._options(objective.remaining + 1), start)
 
     def _options(self, budget: int | None) -> Options:

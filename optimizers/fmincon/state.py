@@ -306,8 +306,9 @@ def tell(state: State, count: int, options: Options, when: Literal["init", "iter
         return False
     at = state.answer
     values = OptimValues(
-        state.iteration, count, at.value, at.violation, state.step, state.step_length, at.first_order,
-        at.gradient.copy(), None if state.direction is None else state.direction.copy(),
+        state.iteration, count, fval=at.value, constrviolation=at.violation, stepsize=state.step,
+        lssteplength=state.step_length, firstorderopt=at.first_order, gradient=at.gradient.copy(),
+        searchdirection=None if state.direction is None else state.direction.copy(),
     )  # fmt: skip
     try:
         return bool(options.OutputFcn(at.x.copy(), values, when))

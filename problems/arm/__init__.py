@@ -1,37 +1,14 @@
-"""Serial arms: read from a URDF or a table of joints, their kinematics, and their calibration on measured postures."""
+"""Serial arms as problems: a face of `calibration` with one's own readings, those of two real arms, and drawn ones."""
 
 from typing import TYPE_CHECKING
 
-from calibench.core.lazy import loader
+from calibench.core.lazy import loader, public_names
 from calibench.problems.arm.families import arm, arm_panda, arm_ur10
 
 if TYPE_CHECKING:
     from calibench.problems.arm.calibration import ArmCalibration
-    from calibench.problems.arm.chains.chain import Chain, ChainError, ChainJoint, Mimic
-    from calibench.problems.arm.chains.urdf import Robot, UrdfError, parse_urdf, read_urdf
 
-__all__ = [
-    "ArmCalibration",
-    "Chain",
-    "ChainError",
-    "ChainJoint",
-    "Mimic",
-    "Robot",
-    "UrdfError",
-    "arm",
-    "arm_panda",
-    "arm_ur10",
-    "parse_urdf",
-    "read_urdf",
-]
+__all__ = ["ArmCalibration", "arm", "arm_panda", "arm_ur10"]
 
-_HOMES = {
-    "ArmCalibration": "calibration",
-    **dict.fromkeys(("Chain", "ChainError", "ChainJoint", "Mimic"), "chains.chain"),
-    **dict.fromkeys(("Robot", "UrdfError", "parse_urdf", "read_urdf"), "chains.urdf"),
-}
-__getattr__ = loader(__name__, _HOMES)  # as every start lists the names of all that there is
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__ = loader(__name__, {"ArmCalibration": "calibration"})  # as every start lists the names of all that there is
+__dir__ = public_names(__all__)

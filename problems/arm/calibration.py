@@ -14,11 +14,9 @@ from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
-from calibench.problems.arm.chains.chain import Chain
-from calibench.problems.arm.chains.kinematics import nominal, parameter_names
-from calibench.problems.arm.compiled.packing import constants
-from calibench.problems.arm.gauge import observability, reach
-from calibench.problems.arm.readings import GAP, Readings
+from calibench.calibration.compared import GAP, Compared, constants
+from calibench.calibration.determined import observability, reach
+from calibench.calibration.kinematics import Chain, nominal, parameter_names
 from calibench.problems.base import Array, Parameter, frozen, line_of, table_of
 from calibench.problems.compiled_problem import CompiledProblem
 from calibench.problems.fitting import fit, least_in_box, levels, value_of_noise
@@ -40,9 +38,9 @@ class ArmCalibration:
     name: str
     options: Mapping[str, Any]
     chain: Chain
-    seen: Readings
+    seen: Compared
     parameters: tuple[Parameter, ...]
-    held: Readings | None = None
+    held: Compared | None = None
     robust: float = np.inf
     noise: float = 0.0
     drawn: Any = field(default=None, kw_only=True, repr=False)
@@ -61,7 +59,7 @@ class ArmCalibration:
 
     def __post_init__(self) -> None:
         # imported here, because listing the names must not load the compiler
-        from calibench.problems.arm.compiled import _kernels as kernels
+        from calibench.calibration import _kernels as kernels
 
         arguments = self._arguments(self.seen)
         object.__setattr__(self, "_compiled", CompiledProblem.of(self.name, self.parameters, kernels, arguments))
@@ -124,7 +122,7 @@ class ArmCalibration:
 
     def targets_at(self, x: Array) -> Array:
         """Return where the arm x brings the target in each posture, (n, 3) [mm]."""
-        from calibench.problems.arm.compiled import _kernels as kernels
+        from calibench.calibration import _kernels as kernels
 
         c = self._compiled.constants
         return np.asarray(kernels.targets(self._compiled.vector(x), *c[:6])[:, :3])
@@ -150,7 +148,7 @@ class ArmCalibration:
     def _held_out(self, x: Array) -> dict[str, float]:
         if self.held is None:
             return {}
-        from calibench.problems.arm.compiled import _kernels as kernels
+        from calibench.calibration import _kernels as kernels
 
         arguments = list(self._arguments(self.held))
         arguments[-2] = np.inf  # held-out readings are judged by plain squares
@@ -158,11 +156,11 @@ class ArmCalibration:
         known = self.held.groups[:, 0] == GAP
         rows = self.held.rows
         places = np.array([r[row : row + 3] for row in rows[~known]])
-        found = {"held_out": float(np.sqrt((places**2).sum(axis=1).mean()))}
+        errors = {"held_out": float(np.sqrt((places**2).sum(axis=1).mean()))}
         if known.any():
             gaps = r[rows[known]] / self.held.weight[known, 0]
-            found["gap"] = float(np.sqrt((gaps**2).mean()))
-        return found
+            errors["gap"] = float(np.sqrt((gaps**2).mean()))
+        return errors
 
     @cached_property
     def best(self) -> Array:
@@ -224,7 +222,7 @@ class ArmCalibration:
         names = (*parameter_names(self.chain), *plane_names(len(self.seen.planes)))
         return np.array([names.index(p.name) for p in self.parameters], dtype=np.int64)
 
-    def _arguments(self, readings: Readings) -> tuple[Any, ...]:
+    def _arguments(self, readings: Compared) -> tuple[Any, ...]:
         template = np.concatenate([nominal(self.chain), np.zeros(3 * len(readings.planes))])
         return constants(self.chain, readings, template, self._free, self.robust)
 

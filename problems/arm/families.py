@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 
-from calibench.problems.arm.chains.rigid import Rotation
+from calibench.calibration.rigid import Rotation
 from calibench.problems.base import registry
 
 if TYPE_CHECKING:

@@ -19,13 +19,12 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.problems.arm.chains.chain import Chain
-from calibench.problems.arm.chains.kinematics import forward, jacobian, parameter_names, parameter_units
-from calibench.problems.arm.chains.rigid import rpy, shift
-from calibench.problems.arm.chains.urdf import read_urdf
-from calibench.problems.arm.gauge import gauge
+from calibench.calibration.compared import Compared, poses, positions, sockets
+from calibench.calibration.determined import gauge
+from calibench.calibration.kinematics import Chain, forward, jacobian, parameter_names, parameter_units
+from calibench.calibration.rigid import Index, rpy, shift
+from calibench.calibration.urdf import read_urdf
 from calibench.problems.arm.measured import shipped
-from calibench.problems.arm.readings import Index, Readings, poses, positions, sockets
 from calibench.problems.base import Array
 from calibench.problems.instances import Box, Noise, Stream, can_be_identified, first_that_fits
 
@@ -62,7 +61,7 @@ class ArmInstance:
         """Return what the instance decides of the family's options: nothing that can be given."""
         return {}
 
-    def read(self, noise: float) -> Readings:
+    def read(self, noise: float) -> Compared:
         """Return what the true arm gives to read, with noise of a standard deviation [mm] (turns: over 100 mm)."""
         rng = np.random.default_rng(self.noise.data_seed)
         true = forward(self.chain, dict(zip(self.names, self.box.truth.tolist(), strict=True)), self.q)
@@ -111,8 +110,10 @@ def _attempt(
     half = np.array([_HALF[units[n]] for n in names])
     box = Box.drawn(streams["box"], np.zeros(len(names)), half, [_DIGITS[units[n]] for n in names])
     noise = Noise.drawn(streams["noise"], *NOISES)
-    found = ArmInstance(chain, names, box, q, socket, reads, noise, attempt + 1)
-    return found if can_be_identified(build(found), len(names), noise.level) else None
+    instance_ = ArmInstance(
+        chain=chain, names=names, box=box, q=q, socket=socket, reads=reads, noise=noise, attempts=attempt + 1
+    )
+    return instance_ if can_be_identified(build(instance_), len(names), noise.level) else None
 
 
 def _arm(family: str, of: Stream) -> Chain:
@@ -176,10 +177,10 @@ def _in_sockets(chain: Chain, of: Stream) -> tuple[Array, Index] | None:
 def _brought(chain: Chain, q: Array, point: Array) -> Array:
     """Return postures near q, (n, J), whose targets are at the points (n, 3), by Newton's steps of least length."""
     names = parameter_names(chain)
-    own = [names.index(f"zero_{joint.name}") for joint in chain.joints]
+    zeros = [names.index(f"zero_{joint.name}") for joint in chain.joints]
     for _ in range(10):
-        left = point - forward(chain, {}, q)[:, :3, 3]
-        slopes = jacobian(chain, {}, q)[:, :3, own]
-        step = np.einsum("njk,nk->nj", np.linalg.pinv(slopes, rcond=1e-3), left)
+        rest = point - forward(chain, {}, q)[:, :3, 3]
+        slopes = jacobian(chain, {}, q)[:, :3, zeros]
+        step = np.einsum("njk,nk->nj", np.linalg.pinv(slopes, rcond=1e-3), rest)
         q = q + step * np.minimum(1.0, 0.5 / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
     return q

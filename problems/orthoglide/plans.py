@@ -73,7 +73,16 @@ def named_plan(name: str) -> Plan:
     ends = (own.stroke_plus, own.stroke_minus)
     steps = (own.stroke_plus, own.stroke_plus / 2, own.stroke_minus / 2, own.stroke_minus)
     plan = [
-        Reading(leg, direction, axis, level, share, 0.0, approach, payload)
+        Reading(
+            leg,
+            direction,
+            axis=axis,
+            level_mm=level,
+            gauge_position=share,
+            against_mm=0.0,
+            approach=approach,
+            payload_N=payload,
+        )
         for leg, direction, axis in _moves(cross=name in ("cross", "rich"))
         for share in (_SHARES if name in ("positions", "rich") else _SHARES[1:2])
         for approach in (get_args(Literal["fwd", "rev"]) if name == "both_ways" else ("fwd",))

@@ -109,17 +109,6 @@ def _cells(found: Table) -> dict[str, list[str]]:
     return with_points(columns) if found.delimiter != "," and any("," in cell for cell in own) else columns
 
 
-def check_readings(readings: Array) -> None:
-    """Raise `ValueError` for readings that are not finite radians of shape (n, 3)."""
-    if readings.ndim != 2 or readings.shape[1] != 3 or not len(readings):
-        raise ValueError(f"readings have shape {readings.shape}: (n, 3) is needed, a column for each encoder")
-    bad = np.flatnonzero(~np.isfinite(readings).all(axis=1))
-    if bad.size:
-        raise ValueError(f"readings: row {bad[0] + 1} is not finite ({bad.size} such rows); leave them out")
-    if np.abs(readings).max() > 4 * np.pi:
-        raise ValueError(f"readings reach {np.abs(readings).max():.4g}: they look like degrees, radians are needed")
-
-
 _MOST_CONFIGURATIONS = 1_000_000  # one evaluation takes some 20 ms there, its Jacobian 300 MB
 _OFFSETS = ("z1", "z2", "z3")
 _LENGTHS = ("la1", "la2", "la3", "lb1", "lb2", "lb3")
@@ -206,7 +195,14 @@ class PlanarFamily:
         nominal: Mapping[str, float] | None = None,
         box: Mapping[str, tuple[float, float]] | None = None,
     ) -> Planar:
-        check_readings(readings)
+        # raise `ValueError` for readings that are not finite radians of shape (n, 3)
+        if readings.ndim != 2 or readings.shape[1] != 3 or not len(readings):
+            raise ValueError(f"readings have shape {readings.shape}: (n, 3) is needed, a column for each encoder")
+        bad = np.flatnonzero(~np.isfinite(readings).all(axis=1))
+        if bad.size:
+            raise ValueError(f"readings: row {bad[0] + 1} is not finite ({bad.size} such rows); leave them out")
+        if np.abs(readings).max() > 4 * np.pi:
+            raise ValueError(f"readings reach {np.abs(readings).max():.4g}: they look like degrees, radians are needed")
         setting = own_machine(nominal or {}, box or {}, chosen["at_home"])
         chosen |= {"n": len(readings), "plan": None, "radius": None, "noise": None, "data_seed": None}
         own = Case(case.free, setting, len(readings), case.gauge, "nominal")

@@ -208,7 +208,7 @@ class Planar:
             return merit | {f"{name}_aligned": value for name, value in merit.items()} | {"gauge_phi": 0.0}
         phi, aligned = self.gauge.align(machine, reached, self.true_positions)
         polar = self.error != "J3"
-        moved = self.positions(self._from_machine(aligned) if not polar else aligned[self._free])
+        moved = self.positions(np.array(to_cartesian(aligned)[self._free]) if not polar else aligned[self._free])
         merit["kmrmse_aligned"] = _rms_distance(moved, self.true_positions)
         merit["gauge_phi"] = phi
         return merit | {f"{name}_aligned": value for name, value in self._worst(aligned, true).items()}
@@ -297,9 +297,6 @@ class Planar:
         """Return the units of the free numbers of a machine, each with the places of those."""
         units = np.array(UNITS)[self._free]
         return [(unit, self._free[units == unit]) for unit in ("mm", "rad") if unit in units]
-
-    def _from_machine(self, machine: Array) -> Array:
-        return np.array(to_cartesian(machine)[self._free])
 
     def _worst(self, machine: Array, true: Array) -> dict[str, float]:
         gap = np.abs(machine - true)

@@ -144,7 +144,11 @@ def section3(table: str) -> Setting:
         if name in column:
             actual[NAMES.index(name)] = column[name]
     start = makers_machine()
-    start[12:15] = _start_offsets(actual)
+    # the initial offsets of Tables 2-4: the hand stops at (210, 245), taken for the home position
+    geometry = constants.column(PAPER, "geometry")
+    estimate = np.array([[geometry["estimate_x"], geometry["estimate_y"]]])
+    assumed = inverse_kinematics(makers_machine(), home()[None])[0]
+    start[12:15] = np.asarray(actual[12:15] + assumed - inverse_kinematics(actual, estimate)[0])
     lower, upper = start - 10.0, start + 10.0  # bases
     lower[6:12], upper[6:12] = makers_machine()[6:12] - 5.0, makers_machine()[6:12] + 5.0
     lower[12:15], upper[12:15] = 1.0 - 0.2, 1.0 + 0.2
@@ -199,14 +203,6 @@ def own_machine(
         if not lower[i] <= start[i] <= upper[i]:
             raise ValueError(f"start {name}={start[i]:g} lies outside its box {lower[i]:g} .. {upper[i]:g}")
     return Setting(None, start, start, lower, upper)
-
-
-def _start_offsets(actual: Array) -> Array:
-    """Return the initial offsets of Tables 2-4: the hand stops at (210, 245), taken for the home position."""
-    geometry = constants.column(PAPER, "geometry")
-    estimate = np.array([[geometry["estimate_x"], geometry["estimate_y"]]])
-    assumed = inverse_kinematics(makers_machine(), home()[None])[0]
-    return np.asarray(actual[12:15] + assumed - inverse_kinematics(actual, estimate)[0])
 
 
 _FARTHEST = 1000.0

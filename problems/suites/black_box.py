@@ -232,13 +232,24 @@ def ioh(suite: Suite = "BBOB", function: int = 1, dimension: int | None = None, 
         raise ValueError(f"ioh.instance={instance}: must be 1 or above")
     if instance > 1 and function > kind.in_instances:
         raise ValueError(f"ioh.instance={instance}: {suite} has one instance of function {function}; take 1")
-    wanted = _dimension(suite, kind, function, dimension)
+    # the number of variables to ask IOH for
+    wanted = dimension or kind.default or _USUAL
+    if dimension is not None and dimension < kind.least:
+        raise ValueError(f"ioh.dimension={dimension}: {suite} needs {kind.least} or more")
+    if kind.dimensions is not None and wanted not in kind.dimensions:
+        listed = ", ".join(map(str, kind.dimensions))
+        raise ValueError(f"ioh.dimension={dimension}: {suite} has {listed}")
+    if suite == "CEC2022" and wanted == 2 and _group(suite, function) == "hybrid":  # IOH warns, and has none
+        raise ValueError(f"ioh.dimension=2: the hybrid function {function} of CEC2022 needs 10 or 20")
     asked = kind.problem_class, kind.offset + function, instance, wanted
     built = _ioh_function(*asked)
     lower, upper = frozen(built.bounds.lb), frozen(built.bounds.ub)
     if dimension is not None and len(lower) != dimension:
         raise ValueError(f"ioh.dimension={dimension}: function {function} of {suite} has {len(lower)}; leave it out")
-    minimum, truth = _optimum(built)
+    # the least value and where it is, as IOH states them; None where it does not know
+    least, place = _sign(built) * float(built.optimum.y), np.array(built.optimum.x, dtype=float)
+    known = bool(np.isfinite(least))
+    minimum, truth = least if known else None, frozen(place) if known and np.isfinite(place).all() else None
     return BlackBox(
         name="ioh",
         library="ioh",
@@ -286,26 +297,6 @@ def _ioh_function(problem_class: str, function: int, instance: int, dimension: i
 def _sign(problem: Any) -> float:
     """Return -1 for a problem that is to be maximised."""
     return -1.0 if problem.meta_data.optimization_type.name == "MAX" else 1.0
-
-
-def _dimension(suite: str, kind: _Kind, function: int, dimension: int | None) -> int:
-    """Return the number of variables to ask IOH for."""
-    wanted = dimension or kind.default or _USUAL
-    if dimension is not None and dimension < kind.least:
-        raise ValueError(f"ioh.dimension={dimension}: {suite} needs {kind.least} or more")
-    if kind.dimensions is not None and wanted not in kind.dimensions:
-        listed = ", ".join(map(str, kind.dimensions))
-        raise ValueError(f"ioh.dimension={dimension}: {suite} has {listed}")
-    if suite == "CEC2022" and wanted == 2 and _group(suite, function) == "hybrid":  # IOH warns, and has none
-        raise ValueError(f"ioh.dimension=2: the hybrid function {function} of CEC2022 needs 10 or 20")
-    return wanted
-
-
-def _optimum(problem: Any) -> tuple[float | None, Array | None]:
-    """Return the least value and where it is, as IOH states them; None where it does not know."""
-    least, place = _sign(problem) * float(problem.optimum.y), np.array(problem.optimum.x, dtype=float)
-    known = bool(np.isfinite(least))
-    return least if known else None, frozen(place) if known and np.isfinite(place).all() else None
 
 
 def _targets(suite: str, minimum: float | None) -> tuple[float, ...]:

@@ -126,3 +126,8 @@ def in_sockets(folder, places=4, postures=16, apart=50.0, noise=0.02, seed=3):
         (folder / f"place_{place}").mkdir(parents=True)
         for socket, found in enumerate(of_place):
             np.savetxt(folder / f"place_{place}" / f"hole_{socket}.csv", found, delimiter=",")
+
+
+def texts(answer):
+    """Return the words of the notes in an answer of ``--json``."""
+    return [note["text"] for note in answer["notes"]]

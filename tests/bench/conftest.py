@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from calibench import optimizers, problems
-from calibench.bench.calibration.judged import predicted
 from calibench.bench.cli import main
 from calibench.bench.execution import request as probe
 from calibench.bench.report.shared import drawing as drawn
 from calibench.bench.sweep import carry_out, costs
+from calibench.calibration.leave_out import predict
 from calibench.core import user_file
 
 
@@ -83,8 +83,8 @@ def not_left_out():
     """
 
     def of_the_fit(fit, order):
-        return predicted(fit, fit.model, np.ones(len(fit.model.joints), dtype=bool))
+        return predict(fit, fit.model, np.ones(len(fit.model.joints), dtype=bool))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(importlib.import_module("calibench.bench.calibration.calibrate"), "crossed_out", of_the_fit)
+        patch.setattr(importlib.import_module("calibench.calibration.calibrate"), "cross_validate", of_the_fit)
         yield

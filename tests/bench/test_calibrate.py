@@ -11,15 +11,16 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from calibench.bench.calibration.files import read_table
-from calibench.bench.calibration.fit import fitted, order_of
-from calibench.bench.calibration.model import model_of
-from calibench.bench.calibration.readings import read_readings
-from calibench.bench.calibration.start import started
 from calibench.bench.cli import main
 from calibench.bench.measured import read_measured
-from calibench.problems.arm.chains.kinematics import forward, nominal
-from calibench.problems.arm.chains.urdf import read_urdf
-from tests.bench.arm_by_hand import BASE, NAMES, TRUTH, about, in_sockets, measured, placed, table, urdf
+from calibench.calibration.determined import order_of
+from calibench.calibration.fit import fit_arm
+from calibench.calibration.kinematics import forward, nominal
+from calibench.calibration.model import model_of
+from calibench.calibration.readings import read_readings
+from calibench.calibration.start import start_of
+from calibench.calibration.urdf import read_urdf
+from tests.bench.arm_by_hand import BASE, NAMES, TRUTH, about, in_sockets, measured, placed, table, texts, urdf
 from tests.few import few
 
 GIVEN = Path(os.environ.get("CALIBENCH_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -127,12 +128,12 @@ def test_rotations_that_never_vary_are_told_as_such(here, calibrate):
     q, seen, turns = measured(30)
     heads = ("x", "y", "z", "rx", "ry", "rz")
     (here / "still.csv").write_text(table(q, np.column_stack([seen, np.zeros((30, 3))]), heads))
-    notes = calibrate("data=still.csv")["notes"]
+    notes = texts(calibrate("data=still.csv"))
     assert "rx, ry, rz never vary, though the arm turned its tool: they are left out" in notes
     assert "rotation=rpy; rx, ry, rz never vary" in calibrate("data=still.csv", "rotation=rpy", code=2)
     mixed = np.column_stack([seen, Rotation.from_matrix(turns).as_euler("xyz")[::-1, :2], np.zeros(30)])
     (here / "mixed.csv").write_text(table(q, mixed, heads))
-    notes = calibrate("data=mixed.csv")["notes"]
+    notes = texts(calibrate("data=mixed.csv"))
     assert any("fit in no order of rotations" in note and "; rz never varies) and" in note for note in notes)
 
 
@@ -149,8 +150,8 @@ def test_the_order_and_unit_of_rotations_is_found(here, calibrate, order):
     (here / "my.csv").write_text(table(q, np.column_stack([seen, np.rad2deg(angles)]), heads))
     found = calibrate("data=my.csv")
     assert found["observed"] == "pose"
-    assert any(f"(rotation={order}), degrees" in note for note in found["notes"])
-    assert any("no unit is stated; they fit the arm in mm" in note for note in found["notes"])
+    assert any(f"(rotation={order}), degrees" in note for note in texts(found))
+    assert any("no unit is stated; they fit the arm in mm" in note for note in texts(found))
     assert found["after"]["rotation"] < 2e-4
 
 
@@ -163,8 +164,8 @@ def test_a_quaternion_may_begin_with_its_real_part_and_is_none_where_it_is_zero(
     found = calibrate("data=my.csv")
     assert found["observed"] == "pose"
     assert found["after"]["rotation"] < 2e-4
-    assert any("are read as quaternion whose first number is the real part" in note for note in found["notes"])
-    assert any(note.endswith("left out: row 8") for note in found["notes"])
+    assert any("are read as quaternion whose first number is the real part" in note for note in texts(found))
+    assert any(note.endswith("left out: row 8") for note in texts(found))
 
 
 def test_figarohs_names_are_read_as_they_are(here, calibrate):
@@ -180,7 +181,7 @@ def test_joints_and_tracker_in_two_files_are_joined_row_by_row(here, calibrate):
     savemat(here / "joints.mat", {f"q{k}": q[:, k - 1] for k in range(1, 7)})
     found = calibrate("data=joints.mat,tracker.csv")
     assert found["after"]["rms"] < 0.08
-    assert "joints, tracker are joined row by row" in found["notes"]
+    assert "joints, tracker are joined row by row" in texts(found)
     told = calibrate("data=joints.mat,tracker.csv", "units=q1:rad,Y:mm", 'columns={"x":"X"}')
     assert told["after"]["rms"] < 0.08
     assert "units: q7 is no column of joints, tracker" in calibrate(
@@ -202,7 +203,7 @@ def test_files_of_one_stem_are_told_apart_by_their_folders(here, calibrate):
     (here / "arm" / "run.csv").write_text("\n".join(map(",".join, joints)))
     (here / "tracker" / "run.csv").write_text("\n".join(map(",".join, places)))
     found = calibrate("data=arm/run.csv,tracker/run.csv")
-    assert "arm_run, tracker_run are joined row by row" in found["notes"]
+    assert "arm_run, tracker_run are joined row by row" in texts(found)
     assert calibrate("data=*/run.csv")["after"]["rms"] == found["after"]["rms"]
     (here / "tracker" / "run.csv").write_text("\n".join(map(",".join, places[:-1])))
     said = calibrate("data=arm/run.csv,tracker/run.csv", code=2)
@@ -216,7 +217,7 @@ def test_folders_of_one_name_are_places_of_their_own(tmp_path):
         (tmp_path / half / "p1" / "hole_0.csv").write_text("q1,q2\n1,2\n2,3\n3,5\n")
     found = read_table(str(tmp_path), {})
     assert set(found.columns["place"]) == {"left/p1", "right/p1"}
-    assert found.notes[0] == "2 places, 2 files of sockets"
+    assert found.notes[0].text == "2 places, 2 files of sockets"
 
 
 def test_a_ball_in_sockets_calibrates_without_a_tracker(here, calibrate):
@@ -279,9 +280,9 @@ def test_a_socket_counts_by_how_far_its_postures_lie_apart(here):
         q = np.loadtxt(file, delimiter=",")
         np.savetxt(file, q + np.random.default_rng(socket).normal(0, 5e-4, q.shape), delimiter=",")
     chain = read_urdf(here / "my.urdf").chain(tip="ball")
-    start = started(read_readings(read_table("plate", {}), chain), chain)
-    model = model_of(chain, start.readings, start.base, start.tool, 50.0)
-    scatter = fitted(model, order_of(model.names, "geometry")).model.scatter
+    start = start_of(read_readings(read_table("plate", {}), chain), chain)
+    model = model_of(chain, start.readings, start.base, start.tool, distance=50.0)
+    scatter = fit_arm(model, order_of(model.names, "geometry")).model.scatter
     assert scatter[model.place == 3].min() > 2 * scatter[model.place != 3].max()
 
 
@@ -296,7 +297,7 @@ def test_a_third_of_the_poses_may_be_wild(here, calibrate, size):
     found = calibrate("data=my.csv")
     assert found["after"]["rms"] < 0.08  # it was 46 mm, of a fit to all
     assert len(found["wild"]) >= 18  # some of 5 mm are small
-    assert any("of 60 poses are wild" in note for note in found["notes"])
+    assert any("of 60 poses are wild" in note for note in texts(found))
 
 
 def test_rows_that_the_file_holds_back_are_only_predicted(here, calibrate):
@@ -330,7 +331,7 @@ def test_copies_of_a_row_are_left_out_and_told(here, calibrate):
     again = np.r_[np.arange(40), 3, 3, 7]
     (here / "my.csv").write_text(table(q[again], seen[again]))
     found = calibrate("data=my.csv")
-    assert any(note.startswith("3 rows are copies of others in every joint and reading") for note in found["notes"])
+    assert any(note.startswith("3 rows are copies of others in every joint and reading") for note in texts(found))
     assert (found["poses"], found["after"]) == (40, alone["after"])
 
 
@@ -385,7 +386,7 @@ def swapped_joints(q, seen):
         (lambda q, s: table(q + 0.4, s), "in the URDF (1 such row): is the column that of this joint, and its unit"),
         (
             lambda q, s: table(np.rad2deg(q), s, names=[f"{name} [rad]" for name in NAMES]),
-            f"as degrees all its rows lie within: units={','.join(DEGREES)}; limits=false passes this over",
+            f"1.5 mm with joints in degrees: units={','.join(DEGREES)}",
         ),
         (lambda q, s: table(q[:5], s[:5]), "5 poses are too few: 10 at the least"),
         (lambda q, s: table(q[[0] * 30], s[[0] * 30] + np.arange(30)[:, None]), "1 pose is too few: 10 at the least"),
@@ -463,11 +464,11 @@ STEP = 0.25  # of half a millimetre
 def test_a_base_that_moved_a_little_is_told_with_its_row(here, calibrate):
     q, seen, _ = measured(60)
     (here / "my.csv").write_text(table(q, seen))
-    assert not [note for note in calibrate("data=my.csv")["notes"] if "moved" in note]
+    assert not [note for note in texts(calibrate("data=my.csv")) if "moved" in note]
     step = np.cross([2e-4, 1e-4, 3e-4], seen[36:] - BASE[0]) + np.array([0.3, -0.2, 0.2])
     seen[36:] += STEP * step
     (here / "my.csv").write_text(table(q, seen))
-    [note] = [note for note in calibrate("data=my.csv")["notes"] if "moved" in note]
+    [note] = [note for note in texts(calibrate("data=my.csv")) if "moved" in note]
     assert note.startswith("from row 37 on, readings lie 0.1")
     seen[36:] += (1 - STEP) * step
     (here / "my.csv").write_text(table(q, seen))

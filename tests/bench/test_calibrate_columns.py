@@ -8,7 +8,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from calibench.bench.cli import main
-from tests.bench.arm_by_hand import NAMES, measured, table, urdf
+from tests.bench.arm_by_hand import NAMES, measured, table, texts, urdf
 from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("not_left_out")
@@ -49,7 +49,7 @@ POSED = ("x", "y", "z", "qx", "qy", "qz", "qw")
 def test_a_name_may_end_in_its_unit(calibrate, joints, places):
     found = calibrate(table(np.rad2deg(Q), SEEN / 1000, places, joints))
     assert found["after"]["rms"] < 0.1
-    assert sum("turned into" in note for note in found["notes"]) == 2
+    assert sum("turned into" in note for note in texts(found)) == 2
 
 
 def test_joints_as_they_were_commanded_stand_beside_those_that_were_read(calibrate):
@@ -61,13 +61,13 @@ def test_matrices_of_matlab_are_joints_and_places(calibrate, tmp_path):
     savemat(tmp_path / "my.mat", {"q": Q, "xyz": SEEN, "T": np.eye(4)})
     found = calibrate("", file="my.mat")
     assert found["after"]["rms"] < 0.1
-    assert any("T (4 x 4) have another shape and are not read" in note for note in found["notes"])
+    assert any("T (4 x 4) have another shape and are not read" in note for note in texts(found))
 
 
 def test_columns_that_nothing_reads_are_told(calibrate):
     angles = Rotation.from_matrix(TURNS).as_euler("ZYX", degrees=True)
     text = table(Q, np.column_stack([SEEN, angles]), ("x", "y", "z", "A", "B", "C"))
-    assert "not read: A, B, C" in calibrate(text)["notes"]
+    assert "not read: A, B, C" in texts(calibrate(text))
     assert calibrate(text, 'columns={"rx":"C","ry":"B","rz":"A"}')["observed"] == "pose"
 
 

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from calibench import problems
-from calibench.bench.calibration.judged import crossed_out
 from calibench.bench.cli import main
 from calibench.bench.provenance.run_id import options_of
-from calibench.problems.arm.chains.kinematics import forward, nominal
-from calibench.problems.arm.chains.urdf import read_urdf
+from calibench.calibration.kinematics import forward, nominal
+from calibench.calibration.leave_out import cross_validate
+from calibench.calibration.urdf import read_urdf
 from calibench.problems.arm.measured import shipped
+from tests.bench.arm_by_hand import texts
 from tests.dh_by_hand import PUMA_CRAIG, STANFORD, UR10, as_csv, modified, reached, standard
 from tests.few import few
 
@@ -182,7 +183,7 @@ def test_a_calibrated_table_is_read_again_and_left_alone(bench):
 
 def test_a_true_arm_keeps_its_table(bench, monkeypatch):
     monkeypatch.setitem(HIDDEN, "craig", {})
-    monkeypatch.setattr(importlib.import_module("calibench.bench.calibration.calibrate"), "crossed_out", crossed_out)
+    monkeypatch.setattr(importlib.import_module("calibench.calibration.calibrate"), "cross_validate", cross_validate)
     measured("craig", 40)
     found = bench(*words("craig"))
     assert (found["chosen"], found["changes"]) == ("frames", [])
@@ -285,6 +286,8 @@ def test_two_rows_that_are_exchanged_are_told(bench, name, pair):
     told = bench(*words(name), code=2)
     assert f"rows {i + 1} (axis_{j + 1}) and {j + 1} (axis_{i + 1}) are exchanged" in told
     assert told.count("\n") == 1
+    _, dh, convention, data, *_ = words(name)
+    assert bench("discover", "machine=arm", f"machine.{dh}", f"machine.{convention}", data, code=2) == told
 
 
 @pytest.mark.parametrize(
@@ -419,7 +422,7 @@ def test_a_column_that_no_row_reads_is_named_where_the_readings_do_not_fit(bench
 @pytest.mark.parametrize(("noise", "far"), few(1, [(1e-2, True), (1e-3, False)]))
 def test_a_calibration_that_leaves_more_than_an_arm_errs_says_so(bench, noise, far):
     measured("ur10", 40, noise=noise)
-    notes = [note for note in bench(*words("ur10"))["notes"] if "so much is no matter of calibration" in note]
+    notes = [note for note in texts(bench(*words("ur10"))) if "so much is no matter of calibration" in note]
     assert len(notes) == far
     assert all("is this the table of the arm, and does each column hold its joint?" in note for note in notes)
 
@@ -476,7 +479,7 @@ def test_mm_below_a_heading_of_m_are_told_as_such_where_the_limits_are_mm(bench)
     Path("stanford_dh.csv").write_text(
         "\n".join([f"{table[0]},lower,upper", *(f"{row}{more}" for row, more in zip(table[1:], limits, strict=True))])
     )
-    assert "as mm all its rows lie within: units=axis_3:mm" in bench(*words("stanford"), code=2)
+    assert "2 mm with axis_3 in mm: units=axis_3:mm" in bench(*words("stanford"), code=2)
 
 
 @pytest.mark.slow

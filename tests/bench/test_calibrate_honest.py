@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibench.bench.cli import main
-from calibench.problems.arm.chains.kinematics import forward, nominal
-from calibench.problems.arm.chains.urdf import read_urdf
-from tests.bench.arm_by_hand import NAMES, about, measured, placed, table, urdf
+from calibench.calibration.kinematics import forward, nominal
+from calibench.calibration.urdf import read_urdf
+from tests.bench.arm_by_hand import NAMES, about, measured, placed, table, texts, urdf
 from tests.few import few
 
 
@@ -28,7 +28,7 @@ def calibrate(tmp_path, monkeypatch, capsys):
 
 
 def note_of(found, words):
-    [note] = [note for note in found["notes"] if words in note] or [""]
+    [note] = [note for note in texts(found) if words in note] or [""]
     return note
 
 
@@ -102,7 +102,7 @@ def test_a_tracker_that_went_elsewhere_is_refused_by_a_search_as_well(calibrate,
         main(["discover", "machine=arm", "machine.urdf=my.urdf", "data=my.csv", "units=x:mm,y:mm,z:mm"])
     said = capsys.readouterr()
     assert ended.value.code == 2
-    assert "elsewhere for 30 of 79 poses, rows 51, 52, 53, 54, 55, 56 and 24 more" in said.out + said.err
+    assert "30 of 80 poses, row 51 to row 80, fit the arm by themselves only" in said.out + said.err
 
 
 @pytest.mark.slow

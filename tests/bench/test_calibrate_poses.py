@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from calibench.bench.calibration.poses import chosen_poses
 from calibench.bench.cli import main
+from calibench.calibration.poses import choose
 from tests.bench.arm_by_hand import measured, table, urdf
 
 
@@ -34,16 +34,16 @@ def test_exchanged_poses_tell_more_than_any_of_many_random_sets():
     rng = np.random.default_rng(3)
     sets = [rng.choice(len(pool), 6, replace=False) for _ in range(300)]
     information = [sum(pool[k].T @ pool[k] for k in one) + 1e-4 * np.eye(5) for one in sets]
-    by_d = chosen_poses(pool, nothing, workspace, 6, "D")
+    by_d = choose(pool, nothing, workspace, 6, "D")
     assert by_d.logdet > max(np.linalg.slogdet(one)[1] for one in information)
-    by_e = chosen_poses(pool, nothing, workspace, 6, "E")
+    by_e = choose(pool, nothing, workspace, 6, "E")
     assert by_e.least > max(np.linalg.eigvalsh(one)[0] for one in information)
     assert by_e.least >= by_d.least
     assert len(set(by_d.places)) == len(set(by_e.places)) == 6
 
 
 def test_each_further_pose_leaves_less_uncertain():
-    found = chosen_poses(rows(), np.zeros((5, 5)), rows(20, 1), 10)
+    found = choose(rows(), np.zeros((5, 5)), rows(20, 1), 10)
     assert (np.diff(found.error) < 0).all()
     assert found.enough(1e9) == 0
     assert found.enough(0.0) is None

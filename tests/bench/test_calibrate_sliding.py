@@ -5,19 +5,18 @@ import json
 import numpy as np
 import pytest
 
-from calibench.bench.calibration.report.page.figures import joint_chart
-from calibench.bench.calibration.report.parts import over_joints
-from calibench.bench.calibration.report.result import Drawn
+from calibench.bench.calibration.figures import joint_chart
 from calibench.bench.cli import main
 from calibench.bench.discovery.page.words import headline
 from calibench.bench.measured import read_measured
+from calibench.calibration.result import Drawn, over_joints
 from calibench.discrepancy import DataError
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.explain import explain
 from calibench.discrepancy.labels import quantity_label
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.registries import machines
-from tests.bench.arm_by_hand import about
+from tests.bench.arm_by_hand import about, texts
 from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("not_left_out")
@@ -127,11 +126,11 @@ def test_a_search_reads_headings_as_a_calibration_does(lifter):
     few(
         2,
         [
-            ("Z", lambda z: z / 1000, "near to each other if z is multiplied by 1000: it is in another unit than"),
-            ("X", lambda x: 1000 * x, "near to each other if x is multiplied by 0.001"),
-            ("lift", lambda q: q / 1000, "near to each other if lift is multiplied by 1000: state the unit"),
-            ("boom", lambda q: -q, "near to each other if joint boom counts the other way round"),
-            ("boom", lambda q: np.random.default_rng(0).permutation(q), "apart, wherever base and target are: is this"),
+            ("Z", lambda z: z / 1000, "if Z is in m where the others are in mm: units=Z:m"),
+            ("X", lambda x: 1000 * x, "if X is in mm where the others are in m: units=X:mm"),
+            ("lift", lambda q: q / 1000, "mm with lift in m: units=lift:m"),
+            ("boom", lambda q: -q, "if joint boom turns the other way than in the URDF"),
+            ("boom", lambda q: np.random.default_rng(0).permutation(q), "apart, wherever the frames are: is this"),
         ],
     ),
 )
@@ -192,7 +191,7 @@ def test_a_joint_that_slides_may_be_in_metres_without_a_unit(lifter, capsys):
             main(["calibrate", "urdf=lifter.urdf", f"data={name}.csv", "page=false", "--json"])
         assert ended.value.code == 0
         told[name] = json.loads(capsys.readouterr().out)
-    assert "lift: no unit is stated; it fits the arm in m" in told["m"]["notes"]
+    assert "lift: no unit is stated; it fits the arm in m" in texts(told["m"])
     assert told["m"]["after"]["rms"] == pytest.approx(told["lifter"]["after"]["rms"], rel=1e-2)
     left = read_measured(told["m"]["files"]["readings"], "arm")
     assert dict(left.units)["q_lift"] == "mm"

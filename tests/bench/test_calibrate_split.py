@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from calibench.bench.cli import main
-from tests.bench.arm_by_hand import NAMES, about, measured, table, urdf
+from tests.bench.arm_by_hand import NAMES, about, measured, table, texts, urdf
 
 X, Y, Z = np.eye(3)
 
@@ -154,7 +154,7 @@ def test_rows_held_back_that_repeat_a_fitted_pose_are_told(here, calibrate):
     q[5], seen[5] = q[6], seen[6] + 0.02
     q[9], seen[9] = q[8], seen[8] - 0.02
     written(here, q, seen)
-    assert "2 of 15 rows that are held back repeat a pose that was fitted" in calibrate()["notes"]
+    assert "2 of 15 rows that are held back repeat a pose that was fitted" in texts(calibrate())
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """`bench discover machine=arm` reads as `bench calibrate` does: rotations of any name, FIGAROH's columns, sockets."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -39,18 +41,19 @@ def test_roll_pitch_and_yaw_are_read_as_rotations(arm, tmp_path):
     assert np.abs(np.stack([found.data[name] for name in TURNED])).max() < 20  # mrad
 
 
-def test_rotations_in_degrees_are_told(arm, tmp_path):
-    text = posed(ROLL, lambda turns: turns.as_euler("xyz", degrees=True))
-    with pytest.raises(DataError, match="with units=roll:deg,pitch:deg,yaw:deg rotation=rpy"):
-        formulated(arm, tmp_path, text)
-    formulated(arm, tmp_path, text, {"units": dict.fromkeys(ROLL[3:], "deg")})
-
-
-def test_a_rotation_vector_is_told_and_read(arm, tmp_path):
-    text = posed(("x", "y", "z", "rx", "ry", "rz"), lambda turns: turns.as_rotvec())
-    with pytest.raises(DataError, match="with rotation=vector"):
-        formulated(arm, tmp_path, text)
-    assert set(TURNED) <= set(formulated(arm, tmp_path, text, {"rotation": "vector"}).readings)
+@pytest.mark.parametrize(
+    ("angles", "words"),
+    [
+        (lambda turns: turns.as_euler("xyz", degrees=True), "roll, pitch and yaw (rotation=rpy), degrees"),
+        (lambda turns: turns.as_rotvec(), "a rotation vector (rotation=vector), rad"),
+    ],
+)
+def test_the_order_and_unit_of_rotations_are_found_and_told(arm, tmp_path, angles, words):
+    found = formulated(arm, tmp_path, posed(ROLL, angles))
+    assert set(TURNED) <= set(found.readings)
+    assert any(words in note.text for note in found.data.notes)
+    alone = replace(arm, observe="position").formulate(read_measured(tmp_path / "my.csv", "arm"))
+    assert not set(TURNED) & set(alone.readings)
 
 
 def test_the_names_of_figaroh_are_metres(arm, tmp_path):
@@ -99,10 +102,11 @@ def test_a_folder_of_files_is_a_set_each(tmp_path):
 def test_joints_in_a_file_of_their_own_and_beyond_their_limits_are_told(arm, tmp_path):
     q, seen, _ = measured(40)
     (tmp_path / "tracker.csv").write_text("x,y,z\n" + "\n".join(",".join(map(str, row)) for row in seen))
-    with pytest.raises(DataError, match=r"no column for any joint .* bench calibrate joins both"):
+    with pytest.raises(
+        DataError, match=r"joint_1 of the URDF has no column, nor has any other .* bench calibrate joins"
+    ):
         arm.formulate(read_measured(tmp_path / "tracker.csv", "arm"))
     q[7, 2] = 3.0
     notes = formulated(arm, tmp_path, table(q, seen)).data.notes
-    assert any(
-        note.text.startswith("joint_3 stands outside its limits -2.6 to 2.6 of the URDF in 1 row") for note in notes
-    )
+    words = "joint joint_3 stands at 3 rad, outside its limits -2.6 to 2.6 in the URDF (1 such row)"
+    assert any(words in note.text for note in notes)

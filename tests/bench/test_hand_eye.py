@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibench.bench.calibration.hand_eye.adjust import adjusted, frames_order, model_of_pairs
-from calibench.bench.calibration.hand_eye.frames import frames_of, slopes_of
-from calibench.bench.calibration.hand_eye.scale import scale_of
-from calibench.bench.calibration.hand_eye.start import arm_poses
 from calibench.bench.cli import main
+from calibench.calibration.hand_eye import adjust, frames_of, frames_order, model_of_pairs, scale_of, slopes_of
+from calibench.calibration.hand_eye_start import arm_poses
+from tests.bench.arm_by_hand import texts
 from tests.bench.hand_eye_by_hand import (
     BOARD,
     CAMERA,
@@ -83,7 +82,7 @@ def test_noisy_pairs_are_fitted_closer_to_the_truth_than_the_closed_form_on_the_
     ours, theirs = [], []
     for seed in range(20):
         flange, seen = measured(12, noise=NOISE, seed=seed)
-        found = adjusted(model(12, "eye_in_hand", NOISE, seed), (0.0, 0.0))
+        found = adjust(model(12, "eye_in_hand", NOISE, seed), (0.0, 0.0))
         ours.append(np.linalg.norm(np.linalg.inv(found.mount)[:3, 3] - CAMERA[0]))
         theirs.append(np.linalg.norm(park_martin(flange, seen)[:3, 3] - CAMERA[0]))
     assert np.median(ours) < np.median(theirs)
@@ -105,7 +104,7 @@ def test_the_slopes_of_the_residuals_agree_with_differences(mode):
 
 
 def test_the_slopes_of_the_frames_agree_with_differences():
-    found = adjusted(model(6, "eye_in_hand", NOISE), (0.0, 0.0))
+    found = adjust(model(6, "eye_in_hand", NOISE), (0.0, 0.0))
     slopes = slopes_of(found)
     for k in range(12):
         step = np.zeros(12)
@@ -120,7 +119,7 @@ def test_the_slopes_of_the_frames_agree_with_differences():
 
 def hits(n, mode, noise, seed):
     """Return which of 12 intervals hold the truth: places, and turns about the parent's axes."""
-    found, held = adjusted(model(n, mode, noise, seed), (0.0, 0.0)), []
+    found, held = adjust(model(n, mode, noise, seed), (0.0, 0.0)), []
     for frame, true in zip(frames_of(found, mode), (CAMERA, BOARD), strict=True):
         held += [low <= v <= high for v, (low, high) in zip(true[0], frame.position_ci95, strict=True)]
         turn = vector_of(np.array(frame.matrix)[:3, :3] @ about(true[1]).T)
@@ -242,7 +241,7 @@ def test_a_column_that_never_varies_is_named(calibrate):
     level = np.array(flange)
     level[:, 2, 3] = 450
     seen = [np.linalg.inv(flat) @ real @ one for flat, real, one in zip(level, flange, seen, strict=True)]
-    [note] = [note for note in calibrate(level, np.array(seen))["notes"] if "never" in note]
+    [note] = [note for note in texts(calibrate(level, np.array(seen))) if "never" in note]
     assert note.startswith("flange_z never varies")
     still = flanges(np.zeros((12, 3)), PLACES)
     line = calibrate(still, measured(12, flange=still)[1], code=2)
@@ -313,14 +312,14 @@ def test_a_board_of_slightly_another_size_is_told_with_a_cure_to_copy(calibrate,
     flange, seen = measured(15, mode, noise=(1.0, 0.0035))
     before = calibrate(flange, seen, mode=mode)
     assert before["scale"] == pytest.approx(1.0, abs=3 * before["scale_se"])
-    assert not any("board_scale=" in note for note in before["notes"])
+    assert not any("board_scale=" in note for note in texts(before))
     seen[:, :3, 3] *= 1.03
     wrong = calibrate(flange, seen, mode=mode)
     assert wrong["scale"] == pytest.approx(1.03, abs=3 * wrong["scale_se"])
-    assert "smaller than the camera was told" in wrong["notes"][0]
-    (cure,) = (word for word in wrong["notes"][0].split() if word.startswith("board_scale="))
+    assert "smaller than the camera was told" in texts(wrong)[0]
+    (cure,) = (word for word in texts(wrong)[0].split() if word.startswith("board_scale="))
     right = calibrate(flange, seen, cure.rstrip(";"), mode=mode)
-    assert not any("board_scale=" in note for note in right["notes"])
+    assert not any("board_scale=" in note for note in texts(right))
     truth = CAMERA[0]
     off = [np.linalg.norm(np.array(one["camera"]["position"]) - truth) for one in (wrong, right)]
     assert off[1] < off[0]
@@ -331,10 +330,10 @@ def test_the_error_of_a_scale_is_that_of_many_cases():
     values, errors, told = [], [], []
     for seed in range(60):
         made = model(12, "eye_in_hand", (1.0, 0.002), seed)
-        found = scale_of(adjusted(made, (0.0, 0.0)), True)
+        found = scale_of(adjust(made, (0.0, 0.0)), True)
         values.append(found.value)
         errors.append(found.se)
-        told.append(found.told)
+        told.append(found.unlikely)
     assert np.std(values) == pytest.approx(np.mean(errors), rel=0.3)
     assert np.mean(values) == pytest.approx(1.0, abs=3 * np.mean(errors) / np.sqrt(60))
     assert sum(told) <= 1
@@ -404,6 +403,6 @@ def test_degrees_that_are_stated_as_rad_are_told(bench, tmp_path):
 )
 def test_turns_that_are_missing_are_told(calibrate, turns, told):
     found = calibrate(*measured(12, flange=flanges(turns, PLACES), noise=NOISE), "rotation=vector")
-    said = [note for note in found["notes"] if note.startswith("the flange turns by")]
+    said = [note for note in texts(found) if note.startswith("the flange turns by")]
     assert len(said) == bool(told)
     assert all(told in note and "30° or more" in note for note in said)

@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from calibench.bench.calibration import plan
+from calibench.bench.calibration import design as plan
+from calibench.bench.calibration import hand_eye
 from calibench.bench.calibration import request as calibrate
-from calibench.bench.calibration.hand_eye import request as hand_eye
 from calibench.bench.cli import _VERBS, main
 from calibench.bench.discovery import request as discovery
 from calibench.bench.sweep import composition as hydra_overrides

@@ -17,11 +17,11 @@ from benchmarks.arms.parts import seen
 from benchmarks.arms.series import URDF, in_runs, series, shuffled
 from benchmarks.arms.sockets import difference
 from benchmarks.arms.within import gain
+from calibench.calibration.kinematics import forward, nominal
+from calibench.calibration.rigid import rpy, shift
+from calibench.calibration.urdf import read_urdf
 from calibench.discrepancy import MeasuredData, explain
 from calibench.discrepancy.machines.arm import Arm
-from calibench.problems.arm.chains.kinematics import forward, nominal
-from calibench.problems.arm.chains.rigid import rpy, shift
-from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.arm.measured import shipped
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")

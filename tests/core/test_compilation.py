@@ -94,7 +94,7 @@ CACHE = "from calibench.core.compilation.compiled import _cache_folder; print(_c
 def copied(tmp_path):
     """Return a folder with a copy of the three packages whose sources name the cache, as an installation has them."""
     home = tmp_path / "src" / "calibench"
-    for package in ("core", "problems", "optimizers"):
+    for package in ("core", "calibration", "problems", "optimizers"):
         shutil.copytree(ROOT / package, home / package, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "calibench" / "__init__.py", home / "__init__.py")
     return home

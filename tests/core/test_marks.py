@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from calibench.bench.calibration.files import read_table
-from calibench.bench.calibration.readings import read_readings
+from calibench.calibration.readings import read_readings
+from calibench.calibration.urdf import read_urdf
 from calibench.core.tables.cells import split_rows, valid_rows
 from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.checks.validate import entered
-from calibench.problems.arm.chains.urdf import read_urdf
 from calibench.problems.arm.measured import read_measured
 from tests.bench.arm_by_hand import measured, table, urdf
 
@@ -32,8 +32,8 @@ def calibrated(file, column, words):
 
 
 def optimised(file, column, words):
-    read = read_measured(file, read_urdf(file.with_name("my.urdf")).chain())
-    return len(read.q), int(read.held.sum())
+    read = read_measured(file, read_urdf(file.with_name("my.urdf")).chain()).readings
+    return len(read), int((~read.train).sum())
 
 
 @pytest.mark.parametrize("door", [searched, calibrated, optimised])

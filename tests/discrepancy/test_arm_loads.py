@@ -9,7 +9,7 @@ from calibench.bench.measured import read_measured, shipped_path
 from calibench.discrepancy import DataError
 from calibench.discrepancy.checks.validate import rows_apart
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.machines.arm.weights import gravity_of, payload_of
+from calibench.discrepancy.machines.arm.loads import gravity_of, payload_of
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.thresholds import thresholds
 

@@ -61,7 +61,7 @@ def test_every_row_of_the_fitted_file_is_predicted(played):
 
 def test_a_joint_that_is_missing_is_named(played):
     q, _, _, report = played
-    with pytest.raises(DataError, match="no column for joint joint_4"):
+    with pytest.raises(DataError, match="joint_4 of the URDF has no column"):
         report.predict(MeasuredData({n: c for n, c in columns(q[:5]).items() if n != "joint_4"}, "arm"))
 
 

@@ -3,43 +3,43 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from calibench import discrepancy
+from calibench import calibration, discrepancy
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import MeasuredData, explain
 from calibench.discrepancy.machines.arm import Arm
-from calibench.discrepancy.machines.arm.validate import accepted
+from calibench.discrepancy.machines.arm.readings import accepted
 from calibench.discrepancy.model.measured import TO_PREDICT
+from tests.bench.arm_by_hand import NAMES, measured, urdf
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 
 _DEMO = Path(discrepancy.__file__).parent / "demo" / "arm"
 _PLAY = 0.4e-3  # rad
-PAN = SimpleNamespace(name="pan", kind="rotary", mimic=None, lower=-np.pi, upper=np.pi)
-CHAIN = SimpleNamespace(driven=("pan",), joints=(PAN,), told="URDF")
+SIX = calibration.Arm(Path("my.urdf"), calibration.parse_urdf(urdf()).chain())
 
 
 def _rows(**more: np.ndarray) -> MeasuredData:
-    names = ("pan", "x", "y", "z")
-    columns = {name: np.random.default_rng(k).uniform(-1, 1, 9) for k, name in enumerate(names)}
+    q, seen, _ = measured(12)
+    columns = dict(zip((*NAMES, "x", "y", "z"), np.column_stack([q, seen]).T, strict=True))
     return MeasuredData({**columns, **more}, "arm")
 
 
-@pytest.mark.parametrize(("t_s", "lost"), [(np.arange(9.0), 0), (np.arange(9.0)[::-1], 8)])
+@pytest.mark.parametrize(("t_s", "lost"), [(np.arange(12.0), 0), (np.arange(12.0)[::-1], 11)])
 def test_the_first_row_in_time_is_left_out(t_s: np.ndarray, lost: int) -> None:
     given = _rows(t_s=t_s)
-    found = accepted(given, CHAIN)
+    found, _ = accepted(given, SIX)
     np.testing.assert_array_equal(found["x"], np.delete(given["x"], lost))
-    assert np.all(np.abs(found["direction_pan"]) == 1)
+    assert np.all(np.abs(found["direction_joint_1"]) == 1)
 
 
-@pytest.mark.parametrize("more", ["direction_pan", TO_PREDICT])
+@pytest.mark.parametrize("more", ["direction", TO_PREDICT])
 def test_directions_that_are_told_and_rows_to_predict_stay_whole(more: str) -> None:
-    assert len(accepted(_rows(**{more: np.ones(9)}), CHAIN)) == 9
+    names = [f"direction_{name}" for name in NAMES] if more == "direction" else [more]
+    assert len(accepted(_rows(**dict.fromkeys(names, np.ones(12))), SIX)[0]) == 12
 
 
 @pytest.mark.parametrize(

@@ -1,37 +1,33 @@
 """Joints that a file numbers, and does not name, are those of the arm in their order."""
 
-from types import SimpleNamespace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from calibench.discrepancy.machines.arm.validate import accepted
+from calibench.calibration import Arm, parse_urdf
+from calibench.discrepancy.machines.arm.readings import accepted
 from calibench.discrepancy.model.measured import DataError, MeasuredData
+from tests.bench.arm_by_hand import NAMES, measured, urdf
 
-CHAIN = SimpleNamespace(
-    told="URDF",
-    driven=("shoulder", "elbow"),
-    joints=tuple(
-        SimpleNamespace(name=name, kind="rotary", mimic=None, lower=-np.pi, upper=np.pi)
-        for name in ("shoulder", "elbow")
-    ),
-)
+ARM = Arm(Path("my.urdf"), parse_urdf(urdf()).chain())
+NUMBERED = tuple(f"A{k}" for k in range(1, 7))
 
 
 def data_of(scale):
-    rng = np.random.default_rng(0)
-    names = ("A1", "A2", "Tracker X", "Tracker Y", "Tracker Z")
-    return MeasuredData({name: scale * rng.uniform(-1, 1, 20) for name in names}, "arm", name="own")
+    q, seen, _ = measured(20)
+    names = (*NUMBERED, "Tracker X", "Tracker Y", "Tracker Z")
+    return MeasuredData(dict(zip(names, np.column_stack([scale * q, seen]).T, strict=True)), "arm", name="own")
 
 
 def test_numbered_joints_and_a_trackers_places_are_found():
     given = data_of(1.0)
-    found = accepted(given, CHAIN)
-    for ours, theirs in {"q_shoulder": "A1", "q_elbow": "A2", "x": "Tracker X", "z": "Tracker Z"}.items():
+    found, _ = accepted(given, ARM)
+    for ours, theirs in {"q_joint_1": "A1", "q_joint_2": "A2", "x": "Tracker X", "z": "Tracker Z"}.items():
         np.testing.assert_array_equal(found[ours], given[theirs][1:])  # nobody knows whence the first came
-    assert "A1 to A2 are taken for shoulder, elbow, in this order" in map(str, found.notes)
+    assert f"A1 to A6 are taken for {', '.join(NAMES)}, in this order" in map(str, found.notes)
 
 
 def test_numbered_degrees_are_told_under_the_names_of_the_file():
-    with pytest.raises(DataError, match="units=A1:deg,A2:deg"):
-        accepted(data_of(100.0), CHAIN)
+    with pytest.raises(DataError, match=f"units={','.join(f'{name}:deg' for name in NUMBERED)}"):
+        accepted(data_of(180 / np.pi), ARM)

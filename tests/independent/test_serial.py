@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from calibench.calibration.rigid import rotation_of
+from calibench.calibration.urdf import parse_urdf
+from calibench.calibration.walk import READING, Stand, walk
 from calibench.discrepancy import DataError, MeasuredData, explain
 from calibench.discrepancy.machines.arm import Arm
 from calibench.discrepancy.machines.arm.formulation import AIM, TURNED, loads_in
-from calibench.discrepancy.machines.arm.geometry import READING, Stand, walk
-from calibench.discrepancy.machines.arm.turns import rotation_of
 from calibench.discrepancy.model.machine import complex_step_slopes
 from calibench.discrepancy.model.model import Model
-from calibench.problems.arm.chains.urdf import parse_urdf
 from tests.few import few
 from tests.independent.serial import MAKES, Built, spent
 from tests.independent.serial_cases import case
@@ -264,10 +264,10 @@ def test_the_order_of_rows_tells_directions_and_says_so(urdf) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"pan": None}, "no column for joint pan"),
-        ({"pan": lambda v: np.degrees(v)}, "looks like degrees"),
-        ({"z": lambda v: -v}, "only in a mirror"),
-        ({"x": None}, "column x is missing"),
+        ({"pan": None}, "joint pan of the URDF has no column"),
+        ({"pan": lambda v: np.degrees(v)}, "units=pan:deg"),
+        ({"z": lambda v: -v}, "left-handed frame only"),
+        ({"x": None}, "y is there and no x"),
         ({"lift": lambda v: v + np.pi / 2}, "-90° are added to joint lift"),
         (dict.fromkeys("xyz", lambda v: v / 1000), "units=x:m,y:m,z:m"),
     ],
@@ -286,27 +286,36 @@ def test_a_wrong_file_is_told_in_one_line(urdf, change: dict, words: str) -> Non
 
 def test_three_poses_are_too_few(urdf) -> None:
     columns, _, _ = seen(3)
-    with pytest.raises(DataError, match="poses are fitted"):
+    with pytest.raises(DataError, match="3 poses are too few"):
         urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
 
 
 @pytest.mark.parametrize(
     ("order", "words"),
     [
-        (["qw", "qx", "qy", "qz"], """rad with columns='{"qw":"qx","qx":"qy","qy":"qz","qz":"qw"}'"""),
-        (["qx", "qy", "qw", "qz"], "leave these columns out"),
-        ([], "qx, qy, qz, qw are all 0 in 39 rows, which is no rotation"),
+        (["qw", "qx", "qy", "qz"], "are read as quaternion whose first number is the real part"),
+        (["qx", "qy", "qw", "qz"], "fit in no order of rotations"),
     ],
 )
-def test_a_quaternion_in_another_order_is_told(urdf, order: list, words: str) -> None:
+def test_a_quaternion_in_another_order_is_read_or_left_out_with_a_note(urdf, order: list, words: str) -> None:
+    columns, turned = turned_rows()
+    columns |= {name: turned[other] for name, other in zip(turned, order)}
+    data = urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02})).data
+    assert any(words in note.text for note in data.notes)
+    assert data.has(*TURNED) == (order[0] == "qw")
+
+
+def test_quaternions_of_zeros_are_no_rotations(urdf) -> None:
+    columns, turned = turned_rows()
+    columns |= {name: 0 * numbers for name, numbers in turned.items()}
+    with pytest.raises(DataError, match="qx, qy, qz, qw are all 0 in 40 of 40 rows, which is no rotation"):
+        urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
+
+
+def turned_rows() -> tuple[dict, dict]:
     columns, arm, _ = seen(40)
     R = arm.frames(np.stack([columns[name] for name in arm.make.joints], axis=-1))[-1][:, :3, :3]
-    turned = dict(zip(("qx", "qy", "qz", "qw"), Rotation.from_matrix(R).as_quat().T))
-    columns |= (
-        {name: turned[other] for name, other in zip(turned, order)} if order else dict.fromkeys(turned, 0 * R[:, 0, 0])
-    )
-    with pytest.raises(DataError, match=re.escape(words)):
-        urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
+    return columns, dict(zip(("qx", "qy", "qz", "qw"), Rotation.from_matrix(R).as_quat().T))
 
 
 def test_an_arm_needs_its_urdf() -> None:

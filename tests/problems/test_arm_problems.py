@@ -9,12 +9,12 @@ import pytest
 from calibench import bench, optimizers, problems, testing
 from calibench.bench.cli import main
 from calibench.bench.statistics.tables import problem_of
-from calibench.problems.arm import read_urdf
+from calibench.calibration import read_urdf
+from calibench.calibration.determined import observability, reach
+from calibench.calibration.kinematics import forward
+from calibench.calibration.rigid import rpy, rpy_of, shift
 from calibench.problems.arm.build import compared
-from calibench.problems.arm.chains.kinematics import forward
-from calibench.problems.arm.chains.rigid import rpy, rpy_of, shift
-from calibench.problems.arm.gauge import observability, reach
-from calibench.problems.arm.measured import found_frames, read_measured, shipped
+from calibench.problems.arm.measured import read_measured, shipped
 from calibench.problems.identifiability import identify
 from calibench.problems.instances import WORST_CONDITION
 from tests.few import few
@@ -171,26 +171,31 @@ def test_rotations_are_taken_by_the_order_that_is_stated(tmp_path):
     angle = dict(zip(("rx", "ry", "rz"), rpy_of(pose).T, strict=True))
     file = written(tmp_path / "a.csv", chain, q, pose[:, :3, 3], extra=angle)
     assert problems.make("arm", urdf=UR10, data=file, rotation="rpy").minimum < 1e-9
-    assert problems.make("arm", urdf=UR10, data=file, rotation="xyz").minimum > 1
+    assert problems.make("arm", urdf=UR10, data=file).minimum < 1e-9
+    with pytest.raises(ValueError, match=r"rotations lie [0-9.]+ rad from the nominal arm as rotation=xyz"):
+        problems.make("arm", urdf=UR10, data=file, rotation="xyz")
     assert problems.make("arm", urdf=UR10, data=file, reads="position").minimum < 1e-9
 
 
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda q, m: (q[:5], m[:5]), r"5 postures are too few: 10 are the least"),
+        (lambda q, m: (q[:5], m[:5]), r"5 poses are too few: 10 at the least"),
         (
             lambda q, m: (np.degrees(q), m),
-            r"_joint reaches \d+\.?\d*: it looks like degrees, .*write \w+_joint \[deg\]",
+            r"_joint reaches \d+, and no joint turns so many rad: .*:deg; write the unit in the header",
         ),
-        (lambda q, m: (q, m / 1000), r"the places look like metres, and mm are needed; write x \[m\]"),
-        (lambda q, m: (q, m * [1, -1, 1]), r"the measured frame is left-handed: change the sign of x, y or z"),
+        (
+            lambda q, m: (q, m / 1000),
+            r"x, y, z are taken for mm, and fit the arm when they are m: .*; write the unit",
+        ),
+        (lambda q, m: (q, m * [1, -1, 1]), "left-handed frame only: an axis points the other way"),
         (
             lambda q, m: (q + np.array([0, 0, 2, 0, 0, 0]), m),
-            r"elbow_joint stands at .* and its limits in the URDF are -3\.142",
+            "if -114.6° are added to joint elbow_joint",
         ),
-        (lambda q, m: (q, m[::-1]), r"no base and tool bring this arm to the places: .* mm are left of"),
-        (lambda q, m: (-q, m), r"no base and tool bring this arm to the places: .* signs"),
+        (lambda q, m: (q, m[::-1]), "is this the URDF of the arm"),
+        (lambda q, m: (-q, m), "are the joints' zeros and senses those of the URDF"),
     ],
 )
 def test_what_no_arm_has_read_is_refused_in_one_line(tmp_path, spoil, said):
@@ -210,7 +215,7 @@ def test_what_no_arm_has_read_is_refused_in_one_line(tmp_path, spoil, said):
             "elbow_joint .*call its column q_elbow_joint, or problem.tip= a link",
         ),
         (lambda t: t.replace(",x,", ",w,"), "a position has x, y and z; call its column x$"),
-        (lambda t: t.replace(",x,y,z", ",u,v,w"), "no measured x, y, z was found, and no column socket"),
+        (lambda t: t.replace(",x,y,z", ",u,v,w"), "no measured x, y and z were found"),
         (lambda t: t.replace(",x,", ",x [kg],"), "kg"),
         (lambda t: t.replace("\n-", "\nnothing-", 1), "a number is needed"),
     ],
@@ -246,7 +251,7 @@ def test_a_target_that_was_put_elsewhere_is_told(tmp_path):
     other = forward(there.placed(there.mount, shift(0, 60, 90)), {}, q)[:, :3, 3]
     place[55:] = other[55:]
     file = written(tmp_path / "my.csv", chain, q, place)
-    said = r"25 of 80 postures, from 56 on, fit .* the target sits [0-9.]+ mm elsewhere on the tool; take what"
+    said = r"25 of 80 poses, row 56 to row 80, fit .* the target sits [0-9.]+ mm elsewhere on the tool; use what"
     with pytest.raises(ValueError, match=said):
         problems.make("arm", urdf=UR10, data=file)
 
@@ -266,23 +271,21 @@ def test_a_file_of_figaroh_is_a_problem_as_it_lies(tmp_path):
 
 
 def test_sockets_of_ones_own_are_read_by_place(tmp_path):
-    table = read_measured(shipped("panda_sockets.csv"), read_urdf(shipped("panda.urdf")).chain(tip="ball_link"))
+    chain = read_urdf(shipped("panda.urdf")).chain(tip="ball_link")
+    table = read_measured(shipped("panda_sockets.csv"), chain).readings
     p = problems.make(
         "arm", urdf=shipped("panda.urdf"), data=shipped("panda_sockets.csv"), tip="ball_link", gap=50.0
     )  # fmt: skip
     assert p.seen.sockets == 14
     assert (p.seen.groups[:, 0] == 4).sum() == 7
     assert p.held.sockets == 4
-    assert len(table.q) == len(p.seen.q) + len(p.held.q)
+    assert len(table) == len(p.seen.q) + len(p.held.q)
     assert p.merit(p.best) == pytest.approx(problems.make("arm_panda").merit(problems.make("arm_panda").best), abs=0.02)
 
 
-def test_frames_are_found_among_wild_places():
+def test_frames_are_found_among_wild_places(tmp_path):
     chain, q, place, there = workshop()
-    table = read_measured(shipped("ur10_b.csv"), chain, "xyz")
-    made = replace(
-        table, q=q, place=place + 500.0 * (np.arange(60)[:, None] % 10 == 0), rotation=None, held=np.zeros(60, bool)
-    )
-    found = found_frames(chain, made)
-    assert found.mount == pytest.approx(there.mount, abs=20)
-    assert compared(made, "position").size == 180
+    wild = place + 500.0 * (np.arange(60)[:, None] % 10 == 0)
+    begin = read_measured(written(tmp_path / "my.csv", chain, q, wild), chain)
+    assert begin.base == pytest.approx(there.mount, abs=20)
+    assert compared(begin.readings, "position").size == 180

@@ -204,11 +204,10 @@ def _arm_files(work: Mapping[str, Any]) -> CalibrateRequest:
 def _arm_fit(work: Mapping[str, Any]) -> dict[str, Any]:
     """Fit base, target and geometry to the poses; the files have been read."""
     from calibench.bench.calibration.files import read_table
-    from calibench.bench.calibration.fit import fitted, order_of
-    from calibench.bench.calibration.model import model_of
-    from calibench.bench.calibration.readings import read_readings
-    from calibench.bench.calibration.start import started
-    from calibench.problems.arm.chains.urdf import parse_urdf
+    from calibench.calibration.determined import order_of
+    from calibench.calibration.fit import fit_arm
+    from calibench.calibration.model import model_of
+    from calibench.calibration.urdf import parse_urdf
 
     request = _arm_files(work)
     chain = parse_urdf(request.urdf.read_bytes(), "arm6").chain(request.base, request.tip)
@@ -216,9 +215,9 @@ def _arm_fit(work: Mapping[str, Any]) -> dict[str, Any]:
     found: list[Any] = []
 
     def calibrated() -> int:
-        start = started(read_readings(table, chain, request.observe, request.limits), chain, request.rotation)
+        start = request.how.start(table, chain)
         model = model_of(chain, start.readings, start.base, start.tool)
-        found.append(fitted(model, order_of(model.names, "geometry")))
+        found.append(fit_arm(model, order_of(model.names, "geometry")))
         return 1
 
     taken = timed(calibrated)
@@ -231,13 +230,11 @@ def _arm_fit(work: Mapping[str, Any]) -> dict[str, Any]:
 
 def _arm_whole(work: Mapping[str, Any]) -> dict[str, Any]:
     """Do all that `bench calibrate` does but the writing."""
-    from calibench.bench.calibration.calibrate import calibrate
-
     request = _arm_files(work)
     found: list[Any] = []
 
     def calibrated() -> int:
-        found.append(calibrate(request)[0])
+        found.append(request.carry_out())
         return 1
 
     taken = timed(calibrated)

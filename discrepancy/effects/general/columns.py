@@ -139,16 +139,16 @@ def _cycles(family: EffectFamily, formulation: Formulation, target: str) -> Buil
     ordinal, measured, column = _parts(formulation)[target]
     needs(formulation.data, column)
     after = "" if not ordinal else f"{family.name} {_target(formulation, _ORDINALS[ordinal - 1], measured, column)}"
-    along, told = (column, measured), ("prediction", unit_of(formulation, measured))
+    along, channel = (column, measured), ("prediction", unit_of(formulation, measured))
     stated = formulation.data.units.get(column, "")
     return scanned(
-        family, formulation.data, target, along, told, factor=-1.0, after=after,
+        family, formulation.data, target, along, channel, factor=-1.0, after=after,
         period_unit="" if stated == "1" else stated,
     )  # fmt: skip
 
 
 def scanned(
-    family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], told: tuple[str, str], *,
+    family: EffectFamily, data: MeasuredData, target: str, along: tuple[str, str], reported: tuple[str, str], *,
     factor: float = 1.0, after: str = "", longest: float = np.inf, shortest: float = 0.0,
     largest: float = _ANY, period_unit: str = "",
 ) -> tuple[Cycle, ...]:  # fmt: skip
@@ -157,7 +157,7 @@ def scanned(
     `along` is the column it follows and the quantity it changes, `told` the channel and the unit. No period is above
     `longest` or below `shortest`, no wave higher than `largest`. Periods are given in `period_unit`.
     """
-    (column, quantity), (channel, unit) = along, told
+    (column, quantity), (channel, unit) = along, reported
     largest = min(largest, _ANY)  # a slide may err by any length, but an infinite wave is none
     u = np.asarray(data[column], dtype=float)
     span, different = float(np.ptp(u)), len(np.unique(u))
@@ -170,8 +170,9 @@ def scanned(
     middle = float(u.min() + span / 2)
     return tuple(
         Cycle(
-            family.name, target, family.formula, channel, column, quantity, unit, float(1 / frequency), middle, span,
-            count, factor, after, largest=largest, longest=longest, period_unit=period_unit,
+            family.name, target, family.formula, channel=channel, column=column, quantity=quantity, unit=unit,
+            start=float(1 / frequency), middle=middle, span=span, positions=count, factor=factor, after=after,
+            largest=largest, longest=longest, period_unit=period_unit,
         )
         for frequency in np.linspace(low, min(high, low + count / (span * _PER_WIDTH)), count)
     )  # fmt: skip
@@ -190,10 +191,9 @@ def _polynomial(family: EffectFamily, formulation: Formulation, target: str) -> 
             return {measured: -terms[:, :degree]}
 
         names = _DEGREES[:degree]
-        return LinearEffect(
-            family.name, target, family.formula, "prediction", (column,), names, (unit,) * degree, unit, changes,
-            measure=_range if degree > 1 else _whole,
-        )  # fmt: skip
+        return family.linear(
+            target, (column,), dict.fromkeys(names, unit), changes, measure=_range if degree > 1 else _whole
+        )
 
     return tuple(form(degree) for degree in (1, 2, 3))
 
@@ -226,9 +226,9 @@ def _target(formulation: Formulation, words: str, measured: str, column: str) ->
 def measured_columns(formulation: Formulation) -> tuple[str, ...]:
     """Return the measured columns: those of the instruments, or all readings that belong to no joint."""
     roles = roles_of(formulation)
-    told = tuple(dict.fromkeys(name for one in roles.instruments for name in one.columns))
+    columns = tuple(dict.fromkeys(name for one in roles.instruments for name in one.columns))
     joints = {joint.reading for joint in roles.joints}
-    return told or tuple(name for name in formulation.readings if name not in joints)
+    return columns or tuple(name for name in formulation.readings if name not in joints)
 
 
 def _firsts(formulation: Formulation) -> tuple[str, ...]:
@@ -236,14 +236,16 @@ def _firsts(formulation: Formulation) -> tuple[str, ...]:
 
 
 polynomial = recipe(
-    "polynomial", "What is measured follows a further column", "measured -= a line, a parabola, a cubic in the column",
-    "prediction", ("the column",), "that of the measurement", "each further column", _firsts, _polynomial,
+    "polynomial", "What is measured follows a further column",
+    "measured -= a line, a parabola, a cubic in the column", channel="prediction", columns=("the column",),
+    unit="that of the measurement", targets="each further column", targets_in=_firsts, make=_polynomial,
     label="trend",
 )  # fmt: skip
 cycle = recipe(
     "cycle", "What is measured repeats with a period of a further column that nobody knows",
-    "measured -= a cos(2 pi u / P) + b sin(2 pi u / P), u the column, P fitted", "prediction", ("the column",),
-    "that of the measurement", "each further column, up to four cycles each", lambda f: tuple(_parts(f)), _cycles,
+    "measured -= a cos(2 pi u / P) + b sin(2 pi u / P), u the column, P fitted", channel="prediction",
+    columns=("the column",), unit="that of the measurement", targets="each further column, up to four cycles each",
+    targets_in=lambda f: tuple(_parts(f)), make=_cycles,
 )  # fmt: skip
 
 
@@ -284,10 +286,15 @@ def _shaped(
             return {measured: -shape(np.asarray(data[column], dtype=float) / largest)[:, None]}
 
         unit = unit_of(formulation, measured)
-        return LinearEffect(
-            family.name, target, family.formula, "prediction", (column,), ("c",), (unit,), unit, changes,
-            positions=len(shapes), begins=begins * largest, begins_unit=formulation.data.units.get(column, ""),
-        )  # fmt: skip
+        return family.linear(
+            target,
+            (column,),
+            {"c": unit},
+            changes,
+            positions=len(shapes),
+            begins=begins * largest,
+            begins_unit=formulation.data.units.get(column, ""),
+        )
 
     return tuple(form(begins, shape) for begins, shape in shapes.items())
 
@@ -310,10 +317,9 @@ def _off_centre(
         s = np.asarray(data[column], dtype=float) / largest
         return {measured: -np.stack([s**2, s], axis=-1)}
 
-    return LinearEffect(
-        family.name, target, family.formula, "prediction", (column,), ("c", "line"), (unit,) * 2, unit, changes,
-        measure=_first, positions=_CENTRES,
-    )  # fmt: skip
+    return family.linear(
+        target, (column,), dict.fromkeys(("c", "line"), unit), changes, measure=_first, positions=_CENTRES
+    )
 
 
 def _first(c: Array) -> float:
@@ -365,8 +371,8 @@ def _recipe(
     make: Callable[[EffectFamily, Formulation, str], Built],
 ) -> Recipe:  # fmt: skip
     return recipe(
-        name, cause, formula, "prediction", ("the column",), "that of the measurement", "each further column",
-        _names(*words), make, label=label,
+        name, cause, formula, channel="prediction", columns=("the column",), unit="that of the measurement",
+        targets="each further column", targets_in=_names(*words), make=make, label=label,
     )  # fmt: skip
 
 
@@ -422,17 +428,26 @@ def _drift_of(
             return float(c[0])
         return float(np.ptp(run_terms(np.linspace(0, 1, 65))[:, : len(c)] @ c))
 
-    return LinearEffect(
-        family.name, target, family.formula, "reading", (clock,), names, (unit,) * len(names), unit, changes,
-        measure=largest, largest=largest_error(joint) / one,
-    )  # fmt: skip
+    return family.linear(
+        target, (clock,), dict.fromkeys(names, unit), changes, measure=largest, largest=largest_error(joint) / one
+    )
 
 
 def _slip(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [joint] = joints_of(formulation, target)
     unit, one = told_in(joint)
     most = largest_error(joint) / one
-    return _steps(family, formulation, target, "reading", (joint.reading,), ("step",), unit, most, one)
+    return _steps(
+        family,
+        formulation,
+        target,
+        channel="reading",
+        quantities=(joint.reading,),
+        names=("step",),
+        unit=unit,
+        most=most,
+        one=one,
+    )
 
 
 def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -457,10 +472,14 @@ def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) ->
 
         names = (*(f"d{name}" for name in columns), *(_AXES[len(columns)] if turns else ()))
         units = (unit,) * len(columns) + ("rad",) * (len(names) - len(columns))
-        return LinearEffect(
-            family.name, target, family.formula, "prediction", (clock, *columns), names, units, unit, changes,
+        return family.linear(
+            target,
+            (clock, *columns),
+            dict(zip(names, units, strict=True)),
+            changes,
+            unit=unit,
             measure=farthest if turns else size,
-        )  # fmt: skip
+        )
 
     return (form(False), form(True)) if len(columns) in _AXES else (form(False),)
 
@@ -488,7 +507,9 @@ def _frame_shift(family: EffectFamily, formulation: Formulation, target: str) ->
     columns = instrument_of(formulation, target).columns
     names = tuple(f"d{name}" for name in columns)
     unit = unit_of(formulation, *columns)
-    return _steps(family, formulation, target, "prediction", columns, names, unit, np.inf)
+    return _steps(
+        family, formulation, target, channel="prediction", quantities=columns, names=names, unit=unit, most=np.inf
+    )
 
 
 def _steps(
@@ -500,8 +521,9 @@ def _steps(
     times = change_times(formulation.data[clock])
     return tuple(
         ChangePoint(
-            family.name, target, family.formula, channel, quantities, names, unit, float(at), len(times), (clock,), (),
-            most, clock, one,
+            family.name, target, family.formula, channel=channel, quantities=quantities, coefficients=names,
+            unit=unit, at=float(at), positions=len(times), columns=(clock,), twins=(), largest=most, clock=clock,
+            one=one,
         )
         for at in times
     )  # fmt: skip
@@ -519,21 +541,22 @@ def _frames(formulation: Formulation) -> tuple[str, ...]:
 
 drift = recipe(
     "drift", "The zero of a joint drifts during the run",
-    "reading_i += even s, + bend 4 s (1 - s), + turn 10.4 s (1 - s) (1 - 2 s); s from 0 to 1 over the run", "reading",
-    ("the time",), "that of the joint", "each joint", each_joint, _drift,
+    "reading_i += even s, + bend 4 s (1 - s), + turn 10.4 s (1 - s) (1 - 2 s); s from 0 to 1 over the run",
+    channel="reading", columns=("the time",), unit="that of the joint", targets="each joint", targets_in=each_joint,
+    make=_drift,
 )  # fmt: skip
 slip = recipe(
-    "slip", "The reading of a joint slips once during the run", "reading_i += step from a time on", "reading",
-    ("the time",), "that of the joint", "each joint", each_joint, _slip,
+    "slip", "The reading of a joint slips once during the run", "reading_i += step from a time on", channel="reading",
+    columns=("the time",), unit="that of the joint", targets="each joint", targets_in=each_joint, make=_slip,
 )  # fmt: skip
 frame_drift = recipe(
     "frame_drift", "The frame of an instrument moves evenly during the run, and may turn",
-    "measured -= d s, or (d + w x (measured - middle)) s; s from 0 to 1 over the run", "prediction",
-    ("the time",), "that of the measurement",
-    "each instrument with a frame", _frames, _frame_drift, label="moving frame",
+    "measured -= d s, or (d + w x (measured - middle)) s; s from 0 to 1 over the run", channel="prediction",
+    columns=("the time",), unit="that of the measurement", targets="each instrument with a frame", targets_in=_frames,
+    make=_frame_drift, label="moving frame",
 )  # fmt: skip
 frame_shift = recipe(
     "frame_shift", "An instrument, or the machine, is displaced once during the run", "measured += d from a time on",
-    "prediction", ("the time",), "that of the measurement", "each instrument with a frame", _frames, _frame_shift,
-    label="displaced frame",
+    channel="prediction", columns=("the time",), unit="that of the measurement",
+    targets="each instrument with a frame", targets_in=_frames, make=_frame_shift, label="displaced frame",
 )  # fmt: skip

@@ -116,7 +116,19 @@ def _exact(
         return (fourier(family, formulation, joint, (order,)),)
     radians, most = 2 * np.pi / turn if joint.unit != "rad" else 1.0, largest_error(joint)
     unit, one = told_in(joint)
-    return (ExactHarmonic(family.name, target, family.formula, joint.reading, unit, form, radians, most / one, one),)
+    return (
+        ExactHarmonic(
+            family.name,
+            target,
+            family.formula,
+            reading=joint.reading,
+            unit=unit,
+            exact=form,
+            radians=radians,
+            largest=most / one,
+            one=one,
+        ),
+    )
 
 
 def _unresolved(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -146,10 +158,9 @@ def fourier(family: EffectFamily, formulation: Formulation, joint: Joint, orders
         angle = q[joint.reading] if radians == 1.0 else np.asarray(q[joint.reading]) * radians
         return {joint.reading: one * np.concatenate([_wave(angle, order) for order in orders], axis=-1)}
 
-    return LinearEffect(
-        family.name, joint.name, family.formula, "reading", (joint.reading,), names, (unit,) * len(names), unit,
-        changes, largest=largest_error(joint) / one,
-    )  # fmt: skip
+    return family.linear(
+        joint.name, (joint.reading,), dict.fromkeys(names, unit), changes, largest=largest_error(joint) / one
+    )
 
 
 def turn_of(joint: Joint, formulation: Formulation) -> float:
@@ -171,37 +182,39 @@ def _each(kind: str, formulation: Formulation) -> tuple[str, ...]:
 
 eccentricity = recipe(
     "eccentricity", "The disc of an encoder sits off its axis",
-    "reading_i += arcsin(a cos theta_i + b sin theta_i), theta_i = reading_i", "reading", ("the reading",),
-    "that of the joint", "each rotary joint", partial(_each, "rotary"), _eccentricity, resolved_by=LONGER_ARC,
+    "reading_i += arcsin(a cos theta_i + b sin theta_i), theta_i = reading_i", channel="reading",
+    columns=("the reading",), unit="that of the joint", targets="each rotary joint",
+    targets_in=partial(_each, "rotary"), make=_eccentricity, resolved_by=LONGER_ARC,
 )  # fmt: skip
 screw_error = recipe(
     "screw_error", "A screw, or a scale, errs once a period",
-    "reading_i += a cos theta_i + b sin theta_i, theta_i = 2 pi reading_i / period", "reading", ("the reading",),
-    "that of the joint", "each sliding joint", partial(_each, "sliding"), _eccentricity, resolved_by=LONGER_ARC,
-    label="periodic screw error",
+    "reading_i += a cos theta_i + b sin theta_i, theta_i = 2 pi reading_i / period", channel="reading",
+    columns=("the reading",), unit="that of the joint", targets="each sliding joint",
+    targets_in=partial(_each, "sliding"), make=_eccentricity, resolved_by=LONGER_ARC, label="periodic screw error",
 )  # fmt: skip
 second_harmonic = recipe(
     "second_harmonic", "The disc of an encoder is oval, or tilted; a screw errs twice a turn",
-    "reading_i += atan2(u, 1 - v), u = a cos 2 theta_i + b sin 2 theta_i, v = b cos 2 theta_i - a sin 2 theta_i; "
-    "sliding: u", "reading", ("the reading",), "that of the joint", "each joint", each_joint, _second,
-    resolved_by=LONGER_ARC,
+    ("reading_i += atan2(u, 1 - v), u = a cos 2 theta_i + b sin 2 theta_i, v = b cos 2 theta_i - a sin 2 theta_i; "
+        "sliding: u"), channel="reading", columns=("the reading",), unit="that of the joint", targets="each joint",
+    targets_in=each_joint, make=_second, resolved_by=LONGER_ARC,
 )  # fmt: skip
 angle_error = recipe(
     "angle_error", "The encoder of a joint errs smoothly over its turn; the order is not resolved",
-    "reading_i += sum over k = 1, 2, 3 of a_k cos k theta_i + b_k sin k theta_i", "reading", ("the reading",),
-    "that of the joint", "each rotary joint", partial(_each, "rotary"), _unresolved, resolved_by=LONGER_ARC,
+    "reading_i += sum over k = 1, 2, 3 of a_k cos k theta_i + b_k sin k theta_i", channel="reading",
+    columns=("the reading",), unit="that of the joint", targets="each rotary joint",
+    targets_in=partial(_each, "rotary"), make=_unresolved, resolved_by=LONGER_ARC,
 )  # fmt: skip
 position_error = recipe(
     "position_error", "A scale or a screw errs smoothly over its period; the order is not resolved",
     "reading_i += sum over k = 1, 2, 3 of a_k cos k theta_i + b_k sin k theta_i, theta_i = 2 pi reading_i / period",
-    "reading", ("the reading",), "that of the joint", "each sliding joint", partial(_each, "sliding"), _unresolved,
-    resolved_by=LONGER_ARC,
+    channel="reading", columns=("the reading",), unit="that of the joint", targets="each sliding joint",
+    targets_in=partial(_each, "sliding"), make=_unresolved, resolved_by=LONGER_ARC,
 )  # fmt: skip
 cyclic = recipe(
     "cyclic", "The teeth of a gear: an error that repeats N times a turn, N as stated",
-    "reading_i += sum over k = N, or N and 2 N, of a_k cos k theta_i + b_k sin k theta_i", "reading",
-    ("the reading", "the number of teeth"), "that of the joint", "each joint", each_joint, _cyclic,
-    label="cyclic error at the tooth count",
+    "reading_i += sum over k = N, or N and 2 N, of a_k cos k theta_i + b_k sin k theta_i", channel="reading",
+    columns=("the reading", "the number of teeth"), unit="that of the joint", targets="each joint",
+    targets_in=each_joint, make=_cyclic, label="cyclic error at the tooth count",
 )  # fmt: skip
 
 
@@ -254,9 +267,10 @@ def _wave_recipe(k: int) -> Recipe:
     words = _ORDINALS[k]
     return recipe(
         _family(k), f"A joint errs {f'in a {words}' if words else 'with a '}period that nobody knows",
-        "reading_i += a cos(2 pi reading_i / P) + b sin(2 pi reading_i / P), P fitted", "reading", ("the reading",),
-        "that of the joint", "each joint; periods that are stated have names of their own",
-        _joints, _of(_family(k - 1) if k else ""),
+        "reading_i += a cos(2 pi reading_i / P) + b sin(2 pi reading_i / P), P fitted", channel="reading",
+        columns=("the reading",), unit="that of the joint",
+        targets="each joint; periods that are stated have names of their own", targets_in=_joints,
+        make=_of(_family(k - 1) if k else ""),
     )  # fmt: skip
 
 

@@ -67,12 +67,7 @@ def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {joint.reading: np.asarray(q[joint.reading])[:, None]}
 
-    return (
-        LinearEffect(
-            family.name, target, family.formula, "reading", (joint.reading,), ("k",), ("1",), "1", changes,
-            largest=thresholds().largest_scale,
-        ),
-    )  # fmt: skip
+    return (family.linear(target, (joint.reading,), {"k": "1"}, changes, largest=thresholds().largest_scale),)
 
 
 def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -87,10 +82,14 @@ def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Bu
             columns = [-0.5 * came, np.where(came == 0, 1.0, 0.0)]
             return {joint.reading: one * np.stack(columns[: len(names)], axis=-1)}
 
-        return LinearEffect(
-            family.name, target, family.formula, "reading", (direction,), names, (unit,) * len(names), unit, changes,
-            largest=largest_error(joint) / one, measure=_first,
-        )  # fmt: skip
+        return family.linear(
+            target,
+            (direction,),
+            dict.fromkeys(names, unit),
+            changes,
+            largest=largest_error(joint) / one,
+            measure=_first,
+        )
 
     still = int((np.asarray(formulation.data[direction]) == 0).sum())  # rows whose side of the play is not known
     return tuple(form(("play", "before its first move")[:k]) for k in ((1, 2) if still > 1 else (1,)))
@@ -111,11 +110,10 @@ def _compliance(family: EffectFamily, formulation: Formulation, target: str) -> 
 
     unit = f"{name}/{'(N mm)' if joint.kind == 'rotary' else 'N'}"
     return (
-        LinearEffect(
-            family.name, target, family.formula, "reading", (torque,), ("kappa",), (unit,), unit, changes,
-            largest=largest_slope(joint, formulation.data[torque], one),
+        family.linear(
+            target, (torque,), {"kappa": unit}, changes, largest=largest_slope(joint, formulation.data[torque], one)
         ),
-    )  # fmt: skip
+    )
 
 
 def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -127,11 +125,7 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
         return {joint.reading: data[joint.velocity][:, None] for joint in joints}
 
     most = min(largest_slope(joint, formulation.data[joint.velocity], 1.0) for joint in joints)
-    return (
-        LinearEffect(
-            family.name, target, family.formula, "reading", columns, ("tau",), ("s",), "s", changes, largest=most
-        ),
-    )  # fmt: skip
+    return (family.linear(target, columns, {"tau": "s"}, changes, largest=most),)
 
 
 def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -148,34 +142,33 @@ def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
             return {joint.reading: one * (warmth(data, late, column, roles.time, run) - zero_at)[:, None]}
 
         most = largest_slope(joint, warmth(run, late, column, roles.time, run) - zero_at, one)
-        return LinearEffect(
-            family.name, target, family.formula, "reading", (column,), ("a",), (unit,), unit, changes, largest=most
-        )  # fmt: skip
+        return family.linear(target, (column,), {"a": unit}, changes, largest=most)
 
     return tuple(form(late) for late in time_constants(formulation.data, roles.time))
 
 
 scale = recipe(
     "gear", "A gear ratio, the pitch of a screw, or the scale of an encoder is not the stated one",
-    "reading_i += k reading_i", "reading", ("the reading",), "1", "each joint", each_joint, _scale,
-    label="scale error", resolved_by=LONGER_ARC,
+    "reading_i += k reading_i", channel="reading", columns=("the reading",), unit="1", targets="each joint",
+    targets_in=each_joint, make=_scale, label="scale error", resolved_by=LONGER_ARC,
 )  # fmt: skip
 backlash = recipe(
-    "backlash", "A drive has play", "reading_i -= play / 2 * direction_i", "reading", ("the direction",),
-    "that of the joint", "each joint", each_joint, _backlash, never_negative="play",
+    "backlash", "A drive has play", "reading_i -= play / 2 * direction_i", channel="reading",
+    columns=("the direction",), unit="that of the joint", targets="each joint", targets_in=each_joint, make=_backlash,
+    never_negative="play",
 )  # fmt: skip
 compliance = recipe(
-    "compliance", "A drive gives way to its torque, or its force", "reading_i -= kappa torque_i", "reading",
-    ("the torque",), "that of the joint by N mm, or by N", "each joint", each_joint, _compliance,
-    never_negative="compliance",
+    "compliance", "A drive gives way to its torque, or its force", "reading_i -= kappa torque_i", channel="reading",
+    columns=("the torque",), unit="that of the joint by N mm, or by N", targets="each joint", targets_in=each_joint,
+    make=_compliance, never_negative="compliance",
 )  # fmt: skip
 lag = recipe(
-    "lag", "A joint, or all of them, are read too early or too late", "reading_i += tau velocity_i", "reading",
-    ("the velocity",), "s", "each joint, all", each_joint_and_all, _lag,
-    label="timing lag", label_of_all="timing lag of all joints",
+    "lag", "A joint, or all of them, are read too early or too late", "reading_i += tau velocity_i",
+    channel="reading", columns=("the velocity",), unit="s", targets="each joint, all", targets_in=each_joint_and_all,
+    make=_lag, label="timing lag", label_of_all="timing lag of all joints",
 )  # fmt: skip
 zero = recipe(
     "thermal_zero", "The zero of a joint moves with temperature", "reading_i += a T, T follows the temperature",
-    "reading", ("the temperature",), "that of the joint by K", "each joint", each_joint, _zero,
-    label="thermal shift of the zero",
+    channel="reading", columns=("the temperature",), unit="that of the joint by K", targets="each joint",
+    targets_in=each_joint, make=_zero, label="thermal shift of the zero",
 )  # fmt: skip

@@ -68,7 +68,11 @@ def warmth(data: MeasuredData, late: float, column: str, clock: str, run: Measur
     seen = np.interp(even, t[order], shown[order])
     kept = np.exp(-(even[1] - even[0]) / late)
     middle = np.concatenate([seen[:1], (seen[1:] + seen[:-1]) / 2])
-    follows = _followed((1 - kept) * (middle - seen[0]), kept)
+    # y with y_k = `kept` y_{k-1} + `steps`_k, (n,), as SciPy's `lfilter` does
+    steps = (1 - kept) * (middle - seen[0])
+    bands = np.ones((2, len(steps)))
+    bands[1] = -kept
+    follows = np.asarray(dtbtrs(bands, steps[:, None], uplo="L", diag="U")[0][:, 0])
     return np.asarray(np.interp(asked, even, follows + seen[0]))
 
 
@@ -89,16 +93,6 @@ def _record(data: MeasuredData, column: str, clock: str, run: MeasuredData) -> t
     if during.any() and np.mean(apart**2) > _OTHER_RUN * np.var(then):
         return t, shown
     return np.concatenate([known, t[new]]), np.concatenate([then, shown[new]])
-
-
-def _followed(steps: Array, kept: float) -> Array:
-    """Return y with y_k = `kept` y_{k-1} + `steps`_k, (n,), as SciPy's `lfilter` does.
-
-    Importing that takes a second.
-    """
-    bands = np.ones((2, len(steps)))
-    bands[1] = -kept
-    return np.asarray(dtbtrs(bands, steps[:, None], uplo="L", diag="U")[0][:, 0])
 
 
 _ROWS = 500  # rows that are used, evenly over the run
@@ -161,7 +155,7 @@ def grown(
             return {name: (q[name] * (warm[column] - own_at.get(name, 0.0)))[:, None] for name, column in heat.items()}
 
         columns = tuple(dict.fromkeys(heat.values()))
-        return LinearEffect(family.name, target, family.formula, "link", columns, ("alpha",), ("1/K",), "1/K", changes)
+        return family.linear(target, columns, {"alpha": "1/K"}, changes)
 
     return tuple(form(late) for late in time_constants(run, clock))
 
@@ -175,7 +169,7 @@ def _stretch(family: EffectFamily, formulation: Formulation, target: str) -> Bui
         return {length.quantity: data[force][:, None]}
 
     unit = f"{length.unit}/N"
-    return (LinearEffect(family.name, target, family.formula, "link", (force,), ("k",), (unit,), unit, changes),)
+    return (family.linear(target, (force,), {"k": unit}, changes),)
 
 
 def _clearance(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -189,7 +183,7 @@ def _clearance(family: EffectFamily, formulation: Formulation, target: str) -> B
         return {length.quantity: 0.5 * np.sign(data[force])[:, None]}
 
     unit = length.unit
-    return (LinearEffect(family.name, target, family.formula, "link", (force,), ("play",), (unit,), unit, changes),)
+    return (family.linear(target, (force,), {"play": unit}, changes),)
 
 
 def _freed(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -204,27 +198,27 @@ def freed(family: EffectFamily, target: str, names: tuple[str, ...], unit: str) 
         each = np.eye(len(names))
         return {name: np.tile(each[k], (len(data), 1)) for k, name in enumerate(names)}
 
-    return LinearEffect(
-        family.name, target, family.formula, family.channel, (), names, (unit,) * len(names), unit, changes
-    )
+    return family.linear(target, (), dict.fromkeys(names, unit), changes)
 
 
 growth = recipe(
-    "thermal_length", "A member, or all of them, grow with temperature", "length_i *= 1 + alpha T, T follows the "
-    "temperature", "link", ("the temperature",), "1/K", "each length, all", each_length_and_all, _growth,
-    label="thermal growth", label_of_all="thermal growth of all members",
+    "thermal_length", "A member, or all of them, grow with temperature", ("length_i *= 1 + alpha T, T follows the "
+        "temperature"), channel="link", columns=("the temperature",), unit="1/K", targets="each length, all",
+    targets_in=each_length_and_all, make=_growth, label="thermal growth",
+    label_of_all="thermal growth of all members",
 )  # fmt: skip
 stretch = recipe(
-    "axial_compliance", "A member gives way to the force along it", "length_i += k force_i", "link", ("the force",),
-    "mm/N", "each length", each_length, _stretch,
+    "axial_compliance", "A member gives way to the force along it", "length_i += k force_i", channel="link",
+    columns=("the force",), unit="mm/N", targets="each length", targets_in=each_length, make=_stretch,
 )  # fmt: skip
 clearance = recipe(
-    "clearance", "The joints of a member have play along it", "length_i += play / 2 * sign(force_i)", "link",
-    ("the force",), "mm", "each length", each_length, _clearance,
+    "clearance", "The joints of a member have play along it", "length_i += play / 2 * sign(force_i)", channel="link",
+    columns=("the force",), unit="mm", targets="each length", targets_in=each_length, make=_clearance,
 )  # fmt: skip
 free_number = recipe(
-    "free_number", "A number that is held is not the stated one", "number += c", "link", (), "that of the number",
-    "each held number", lambda formulation: tuple(formulation.fixed), _freed, label="another value",
+    "free_number", "A number that is held is not the stated one", "number += c", channel="link", columns=(),
+    unit="that of the number", targets="each held number", targets_in=lambda formulation: tuple(formulation.fixed),
+    make=_freed, label="another value",
 )  # fmt: skip
 
 
@@ -237,12 +231,7 @@ def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {name: -np.asarray(q[name])[:, None] for name in columns}
 
-    return (
-        LinearEffect(
-            family.name, target, family.formula, "prediction", columns, ("k",), ("1",), "1", changes,
-            largest=thresholds().largest_scale,
-        ),
-    )  # fmt: skip
+    return (family.linear(target, columns, {"k": "1"}, changes, largest=thresholds().largest_scale),)
 
 
 def _own_noise(formulation: Formulation, columns: tuple[str, ...]) -> float:
@@ -267,14 +256,16 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
         return {name: data[v][:, None] for name, v in zip(instrument.columns, instrument.velocity)}
 
     columns = instrument.velocity
-    return (LinearEffect(family.name, target, family.formula, "prediction", columns, ("tau",), ("s",), "s", changes),)
+    return (family.linear(target, columns, {"tau": "s"}, changes),)
 
 
 scale = recipe(
-    "instrument_scale", "An instrument reads too large or too small", "measured -= k measured", "prediction",
-    ("what it measures",), "1", "each instrument", each_instrument, _scale, label="scale error",
+    "instrument_scale", "An instrument reads too large or too small", "measured -= k measured", channel="prediction",
+    columns=("what it measures",), unit="1", targets="each instrument", targets_in=each_instrument, make=_scale,
+    label="scale error",
 )  # fmt: skip
 lag = recipe(
-    "instrument_lag", "An instrument is read too early or too late", "measured_i += tau velocity_i", "prediction",
-    ("the velocity of what it measures",), "s", "each instrument", each_instrument, _lag, label="timing lag",
+    "instrument_lag", "An instrument is read too early or too late", "measured_i += tau velocity_i",
+    channel="prediction", columns=("the velocity of what it measures",), unit="s", targets="each instrument",
+    targets_in=each_instrument, make=_lag, label="timing lag",
 )  # fmt: skip

@@ -69,7 +69,17 @@ def recipe(
         raise NotImplementedError(name)
 
     words = EffectFamily(
-        name, GENERAL, cause, formula, channel, columns, unit, (targets,), build, targets_in=targets_in, **more
+        name,
+        GENERAL,
+        cause,
+        formula=formula,
+        channel=channel,
+        columns=columns,
+        unit=unit,
+        targets=(targets,),
+        build=build,
+        targets_in=targets_in,
+        **more,
     )
     return Recipe(words, make)
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from calibench.calibration.walk import PLACE, TURNS
 from calibench.discrepancy.machines.arm.formulation import AIM, DEMONSTRATIONS, TURNED
-from calibench.discrepancy.machines.arm.geometry import PLACE, TURNS
-from calibench.discrepancy.machines.arm.turns import QUATERNION
-from calibench.discrepancy.machines.arm.validate import PAYLOAD, ROW, SITE, SOCKET, WARMTH
+from calibench.discrepancy.machines.arm.readings import PAYLOAD, QUATERNION, ROW, SITE, SOCKET, WARMTH
 from calibench.discrepancy.model.machine import Description, Quantity, Stated
 from calibench.discrepancy.registries import describe
 

@@ -11,10 +11,10 @@ from functools import partial
 
 import numpy as np
 
+from calibench.calibration.walk import BASE, TOOL, TURNS
 from calibench.discrepancy.effects.general.columns import run_terms
 from calibench.discrepancy.effects.general.recipe import Built, declared
 from calibench.discrepancy.machines.arm.formulation import TOOL_TURNS, loads_in
-from calibench.discrepancy.machines.arm.geometry import BASE, TOOL, TURNS
 from calibench.discrepancy.model.effect import ChangePoint, EffectFamily, LinearEffect, NotTestable, change_times, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
@@ -85,8 +85,8 @@ def _bends(formulation: Formulation, target: str) -> Built:
     names = tuple(f"{one}_{target}" for one in TURNS)
 
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        told = loads_in(formulation, data)
-        moment = told[1][:, k] if told else np.zeros((len(data), 3))
+        held_now = loads_in(formulation, data)
+        moment = held_now[1][:, k] if held_now else np.zeros((len(data), 3))
         across = moment - (moment @ joint.axis)[:, None] * joint.axis
         return {name: -across[:, i : i + 1] for i, name in enumerate(names)}
 

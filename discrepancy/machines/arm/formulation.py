@@ -11,20 +11,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, final
+from typing import Any, Literal, final
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from calibench.core.words import as_columns, plain
-from calibench.discrepancy.checks.wild import without_wild
-from calibench.discrepancy.machines.arm.geometry import (
+from calibench import calibration
+from calibench.calibration.determined import select_by_name
+from calibench.calibration.kinematics import Chain
+from calibench.calibration.rigid import Array, Numbers, beside, rotation_of, small_vector_of, vector_of
+from calibench.calibration.start import Start
+from calibench.calibration.walk import (
     BASE,
     PLACE,
     READING,
     TOOL,
     TURNS,
-    Numbers,
     Stand,
     Walk,
     of_joint,
@@ -33,40 +35,26 @@ from calibench.discrepancy.machines.arm.geometry import (
     turn_slopes,
     walk,
 )
-from calibench.discrepancy.machines.arm.rank import determined_names, with_held
-from calibench.discrepancy.machines.arm.sockets import in_sockets
-from calibench.discrepancy.machines.arm.start import LEAST_POSES, Placed, misfit, placed, two_stands
-from calibench.discrepancy.machines.arm.turns import (
-    ANGLES,
-    QUATERNION,
-    beside,
-    has_turns,
-    mean_turn,
-    measured_turns,
-    other_turns,
-    rotation_of,
-    small_vector_of,
-    vector_of,
-)
-from calibench.discrepancy.machines.arm.validate import (
+from calibench.discrepancy.checks.wild import without_wild
+from calibench.discrepancy.machines.arm.loads import loads, torques, with_loads
+from calibench.discrepancy.machines.arm.readings import (
     PAYLOAD,
+    QUATERNION,
     ROW,
-    SOCKET,
     WARMTH,
     accepted,
     completed,
+    rotations,
     stated_teeth,
+    table_of_data,
 )
-from calibench.discrepancy.machines.arm.weights import loads, torques, with_loads
+from calibench.discrepancy.machines.arm.sockets import in_sockets, with_held
 from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive
 from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
 from calibench.discrepancy.registries import machines
-from calibench.problems.arm.chains.chain import Chain, ChainError
-from calibench.problems.arm.chains.dh_file import read_dh
-from calibench.problems.arm.chains.urdf import read_urdf
-from calibench.problems.base import Array, Parameter
+from calibench.problems.base import Parameter
 
 TURNED = tuple(f"turn_{one}" for one in PLACE)  # mrad: how the target is turned beside the start, as measured
 AIM = tuple(f"aim_{one}" for one in PLACE)  # rad: how it is turned at the start
@@ -76,8 +64,6 @@ DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "demo" / "arm"  # a URDF 
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
 _HELD: WeakKeyDictionary[MeasuredData, Array] = WeakKeyDictionary()
 _TINY = 1e-30  # rad of a complex step: exact to rounding
-_ASKEW = 0.12  # rad from those of the arm, beyond which rotations are misinterpreted
-_MIRRORED = 5.0  # times as near in a left-handed frame
 
 
 @machines.register("arm")
@@ -86,7 +72,8 @@ _MIRRORED = 5.0  # times as near in a left-handed frame
 class Arm:
     """An arm of the URDF file `urdf`, from its link `base` to `tip`: its root and usual leaf if none is stated.
 
-    `dh` is a table of its joints instead (CSV or Excel), in the `convention` standard or modified.
+    `dh` is a table of its joints instead (CSV or Excel), in the `convention` standard or modified. `observe` says what
+    is used of the data: position, pose, or sockets; all that there is if nothing is stated.
     """
 
     urdf: str = ""
@@ -94,63 +81,64 @@ class Arm:
     tip: str = ""
     dh: str = ""
     convention: str = ""
+    observe: Literal["", "position", "pose", "sockets"] = ""
     name: str = field(default="arm", init=False)
 
     def chain(self, data: MeasuredData) -> Chain:
         """Return the chain of joints; raise `DataError` without a usable description."""
-        if dh := self.dh or ("" if self.urdf else str(data.metadata.get("dh", ""))):
-            return self._chain_of_table(dh, self.convention or str(data.metadata.get("convention", "")))
-        path = self.urdf or data.metadata.get("urdf", "")
-        if not path:
-            raise DataError(f"{data.name}: an arm needs its URDF: machine.urdf=my.urdf, or machine.dh=table.csv")
-        file = Path(str(path)).expanduser()
-        shipped = DEMONSTRATIONS / f"{file.name}.urdf"
-        file = shipped if file.name == str(path) and shipped.exists() and not file.exists() else file
-        try:
-            return read_urdf(file, "machine.").chain(self.base, self.tip)
-        except (ChainError, OSError) as error:
-            raise DataError(str(error)) from None
+        return self._described(data).chain
 
-    def _chain_of_table(self, dh: str, convention: str) -> Chain:
-        lost = next((key for key in ("urdf", "tip", "base") if getattr(self, key)), "")
+    def _described(self, data: MeasuredData) -> calibration.Arm:
+        dh = self.dh or ("" if self.urdf else str(data.metadata.get("dh", "")))
+        lost = next((key for key in ("urdf", "tip", "base") if getattr(self, key)), "") if dh else ""
         if lost:
             raise DataError(f"machine.{lost}= is of a URDF, and machine.dh= describes the arm by a table; give one")
+        path = dh or str(self.urdf or data.metadata.get("urdf", ""))
+        if not path:
+            raise DataError(f"{data.name}: an arm needs its URDF: machine.urdf=my.urdf, or machine.dh=table.csv")
+        file = Path(path).expanduser()
+        shipped = DEMONSTRATIONS / f"{file.name}.urdf"
+        if not dh and file.name == path and shipped.exists() and not file.exists():
+            file = shipped
+        convention = self.convention or str(data.metadata.get("convention", ""))
         try:
-            return read_dh(dh, convention, "machine.").chain
-        except ChainError as error:
+            return calibration.read_arm(
+                file, table=bool(dh), convention=convention, base=self.base, tip=self.tip, data=table_of_data(data)
+            )
+        except (calibration.ChainError, OSError) as error:
             raise DataError(str(error)) from None
 
     def formulate(self, data: MeasuredData) -> Predicted:
         """Return the prediction of what was measured; raise `DataError` for data that this arm cannot give."""
-        chain = self.chain(data)
-        data = accepted(data, chain)
-        if SOCKET in data:
-            data = with_loads(chain, Stand(np.eye(3)), quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0), data)
-            return in_sockets(chain, data, roles_for(chain, data, ()))
-        return tracked(chain, data)
+        arm = self._described(data)
+        data, start = accepted(data, arm, self.observe)
+        if start.readings.observed == "sockets":
+            at = quantities(arm.chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
+            data = with_loads(arm.chain, Stand(np.eye(3)), at, data)
+            return in_sockets(arm.chain, data, roles_for(arm.chain, data, ()), start)
+        return tracked(arm.chain, data, start)
 
 
-def tracked(chain: Chain, data: MeasuredData) -> Predicted:
-    """Return the prediction of a target that a tracker sees."""
+def tracked(chain: Chain, data: MeasuredData, begin: Start) -> Predicted:
+    """Return the prediction of a target that a tracker sees; a fit starts at `begin`."""
     fitted = np.asarray(data["split"]) != "hold" if "split" in data else np.ones(len(data), dtype=bool)
-    found = _start(chain, data, fitted)
-    stand = Stand(found.turned)
-    own = quantities(chain)
-    start = dict(zip(BASE, (*found.base, 0.0, 0.0, 0.0))) | own | dict(zip(TOOL, found.tool))
+    stand = Stand(begin.base[:3, :3])
+    numbers = quantities(chain)
+    start = dict(zip(BASE, (*begin.base[:3, 3], 0.0, 0.0, 0.0))) | numbers | dict(zip(TOOL, begin.tool[:3, 3]))
     q = start | {READING + n: data[READING + n] for n in chain.driven}
-    way = walk(chain, stand, q)
-    posed = has_turns(data)
+    tool, turned = begin.tool[:3, :3], rotations(data)
+    posed = turned is not None
     if posed:
         start |= dict.fromkeys(TOOL_TURNS, 0.0)
-        data, tool = _with_turns(data, way.flange[0], fitted)
+        data = _aimed(data, walk(chain, stand, q).flange[0] @ tool, turned)
     predict = _Target(chain, stand, tool if posed else None)
     q |= start | ({name: data[name] for name in AIM} if posed else {})
-    seen, left = predict.slopes(q), _measured(data) - predict.seen(q)
+    seen, rest = predict.slopes(q), _measured(data) - predict.seen(q)
     order = (*BASE, *TOOL, *(TOOL_TURNS if posed else ()), *(f"zero_{j.name}" for j in chain.joints))
     order += tuple(name for k in (slice(3), slice(3, 6)) for j in chain.joints for name in of_joint(j.name)[k])
-    told = fitted & np.isfinite(left).all(axis=1)
-    units = {name: parameter(chain, name, 0.0).unit for name in own}
-    free, vague = determined_names({name: np.asarray(seen[name])[told] for name in order}, order, left[told], units)
+    known = fitted & np.isfinite(rest).all(axis=1)
+    units = {name: parameter(chain, name, 0.0).unit for name in numbers}
+    free, vague = select_by_name({name: np.asarray(seen[name])[known] for name in order}, order, rest[known], units)
     data = with_held(with_loads(chain, stand, start, data), vague)
     sigma = {name: _stated(data, "sigma_mm") for name in PLACE}
     sigma |= {name: _stated(data, "sigma_mrad") for name in TURNED} if posed else {}
@@ -167,7 +155,7 @@ def tracked(chain: Chain, data: MeasuredData) -> Predicted:
         ),
         roles=roles_for(chain, data, (Instrument("tracker", PLACE),)),
         slopes=predict.slopes,
-        of_new=partial(_of_new, predict, start),
+        of_new=partial(_of_new, predict, start, begin),
     )
     return formulation.on(without_wild(formulation, "arm"))
 
@@ -251,84 +239,24 @@ def _tool_turn(axis: int, angle: Any) -> Numbers:
     return rotation_of(vector)
 
 
-def _of_new(target: _Target, start: Mapping[str, float], data: MeasuredData) -> MeasuredData:
+def _of_new(target: _Target, start: Mapping[str, float], begin: Start, data: MeasuredData) -> MeasuredData:
     """Return rows that are only predicted, with all columns that the fit has."""
     chain, stand = target.chain, target.stand
-    data = completed(data, chain)
+    data = completed(data, chain, begin)
     if target.tool is not None:
         q: dict[str, Any] = dict(start) | {READING + n: data[READING + n] for n in chain.driven}
-        aim = walk(chain, stand, q).flange[0] @ target.tool
-        data = _aimed(
-            data, aim, vector_of(measured_turns(data) @ np.swapaxes(aim, -1, -2)) if has_turns(data) else None
-        )
+        data = _aimed(data, walk(chain, stand, q).flange[0] @ target.tool, rotations(data))
     return data.with_columns(torques(chain, stand, start, data))
 
 
-def _with_turns(data: MeasuredData, flange: Array, fitted: Array) -> tuple[MeasuredData, Array]:
-    """Return the data with the target's rotation at the start and the measured rotation; and its seat, (3, 3)."""
-    tool, aim, off = _seated(flange, measured_turns(data), fitted)
-    if (apart := _apart(off)) > _ASKEW:
-        other = {said: _apart(_seated(flange, told, fitted)[2]) for said, told in other_turns(data).items()}
-        said = min(other, key=lambda one: other[one])
-        way_out = f"{other[said]:.2g} rad with {said}" if other[said] < _ASKEW else "leave these columns out"
-        named = ", ".join(QUATERNION if data.has(*QUATERNION) else ANGLES)
-        raise DataError(f"{data.name}: the rotations in {named} lie {apart:.2g} rad from those of the arm; {way_out}")
-    return _aimed(data, aim, off), tool
-
-
-def _aimed(data: MeasuredData, aim: Array, off: Array | None) -> MeasuredData:
-    """Return the data with the target's rotation at the start, (n, 3, 3), and the measured rotation from it, `off`."""
+def _aimed(data: MeasuredData, aim: Array, turned: Array | None) -> MeasuredData:
+    """Return the data with the target's rotation at the start, (n, 3, 3), and how the measured one differs from it."""
     columns = {name: vector_of(aim)[:, k] for k, name in enumerate(AIM)}
-    columns |= {} if off is None else {name: MILLI * off[:, k] for k, name in enumerate(TURNED)}
-    kept = {name: c for name, c in data.columns.items() if name not in (*ANGLES, *QUATERNION)}
+    if turned is not None:
+        beyond = MILLI * vector_of(turned @ np.swapaxes(aim, -1, -2))
+        columns |= {name: beyond[:, k] for k, name in enumerate(TURNED)}
+    kept = {name: c for name, c in data.columns.items() if name not in (*TURNS, *QUATERNION)}
     return replace(data, columns=kept | columns)
-
-
-def _seated(flange: Array, told: Array, fitted: Array) -> tuple[Array, Array, Array]:
-    """Return the seat of the target, (3, 3), its rotation then, (n, 3, 3), and the residual of `told`, (n, 3)."""
-    tool = mean_turn((np.swapaxes(flange, -1, -2) @ told)[fitted])
-    aim = flange @ tool
-    return tool, aim, vector_of(told @ np.swapaxes(aim, -1, -2))
-
-
-def _apart(off: Array) -> float:
-    return float(np.median(np.linalg.norm(off, axis=1)))
-
-
-def _start(chain: Chain, data: MeasuredData, fitted: Array) -> Placed:
-    """Return base and tool; raise `DataError` for too few poses, a mirrored frame, or lengths in another unit."""
-    if fitted.sum() < LEAST_POSES:
-        raise DataError(
-            f"{data.name}: {int(fitted.sum())} poses are fitted; {LEAST_POSES} at least are needed to find base and "
-            "tool, and twenty or more to calibrate"
-        )
-    own: dict[str, Any] = quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
-    read = {n: np.asarray(data[READING + n], dtype=float) for n in chain.driven}
-
-    def flange(joints: Mapping[str, Array]) -> tuple[Array, Array]:
-        turned, at = walk(chain, Stand(np.eye(3)), own | {READING + n: q for n, q in joints.items()}).flange
-        return turned[fitted], at[fitted]
-
-    seen = np.stack([np.asarray(data[name], dtype=float) for name in PLACE], axis=-1)[fitted]
-    found = placed(flange(read), seen)
-    left = float(np.median(found.left))
-    if fitted.sum() > 2 * LEAST_POSES and found.mirrored * _MIRRORED < left:
-        raise DataError(
-            f"{data.name}: x, y, z fit this arm only in a mirror ({plain(found.mirrored, 3)} mm left for "
-            f"{plain(left, 3)}): one "
-            f"axis of the tracker counts the other way round, or two are exchanged; {as_columns({'x': 'y', 'y': 'x'})} "
-            "exchanges x and y"
-        )
-    if told := two_stands(found, flange(read), seen):
-        others = data.rows_named(np.flatnonzero(fitted)[told[0]])
-        raise DataError(
-            f"{data.name}: {told[1]} for {int(told[0].sum())} of {len(seen)} poses, {others}: no error of the arm is "
-            "as large; search those of one stand by themselves"
-        )
-    sliding = {j.name for j in chain.joints if j.kind == "sliding"}
-    if fitted.sum() > 2 * LEAST_POSES and (wrong := misfit(found, seen, flange, read, sliding, chain.told)):
-        raise DataError(f"{data.name}: {wrong}")
-    return found
 
 
 def parameter(chain: Chain, name: str, start: float) -> Parameter:

@@ -8,33 +8,25 @@ predicted is where the ball is, less how far the point is from that guess.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, final
 
 import numpy as np
 
-from calibench.discrepancy.machines.arm.geometry import (
-    BASE,
-    PLACE,
-    READING,
-    TOOL,
-    Numbers,
-    Stand,
-    of_joint,
-    quantities,
-    slopes,
-    walk,
-)
-from calibench.discrepancy.machines.arm.rank import determined_names, with_held
-from calibench.discrepancy.machines.arm.validate import SITE, SOCKET, completed
-from calibench.discrepancy.machines.arm.weights import torques
+from calibench.calibration.determined import WORST, select_by_name
+from calibench.calibration.kinematics import Chain
+from calibench.calibration.rigid import Numbers
+from calibench.calibration.start import Start
+from calibench.calibration.walk import BASE, PLACE, READING, TOOL, Stand, of_joint, quantities, slopes, walk
+from calibench.core.notes import Code
+from calibench.discrepancy.machines.arm.loads import torques
+from calibench.discrepancy.machines.arm.readings import SITE, SOCKET, completed
 from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive
 from calibench.discrepancy.model.roles import Instrument, Roles
-from calibench.problems.arm.chains.chain import Chain
 from calibench.problems.base import Array, Parameter
 
 INDEX = "socket_number"  # of all places, from 0
@@ -100,26 +92,26 @@ class _Ball:
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
         """Return its derivative in each quantity, name -> (n, 3)."""
-        found = slopes(self.chain, walk(self.chain, _STAND, q))
+        by_name = slopes(self.chain, walk(self.chain, _STAND, q))
         rows = _index(q)
         for name in self.sockets.names:
             stepped = self.sockets.moved({**q, name: np.asarray(q[name]) + 1j * _TINY})
-            found[name] = -np.imag(stepped)[rows] / _TINY
-        return found | {INDEX: np.zeros((len(rows), 3))}
+            by_name[name] = -np.imag(stepped)[rows] / _TINY
+        return by_name | {INDEX: np.zeros((len(rows), 3))}
 
 
 def _index(q: Quantities) -> Any:
     return np.rint(np.real(q[INDEX])).astype(int)
 
 
-def in_sockets(chain: Chain, data: MeasuredData, roles: Roles) -> Predicted:
-    """Return the prediction of a ball that sits in sockets."""
+def in_sockets(chain: Chain, data: MeasuredData, roles: Roles, begin: Start) -> Predicted:
+    """Return the prediction of a ball that sits in sockets; the readings are those of `begin`."""
     fitted = np.asarray(data["split"]) != "hold" if "split" in data else np.ones(len(data), dtype=bool)
     index, of_place = _numbered(data)
     for k, place, socket in of_place:
         if (fitted & (index == k)).sum() < 2:
-            told = f"{place}, socket {socket}"
-            raise DataError(f"{data.name}: place {told}: fewer than two postures are fitted; nothing closes there")
+            where = f"{place}, socket {socket}"
+            raise DataError(f"{data.name}: place {where}: fewer than two postures are fitted; nothing closes there")
     start: dict[str, Any] = dict.fromkeys(BASE, 0.0) | quantities(chain) | dict.fromkeys(TOOL, 0.0)
     readings = {READING + n: data[READING + n] for n in chain.driven}
     ball = walk(chain, _STAND, start | readings).target
@@ -129,12 +121,12 @@ def in_sockets(chain: Chain, data: MeasuredData, roles: Roles) -> Predicted:
     data = data.with_columns({name: guess[index, k] for k, name in enumerate(PLACE)} | {INDEX: index.astype(float)})
     predict = _Ball(chain, sockets)
     q = start | readings | {INDEX: data[INDEX]}
-    seen, left = predict.slopes(q), np.stack([data[name] for name in PLACE], axis=-1) - predict.seen(q)
+    seen, rest = predict.slopes(q), np.stack([data[name] for name in PLACE], axis=-1) - predict.seen(q)
     order = (*sockets.names, *TOOL, *(f"zero_{j.name}" for j in chain.joints))
     order += tuple(name for k in (slice(3), slice(3, 6)) for j in chain.joints for name in of_joint(j.name)[k])
     units = {name: _parameter(name, start).unit for name in quantities(chain)}
     slopes_seen = {name: np.asarray(seen[name])[fitted] for name in order}
-    free, vague = determined_names(slopes_seen, order, left[fitted], units)
+    free, vague = select_by_name(slopes_seen, order, rest[fitted], units)
     stated = data.metadata.get("sigma_mm")
     sigma = None if stated is None else positive(data, "sigma_mm", stated)
     free_ones = tuple(_parameter(name, start) for name in free)
@@ -143,7 +135,7 @@ def in_sockets(chain: Chain, data: MeasuredData, roles: Roles) -> Predicted:
         inputs=(*readings, INDEX), held={name: value for name, value in start.items() if name not in free},
         instruments=tuple(Sensor(name, "socket", "mm", part=name, label=f"the socket's {name}") for name in PLACE),
         roles=roles | Roles(instruments=(Instrument("sockets", PLACE, frame=False),)), slopes=predict.slopes,
-        of_new=partial(_of_new, chain, guess, of_place),
+        of_new=partial(_of_new, chain, guess, of_place, begin),
     )  # fmt: skip
 
 
@@ -153,9 +145,11 @@ def _parameter(name: str, start: Mapping[str, float]) -> Parameter:
     return Parameter(name, "mm" if mm else "rad", start[name], start[name] - wide, start[name] + wide)
 
 
-def _of_new(chain: Chain, guess: Array, of_place: list[tuple[int, str, str]], data: MeasuredData) -> MeasuredData:
+def _of_new(
+    chain: Chain, guess: Array, of_place: list[tuple[int, str, str]], begin: Start, data: MeasuredData
+) -> MeasuredData:
     """Return rows that are only predicted, with the number of each socket and the first guess of its point."""
-    data = completed(data, chain)
+    data = completed(data, chain, begin)
     known = {(place, socket): k for k, place, socket in of_place}
     rows, there = _numbered(data)
     strange = next((one for one in there if one[1:] not in known), None)
@@ -190,3 +184,25 @@ def _paired(data: MeasuredData, guess: Array, of_place: list[tuple[int, str, str
         by_place.setdefault(place, []).append(k)
     pairs = tuple((ks[0], ks[1]) for ks in by_place.values() if len(ks) == 2)
     return Sockets(guess, pairs, distance)
+
+
+def with_held(data: MeasuredData, vague: Sequence[str]) -> MeasuredData:
+    """Return the data with a remark on the numbers that are held since these readings tell them too badly."""
+    if not vague:
+        return data
+    many = len(vague) > 1
+    kept, them = ("numbers keep their nominal values", "them") if many else ("a number keeps its nominal value", "it")
+    best = f"{WORST:g} mm or {WORST:g} mrad"
+    text = (
+        f"{kept}, as the poses tell {them} no better than to {best}: {', '.join(map(_in_words, vague))}; other "
+        "poses would (bench design)"
+    )
+    return data.with_note(Code.UNDETERMINED, text, parameters=list(vague))
+
+
+def _in_words(name: str) -> str:
+    """Return a number of a joint in words."""
+    kind, _, joint = name.partition("_")
+    if kind == "zero":
+        return f"zero of {joint}"
+    return f"{'turn about' if kind[0] == 'r' else 'shift along'} {kind[-1]} of {joint}"

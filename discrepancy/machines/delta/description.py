@@ -213,8 +213,8 @@ def _parsed(text: str) -> dict[str, dict[str, str]]:
     try:
         parser.read_string(text)
     except Error as error:
-        told = shortened(" ".join(str(error).split()))
-        raise DataError(f"is no configuration that Klipper would read: {told}") from None
+        reason = shortened(" ".join(str(error).split()))
+        raise DataError(f"is no configuration that Klipper would read: {reason}") from None
     return {section: dict(parser.items(section)) for section in parser.sections()}
 
 
@@ -225,8 +225,8 @@ def _replaced(lines: list[str]) -> dict[str, dict[str, str]]:
     for line in lines:
         if opened := _SECTION.match(line):
             section = opened[1]
-        elif (told := _COMMENTED_OUT.match(line)) and told[1] in _GEOMETRY:
-            found.setdefault(section, {})[told[1]] = told[2]
+        elif (entry := _COMMENTED_OUT.match(line)) and entry[1] in _GEOMETRY:
+            found.setdefault(section, {})[entry[1]] = entry[2]
     return found
 
 

@@ -57,10 +57,35 @@ def constant(
         if target == "all" and same_by_heights and not (np.asarray(formulation.data["kind"]) == "distance").any():
             twins_of = tuple(f"{twin} all" for twin in same_by_heights if twin != name)
         units = (unit,) * len(coefficients)
-        return (LinearEffect(name, target, formula, channel, (), tuple(coefficients), units, unit, changes, twins_of),)
+        return (
+            LinearEffect(
+                name,
+                target,
+                formula,
+                channel=channel,
+                columns=(),
+                coefficients=tuple(coefficients),
+                units=units,
+                unit=unit,
+                changes=changes,
+                twins=twins_of,
+            ),
+        )
 
     return EffectFamily(
-        name, "delta", cause, formula, channel, (), unit, tuple(spread), build, twins, label, label_of_all, parted_by
+        name,
+        "delta",
+        cause,
+        formula=formula,
+        channel=channel,
+        columns=(),
+        unit=unit,
+        targets=tuple(spread),
+        build=build,
+        twins=twins,
+        label=label,
+        label_of_all=label_of_all,
+        parted_by=parted_by,
     ).enter()
 
 

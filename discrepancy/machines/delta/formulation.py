@@ -161,19 +161,15 @@ def _travel(data: MeasuredData, tower: str, end: str, own: Any = None) -> Any:
         column = np.asarray(data[name], dtype=float)
         if "steps_per_mm" not in data.metadata:
             raise DataError(f"{data.name}: column {steps} holds steps; state steps_per_mm, such as steps_per_mm=80")
-        column = column / _steps_per_mm(data)[TOWERS.index(tower)]
+        # the stated steps per mm of the three belts; one number stands for all
+        stated = data.metadata["steps_per_mm"]
+        each = list(stated) if isinstance(stated, list | tuple | np.ndarray) else [stated] * 3
+        if len(each) != 3:
+            raise DataError(f"{data.name}: steps_per_mm={shown(stated)}: one number, or one for each tower, is needed")
+        column = column / [positive(data, "steps_per_mm", value) for value in each][TOWERS.index(tower)]
     column = column if own is None else np.where(own, column, 0.0)
     _all_finite(data, name, column)
     return column
-
-
-def _steps_per_mm(data: MeasuredData) -> list[float]:
-    """Return the stated steps per mm of the three belts; one number stands for all."""
-    stated = data.metadata["steps_per_mm"]
-    each = list(stated) if isinstance(stated, list | tuple | np.ndarray) else [stated] * 3
-    if len(each) != 3:
-        raise DataError(f"{data.name}: steps_per_mm={shown(stated)}: one number, or one for each tower, is needed")
-    return [positive(data, "steps_per_mm", value) for value in each]
 
 
 def _within_reach(data: MeasuredData) -> MeasuredData:

@@ -164,19 +164,15 @@ _STRENGTHS = ("load", "tau", "axial", "vel", "speed")  # scaled to what was usua
 
 def elbows(formulation: Formulation, q: Quantities) -> tuple[float, ...]:
     """Return the signs of the legs' elbows that most of the readings show."""
-    x, y = mean_point(formulation, q)
+    # the middle of the places that were measured, mm
+    place = formulation.covariates(q)["workspace"]
+    x, y = float(np.median(place["x"])), float(np.median(place["y"]))
     signs = []
     for i in LEGS:
         theta = formulation.data[f"enc_{i}"] + q[f"z{i}"]
         turned = (x - q[f"xa{i}"]) * np.sin(theta) - (y - q[f"ya{i}"]) * np.cos(theta)
         signs.append(1.0 if np.median(turned) > 0 else -1.0)
     return tuple(signs)
-
-
-def mean_point(formulation: Formulation, q: Quantities) -> tuple[float, float]:
-    """Return the middle of the places that were measured, mm."""
-    place = formulation.covariates(q)["workspace"]
-    return float(np.median(place["x"])), float(np.median(place["y"]))
 
 
 def _angle(q: Mapping[str, Any], i: int, points: Array, branch: float) -> Array:

@@ -55,7 +55,6 @@ from calibench.discrepancy.model.effect import (
     ChangePoint,
     Effect,
     EffectFamily,
-    LinearEffect,
     NotTestable,
     change_times,
     needs,
@@ -77,14 +76,24 @@ def _build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     i = number(target)
     moved, names = (f"xa{i}", f"ya{i}"), ("dx", "dy")
     return tuple(
-        ChangePoint("base_shift", target, base_shift.formula, "base", moved, names, "mm", float(at), len(times))
+        ChangePoint(
+            "base_shift",
+            target,
+            base_shift.formula,
+            channel="base",
+            quantities=moved,
+            coefficients=names,
+            unit="mm",
+            at=float(at),
+            positions=len(times),
+        )
         for at in times
     )
 
 
 base_shift = EffectFamily(
-    "base_shift", "gpm2002", "A base is displaced once during the run", "A_i += (dx, dy) from a time on", "base",
-    ("t_s",), "mm", ("base 1", "base 2", "base 3"), _build,
+    "base_shift", "gpm2002", "A base is displaced once during the run", formula="A_i += (dx, dy) from a time on",
+    channel="base", columns=("t_s",), unit="mm", targets=("base 1", "base 2", "base 3"), build=_build,
 ).enter()  # fmt: skip
 
 
@@ -197,11 +206,7 @@ def _tracker(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
     used = ("x", "y", *columns)
     twins = ("lag all",) if data.has("vel_1", "vel_2", "vel_3") else ()
-    return (
-        LinearEffect(
-            "tracker_lag", target, tracker_lag.formula, "reading", used, ("tau",), ("s",), "s", changes, twins
-        ),
-    )
+    return (tracker_lag.linear(target, used, {"tau": "s"}, changes, twins=twins),)
 
 
 def _stated(data: MeasuredData) -> tuple[Array, Array]:
@@ -232,9 +237,9 @@ lag = joints.lag.enter(
     label_of_all="timing lag of all encoders",
 )  # fmt: skip
 tracker_lag = EffectFamily(
-    "tracker_lag", "gpm2002", "The tracker is read too early or too late", "(x, y) += tau (v_x, v_y)", "reading",
-    ("x", "y", "speed, heading or vel_1..3"), "s", ("tracker",), _tracker,
-    "with x, y: `tracker_lag tracker` and `lag all`",
+    "tracker_lag", "gpm2002", "The tracker is read too early or too late", formula="(x, y) += tau (v_x, v_y)",
+    channel="reading", columns=("x", "y", "speed, heading or vel_1..3"), unit="s", targets=("tracker",),
+    build=_tracker, twins="with x, y: `tracker_lag tracker` and `lag all`",
 ).enter()  # fmt: skip
 
 
@@ -246,16 +251,19 @@ def _none(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
 
 quantisation = EffectFamily(
-    "quantisation", "gpm2002", "An encoder is read in steps coarser than stated", "enc_i = step * whole number",
-    "noise", ("enc_{i}",), "rad", _JOINTS, _none,
+    "quantisation", "gpm2002", "An encoder is read in steps coarser than stated",
+    formula="enc_i = step * whole number", channel="noise", columns=("enc_{i}",), unit="rad", targets=_JOINTS,
+    build=_none,
 ).enter()  # fmt: skip
 outlier = EffectFamily(
-    "outlier", "gpm2002", "Some readings of one encoder are far off", "enc_i += spread * N(0, 1) on few readings",
-    "noise", ("enc_{i}",), "rad", _JOINTS, _none,
+    "outlier", "gpm2002", "Some readings of one encoder are far off",
+    formula="enc_i += spread * N(0, 1) on few readings", channel="noise", columns=("enc_{i}",), unit="rad",
+    targets=_JOINTS, build=_none,
 ).enter()  # fmt: skip
 heavy_tails = EffectFamily(
     "heavy_tails", "gpm2002", "The noise of all readings has heavier tails than a Gaussian",
-    "excess kurtosis of the whitened residuals", "noise", (), "1", ("all",), _none,
+    formula="excess kurtosis of the whitened residuals", channel="noise", columns=(), unit="1", targets=("all",),
+    build=_none,
 ).enter()  # fmt: skip
 
 
@@ -301,13 +309,17 @@ def _base(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     names, units = ("alpha", "d_x", "d_y"), ("1/K", "mm/K", "mm/K")
     twins = () if tracked else ("thermal_links all",)
     return tuple(
-        LinearEffect(
-            "thermal_base", target, base.formula, "base", ("temp_K",), names[:wide], units[:wide], "1/K",
-            partial(changes, late, wide), twins, growth,
+        base.linear(
+            target,
+            ("temp_K",),
+            dict(zip(names[:wide], units[:wide], strict=True)),
+            partial(changes, late, wide),
+            unit="1/K",
+            twins=twins,
         )
         for wide in ((1, 3) if tracked else (1,))  # about the middle of the base; about a point that the data find
         for late in time_constants(formulation.data, "t_s")
-    )  # fmt: skip
+    )
 
 
 _GROWTH = Recipe(lengths.growth.words, _links)
@@ -322,7 +334,7 @@ leg = _GROWTH.enter(
 )  # fmt: skip
 base = EffectFamily(
     "thermal_base", "gpm2002", "The base grows with temperature about a point",
-    "A_i += (alpha (A_i - mean A) + d) T; T follows temp_K; d = 0 with angles only", "base", ("temp_K",), "1/K",
-    ("all",), _base, "angles only: `thermal_links all`", label="thermal growth of the base",
-    label_of_all="thermal growth of the base", parted_by=_PARTED,
+    formula="A_i += (alpha (A_i - mean A) + d) T; T follows temp_K; d = 0 with angles only", channel="base",
+    columns=("temp_K",), unit="1/K", targets=("all",), build=_base, twins="angles only: `thermal_links all`",
+    label="thermal growth of the base", label_of_all="thermal growth of the base", parted_by=_PARTED,
 ).enter()  # fmt: skip

@@ -161,16 +161,6 @@ _SPARE = 0.05  # of the rows may go for the sake of a covariate that is not a nu
 
 def validated(data: MeasuredData) -> MeasuredData:
     """Return the data as they can be used, with notes; raise `DataError` for data that cannot be used."""
-    _of_this_machine(data)
-    data = _usable_rows(_known_columns(entered(data)))
-    data = _in_radians(data)
-    data = _stated_noise(data)
-    _check_stated(data)
-    _enough(data)
-    return _remarks(data)
-
-
-def _of_this_machine(data: MeasuredData) -> None:
     stated = data.metadata.get("machine", data.machine)
     if stated != "gpm2002":
         raise DataError(f"{data.name}: these data are of machine {stated!r}; machine=gpm2002 cannot use them")
@@ -182,12 +172,32 @@ def _of_this_machine(data: MeasuredData) -> None:
         )
     if missing:
         near = {column: name for column in missing if (name := _nearest(column, list(data.in_file)))}
-        told = f" (is {missing[0]} called {near[missing[0]]}?)" if missing[0] in near else ""
+        near_one = f" (is {missing[0]} called {near[missing[0]]}?)" if missing[0] in near else ""
         raise DataError(
-            f"{data.name}: column {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing{told}; there are "
+            f"{data.name}: column {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing{near_one}; there "
+            "are "
             f"{', '.join(data.in_file)}; rename it in the file, or state its name: "
             f'columns={{"{missing[0]}": "{near.get(missing[0], "NAME")}"}}'
         )
+    data = _usable_rows(_known_columns(entered(data)))
+    data = _in_radians(data)
+    data = _stated_noise(data)
+    # refuse statements on the encoders that cannot be right; a missing statement is no error
+    resolution, teeth = data.metadata.get("encoder_lsb"), data.metadata.get("tooth_numbers")
+    if resolution is not None:
+        positive(data, "encoder_lsb", resolution)
+    each = list(teeth.values()) if isinstance(teeth, Mapping) else teeth
+    if isinstance(each, Sequence) and not isinstance(each, str):
+        good = (isinstance(teeth, Mapping) or len(each) in (0, len(ENCODERS))) and all(_counts(n) for n in each)
+    else:
+        good = _counts(each)
+    if not good:
+        raise DataError(
+            f"{data.name}: metadata tooth_numbers={shown(teeth)}: a number for each of the three joints is needed "
+            "(null: not known), or one for all"
+        )
+    _enough(data)
+    return _remarks(data)
 
 
 def _nearest(column: str, there: list[str]) -> str:
@@ -279,33 +289,16 @@ def _stated_noise(data: MeasuredData) -> MeasuredData:
         if stated is not None:
             positive(data, key, stated)
             continue
-        told = _from_repeats(data, columns)
-        if told > 0:
-            data = replace(data, metadata={**data.metadata, key: told})
-            text = f"{key} is not stated; back-to-back repeats give {told:.3g}, which is used"
-            data = data.with_note(Code.NOISE_OF_REPEATS, text, columns, sigma=told)
+        deviation = _from_repeats(data, columns)
+        if deviation > 0:
+            data = replace(data, metadata={**data.metadata, key: deviation})
+            text = f"{key} is not stated; back-to-back repeats give {deviation:.3g}, which is used"
+            data = data.with_note(Code.NOISE_OF_REPEATS, text, columns, sigma=deviation)
         elif key == "sigma_xy":
             data = _without(data, ("x", "y"), "sigma_xy is not stated and no repeats tell it: only the angles are used")
         else:
             raise DataError(f"{data.name}: {key} is neither in the metadata nor told by repeats; state it [rad]")
     return data
-
-
-def _check_stated(data: MeasuredData) -> None:
-    """Refuse statements on the encoders that cannot be right; a missing statement is no error."""
-    resolution, teeth = data.metadata.get("encoder_lsb"), data.metadata.get("tooth_numbers")
-    if resolution is not None:
-        positive(data, "encoder_lsb", resolution)
-    each = list(teeth.values()) if isinstance(teeth, Mapping) else teeth
-    if isinstance(each, Sequence) and not isinstance(each, str):
-        good = (isinstance(teeth, Mapping) or len(each) in (0, len(ENCODERS))) and all(_counts(n) for n in each)
-    else:
-        good = _counts(each)
-    if not good:
-        raise DataError(
-            f"{data.name}: metadata tooth_numbers={shown(teeth)}: a number for each of the three joints is needed "
-            "(null: not known), or one for all"
-        )
 
 
 def _counts(number: Any) -> bool:
@@ -371,18 +364,13 @@ def stated_numbers(data: MeasuredData) -> tuple[dict[str, float], tuple[str, ...
     held = (fixed,) if isinstance(fixed, str) else tuple(fixed)
     for name in held:
         if name not in NAMES:
-            told = shown(name)
-            raise DataError(f"{data.name}: metadata fixed_parameters names {told!r}; {suggest(told, NAMES)}")
+            word = shown(name)
+            raise DataError(f"{data.name}: metadata fixed_parameters names {word!r}; {suggest(word, NAMES)}")
     if len(set(held)) == len(NAMES):
         raise DataError(f"{data.name}: metadata fixed_parameters holds all parameters: nothing is left to calibrate")
     if isinstance(fixed, Mapping):
         numbers |= {name: finite(data, name, value) for name, value in fixed.items()}
     return numbers, held
-
-
-def rows_for_start(data: MeasuredData, n: int) -> Array:
-    """Return the indices of at most `n` rows spread over the data."""
-    return np.unique(np.linspace(0, len(data) - 1, min(n, len(data))).round().astype(int))
 
 
 LEGS = (1, 2, 3)
@@ -411,7 +399,7 @@ class Gpm2002:
         held = held if tracked else (*held, *_gauge(nominal, held))
         closure = LegClosure(data, (), {name: nominal[name] for name in held}, tracked)
         offsets = tuple(name for name in _OFFSETS if name not in held)
-        sample = closure.on(data.rows(rows_for_start(data, 60)))
+        sample = closure.on(data.rows(np.unique(np.linspace(0, len(data) - 1, min(60, len(data))).round().astype(int))))
         found, miss = closing_offsets(sample, nominal, offsets, all(name in stated for name in offsets))
         if not miss < _FAR:
             raise MisfitError(
@@ -477,7 +465,16 @@ class LegClosure:
         """Return an encoder at each driven joint, and with a tracker its two coordinates."""
         resolution = float(self.data.metadata.get("encoder_lsb") or 0.0)
         encoders = tuple(
-            Sensor(f"enc_{i}", "encoder", "rad", f"joint {i}", (f"leg {i}",), f"angle of joint {i}", resolution, True)
+            Sensor(
+                f"enc_{i}",
+                "encoder",
+                "rad",
+                part=f"joint {i}",
+                targets=(f"leg {i}",),
+                label=f"angle of joint {i}",
+                resolution=resolution,
+                over_place=True,
+            )
             for i in LEGS
         )
         return (*encoders, Sensor("x", "tracker", "mm"), Sensor("y", "tracker", "mm")) if self.tracked else encoders

@@ -62,13 +62,13 @@ def pointing_model(report: Report) -> Correction | None:
     names = [p.name for p in model.formulation.parameters]
     names += [name for effect in model.effects for name in effect.coefficients]
     own = len(model.formulation.parameters)
-    told = [effect.family for effect in model.effects for _ in effect.coefficients]
+    families = [effect.family for effect in model.effects for _ in effect.coefficients]
     lines, beside = [], []
     for k, (name, value, wide) in enumerate(zip(names, x, sd)):
         if k < own or name in known:
             lines.append(f"  {name:<8}{value:+12.2f}{wide:10.3f}")
         else:
-            beside.append(f"! not a term of the field: {told[k - own]} {name} {value:+.6g}")
+            beside.append(f"! not a term of the field: {families[k - own]} {name} {value:+.6g}")
     errors = model.residuals(x).real
     rms = float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
     head = [f"{report.case}: {report.verdict}", f"T {len(errors)} {rms:.4f}"]
@@ -111,19 +111,16 @@ def planned(
     if mount == "altaz":
         columns = {"az": azimuth, "el": elevation, "star_az": azimuth, "star_el": elevation, "t_s": t_s}
     else:
-        hour, declination = _equatorial(azimuth, elevation, np.radians(latitude_deg))
+        latitude = np.radians(latitude_deg)
+        north, east, up = direction(azimuth, elevation).T
+        meridian = up * np.cos(latitude) - north * np.sin(latitude)
+        pole = up * np.sin(latitude) + north * np.cos(latitude)
+        hour, declination = angles(np.stack([meridian, -east, pole], axis=-1))
         over = flips & (hour < 0)
         ha, dec = np.where(over, hour + np.pi, hour), np.where(over, np.pi - declination, declination)
         columns = {"ha": ha, "dec": dec, "star_ha": hour, "star_dec": declination, "t_s": t_s}
     stated = {"machine": "mount", "mount": mount, "latitude_deg": latitude_deg, "sigma_arcsec": sigma_arcsec}
     return MeasuredData(columns, "mount", stated, f"{plan} of {n} stars")
-
-
-def _equatorial(azimuth: Array, elevation: Array, latitude: float) -> tuple[Array, Array]:
-    north, east, up = direction(azimuth, elevation).T
-    meridian = up * np.cos(latitude) - north * np.sin(latitude)
-    pole = up * np.sin(latitude) + north * np.cos(latitude)
-    return angles(np.stack([meridian, -east, pole], axis=-1))
 
 
 _SIDEREAL = 86164.0905  # s of a turn of the sky
@@ -137,38 +134,38 @@ def read_tpoint(text: str) -> Foreign:
     """Return the observations of a file; raise `DataError` with the line and what is wrong in it."""
     kind, site, alone, stars, notes = "equatorial", None, None, [], []
     for number, line in enumerate(text.splitlines(), start=1):
-        told = line.partition("!")[0].strip() if not line.lstrip().startswith("!") else ""
-        if not told:
+        content = line.partition("!")[0].strip() if not line.lstrip().startswith("!") else ""
+        if not content:
             continue
-        if told.upper() == "END":
+        if content.upper() == "END":
             break
-        if told.startswith(":"):
-            for option in told.replace(":", " ").upper().split():
+        if content.startswith(":"):
+            for option in content.replace(":", " ").upper().split():
                 kind = {"EQUAT": "equatorial", "ALTAZ": "altaz"}.get(option, kind)
                 if option not in ("EQUAT", "ALTAZ", *_IGNORED):
                     notes.append(Note(Code.FILE, f"line {number}: option :{option} is not read"))
             continue
-        numbers = _numbers(told)
+        numbers = _numbers(content)
         if site is None:
             if numbers is None:
                 continue  # a caption
             if _is_site(numbers):
-                site = _latitude(told, number)
+                site = _latitude(content, number)
                 continue
             if len(numbers) == _LATITUDE and _is_latitude(numbers):
-                alone = _latitude(told, number)
+                alone = _latitude(content, number)
                 continue
             if alone is None or len(numbers) < _IN_DEGREES:
                 if len(numbers) >= _STAR:
                     raise DataError(
                         f"line {number}: stands where the line of the site is needed (latitude d m s, then year month "
-                        f"day), and has no year: {told[:60]}"
+                        f"day), and has no year: {content[:60]}"
                     )
                 continue  # a caption
             site = alone
         if numbers is None or len(numbers) < _IN_DEGREES:
-            raise DataError(f"line {number}: {_needed(kind)}: {told[:60]}")
-        stars.append((told.split(), numbers, number))
+            raise DataError(f"line {number}: {_needed(kind)}: {content[:60]}")
+        stars.append((content.split(), numbers, number))
     if site is None and alone is None:
         raise DataError("no line of the site: latitude (d m s), then year month day, is needed before the stars")
     if site is None or not stars:
@@ -176,8 +173,8 @@ def read_tpoint(text: str) -> Foreign:
     in_degrees = kind == "altaz" and _are_degrees(*stars[0][:2])
     for _, numbers, number in stars:
         if (len(numbers) < _STAR) != in_degrees:
-            told = text.splitlines()[number - 1].strip()
-            raise DataError(f"line {number}: {_needed(kind)}, the same in all lines: {told[:60]}")
+            content = text.splitlines()[number - 1].strip()
+            raise DataError(f"line {number}: {_needed(kind)}, the same in all lines: {content[:60]}")
     if in_degrees:
         return _columns_in_degrees(site, stars, tuple(notes))
     return _columns(kind, site, stars, tuple(notes))
@@ -228,7 +225,9 @@ def _columns(kind: str, latitude: float, stars: list[Any], notes: tuple[Note, ..
     if kind == "altaz":
         star = np.stack(_horizontal(star, np.radians(latitude)))
     columns: dict[str, Any] = {names[0]: mount[0], names[1]: mount[1]}
-    columns |= {f"star_{names[0]}": star[0], f"star_{names[1]}": star[1], "t_s": _seconds(sidereal)}
+    # the time since the first star [s]; the sidereal time [deg] may go round
+    steps = (np.diff(sidereal, prepend=sidereal[0]) + 180) % 360 - 180
+    columns |= {f"star_{names[0]}": star[0], f"star_{names[1]}": star[1], "t_s": (np.cumsum(steps) / 360 * _SIDEREAL)}
     least = min(len(values) for _, values, _ in stars)
     for k in range(first, least):
         columns[f"aux_{k - first + 1}"] = np.array([values[k] for _, values, _ in stars])
@@ -243,8 +242,8 @@ def _have_seconds(stars: list[list[float]]) -> bool:
     """
     if any(values[13] % 1 for values in stars) or min(len(values) for values in stars) <= _STAR:
         return False
-    told = [values[_STAR] for values in stars]
-    return all(0 <= value <= 60 for value in told) and len(set(told)) > 1
+    last_cells = [values[_STAR] for values in stars]
+    return all(0 <= value <= 60 for value in last_cells) and len(set(last_cells)) > 1
 
 
 def _hours(values: list[float], seconds: bool) -> float:
@@ -259,23 +258,17 @@ def _horizontal(star: Array, latitude: float) -> tuple[Array, Array]:
     return angles(np.stack([north, -y, up], axis=-1))
 
 
-def _seconds(sidereal: Array) -> Array:
-    """Return the time since the first star [s]; the sidereal time [deg] may go round."""
-    steps = (np.diff(sidereal, prepend=sidereal[0]) + 180) % 360 - 180
-    return np.cumsum(steps) / 360 * _SIDEREAL
-
-
-def _numbers(told: str) -> list[float] | None:
+def _numbers(text: str) -> list[float] | None:
     """Return the numbers of a line, None for one that holds words."""
     try:
-        numbers = [float(word) for word in told.split()]
+        numbers = [float(word) for word in text.split()]
     except ValueError:
         return None
     return numbers if all(map(isfinite, numbers)) else None  # nan and inf are words
 
 
-def _latitude(told: str, line: int) -> float:
-    words = told.split()
+def _latitude(text: str, line: int) -> float:
+    words = text.split()
     latitude = _sexagesimal(words, [float(word) for word in words], 0, line)
     if not abs(latitude) <= 90:
         raise DataError(f"line {line}: latitude {latitude:g} degrees: -90 to 90 is needed")

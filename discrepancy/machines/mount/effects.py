@@ -50,8 +50,9 @@ def _build(formulation: Formulation, target: str, *, term_name: str) -> tuple[Li
         unit, own = unit_of(term), ("side",) if term.name.startswith("pier_") else ()
         twins = tuple(f"{twin} {target}" for twin in TWINS[kind].get(term.name, ()))
         return LinearEffect(
-            term.name, target, term.formula, "link", own, tuple(one.name for one in terms), (unit,) * len(terms), unit,
-            partial(changes, terms), twins, over=AXES[kind], whole=whole,
+            term.name, target, term.formula, channel="link", columns=own,
+            coefficients=tuple(one.name for one in terms), units=(unit,) * len(terms), unit=unit,
+            changes=partial(changes, terms), twins=twins, over=AXES[kind], whole=whole,
         )  # fmt: skip
 
     other = next((one for one in of_kind(kind) if one.name == term.phase), None)
@@ -75,8 +76,8 @@ def _families() -> dict[str, EffectFamily]:
         if term.name in found:
             continue  # TF and TX are terms of both kinds
         found[term.name] = EffectFamily(
-            term.name, "mount", term.cause, term.formula, "link", (), unit_of(term), (TARGET,),
-            partial(_build, term_name=term.name), label=_label(term), code=term.name,
+            term.name, "mount", term.cause, formula=term.formula, channel="link", columns=(), unit=unit_of(term),
+            targets=(TARGET,), build=partial(_build, term_name=term.name), label=_label(term), code=term.name,
         ).enter()  # fmt: skip
     return found
 

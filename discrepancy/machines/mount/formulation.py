@@ -126,7 +126,11 @@ def left_by_all(formulation: Formulation, effects: Sequence[Effect]) -> float:
         left = np.asarray(rich.residuals(x))
     else:
         left, columns = np.asarray(base.residuals(x)), base.jacobian(x)
-    for more in (_slow(formulation), _map(formulation)):
+    # a cubic of the order of the stars in each component, (n, m, 3m)
+    n, m = len(formulation.data), len(formulation.readings)
+    order = np.asarray(formulation.data["t_s"]) if formulation.data.has("t_s") else np.arange(n)
+    t = 2 * (order - order.min()) / max(float(np.ptp(order)), 1e-300) - 1
+    for more in (_each(np.stack([t, t**2, t**3], axis=1), m), _map(formulation)):
         wider = np.concatenate([columns, more], axis=2)
         if wider.shape[2] <= _SHARE * left.size:
             columns = wider
@@ -142,14 +146,6 @@ def _fitted(model: Model, x: Array) -> Array:
         lambda x: model.residuals(x).ravel(), lambda x: model.jacobian(x).reshape(-1, model.size), x,
         rank_tolerance=_ALIKE,
     )  # fmt: skip
-
-
-def _slow(formulation: Formulation) -> Array:
-    """Return a cubic of the order of the stars in each component, (n, m, 3m)."""
-    n, m = len(formulation.data), len(formulation.readings)
-    order = np.asarray(formulation.data["t_s"]) if formulation.data.has("t_s") else np.arange(n)
-    t = 2 * (order - order.min()) / max(float(np.ptp(order)), 1e-300) - 1
-    return _each(np.stack([t, t**2, t**3], axis=1), m)
 
 
 def _map(formulation: Formulation) -> Array:

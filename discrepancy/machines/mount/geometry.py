@@ -87,20 +87,20 @@ def pointing(kind: Kind, latitude: float, roll: Numbers, pitch: Numbers, terms: 
     x, y = _turned(x, y, roll)
     y, z = _turned(y, z, turn["sideways"])
     x, z = _turned(x, z, turn["forwards"])
-    return _bent(np.stack(np.broadcast_arrays(x, y, z), axis=-1), zenith(kind, latitude), terms["TF"], terms["TX"])
-
-
-def _turned(a: Numbers, b: Numbers, by: Numbers) -> tuple[Numbers, Numbers]:
-    return a * np.cos(by) - b * np.sin(by), a * np.sin(by) + b * np.cos(by)
-
-
-def _bent(towards: Numbers, up: Array, sine: Numbers, tangent: Numbers) -> Numbers:
-    """Return directions lowered by `sine` sin z and `tangent` tan z [arcsec], in the vertical plane."""
+    # directions lowered by `sine` sin z and `tangent` tan z [arcsec], in the vertical plane
+    towards = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
+    up = zenith(kind, latitude)
+    sine = terms["TF"]
+    tangent = terms["TX"]
     height = towards @ up
     floor = np.where(height.real > LOWEST, height, LOWEST)
     drop = ((sine + tangent / floor) * ARCSEC + 0 * height)[:, None]
     lowered = towards - drop * (up - height[:, None] * towards)
     return np.asarray(lowered / np.sqrt(np.sum(lowered * lowered, axis=-1))[:, None])
+
+
+def _turned(a: Numbers, b: Numbers, by: Numbers) -> tuple[Numbers, Numbers]:
+    return a * np.cos(by) - b * np.sin(by), a * np.sin(by) + b * np.cos(by)
 
 
 Seen = Mapping[str, Array]  # roll and pitch [rad] as recorded, height (sine of the elevation), side (+1, -1 beyond)
@@ -193,7 +193,7 @@ TERMS: tuple[Term, ...] = (
     _plain("equatorial", "NP", "The declination axis is not square to the polar axis", "dh = NP tan d"),
     _plain("equatorial", "MA", "The polar axis points east of the pole", "dh = -MA cos h tan d, dd = MA sin h"),
     _plain("equatorial", "ME", "The polar axis points below the pole", "dh = ME sin h tan d, dd = ME cos h"),
-    *(_plain("equatorial", *told) for told in _TUBE),
+    *(_plain("equatorial", *term) for term in _TUBE),
     _shaped("equatorial", "DAF", "The declination axis droops under its load", "dh = DAF sin E sec d", "CH",
             lambda at: at["height"]),
     _shaped("equatorial", "FO", "The fork bends with the hour angle", "dd = FO cos h", "ID",
@@ -216,7 +216,7 @@ TERMS: tuple[Term, ...] = (
     _plain("altaz", "NPAE", "The elevation axis is not square to the azimuth axis", "dA = -NPAE tan E"),
     _plain("altaz", "AN", "The azimuth axis leans to the north", "dA = -AN sin A tan E, dE = -AN cos A"),
     _plain("altaz", "AW", "The azimuth axis leans to the west", "dA = -AW cos A tan E, dE = AW sin A"),
-    *(_plain("altaz", *told) for told in _TUBE),
+    *(_plain("altaz", *term) for term in _TUBE),
     *_harmonic("altaz", "A", "A", circle="ACE"),
     *_harmonic("altaz", "E", "E", circle="ECE"),
     *_harmonic("altaz", "A", "A", 2),

@@ -66,7 +66,7 @@ def _drift(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return {"deviation": -(_at(data, target) * (data["t_s"] - data["zero_t_s"]))[:, None]}
 
     columns = ("t_s", "zero_t_s")
-    return (LinearEffect("drift", target, drift.formula, "reading", columns, ("rate",), ("mm/s",), "mm/s", changes),)
+    return (drift.linear(target, columns, {"rate": "mm/s"}, changes),)
 
 
 def _zero(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -77,7 +77,7 @@ def _zero(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {"deviation": (_at(data, target) * (data["against_mm"] == 0))[:, None]}
 
-    return (LinearEffect("zero_reading", target, zero.formula, "reading", (), ("z",), ("mm",), "mm", changes),)
+    return (zero.linear(target, (), {"z": "mm"}, changes),)
 
 
 def _gauge_tilt(formulation: Formulation, target: str) -> tuple[Effect, ...] | HeldBack:
@@ -89,7 +89,7 @@ def _gauge_tilt(formulation: Formulation, target: str) -> tuple[Effect, ...] | H
 
     names, units = ("roll", "pitch"), ("rad", "rad")
     most = thresholds().largest_angle
-    effect = LinearEffect("gauge_tilt", target, tilt.formula, "reading", (), names, units, "rad", changes, largest=most)
+    effect = tilt.linear(target, (), dict(zip(names, units, strict=True)), changes, unit="rad", largest=most)
     return _felt(effect, formulation, _LEANING)
 
 
@@ -99,7 +99,7 @@ def _place(formulation: Formulation, target: str) -> tuple[Effect, ...] | HeldBa
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {"gauge_shift": _at(data, target)[:, None]}
 
-    effect = LinearEffect("gauge_placement", target, place.formula, "reading", (), ("g",), ("mm",), "mm", changes)
+    effect = place.linear(target, (), {"g": "mm"}, changes)
     return _felt(effect, formulation, _ELSEWHERE)
 
 
@@ -173,21 +173,24 @@ def _meets(data: MeasuredData, target: str) -> None:
 
 drift = EffectFamily(
     "drift", "orthoglide", "The reading of a gauge drifts away from its Zero",
-    "deviation read = true + rate (t_s - zero_t_s)", "reading", ("t_s", "zero_t_s"), "mm/s", (*_LEGS, "all"), _drift,
+    formula="deviation read = true + rate (t_s - zero_t_s)", channel="reading", columns=("t_s", "zero_t_s"),
+    unit="mm/s", targets=(*_LEGS, "all"), build=_drift,
 ).enter()  # fmt: skip
 zero = EffectFamily(
-    "zero_reading", "orthoglide", "The Zero of a gauge was misread", "deviation read = true - z", "reading", (), "mm",
-    (*_GAUGES, "all"), _zero,
+    "zero_reading", "orthoglide", "The Zero of a gauge was misread", formula="deviation read = true - z",
+    channel="reading", columns=(), unit="mm", targets=(*_GAUGES, "all"), build=_zero,
 ).enter()  # fmt: skip
 tilt = EffectFamily(
     "gauge_tilt", "orthoglide", "A gauge does not read along its direction",
-    "it reads along d turned by roll about the leg, and by pitch towards the leg's tool end", "reading", (), "rad",
-    (*_GAUGES, "all"), _gauge_tilt, "nearly unseen where deviations are small: it scales them",
+    formula="it reads along d turned by roll about the leg, and by pitch towards the leg's tool end",
+    channel="reading", columns=(), unit="rad", targets=(*_GAUGES, "all"), build=_gauge_tilt,
+    twins="nearly unseen where deviations are small: it scales them",
 ).enter()  # fmt: skip
 place = EffectFamily(
     "gauge_placement", "orthoglide", "A gauge stands elsewhere on its leg than stated",
-    "the gauge's plane cuts the leg's axis g further from the origin", "reading", (), "mm",
-    (*_GAUGES, *_LEGS, "all"), _place, "nearly unseen in moves along the leg: a parallel leg looks the same anywhere",
+    formula="the gauge's plane cuts the leg's axis g further from the origin", channel="reading", columns=(),
+    unit="mm", targets=(*_GAUGES, *_LEGS, "all"), build=_place,
+    twins="nearly unseen in moves along the leg: a parallel leg looks the same anywhere",
 ).enter()  # fmt: skip
 
 
@@ -234,7 +237,8 @@ def spread(
         units, most = (unit,) * len(names), thresholds().largest_angle if unit == "rad" else np.inf
         return (
             LinearEffect(
-                family, target, formula, channel, (), names, units, unit, changes, twins.get(target, ()), largest=most,
+                family, target, formula, channel=channel, columns=(), coefficients=names, units=units, unit=unit,
+                changes=changes, twins=twins.get(target, ()), largest=most,
                 along=along(at_both(f"{kind}_{ij}" for ij in involved)),
             ),
         )  # fmt: skip
@@ -303,29 +307,37 @@ def _guide(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     most = lean.largest
     kinds = [f"{kind}_{ij}" for kind in ("tilt", "offset") for weights in _GUIDES[target] for ij in weights]
     return (
-        LinearEffect(
-            "guide_lean", target, guide.formula, "base", (), names, units, "rad", changes, largest=most,
+        guide.linear(
+            target,
+            (),
+            dict(zip(names, units, strict=True)),
+            changes,
+            unit="rad",
+            largest=most,
             along=along(at_both(kinds)),
         ),
-    )  # fmt: skip
+    )
 
 
 _tilt = spread("axis_orthogonality", _LEAN, "base", "tilt", "rad", _GUIDES, {})
 guide = EffectFamily(
     "guide_lean", "orthoglide", "A guide leans about its own middle",
-    "joint i stands at (rho_i - m) (tau_ij e_j + tau_ik e_k) beside its axis, m the middle of the stroke", "base", (),
-    "rad", tuple(_GUIDES), _guide,
-    "nearly, with moves along the leg only: `axis_intersection`, as the axis passes the common point by",
+    formula="joint i stands at (rho_i - m) (tau_ij e_j + tau_ik e_k) beside its axis, m the middle of the stroke",
+    channel="base", columns=(), unit="rad", targets=tuple(_GUIDES), build=_guide,
+    twins="nearly, with moves along the leg only: `axis_intersection`, as the axis passes the common point by",
 ).enter()  # fmt: skip
 orthogonality = EffectFamily(
-    "axis_orthogonality", "orthoglide", "The axes of the drives are not square to each other", _LEAN, "base", (), "rad",
-    tuple(_SQUARE), spread("axis_orthogonality", _LEAN, "base", "tilt", "rad", _SQUARE, {}),
-    "with moves along the leg only: an axis's lean towards another and that one's towards it; cyclic, mirrored, common",
+    "axis_orthogonality", "orthoglide", "The axes of the drives are not square to each other", formula=_LEAN,
+    channel="base", columns=(), unit="rad", targets=tuple(_SQUARE),
+    build=spread("axis_orthogonality", _LEAN, "base", "tilt", "rad", _SQUARE, {}),
+    twins="with moves along the leg only: an axis's lean towards another and that one's towards it; cyclic, "
+    "mirrored, common",
 ).enter()  # fmt: skip
 intersection = EffectFamily(
-    "axis_intersection", "orthoglide", "The axes of the drives do not meet in one point", _SHIFT, "base", (), "mm",
-    tuple(_THROUGH), spread("axis_intersection", _SHIFT, "base", "offset", "mm", _THROUGH, _ONE_POINT),
-    "always: cyclic and mirrored; what all axes share is an offset of the joints",
+    "axis_intersection", "orthoglide", "The axes of the drives do not meet in one point", formula=_SHIFT,
+    channel="base", columns=(), unit="mm", targets=tuple(_THROUGH),
+    build=spread("axis_intersection", _SHIFT, "base", "offset", "mm", _THROUGH, _ONE_POINT),
+    twins="always: cyclic and mirrored; what all axes share is an offset of the joints",
 ).enter()  # fmt: skip
 
 
@@ -344,11 +356,7 @@ def _scale(formulation: Formulation, target: str) -> tuple[Effect, ...]:
             target, rows.joints(rows.level) - geometry().length, rows.joints(rows.against) - geometry().length
         )
 
-    return (
-        LinearEffect(
-            "scale", target, scale.formula, "reading", (), ("kappa",), ("1",), "1", changes, along=_along(target)
-        ),
-    )
+    return (scale.linear(target, (), {"kappa": "1"}, changes, along=_along(target)),)
 
 
 def _backlash(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -356,12 +364,7 @@ def _backlash(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         at_posture, at_zero = rows_of(data).senses()
         return _joints(target, -0.5 * at_posture, -0.5 * at_zero)
 
-    return (
-        LinearEffect(
-            "backlash", target, backlash.formula, "reading", ("pass",), ("play",), ("mm",), "mm", changes,
-            along=_along(target),
-        ),
-    )  # fmt: skip
+    return (backlash.linear(target, ("pass",), {"play": "mm"}, changes, along=_along(target)),)
 
 
 def _drive_shift(formulation: Formulation, target: str) -> HeldBack:
@@ -372,9 +375,7 @@ def _drive_shift(formulation: Formulation, target: str) -> HeldBack:
         return _joints(target, now, then)
 
     columns = ("temp_K", "zero_temp_K")
-    effect = LinearEffect(
-        "thermal_drives", target, thermal_drives.formula, "base", columns, ("a",), ("mm/K",), "mm/K", changes
-    )
+    effect = thermal_drives.linear(target, columns, {"a": "mm/K"}, changes)
     why = "leaves nearly the signature of thermal_legs: it is not looked for by itself, but held against what is named"
     return HeldBack(why, (Alternative(effect),))
 
@@ -392,17 +393,20 @@ def _joints(target: str, at_posture: Array, at_zero: Array) -> dict[str, Array]:
 
 scale = EffectFamily(
     "scale", "orthoglide", "The scale of an encoder, or the pitch of a screw, is not the stated one",
-    "joint i goes (1 + kappa) (rho_i - L) from Zero", "reading", (), "1", _TARGETS, _scale, label="encoder-scale error",
+    formula="joint i goes (1 + kappa) (rho_i - L) from Zero", channel="reading", columns=(), unit="1",
+    targets=_TARGETS, build=_scale, label="encoder-scale error",
 ).enter()  # fmt: skip
 backlash = EffectFamily(
     "backlash", "orthoglide", "A drive has play and trails on the side it came from",
-    "joint i stands at rho_i - play / 2 * sign(last move of i)", "reading", ("pass",), "mm", _TARGETS, _backlash,
-    "what every move ends with in the same sense is an offset of the joint: both passes are needed",
+    formula="joint i stands at rho_i - play / 2 * sign(last move of i)", channel="reading", columns=("pass",),
+    unit="mm", targets=_TARGETS, build=_backlash,
+    twins="what every move ends with in the same sense is an offset of the joint: both passes are needed",
 ).enter()  # fmt: skip
 thermal_drives = EffectFamily(
     "thermal_drives", "orthoglide", "The zeros of the drives move as frame and screws warm up",
-    "joint i stands at rho_i + a temp_K", "base", ("temp_K", "zero_temp_K"), "mm/K", _TARGETS, _drive_shift,
-    "nearly, with moves along the leg only: `thermal_legs` with the opposite sign; at constant temperature: drho",
+    formula="joint i stands at rho_i + a temp_K", channel="base", columns=("temp_K", "zero_temp_K"), unit="mm/K",
+    targets=_TARGETS, build=_drive_shift,
+    twins="nearly, with moves along the leg only: `thermal_legs` with the opposite sign; at constant temperature: drho",
     label="thermal shift", label_of_all="thermal shift of all drives",
 ).enter()  # fmt: skip
 
@@ -429,12 +433,7 @@ def _leg_growth(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return grown | {f"length_{AXES[i]}_zero": then for i in axes_in(target)}
 
     columns = ("temp_K", "zero_temp_K")
-    return (
-        LinearEffect(
-            "thermal_legs", target, thermal_legs.formula, "link", columns, ("a",), ("mm/K",), "mm/K", changes,
-            along=_warming(changes),
-        ),
-    )  # fmt: skip
+    return (thermal_legs.linear(target, columns, {"a": "mm/K"}, changes, along=_warming(changes)),)
 
 
 def _warming(changes: Callable[[Quantities, MeasuredData], dict[str, Array]]) -> Along:
@@ -472,7 +471,7 @@ def _length(formulation: Formulation, target: str) -> tuple[Effect, ...]:
 
     names = tuple(f"dL_{AXES[i]}" for i in axes_in(target))
     units = ("mm",) * len(names)
-    return (LinearEffect("leg_length", target, length.formula, "link", (), names, units, "mm", changes),)
+    return (length.linear(target, (), dict(zip(names, units, strict=True)), changes, unit="mm"),)
 
 
 def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -494,12 +493,7 @@ def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         return stretched | {f"length_{axis}_zero": then[:, i : i + 1] for i, axis in enumerate(AXES)}
 
     columns = ("payload_N",)
-    return (
-        LinearEffect(
-            "gravity", target, gravity.formula, "link", columns, ("k",), ("mm/N",), "mm/N", changes,
-            along=_over("load of a leg", changes),
-        ),
-    )  # fmt: skip
+    return (gravity.linear(target, columns, {"k": "mm/N"}, changes, along=_over("load of a leg", changes)),)
 
 
 def pulls(rows: Rows, level: Array, down: Array) -> Array:
@@ -512,22 +506,24 @@ def pulls(rows: Rows, level: Array, down: Array) -> Array:
 
 
 skew = EffectFamily(
-    "bar_skew", "orthoglide", "The two bars of a leg are not parallel to each other", _BAR, "link", (), "mm",
-    tuple(_SKEW), spread("bar_skew", _BAR, "link", "skew", "mm", _SKEW, {}),
-    "nearly, with moves along the leg only: `axis_intersection axis i`",
+    "bar_skew", "orthoglide", "The two bars of a leg are not parallel to each other", formula=_BAR, channel="link",
+    columns=(), unit="mm", targets=tuple(_SKEW), build=spread("bar_skew", _BAR, "link", "skew", "mm", _SKEW, {}),
+    twins="nearly, with moves along the leg only: `axis_intersection axis i`",
 ).enter()  # fmt: skip
 length = EffectFamily(
     "leg_length", "orthoglide", "The legs are not as long as stated, and only joint offsets were calibrated",
-    "L_i = L + dL_i", "link", (), "mm", ("leg x", "leg y", "leg z", "all"), _length,
-    "nearly, always: an offset of the joint, drho_i = -dL_i",
+    formula="L_i = L + dL_i", channel="link", columns=(), unit="mm", targets=("leg x", "leg y", "leg z", "all"),
+    build=_length, twins="nearly, always: an offset of the joint, drho_i = -dL_i",
 ).enter()  # fmt: skip
 thermal_legs = EffectFamily(
-    "thermal_legs", "orthoglide", "The legs grow as they warm up", "L_i += a temp_K", "link", ("temp_K", "zero_temp_K"),
-    "mm/K", ("leg x", "leg y", "leg z", "all"), _leg_growth, "at constant temperature: the lengths dL",
-    label="thermal growth", label_of_all="thermal growth of all legs",
+    "thermal_legs", "orthoglide", "The legs grow as they warm up", formula="L_i += a temp_K", channel="link",
+    columns=("temp_K", "zero_temp_K"), unit="mm/K", targets=("leg x", "leg y", "leg z", "all"), build=_leg_growth,
+    twins="at constant temperature: the lengths dL", label="thermal growth",
+    label_of_all="thermal growth of all legs",
 ).enter()  # fmt: skip
 gravity = EffectFamily(
     "gravity", "orthoglide", "The legs stretch under the load of the tool",
-    "L_i += k n_i (payload_N + metadata.moving_weight_N), n_i the pull in leg i for 1 N", "link", ("payload_N",),
-    "mm/N", ("all",), _gravity, "nearly, under one load: the length of the upright leg", label_of_all="gravity",
+    formula="L_i += k n_i (payload_N + metadata.moving_weight_N), n_i the pull in leg i for 1 N", channel="link",
+    columns=("payload_N",), unit="mm/N", targets=("all",), build=_gravity,
+    twins="nearly, under one load: the length of the upright leg", label_of_all="gravity",
 ).enter()  # fmt: skip

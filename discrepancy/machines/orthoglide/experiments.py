@@ -143,9 +143,9 @@ def experiments(draws: int = 5_000) -> Experiments:
         for w in (False, True)
     }
     size = sets["exp2", False][HANDED].coefficients
-    told = {plan: told_apart(plan, size) for plan in PLANS}
+    apart = {plan: told_apart(plan, size) for plan in PLANS}
     rivals: dict[tuple[str, str], float] = {
-        (plan, rival): value for plan, found in told.items() for rival, value in found.items()
+        (plan, rival): value for plan, found in apart.items() for rival, value in found.items()
     }
     mixed_up = {
         (name, how): small_sample(linear(_formulated(mix(printed(name))), weighted=False), ()).rms
@@ -157,7 +157,18 @@ def experiments(draws: int = 5_000) -> Experiments:
         "exp1": likeness(one, about["exp2_t1", False]),
         "exp3_t2": likeness(about["exp2", False], three),
     }
-    return Experiments(sets, beyond, likenesses, predictions, rivals, mixed_up, corrected, _lengths(), prices, draws)
+    return Experiments(
+        sets,
+        beyond,
+        likenesses,
+        predictions=predictions,
+        rivals=rivals,
+        mixed_up=mixed_up,
+        corrected=corrected,
+        lengths=_lengths(),
+        prices=prices,
+        draws=draws,
+    )
 
 
 def read_instead(data: MeasuredData) -> MeasuredData:
@@ -321,12 +332,28 @@ def price(
     early = next(c for c in listed.candidates if c.name in kept)
     chosen = 1 - (1 - ever[late.name].p_tried) * (1 - alone[late.name].p_tried) ** others
     return (
-        Price(late.name, late.p, None, now[late.name].p_tried, ever[late.name].p_tried, chosen, ever.tried, others),
+        Price(
+            late.name,
+            late.p,
+            None,
+            now=now[late.name].p_tried,
+            ever=ever[late.name].p_tried,
+            chosen=chosen,
+            tried=ever.tried,
+            others=others,
+        ),
         _early(early.name, listed, now, ever, others),
     )
 
 
 def _early(name: str, listed: SmallSample, now: SmallSample, ever: SmallSample, others: int) -> Price:
     return Price(
-        name, listed[name].p, listed[name].p_tried, now[name].p_tried, ever[name].p_tried, None, ever.tried, others
+        name,
+        listed[name].p,
+        listed[name].p_tried,
+        now=now[name].p_tried,
+        ever=ever[name].p_tried,
+        chosen=None,
+        tried=ever.tried,
+        others=others,
     )

@@ -242,16 +242,7 @@ def _posture(rows: Rows, q: Quantities, level: Array, when: str, moment: Array |
         axes.append(leaning / norms[i][:, None])
         centres.append(_components(i, "offset", q, n, 0.0, when, moment) + joints[i][:, None] * axes[i])
     radii = np.stack(lengths, axis=1)
-    tool = _meet(centres, radii)
-    skew = np.stack([_components(i, "skew", q, n, 0.0, when, moment) for i in range(3)], axis=1)[np.arange(n), rows.leg]
-    stacked = np.stack(centres, axis=1)
-    own = stacked[np.arange(n), rows.leg]
-    along, sizes = np.stack(axes), np.stack(norms)
-    return _Posture(stacked, own, along, sizes, np.stack(joints, axis=1), radii, tool, tool + skew)
-
-
-def _meet(centres: list[Numbers], radii: Numbers) -> Numbers:
-    """Return where three spheres meet on the side of the origin, shape (n, 3): eqs. (2) solved without rotation."""
+    # where three spheres meet on the side of the origin, shape (n, 3): eqs. (2) solved without rotation
     one, two = centres[1] - centres[0], centres[2] - centres[0]
     b1 = (_dot(one, one) + radii[:, 0] ** 2 - radii[:, 1] ** 2) / 2
     b2 = (_dot(two, two) + radii[:, 0] ** 2 - radii[:, 2] ** 2) / 2
@@ -260,7 +251,14 @@ def _meet(centres: list[Numbers], radii: Numbers) -> Numbers:
     foot = ((b1 * g22 - b2 * g12) / square)[:, None] * one + ((b2 * g11 - b1 * g12) / square)[:, None] * two
     normal = np.cross(one, two)
     height = np.sqrt((radii[:, 0] ** 2 - _dot(foot, foot)) / square)
-    return np.asarray(centres[0] + foot - height[:, None] * normal)
+    tool = np.asarray(centres[0] + foot - height[:, None] * normal)
+    skew = np.stack([_components(i, "skew", q, n, 0.0, when, moment) for i in range(3)], axis=1)[np.arange(n), rows.leg]
+    stacked = np.stack(centres, axis=1)
+    own = stacked[np.arange(n), rows.leg]
+    along, sizes = np.stack(axes), np.stack(norms)
+    return _Posture(
+        stacked, own, along, norms=sizes, joints=np.stack(joints, axis=1), lengths=radii, tool=tool, end=tool + skew
+    )
 
 
 def _components(
@@ -372,7 +370,14 @@ def accepted(data: MeasuredData) -> MeasuredData:
             _refuse_row(data, name, column, np.isfinite(column), "a finite number is needed, or leave the row out")
     columns["deviation"] = _numbers(data, "deviation")
     data = _numbered(data.with_columns(columns))
-    _check(data)
+    # raise `DataError` for a row no Orthoglide can give, or numbers that are not millimetres
+    keys = ("leg", "direction", "posture", "level_mm", "gauge_position", "against_mm")
+    distinct = list(dict.fromkeys(zip(*(data[key].tolist() for key in keys))))
+    try:
+        check_plan([Reading(*key) for key in distinct])
+        check_deviations(data["deviation"], "deviation")
+    except ValueError as error:
+        raise DataError(f"{data.name}: {error}") from None
     data = _visited(data)
     return replace(data.with_columns({ACCEPTED: np.ones(len(data))}), machine="orthoglide")
 
@@ -385,7 +390,21 @@ def is_accepted(data: MeasuredData) -> bool:
 def rows_of(data: MeasuredData) -> Rows:
     """Return the rows of accepted data as arrays; asked again, the same."""
     if data not in _ROWS:
-        _ROWS[data] = _rows(data)
+        index = {name: np.searchsorted(AXES, data[name]) for name in ("leg", "direction", "posture")}
+        sense = {name: np.where(np.asarray(data[name]) == "fwd", 1.0, -1.0) for name in ("pass", "zero_pass")}
+        columns: dict[str, Any] = {
+            "leg": index["leg"],
+            "direction": index["direction"],
+            "axis": index["posture"],
+            "level": data["level_mm"],
+            "against": data["against_mm"],
+            "share": data["gauge_position"],
+            "arrival": sense["pass"],
+            "zero_arrival": sense["zero_pass"],
+            "payload": data["payload_N"],
+            "repeat": data["repeat"],
+        }
+        _ROWS[data] = Rows(**{f.name: columns[f.name] for f in fields(Rows)})
     return _ROWS[data]
 
 
@@ -398,35 +417,6 @@ def share_rows(data: MeasuredData, other: MeasuredData) -> bool:
 
 
 _ROWS: WeakKeyDictionary[MeasuredData, Rows] = WeakKeyDictionary()
-
-
-def _rows(data: MeasuredData) -> Rows:
-    index = {name: np.searchsorted(AXES, data[name]) for name in ("leg", "direction", "posture")}
-    sense = {name: np.where(np.asarray(data[name]) == "fwd", 1.0, -1.0) for name in ("pass", "zero_pass")}
-    columns: dict[str, Any] = {
-        "leg": index["leg"],
-        "direction": index["direction"],
-        "axis": index["posture"],
-        "level": data["level_mm"],
-        "against": data["against_mm"],
-        "share": data["gauge_position"],
-        "arrival": sense["pass"],
-        "zero_arrival": sense["zero_pass"],
-        "payload": data["payload_N"],
-        "repeat": data["repeat"],
-    }
-    return Rows(**{f.name: columns[f.name] for f in fields(Rows)})
-
-
-def _check(data: MeasuredData) -> None:
-    """Raise `DataError` for a row no Orthoglide can give, or numbers that are not millimetres."""
-    keys = ("leg", "direction", "posture", "level_mm", "gauge_position", "against_mm")
-    distinct = list(dict.fromkeys(zip(*(data[key].tolist() for key in keys))))
-    try:
-        check_plan([Reading(*key) for key in distinct])
-        check_deviations(data["deviation"], "deviation")
-    except ValueError as error:
-        raise DataError(f"{data.name}: {error}") from None
 
 
 def _numbered(data: MeasuredData) -> MeasuredData:

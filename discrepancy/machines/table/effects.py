@@ -32,11 +32,7 @@ def _known(family: EffectFamily, formulation: Formulation, target: str) -> Built
         phase = 2 * np.pi * np.asarray(data[column], dtype=float) / period
         return {measured: -np.stack([np.cos(phase), np.sin(phase)], axis=-1)}
 
-    return (
-        LinearEffect(
-            family.name, target, family.formula, "prediction", (column,), ("a", "b"), (unit, unit), unit, changes
-        ),
-    )
+    return (family.linear(target, (column,), {"a": unit, "b": unit}, changes),)
 
 
 def _periods(formulation: Formulation) -> dict[str, float]:
@@ -79,7 +75,7 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
         return {target: data[rate][:, None]}
 
-    return (LinearEffect(family.name, target, family.formula, "reading", (rate,), ("tau",), ("s",), "s", changes),)
+    return (family.linear(target, (rate,), {"tau": "s"}, changes),)
 
 
 def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -93,9 +89,7 @@ def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built
             return {target: -run_terms((data[clock] - origin) / span)[:, :count]}
 
         names = ("even", "bend", "turn")[:count]
-        return LinearEffect(
-            family.name, target, family.formula, "prediction", (clock,), names, (unit,) * count, unit, changes
-        )
+        return family.linear(target, (clock,), dict(zip(names, (unit,) * count, strict=True)), changes)
 
     return tuple(form(count) for count in (1, 2, 3))
 
@@ -105,8 +99,8 @@ def _step(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     needs(formulation.data, clock)
     times = change_times(formulation.data[clock])
     first = ChangePoint(
-        family.name, target, family.formula, "prediction", (target,), ("step",), formulation.unit, 0.0, len(times),
-        (clock,), clock=clock,
+        family.name, target, family.formula, channel="prediction", quantities=(target,), coefficients=("step",),
+        unit=formulation.unit, at=0.0, positions=len(times), columns=(clock,), clock=clock,
     )  # fmt: skip
     return tuple(replace(first, at=float(at)) for at in times)
 
@@ -119,23 +113,25 @@ FAMILIES = (
     shapes.power.enter("table"),
     recipe(
         "known_cycle", "What is measured repeats with a period that is stated",
-        "measured -= a cos(2 pi k u / P) + b sin(2 pi k u / P), P stated, k 1 or 2", "prediction", ("the column",),
-        "that of the measurement",
-        "once and twice in the period of each column of periods=, and in a turn of an angle that covers one",
-        _known_targets, _known,
-        label="cycle of known period",
+        "measured -= a cos(2 pi k u / P) + b sin(2 pi k u / P), P stated, k 1 or 2", channel="prediction",
+        columns=("the column",), unit="that of the measurement",
+        targets="once and twice in the period of each column of periods=, and in a turn of an angle that covers one",
+        targets_in=_known_targets, make=_known, label="cycle of known period",
     ).enter("table"),
     recipe(
-        "column_lag", "An input is read too early or too late", "u += tau du/dt", "reading", ("the time",), "s",
-        "each input but the time", lambda f: tuple(c for c in inputs_of(f) if c != roles_of(f).time), _lag, label="lag",
+        "column_lag", "An input is read too early or too late", "u += tau du/dt", channel="reading",
+        columns=("the time",), unit="s", targets="each input but the time",
+        targets_in=lambda f: tuple(c for c in inputs_of(f) if c != roles_of(f).time), make=_lag, label="lag",
     ).enter("table"),
     recipe(
         "drift", "What is measured drifts during the run",
         "measured -= even s, + bend 4 s (1 - s), + turn 10.4 s (1 - s) (1 - 2 s); s from 0 to 1 over the run",
-        "prediction", ("the time",), "that of the measurement", "the measured column", _read, _drift,
+        channel="prediction", columns=("the time",), unit="that of the measurement", targets="the measured column",
+        targets_in=_read, make=_drift,
     ).enter("table"),
     recipe(
-        "step", "What is measured steps once during the run", "measured += step from a time on", "prediction",
-        ("the time",), "that of the measurement", "the measured column", _read, _step,
+        "step", "What is measured steps once during the run", "measured += step from a time on", channel="prediction",
+        columns=("the time",), unit="that of the measurement", targets="the measured column", targets_in=_read,
+        make=_step,
     ).enter("table"),
 )  # fmt: skip

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibench.core.notes import Code
 from calibench.core.options import shown, suggest
@@ -142,8 +141,8 @@ class Base:
 
     def __call__(self, q: Quantities) -> Numbers:
         """Return the prediction, (n,); a number that is the same in all rows is repeated as `rows` has them."""
-        told = np.asarray(self.function(*(q[c] for c in self.columns), **{p: q[p] for p in self.starts}))
-        return np.broadcast_to(told, np.shape(q[self.rows])) if not told.ndim else told
+        predicted = np.asarray(self.function(*(q[c] for c in self.columns), **{p: q[p] for p in self.starts}))
+        return np.broadcast_to(predicted, np.shape(q[self.rows])) if not predicted.ndim else predicted
 
 
 def base_of(name: str, function: Function, given: tuple[str, ...], start: Mapping[str, Any], rows: str) -> Base:
@@ -271,12 +270,12 @@ def with_rates(data: MeasuredData, names: tuple[str, ...], clock: str) -> Measur
     rates: dict[str, Any] = {}
     for name in names:
         if f"{RATE}{name}" not in data:
-            rates[f"{RATE}{name}"] = np.gradient(_means(np.asarray(data[name], dtype=float), at, len(t)), t)[at]
+            column = np.asarray(data[name], dtype=float)
+            count = len(t)
+            rates[f"{RATE}{name}"] = np.gradient(
+                np.asarray(np.bincount(at, column, count) / np.bincount(at, minlength=count)), t
+            )[at]
     return data.with_columns(rates)
-
-
-def _means(column: Array, at: NDArray[np.intp], count: int) -> Array:
-    return np.asarray(np.bincount(at, column, count) / np.bincount(at, minlength=count))
 
 
 # drift and step are its own, and a trend is told by its powers

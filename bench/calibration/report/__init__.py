@@ -1,1 +1,0 @@
-"""What a calibration tells: the calibrated URDF, what it changes, words, JSON and a page."""

@@ -1,0 +1,561 @@
+"""The start of a hand-eye calibration: pairs of poses from a table, and both frames in closed form.
+
+A pose is three columns of a place and a rotation, which the first word of their names tells apart: `flange_x`,
+`board_qw`. What an angle or a length is in must be stated: no arm is known here that could tell it. In which order
+angles turn is left open, for the poses themselves tell it.
+
+With A the arm's poses and B those of the board in the camera, B = M A T for two unknown frames: the mount M and the
+tool T. The rotations of M and T solve a linear homogeneous system, U B = A V with U = M' and V = T (Shah 2013 solves
+the same one by its Kronecker product); the places are linear after that, with a scale between the units of both poses.
+Handfuls of pairs are tried, so that wild ones have no say. Other orders of angles, inverse poses and rows out of step
+are tried the same way. Places are part of each trial: a quaternion read with its real part at the wrong end is the
+inverse rotation between two fixed ones (a cyclic exchange of four numbers is a reflection, which takes q to a q* b), so
+that rotations alone cannot tell the one error from the other.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Literal, final
+
+import numpy as np
+
+from calibench.calibration.columns import Matched, in_base_units, match_columns
+from calibench.calibration.frames import angle_between, nearest_rotation
+from calibench.calibration.mistakes import UNITS
+from calibench.calibration.readings import Table, held_back, without_copies
+from calibench.calibration.rigid import Array, Index, Mask, inverse
+from calibench.calibration.start import meanings
+from calibench.core.notes import Code, DataError, Note
+from calibench.core.options import suggest
+from calibench.core.tables.cells import valid_rows
+from calibench.core.words import as_columns, listed, plain
+
+Mounting = Literal["eye_in_hand", "eye_to_hand"]
+Flange = Literal["flange_in_base", "base_in_flange"]
+Read = Literal["", "board_in_camera", "camera_in_board"]
+_CALLED = {
+    "flange": ("flange", "tcp", "hand", "gripper", "robot"),
+    "board": ("board", "marker", "tag", "target"),
+    "camera": ("camera", "cam"),
+}
+_LENGTH = 0.01  # by which a quaternion's length may differ from 1: three digits leave a thousandth
+_TURNED = 4 * np.pi  # rad
+_NO_POSE = ("split", "valid")
+_HUGE = 1e9  # mm: a place that no instrument gives
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """What is stated on a camera on the hand, or beside the robot, and on how its pairs of poses are read.
+
+    `read` is what the camera's columns hold, "" where their names say it; `flange` what the robot's do. `board_scale`
+    is how many times as far as the file says the board is. `rotation` is the order of angles of the poses of `flange`
+    and `board`, where it is stated. `sigma` [mm] and `sigma_rotation` [rad] are the noise of the board's pose on each
+    axis; 0 where it is to be learned from the data.
+    """
+
+    hand_eye: Mounting = "eye_in_hand"
+    read: Read = ""
+    rotation: Mapping[str, str] = field(default_factory=dict)
+    sigma: float = 0.0
+    sigma_rotation: float = 0.0
+    flange: Flange = "flange_in_base"
+    board_scale: float = 1.0
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """One side of the pairs: `place` (n, 3) [mm], and what its rotations may mean, in words -> (n, 3, 3).
+
+    The first meaning is what the names of the columns say. `columns` are theirs, place first.
+    """
+
+    place: Array
+    meanings: Mapping[str, Array]
+    columns: tuple[str, ...]
+
+    def as_matrices(self, meaning: str) -> Array:
+        """Return the poses, (n, 4, 4) [mm], with their rotations by `meaning`."""
+        made = np.tile(np.eye(4), (len(self.place), 1, 1))
+        made[:, :3, :3], made[:, :3, 3] = self.meanings[meaning], self.place
+        return made
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Pairs:
+    """n pairs: `flange` in the base, and `board` as `read` says; `hold` (n,) are kept from the fit, None for none.
+
+    `rows` (n,) are those of the table; `still` says which columns hold one value alone, "" for none. `inverted` says
+    that the robot's columns hold the base in the flange; `board` is `board_scale` times as far as in the file.
+    """
+
+    flange: Pose
+    board: Pose
+    read: str
+    hold: Mask | None
+    rows: Index
+    still: str
+    table: Table
+    notes: tuple[Note, ...]
+    inverted: bool
+    board_scale: float
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def label(self, i: int) -> str:
+        """Return how a message names pair i in the file."""
+        return self.table.label(int(self.rows[i]))
+
+    @property
+    def other_flange(self) -> str:
+        """Return what `flange=` would be for the inverse poses."""
+        return "flange_in_base" if self.inverted else "base_in_flange"
+
+    def moved(self, meaning: str) -> Array:
+        """Return the poses of the flange in the base, (n, 4, 4) [mm]."""
+        made = self.flange.as_matrices(meaning)
+        return np.asarray(inverse(made)) if self.inverted else made
+
+    def seen(self, meaning: str) -> Array:
+        """Return the poses of the board in the camera, (n, 4, 4) [mm]."""
+        made = self.board.as_matrices(meaning)
+        return np.asarray(inverse(made)) if self.read == "camera_in_board" else made
+
+
+def read_pairs(table: Table, setup: Setup, columns: Mapping[str, str]) -> Pairs:
+    """Return the pairs of poses in `table`; `columns` are names of ours -> names of the table.
+
+    Raises `DataError` with the table's name, in one line.
+    """
+    try:
+        return _pairs(table, setup, columns)
+    except ValueError as error:
+        text = str(error)
+        raise DataError(text if text.startswith(table.name) else f"{table.name}: {text}") from None
+
+
+def _pairs(table: Table, setup: Setup, columns: Mapping[str, str]) -> Pairs:
+    lost = [(target, name) for target, name in columns.items() if name not in table.columns]
+    if lost:
+        raise DataError(f"columns: {lost[0][0]} is to be {lost[0][1]!r}; {suggest(lost[0][1], list(table.columns))}")
+    sides = _sides(table, {name: target for target, name in columns.items()})
+    if not setup.read and "board" not in sides:
+        raise DataError(
+            "columns of camera_ may be the camera in the board, or the board in the camera: read=camera_in_board or "
+            "read=board_in_camera says which"
+        )
+    seen = "camera" if "board" not in sides else "board"
+    used = [name for side in ("flange", seen) for name in _columns_of(sides[side])]
+    _check_radians(table, *(sides[side].rotation.values() for side in ("flange", seen)))
+    turned, units, unit_notes = in_base_units(table.columns, used, table.units)
+    table = replace(table, columns={**table.columns, **turned}, units={**table.units, **units})
+    _check_units(table, sides["flange"], sides[seen])
+    angles = {pose for pose, side in (("flange", "flange"), ("board", seen)) if len(sides[side].rotation) == 3}
+    if setup.rotation and not angles & set(setup.rotation):
+        raise DataError(
+            "rotation= is the order of angles, and the rotations it speaks of are quaternions; leave it out"
+        )
+    values = np.column_stack([np.asarray(table.columns[name], dtype=float) for name in used])
+    whole: Mask = np.asarray((np.abs(values) < _HUGE).all(axis=1))
+    for side in ("flange", seen):
+        whole &= _of_length_one(table, sides[side], whole)
+    notes = [*table.notes, *unit_notes]
+    if "valid" in table.columns:
+        whole &= valid_rows(table.columns["valid"])
+    if not whole.all():
+        rows = tuple(table.label(int(i)) for i in np.flatnonzero(~whole))
+        text = f"{len(rows)} of {len(whole)} rows are without a value or not valid, and left out: {listed(rows, 5)}"
+        notes.append(Note(Code.ROWS_LEFT_OUT, text, rows=rows, values={"rows": len(rows)}))
+    if not whole.any():
+        raise DataError(f"no row has a value in every column that makes its poses: {', '.join(used)}")
+    still = [name for name, column in zip(used, values[whole].T, strict=True) if not np.ptp(column) > 0]
+    never = ""
+    if 0 < len(still) < len(used):  # else all are one pose, which is refused as that
+        never = f"{', '.join(still)} never {'varies' if len(still) == 1 else 'vary'}"
+        text = f"{never}: true of a robot that was held so, else it was not read"
+        notes.append(Note(Code.JOINT_STILL, text, tuple(still)))
+    notes += without_copies(table, values, whole, "number")
+    other = replace(sides["flange"], other={"split": "split"} if "split" in table.columns else {})
+    hold = held_back(table, other, whole)
+    rows_used = np.flatnonzero(whole)
+    flange, board = (
+        _pose(table, sides[side], rows_used, setup.rotation.get(name, ""))
+        for side, name in (("flange", "flange"), (seen, "board"))
+    )
+    return Pairs(
+        flange=flange, board=replace(board, place=setup.board_scale * board.place),
+        read=setup.read or "board_in_camera", hold=None if hold is None else hold[rows_used], rows=rows_used,
+        still=never, table=table, notes=tuple(notes), inverted=setup.flange == "base_in_flange",
+        board_scale=setup.board_scale,
+    )  # fmt: skip
+
+
+def _sides(table: Table, ours: Mapping[str, str]) -> dict[str, Matched]:
+    """Return the columns of flange, and of board or camera; `ours` are names of the file -> names of ours."""
+    by_side: dict[str, dict[str, str]] = {}
+    for name, column in table.columns.items():
+        if column.dtype.kind not in "iuf":
+            continue
+        first, _, rest = ours.get(name, name).strip().replace(" ", "_").replace(".", "_").partition("_")
+        side = next((side for side, words in _CALLED.items() if first.lower() in words), None)
+        if side and rest:
+            if rest in by_side.setdefault(side, {}):
+                raise DataError(f"{by_side[side][rest]} and {name} could both be {side}_{rest}; leave one of them out")
+            by_side[side][rest] = name
+    sides: dict[str, Matched] = {}
+    for side, names in by_side.items():
+        made = match_columns(list(names), ())
+        place, turn = ({axis: names[axis_] for axis, axis_ in part.items()} for part in (made.position, made.rotation))
+        sides[side] = Matched({}, place, turn, {})
+    for side, other in (("flange", "flange"), ("board", "camera")):
+        if not sides.get(side, sides.get(other)):
+            also = " (or camera_ for the camera in the board)" if side == "board" else ""
+            raise DataError(
+                f"no pose of the {side} is found among {', '.join(table.columns)}: {side}_x, {side}_y, {side}_z and "
+                f"{side}_qx ... {side}_qw or {side}_rx ... {side}_rz are needed{also}; {_proposed(table)}"
+            )
+    if "board" in sides and "camera" in sides:
+        raise DataError("the file has columns of board_ and of camera_; leave out those that are not to be read")
+    for side, made in sides.items():
+        for part, needed in ((made.position, "x, y and z"), (made.rotation, "rx, ry and rz, or qx, qy, qz and qw")):
+            if not part:
+                raise DataError(f"the pose of the {side} lacks {side}_ with {needed}; {_proposed(table)}")
+    return sides
+
+
+def _proposed(table: Table) -> str:
+    """Return `columns=` to copy: for all columns if there are as many as two poses have, else an example of one."""
+    names = [name for name, column in table.columns.items() if column.dtype.kind in "iuf" and name not in _NO_POSE]
+    half = 7 if len(names) == 14 or (len(names) == 13 and _of_unit_length(table, names[3:7])) else 6
+    if not 12 <= len(names) <= 14:
+        return f"{as_columns({'flange_x': 'NAME'})} names one"
+    called = {
+        f"{side}_{axis}": name
+        for side, part in (("flange", names[:half]), ("board", names[half:]))
+        for axis, name in zip(("x", "y", "z", *_turns_of(part[3:])), part, strict=True)
+    }
+    return f"if the columns stand in this order, flange first: {as_columns(called)}"
+
+
+def _of_unit_length(table: Table, names: Sequence[str]) -> bool:
+    size = np.linalg.norm([np.asarray(table.columns[name], dtype=float) for name in names], axis=0)
+    return bool(abs(np.nanmedian(size) - 1) < _LENGTH)
+
+
+def _turns_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return our names for columns of a rotation; A B C of a KUKA turn about z, y and x."""
+    if len(names) == 4:
+        return ("qx", "qy", "qz", "qw")
+    last = [re.split(r"[ _.]", name.strip().lower())[-1] for name in names]
+    return ("rz", "ry", "rx") if last == ["a", "b", "c"] else ("rx", "ry", "rz")
+
+
+def _columns_of(side: Matched) -> list[str]:
+    return [*side.position.values(), *side.rotation.values()]
+
+
+def _check_units(table: Table, *sides: Matched) -> None:
+    """Refuse a length or an angle whose unit nobody states."""
+    for side in sides:
+        angles = side.rotation.values() if len(side.rotation) == 3 else ()
+        for names, base, example in ((side.position.values(), "mm", "m"), (angles, "rad", "deg")):
+            open_ = [name for name in names if name not in table.units]
+            if open_:
+                ways = [",".join(f"{name}:{unit}" for name in open_) for unit in (base, example)]
+                raise DataError(
+                    f"{', '.join(open_)}: no unit is stated; write it in the heading, such as {open_[0]} [{example}], "
+                    f"or state units={ways[0]} or units={ways[1]}"
+                )
+            other = next((name for name in names if table.units[name] != base), None)
+            if other is not None:
+                raise DataError(f"column {other} is in {table.units[other]}, and {base} or {example} is needed")
+
+
+def _check_radians(table: Table, *sides: Iterable[str]) -> None:
+    """Refuse angles that are stated in rad and hold more than two turns: they are degrees."""
+    for side in sides:
+        names = [name for name in side if table.units.get(name) == "rad"]
+        values = np.abs([np.asarray(table.columns[name], dtype=float) for name in names])
+        largest = float(np.max(values, where=values < _HUGE, initial=0.0))
+        if largest > _TURNED:
+            raise DataError(
+                f"{', '.join(names)}: rad are stated, and they hold {plain(largest, 4)}, more than two turns: state "
+                f"deg in the heading, or units={','.join(f'{name}:deg' for name in names)}"
+            )
+
+
+def _of_length_one(table: Table, side: Matched, whole: Mask) -> Mask:
+    """Return which rows hold a rotation, (n,): a quaternion of zeros is none. Refuse one of another length than 1."""
+    if len(side.rotation) == 3:
+        return whole
+    parts = [np.where(whole, np.asarray(table.columns[name], dtype=float), 0) for name in side.rotation.values()]
+    size = np.linalg.norm(parts, axis=0)
+    seen = whole & (size > 0)
+    wrong = np.flatnonzero(seen & (np.abs(size - 1) > _LENGTH))
+    if len(wrong):
+        raise DataError(
+            f"{table.label(int(wrong[0]))}: {', '.join(side.rotation.values())} have the length "
+            f"{plain(float(size[wrong[0]]), 3)}, and the quaternion of a rotation has 1 ({len(wrong)} of {len(size)} "
+            "rows): are these its columns, and in full digits?"
+        )
+    return np.asarray(seen)
+
+
+def _pose(table: Table, side: Matched, rows: Index, rotation: str) -> Pose:
+    place, turns = (
+        np.column_stack([np.asarray(table.columns[name], dtype=float)[rows] for name in part.values()])
+        for part in (side.position, side.rotation)
+    )
+    return Pose(place, meanings(turns, rotation, {"rad": 1.0}), tuple(_columns_of(side)))
+
+
+_HANDFUL, _HANDFULS = 4, 100
+_TIMES = 10.0  # times better: no chance, but another meaning of the same numbers
+_TWICE = 2.0  # times better: one order of angles beside another
+_APART = 0.12  # rad: the middle rotation further off belongs to no such frames, whatever the noise
+_ROUNDING = 1e-6  # rad or mm: less is no misfit of rotations or places that files hold
+_FAR = 6.0  # times the median: a place beyond has no say
+_ALIKE = 1e-3  # part of a column: a scale that others explain so far is not told
+_NEAR = 0.1
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PairsStart:
+    """The arm's poses and the board's in the camera, (n, 4, 4) [mm], with mount and tool (4, 4) that join them."""
+
+    arm: Array
+    seen: Array
+    mount: Array
+    tool: Array
+    notes: tuple[Note, ...]
+
+
+def start_of_pairs(pairs: Pairs, mounting: str, train: Mask) -> PairsStart:
+    """Return where the fit begins, by the pairs of `train` (n,). Raises `DataError` where they fit no such frames."""
+    tried = _tried(pairs, mounting, train)
+    apart_by = {key: _misfit(*both) for key, both in tried.items()}
+    _check_sides(pairs, tried, min(apart_by.values()), mounting)
+    flange, board, notes = _meaning(pairs, apart_by)
+    arm, seen = arm_poses(pairs.moved(flange), mounting), pairs.seen(board)
+    here = arm[train], seen[train]
+    mount, tool, apart = _rotations(*here)
+    if apart > _APART:
+        raise DataError(
+            f"rotations of flange and board lie {_deg(apart)} apart, wherever camera and board are: do both poses of a "
+            "row belong together, and is rotation= right?"
+        )
+    return PairsStart(arm, seen, *_places(*here, mount, tool, pairs), notes)
+
+
+def arm_poses(flange: Array, mounting: str) -> Array:
+    """Return what stands between mount and tool, (n, 4, 4): the flange's poses, or their inverse with the eye in it."""
+    return np.asarray(inverse(flange)) if mounting == "eye_in_hand" else flange
+
+
+def _tried(pairs: Pairs, mounting: str, train: Mask) -> dict[tuple[str, str], tuple[Array, Array]]:
+    """Return the poses of arm and board of `train` (n,) for each meaning of both rotations."""
+    return {
+        (flange, board): (
+            arm_poses(pairs.moved(flange), mounting)[train],
+            pairs.seen(board)[train],
+        )
+        for flange, board in product(pairs.flange.meanings, pairs.board.meanings)
+    }
+
+
+def _meaning(pairs: Pairs, apart: Mapping[tuple[str, str], float]) -> tuple[str, str, tuple[Note, ...]]:
+    """Return what the rotations of flange and board mean, and remarks; `apart` is what each meaning of both leaves."""
+    ranked = sorted(apart, key=lambda key: apart[key])
+    chosen = ranked[0]
+    notes = []
+    for k, pose in enumerate((pairs.flange, pairs.board)):
+        named = next(iter(pose.meanings))
+        if _quaternion(pose):
+            kept = [key for key in ranked if key[k] == named and key[1 - k] == chosen[1 - k]]
+            if chosen[k] != named and apart[kept[0]] > _TIMES * max(apart[chosen], _ROUNDING):
+                raise DataError(_real_part_first(pose, apart[kept[0]], apart[chosen]))
+            chosen = (named, chosen[1]) if k == 0 else (chosen[0], named)
+            continue
+        for other in ranked:
+            if other[k] == chosen[k] or other[1 - k] != chosen[1 - k]:
+                continue
+            a, b = (pairs.flange, pairs.board)[k].meanings[chosen[k]], pose.meanings[other[k]]
+            if apart[other] < _TWICE * max(apart[chosen], _ROUNDING) and not np.allclose(a, b, atol=1e-3):
+                side = ("flange", "board")[k]
+                raise DataError(
+                    f"{', '.join(pose.columns[3:])} may be {chosen[k]}, or {other[k]}: rotation={side}:vector (or rpy, "
+                    "xyz) states which"
+                )
+        if len(pose.meanings) > 1:
+            names = pose.columns[3:]
+            text = f"{', '.join(names)} are read as {chosen[k]}, which alone fits"
+            notes.append(Note(Code.ROTATION, text, names))
+    return (*chosen, tuple(notes))
+
+
+def _quaternion(pose: Pose) -> bool:
+    return len(pose.columns) == 7
+
+
+def _real_part_first(pose: Pose, named: float, other: float) -> str:
+    names = pose.columns[3:]
+    side = names[0].rpartition("_")[0] or "board"
+    order = {f"{side}_{q}": name for q, name in zip(("qw", "qx", "qy", "qz"), names, strict=True)}
+    return (
+        f"{', '.join(names)} fit {_more(named, other)} times better if the first of them is the real part of the "
+        f"quaternion: {as_columns(order)}"
+    )
+
+
+def _check_sides(
+    pairs: Pairs, tried: Mapping[tuple[str, str], tuple[Array, Array]], misfit: float, mounting: str
+) -> None:
+    """Refuse poses that fit far better with one side inverted, or with rows out of step, in some meaning."""
+    n = len(next(iter(tried.values()))[0])
+    better = min(_misfit(arm, np.asarray(inverse(seen))) for arm, seen in tried.values())
+    if n > 3 and misfit > _TIMES * max(better, _ROUNDING):
+        other = "camera_in_board" if pairs.read == "board_in_camera" else "board_in_camera"
+        mount = "eye_to_hand" if mounting == "eye_in_hand" else "eye_in_hand"
+        raise DataError(
+            f"the poses fit {_more(misfit, better)} times better with one side inverted: the camera's columns are "
+            f"read={other}, or the camera is mounted hand_eye={mount}, or the flange's columns hold the base in the "
+            f"flange: flange={pairs.other_flange}"
+        )
+    for lag, where in ((1, "below"), (-1, "above")) if n > 5 else ():
+        better = min(
+            _misfit(arm[max(-lag, 0) : n - max(lag, 0)], seen[max(lag, 0) : n - max(-lag, 0)])
+            for arm, seen in tried.values()
+        )
+        if misfit > _TIMES * max(better, _ROUNDING):
+            raise DataError(
+                f"the poses fit {_more(misfit, better)} times better if the board's pose of each row stands in the row "
+                f"{where}: the rows of one of both are out of step by one"
+            )
+
+
+def _more(misfit: float, better: float) -> str:
+    return plain(misfit / max(better, _ROUNDING), 2)
+
+
+def _deg(angle: float) -> str:
+    return f"{plain(float(np.rad2deg(angle)), 2)}°"
+
+
+def _misfit(arm: Array, seen: Array) -> float:
+    """Return what rotations leave of the middle pair [rad], and places beside the board's distance, in any unit."""
+    mount, _, apart = _rotations(arm, seen)
+    rows, wanted = _linear(arm, seen, mount)
+    distance = float(np.median(np.linalg.norm(seen[:, :3, 3], axis=1))) + _ROUNDING
+    scales = [by for size in UNITS.values() for by in {size, 1 / size}]
+    return apart + min(_nearest(rows[:, :, :6], wanted - by * rows[:, :, 6])[1] / (by * distance) for by in scales)
+
+
+def _rotations(arm: Array, seen: Array) -> tuple[Array, Array, float]:
+    """Return the rotations of mount and tool, (3, 3), and the angle [rad] that they leave of the middle pair."""
+    arm, seen, n = arm[:, :3, :3], seen[:, :3, :3], len(arm)
+    rows = np.zeros((n, 9, 18))
+    for i, j in product(range(3), range(3)):  # (U B)_ij - (A V)_ij, of U and V by rows
+        rows[:, 3 * i + j, 3 * i : 3 * i + 3] = seen[:, :, j]
+        rows[:, 3 * i + j, 9 + j : 18 : 3] = -arm[:, i, :]
+    best = _solved(rows.reshape(1, -1, 18))
+    angles = _angles(arm, seen, best)
+    if n > 2 * _HANDFUL:
+        rng = np.random.default_rng(np.random.SeedSequence([n, 18]))
+        picks = np.argsort(rng.random((_HANDFULS, n)), axis=1)[:, :_HANDFUL]
+        tried = np.concatenate([best, _solved(rows[picks].reshape(_HANDFULS, -1, 18))])
+        angles = _angles(arm, seen, tried)
+        best = tried[[np.argmin(np.median(angles, axis=1))]]
+        before = np.zeros(0, dtype=bool)
+        for _ in range(3):
+            angles = _angles(arm, seen, best)[0]
+            near = angles <= max(_FAR * float(np.median(angles)), _ROUNDING)
+            if np.array_equal(near, before):
+                break
+            before = near
+            best = _solved(rows[near].reshape(1, -1, 18))
+        angles = _angles(arm, seen, best)
+    return best[0, 0].T, best[0, 1], float(np.median(angles))
+
+
+def _solved(rows: Array) -> Array:
+    """Return U and V, (k, 2, 3, 3), rotations nearest to the null vectors of `rows`, (k, m, 18)."""
+    vectors = np.linalg.eigh(rows.swapaxes(1, 2) @ rows)[1][:, :, 0].reshape(-1, 2, 3, 3)
+    senses = np.sign(np.linalg.det(vectors[:, 0]) + np.linalg.det(vectors[:, 1]))
+    vectors = vectors * np.where(senses == 0, 1.0, senses)[:, None, None, None]
+    return nearest_rotation(vectors)
+
+
+def _angles(arm: Array, seen: Array, rotations: Array) -> Array:
+    """Return the angle [rad] that rotations `rotations`, (k, 2, 3, 3), leave of each pair, (k, n)."""
+    by_board, by_arm = rotations[:, 0, None] @ seen, arm @ rotations[:, 1, None]
+    return angle_between(by_board.reshape(-1, 3, 3), by_arm.reshape(-1, 3, 3)).reshape(len(rotations), -1)
+
+
+def _places(arm: Array, seen: Array, mount: Array, tool: Array, pairs: Pairs) -> tuple[Array, Array]:
+    """Return mount and tool, (4, 4) [mm], from their rotations; refuse places whose units do not go together."""
+    rows, wanted = _linear(arm, seen, mount)
+    placed, apart = _nearest(rows[:, :, :6], wanted - rows[:, :, 6])
+    scaled, free = _nearest(rows, wanted)
+    others = rows[:, :, :6].reshape(-1, 6)
+    column = rows[:, :, 6].ravel()
+    beside = column - others @ np.linalg.lstsq(others, column, rcond=1e-9)[0]
+    known = np.linalg.norm(beside) > _ALIKE * np.linalg.norm(column)
+    if known and scaled[6] > 0 and apart > _TIMES * max(free, _ROUNDING) and len(arm) > 3:
+        raise DataError(_of_scale(pairs, float(scaled[6]), apart, free))
+    made = np.tile(np.eye(4), (2, 1, 1))
+    made[0, :3, :3], made[1, :3, :3] = mount, tool
+    made[0, :3, 3], made[1, :3, 3] = placed[3:6], placed[:3]
+    return made[0], made[1]
+
+
+def _linear(arm: Array, seen: Array, mount: Array) -> tuple[Array, Array]:
+    """Return the equations of the places, (n, 3, 7) and (n, 3): for tool, mount, and the scale of the board's."""
+    rows = np.zeros((len(arm), 3, 7))
+    rows[:, :, :3] = mount @ arm[:, :3, :3]
+    rows[:, :, 3:6] = np.eye(3)
+    rows[:, :, 6] = -seen[:, :3, 3]
+    return rows, -(arm[:, :3, 3] @ mount.T)
+
+
+def _of_scale(pairs: Pairs, scale: float, apart: float, free: float) -> str:
+    """Return what is wrong with places of which those of the board fit the flange's when they are `scale` times."""
+    text = (
+        f"places of flange and board lie {plain(apart)} mm apart, and {plain(max(free, _ROUNDING))} mm if those of the"
+    )
+    for side, other, pose, by in (
+        ("board", "flange", pairs.board, scale), ("flange", "board", pairs.flange, 1 / scale)
+    ):  # fmt: skip
+        unit = next((u for u, size in UNITS.items() if by > 1 and abs(by / size - 1) < _NEAR), "mm")
+        if unit != "mm":
+            named = ",".join(f"{name}:{unit}" for name in pose.columns[:3])
+            return (
+                f"{text} {side} are {plain(by, 3)} times as far: units={named} if they are {unit}, or the unit of the "
+                f"{other}'s is another"
+            )
+    return (
+        f"{text} board are {plain(scale, 5)} times as far: is the size of its squares or markers the true one? "
+        f"If they are {plain(pairs.board_scale * scale, 4)} times as large as the camera was told: "
+        f"board_scale={plain(pairs.board_scale * scale, 5)}"
+    )
+
+
+def _nearest(rows: Array, wanted: Array) -> tuple[Array, float]:
+    """Return the least squares solution of `rows` (n, 3, k) without far pairs, and what the middle pair leaves."""
+    near = np.ones(len(rows), dtype=bool)
+    for _ in range(6):
+        solved = np.linalg.lstsq(rows[near].reshape(-1, rows.shape[2]), wanted[near].ravel(), rcond=1e-9)[0]
+        apart = np.linalg.norm(rows @ solved - wanted, axis=1)
+        before, middle = near, float(np.median(apart))
+        near = apart <= max(_FAR * middle, _ROUNDING)
+        if np.array_equal(near, before):  # and so is all that follows from it
+            break
+    return np.asarray(solved, dtype=float), middle

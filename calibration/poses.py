@@ -1,0 +1,334 @@
+"""Which poses to measure next, when more poses no longer help, and how far a calibration carries beyond its poses.
+
+The value of a pose is what it adds to the information on the arm's parameters: its Jacobian divided by the noise, in
+units of usual errors (1 mm, 1 mrad). Poses are chosen greedily from random ones, then exchanged one by one (Fedorov
+1972) for the largest determinant (D: all parameters together) or the largest smallest eigenvalue (E: the parameter
+known worst). Beside them stands the error that the calibrated arm would have over its workspace by these uncertainties
+alone.
+
+How far a calibration carries follows from the scatter of the readings and from what the poses tell of the arm. A number
+that keeps its nominal value since the poses tell it badly is counted as off by `OFF`, the others as they were found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, final
+
+import numpy as np
+
+from calibench.calibration.arm import Arm
+from calibench.calibration.determined import distinct_of, is_frame, is_length, order_of, select_determined
+from calibench.calibration.dh import DhArm
+from calibench.calibration.fit import Fit, fit_arm
+from calibench.calibration.kinematics import Chain, ChainJoint, forward, nominal
+from calibench.calibration.model import ArmModel, model_of
+from calibench.calibration.rigid import Array, Index
+from calibench.calibration.start import Start
+from calibench.core.notes import Code, DataError, Note
+from calibench.core.process import one_thread
+
+By = Literal["D", "E"]
+_PRIOR = 1e-4  # information [1 / unit^2] before any reading: a parameter is within 100 mm, 100 mrad
+_PASSES = 6
+_BETTER = 1e-6
+_PAYS = 3.0  # times below the scatter: with parameters so well known, more poses change nothing
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """`places` in the pool, in the order of their value; after each the `error` of the arm [mm].
+
+    `error` (n + 1,) begins with the error before any of them. `logdet` and `least` are the criteria D and E.
+    """
+
+    places: tuple[int, ...]
+    error: Array
+    logdet: float
+    least: float
+
+    def enough(self, sigma: float) -> int | None:
+        """Return the number of poses after which the error is small relative to a scatter `sigma` [mm].
+
+        It is None where no number of the chosen poses suffices.
+        """
+        below = np.flatnonzero(self.error <= np.sqrt(3.0) * sigma / _PAYS)
+        return int(below[0]) if len(below) else None
+
+
+def choose(pool: Array, before: Array, workspace: Array, count: int, by: By = "D") -> Chosen:
+    """Return `count` poses of a `pool` (m, c, k) of whitened rows, in units of plausible errors.
+
+    `before` (k, k) is the information of what has been measured. `workspace` (w, 3, k) [mm] is the Jacobian of the
+    target over the workspace.
+    """
+    start = before + _PRIOR * np.eye(before.shape[0])
+    places = _greedy(pool, start, count)
+    places = _exchange(pool, start, places, by)
+    ordered = _greedy(pool, start, count, places)
+    error = [_spread(start, workspace)]
+    information = start
+    for place in ordered:
+        information = information + pool[place].T @ pool[place]
+        error.append(_spread(information, workspace))
+    return Chosen(
+        tuple(ordered), np.array(error), float(np.linalg.slogdet(information)[1]),
+        float(np.linalg.eigvalsh(information)[0]),
+    )  # fmt: skip
+
+
+def _greedy(pool: Array, start: Array, count: int, among: Sequence[int] | None = None) -> list[int]:
+    information, places = start, []
+    free = list(range(len(pool)) if among is None else among)
+    for _ in range(min(count, len(free))):
+        gains = _gains(pool[free], information)
+        best = free.pop(int(np.argmax(gains)))
+        places.append(best)
+        information = information + pool[best].T @ pool[best]
+    return places
+
+
+def _exchange(pool: Array, start: Array, places: list[int], by: By) -> list[int]:
+    """Return the poses after exchanging each for the best of the pool, until nothing gets better."""
+    places = list(places)
+    information = start + sum(pool[place].T @ pool[place] for place in places)
+    for _ in range(_PASSES):
+        moved = False
+        for k, place in enumerate(places):
+            rest = information - pool[place].T @ pool[place]
+            worth = _gains(pool, rest) if by == "D" else _least(pool, rest)
+            worth[[other for other in places if other != place]] = -np.inf
+            best = int(np.argmax(worth))
+            if best != place and worth[best] > worth[place] + _BETTER * (1 + abs(worth[place])):
+                places[k], moved = best, True
+                information = rest + pool[best].T @ pool[best]
+        if not moved:
+            break
+    return places
+
+
+def _gains(rows: Array, information: Array) -> Array:
+    """Return by how much each pose raises the logarithm of the determinant, (m,)."""
+    inverse = np.linalg.inv(information)
+    inner = np.eye(rows.shape[1]) + rows @ inverse @ rows.swapaxes(1, 2)
+    return np.asarray(np.linalg.slogdet(inner)[1])
+
+
+def _least(rows: Array, information: Array) -> Array:
+    """Return the smallest eigenvalue of the information with each pose added, (m,)."""
+    return np.asarray(np.linalg.eigvalsh(information + rows.swapaxes(1, 2) @ rows)[:, 0])
+
+
+def _spread(information: Array, workspace: Array) -> float:
+    """Return the rms error of the target over the workspace that follows from the parameters' uncertainty [mm]."""
+    inverse = np.linalg.inv(information)
+    return float(np.sqrt(np.einsum("wci,ij,wcj->w", workspace, inverse, workspace).mean()))
+
+
+OFF = 0.5  # mm, or mrad: by as much a placement of an arm differs from its table
+_DRAWN = 300  # drawn at random in each of the two ranges
+
+
+def foretold(fit: Fit, level: str) -> tuple[float, float]:
+    """Return the standard error of the target's place [mm], rms over poses within the ranges read, and all limits."""
+    model, p = fit.model, fit.p
+    distinct = distinct_of(model, p, order_of(model.names, level, model.sliding), fit.weights)
+    weights = np.sqrt(fit.weights)[:, None, None]
+    rows = (weights * model.jacobian(p, distinct, fit.weights)[0]).reshape(-1, len(distinct))
+    unsure = np.array([
+        0.0 if place in fit.kept else 1.0 / (OFF if is_length(model.names[place], model.sliding) else 1e-3 * OFF)
+        for place in distinct
+    ])  # fmt: skip
+    triangle = np.asarray(np.linalg.qr(np.vstack([rows, np.diag(unsure)]), mode="r"))
+    rng = np.random.default_rng(0)
+    errors_of = []
+    for low, high in ranges(model):
+        joints = low + (high - low) * rng.random((_DRAWN, len(low)))
+        slopes = at_joints(model, joints).jacobian(p, distinct, np.ones(_DRAWN))[0][:, :3] * model.sigma[0]
+        errors = np.linalg.solve(triangle.T, slopes.reshape(-1, len(distinct)).T)
+        errors_of.append(float(np.sqrt((errors**2).sum() / _DRAWN)))
+    return errors_of[0], errors_of[1]
+
+
+def ranges(model: ArmModel) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return the lowest and the highest value of each joint among the poses that were read, and by its limits."""
+    low, high = model.joints.min(axis=0), model.joints.max(axis=0)
+    lower, upper = stops(model.chain)
+    ends = np.isfinite(upper - lower)
+    return (low, high), (np.where(ends, np.minimum(low, lower), low), np.where(ends, np.maximum(high, upper), high))
+
+
+def stops(chain: Chain) -> tuple[Array, Array]:
+    """Return the limits of each joint [rad, mm], half a turn to each side at most; inf of a slide without."""
+    there = {joint.name: joint for joint in chain.joints}
+    low, high = np.empty(len(chain.driven)), np.empty(len(chain.driven))
+    for k, name in enumerate(chain.driven):
+        joint = there.get(name)
+        edge = np.pi if joint is None or joint.kind == "rotary" else np.inf  # a turn to either side tells all
+        low[k], high[k] = (-edge, edge) if joint is None else (max(-edge, joint.lower), min(edge, joint.upper))
+    return low, high
+
+
+def at_joints(model: ArmModel, joints: Array) -> ArmModel:
+    """Return the model at other joints; the readings there do not affect its Jacobian."""
+    n = len(joints)
+    poses = forward(model.chain, nominal(model.chain), joints)
+    turns = None if model.turns is None else poses[:, :3, :3]
+    none = np.full(n, -1, dtype=np.int64)
+    return replace(model, joints=joints, position=poses[:, :3, 3], turns=turns, socket=none, place=none)
+
+
+_POOL, _WORKSPACE = 600, 200  # random poses: to choose from, and to compute the arm's error over
+_SLIDE = 1000.0  # mm to each side, of a joint that slides without limits
+_USUAL = (0.05, 0.0005)  # mm, rad: the noise of a reading where nothing tells it
+Limits = Literal["urdf", "table", "data"]
+
+
+@final
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Design:
+    """Poses to measure: `joints` (n, j), where the target is then (n, 3) [mm] in the base, and what they are worth.
+
+    `measured` poses were there before, `numbers` of the arm are determined, `sigma` [mm] is the noise of a reading,
+    `limits` says whose they are: data, urdf, table, or none.
+    """
+
+    chain: Chain
+    joints: Array
+    target: Array
+    chosen: Chosen
+    sigma: float
+    measured: int
+    numbers: int
+    limits: str
+    notes: tuple[Note, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return {
+            "schema_version": 1,
+            "machine": "arm",
+            "joints": list(self.chain.driven),
+            "poses": self.joints.tolist(),
+            "target": self.target.tolist(),
+            "measured": self.measured,
+            "numbers": self.numbers,
+            "error_mm": self.chosen.error.tolist(),
+            "enough": self.chosen.enough(self.sigma),
+            "logdet": self.chosen.logdet,
+            "least_eigenvalue": self.chosen.least,
+            "sigma_mm": self.sigma,
+            "limits": self.limits,
+            "notes": [note.to_dict() for note in self.notes],
+        }
+
+
+@one_thread()
+def design_poses(
+    arm: Arm, count: int, *, start: Start | None = None, by: By = "D", sigma: float | None = None,
+    sigma_rotation: float | None = None, rotations: bool = False, target: Sequence[float] = (0.0, 100.0, 100.0),
+    limits: Limits | None = None, box: Array | None = None, seed: int = 0,
+) -> Design:  # fmt: skip
+    """Return the `count` poses of `arm` that are worth most to measure, beside those of `start` where some were.
+
+    `sigma` [mm] and `sigma_rotation` [rad] are the noise of a reading to come; None for the one that the readings have
+    shown, or a usual one. Without readings the target sits at `target` [mm] on the tip, and with `rotations` its
+    rotation is read as well. `limits` are those of the description, or the ranges of the data. The target stays within
+    `box`, (3, 2) [mm] in the base. Raises `DataError` for what goes not together.
+    """
+    chain, table = arm.chain, arm.table
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 7]))
+    fit, notes = None, tuple[Note, ...]()
+    if start is not None:
+        if start.readings.position is None:
+            raise DataError("data=: holds a ball in sockets; poses are proposed for a measured position or pose")
+        model = model_of(chain, start.readings, start.base, start.tool, table=table)
+        fit, notes = fit_arm(model, order_of(model.names, "geometry", model.sliding)), start.readings.notes
+    shown = _USUAL if fit is None else fit.model.sigma
+    noise = (shown[0] if sigma is None else sigma, shown[1] if sigma_rotation is None else sigma_rotation)
+    limits = limits or ("urdf" if fit is None else "data")
+    if limits == "data" and fit is None:
+        raise DataError("plan.limits=data: goes with data=FILE, whose joints' ranges are kept to")
+    pool = _random_poses(chain, fit if limits == "data" else None, rng, _POOL + _WORKSPACE, box)
+    if fit is not None:
+        model, p, kept = replace(fit.model, sigma=noise), fit.p, fit.kept
+    else:
+        model = _model_to_come(chain, arm, target, rotations, noise)
+        p, there = model.start, at_joints(model, pool)
+        kept = select_determined(there, p, order_of(model.names, "geometry", model.sliding), np.ones(len(pool)))
+    scale = np.array([1.0 if is_length(model.names[k], model.sliding) else 1e-3 for k in kept])
+    of_joints = np.array([not is_frame(model.names[k]) for k in kept])
+    before = np.zeros((len(kept), len(kept)))
+    if fit is not None:
+        measured = _whitened(fit.model, p, fit.model.joints, kept) * scale  # by the noise that they have shown
+        good = measured[~fit.wild].reshape(-1, len(kept))
+        before = good.T @ good
+    rows = _whitened(model, p, pool, kept)
+    workspace = _whitened(model, p, pool[_POOL:], kept)[:, :3] * scale * noise[0] * of_joints
+    chosen = choose(rows[:_POOL] * scale, before, workspace, count, by)
+    joints = pool[list(chosen.places)]
+    endless = [joint for joint in chain.joints if not np.isfinite(joint.upper - joint.lower)]
+    more = [] if limits == "data" else _without_stops(chain, [joint for joint in endless if joint.mimic is None])
+    more.append(
+        Note(
+            Code.NOT_CHECKED,
+            "collisions and the line of sight are not known here: leave out what cannot be reached",
+        )
+    )
+    return Design(
+        chain=chain, joints=joints,
+        target=forward(chain.placed(np.eye(4), model.chain.tool), nominal(chain), joints)[:, :3, 3], chosen=chosen,
+        sigma=noise[0], measured=0 if fit is None else int((~fit.wild).sum()), numbers=int(of_joints.sum()),
+        limits="data" if limits == "data" else "none" if len(endless) == len(chain.joints) else chain.source.lower(),
+        notes=(*notes, *more),
+    )  # fmt: skip
+
+
+def _without_stops(chain: Chain, endless: Sequence[ChainJoint]) -> list[Note]:
+    """Return a note on joints that turn or slide without limits in the description."""
+    if not endless:
+        return []
+    wide = {"±180°" if joint.kind == "rotary" else "±1 m": None for joint in endless}
+    names = [joint.name for joint in endless]
+    text = f"{', '.join(names)}: no limits in the {chain.source}, {' and '.join(wide)} are taken"
+    return [Note(Code.NO_LIMITS, text, values={"joints": names})]
+
+
+def _model_to_come(
+    chain: Chain, arm: Arm, target: Sequence[float], rotations: bool, noise: tuple[float, float]
+) -> ArmModel:
+    """Return a model with the observations of a measurement to come, and nothing read yet."""
+    tool = np.eye(4)
+    tool[:3, 3] = target
+    none = np.zeros(0, dtype=np.int64)
+    placed = chain.placed(np.eye(4), chain.tool @ tool)
+    return ArmModel(
+        chain=placed, joints=np.empty((0, len(chain.driven))), position=np.zeros((0, 3)),
+        turns=np.zeros((0, 3, 3)) if rotations else None, socket=none, place=none, sigma=noise,
+        rows=None if arm.table is None else DhArm(arm.table, placed.mount, placed.tool),
+    )  # fmt: skip
+
+
+def _whitened(model: ArmModel, p: Array, joints: Array, kept: Index) -> Array:
+    return at_joints(model, joints).jacobian(p, kept, np.ones(len(joints)))[0]
+
+
+def _random_poses(chain: Chain, fit: Fit | None, rng: np.random.Generator, count: int, box: Array | None) -> Array:
+    """Return random poses inside the limits, or the ranges of `fit`, (count, j), with the tip in `box` where stated."""
+    low, high = stops(chain)
+    endless = ~np.isfinite(high - low)
+    low[endless], high[endless] = np.maximum(low[endless], -_SLIDE), np.minimum(high[endless], _SLIDE)
+    if fit is not None:
+        low, high = fit.model.joints.min(axis=0), fit.model.joints.max(axis=0)
+    poses = np.empty((0, len(low)))
+    for _ in range(200):
+        tried = low + (high - low) * rng.random((count, len(low)))
+        if box is not None:
+            tip = forward(chain, nominal(chain), tried)[:, :3, 3]
+            tried = tried[((tip >= box[:, 0]) & (tip <= box[:, 1])).all(axis=1)]
+        poses = np.vstack([poses, tried])
+        if len(poses) >= count:
+            return poses[:count]
+    raise DataError("plan.box=: hardly any pose of the arm has its tip inside; x0,x1,y0,y1,z0,z1 [mm] in the base")

@@ -1,0 +1,451 @@
+"""`Table`, the columns of a measurement, and `Readings`: the same as poses of one chain, in rad and mm.
+
+All that can be said of the numbers before they are held against the arm is said here: joints are matched to the
+description, units that stand in names are turned, rows without a value are left out, and what no arm can have read is
+refused in one line that says what to do. What only the arm can tell (`start`) is left open: `angles` are the rotations
+as the file has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, final
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from calibench.calibration.columns import Matched, in_base_units, is_called_joint, match_columns, only_asked
+from calibench.calibration.frames import frames_of_positions
+from calibench.calibration.kinematics import Chain, forward, nominal
+from calibench.calibration.rigid import Array, Index, Mask, rpy_of
+from calibench.core.notes import Code, DataError, Note
+from calibench.core.options import suggest
+from calibench.core.tables.cells import factor_to_base, split_rows, valid_rows
+from calibench.core.tables.csv_table import heads
+from calibench.core.words import as_columns, counted, listed, plain
+
+OBSERVED = ("position", "pose", "sockets")
+_LEAST = {"position": 10, "pose": 6, "sockets": 12}  # poses at least: with fewer there are as many unknowns as readings
+_MOVING = 3  # joints at the least, where the arm has as many
+_ALIKE = 1e-3  # rad or mm by which joints differ at most where a pose is taken again
+_HUGE = 1e12  # a value that no instrument gives
+_LISTED = 8  # columns that a note names
+_WORDS = ("socket", "place", "split", "valid")  # columns that are no numbers beside a pose
+_LENGTH = 0.5  # the most by which a quaternion's length may differ from 1
+TURNS = 4 * np.pi  # rad: no joint turns further
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns name -> (n,), in mm or rad where `units` has one for them; `stated` is what is known beside them.
+
+    `file` and `row` (n,) say which reading of which file a row is, for messages; `name` is the case.
+    """
+
+    columns: Mapping[str, Any]
+    units: Mapping[str, str]
+    stated: Mapping[str, Any]
+    file: Any
+    row: Any
+    name: str
+    notes: tuple[Note, ...] = ()
+
+    @classmethod
+    def of(
+        cls, columns: Mapping[str, Any], name: str = "data", *, units: Mapping[str, str] | None = None,
+        stated: Mapping[str, Any] | None = None, notes: Iterable[Note] = (), row: Any = None,
+    ) -> Table:  # fmt: skip
+        """Return the table of one file, whose rows are counted from 1 where `row` does not number them."""
+        n = len(next(iter(columns.values()), ()))
+        row = np.arange(1, n + 1) if row is None else row
+        return cls(
+            columns=columns, units=units or {}, stated=stated or {}, file=np.full(n, name), row=row, name=name,
+            notes=tuple(notes),
+        )  # fmt: skip
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def label(self, i: int) -> str:
+        """Return how a message names a row: its number, and its file where there are several."""
+        several = len(set(self.file.tolist())) > 1
+        return f"{self.file[i]} row {self.row[i]}" if several else f"row {self.row[i]}"
+
+
+def table_of(
+    readings: Any, *, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None,
+    names: Sequence[str] = (), name: str = "readings",
+) -> Table:  # fmt: skip
+    """Return the table of a mapping of columns, of a DataFrame, or of an array (n, k) with the `names` of its columns.
+
+    A unit may stand in a column's name, ``x [m]``, or in `units`, {"x": "m"}. `columns` renames, {"x": "Weg X"}: the
+    column that is called Weg X is x. Raises `DataError` for what is none of these.
+    """
+    if isinstance(readings, Table):
+        return readings
+    if hasattr(readings, "keys") and hasattr(readings, "__getitem__"):
+        given = {str(key): np.asarray(readings[key]) for key in readings.keys()}  # noqa: SIM118  # a DataFrame's, too
+    else:
+        numbers = np.asarray(readings)
+        if numbers.ndim != 2 or len(names) not in (0, numbers.shape[1]):
+            raise DataError(
+                f"{name}: columns by name are needed, a DataFrame, or an array (n, k) with names= for its k columns"
+            )
+        names = names or [f"column_{k}" for k in range(1, numbers.shape[1] + 1)]
+        given = dict(zip(names, numbers.T, strict=True))
+    shapes = {key: column.shape for key, column in given.items()}
+    if len(set(shapes.values())) != 1 or len(next(iter(shapes.values()))) != 1:
+        raise DataError(f"{name}: columns of one length are needed, and these have {shapes}")
+    bare, in_names = heads(list(given))
+    stated = {**in_names, **(units or {})}
+    made = dict(zip(bare, given.values(), strict=True))
+    for ours, theirs in (columns or {}).items():
+        if theirs not in made:
+            raise DataError(f"columns: {ours} is to be {theirs!r}; {suggest(theirs, list(made))}")
+        made[ours] = made.pop(theirs)
+        if theirs in stated:
+            stated[ours] = stated.pop(theirs)
+    for column, unit in stated.items():
+        if column not in made:
+            raise DataError(f"units: {column} is no column of {name}; {suggest(column, list(made))}")
+        stated[column], scale = factor_to_base(column, unit)
+        made[column] = scale * made[column].astype(float) if scale != 1 else made[column]
+    return Table.of(made, name, units=stated)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """n poses: `joints` (n, j) [rad | mm] and what was read at them.
+
+    `position` (n, 3) [mm] and `turns` (n, 3, 3), None where they were not read; `angles` (n, 3 | 4) are the rotations
+    as the file has them. `socket` (n,) counts the sockets of all places from 0, `place` (n,) the places; -1 elsewhere.
+    `hold` (n,) marks what the file keeps back, None where it does not say. `rows` (n,) are those of the table.
+    `sliding` names the joints that are read in mm.
+    """
+
+    observed: str
+    joints: Array
+    position: Array | None
+    angles: Array | None
+    socket: Index
+    place: Index
+    hold: Mask | None
+    rows: Index
+    table: Table
+    matched: Matched
+    other: Mapping[str, Array] = field(default_factory=dict)
+    turns: Array | None = None
+    notes: tuple[Note, ...] = ()
+    sliding: frozenset[str] = frozenset()
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def label(self, i: int) -> str:
+        """Return how a message names pose i in the file."""
+        return self.table.label(int(self.rows[i]))
+
+    def with_note(self, code: Code, text: str, columns: Iterable[str] = (), **values: Any) -> Readings:
+        """Return the same readings with one more note."""
+        return replace(self, notes=(*self.notes, Note(code, text, tuple(columns), values=values)))
+
+    def where(self, keep: Mask) -> Readings:
+        """Return the poses that `keep`, a mask or places, names."""
+        cut: dict[str, Any] = {
+            key: getattr(self, key)[keep]
+            for key in ("joints", "position", "angles", "socket", "place", "hold", "rows", "turns")
+            if getattr(self, key) is not None
+        }
+        return replace(self, **cut, other={name: column[keep] for name, column in self.other.items()})
+
+    @property
+    def train(self) -> Mask:
+        """Return which poses are fitted, (n,): all but those that the file keeps back."""
+        return np.ones(len(self), dtype=bool) if self.hold is None else ~self.hold
+
+
+def columns_of(readings: Readings, distance: float = 0.0) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
+    """Return the readings in the columns that every arm has, in mm and rad, their units, and what is stated of them.
+
+    `distance` of a place's two sockets [mm] is among the latter; 0 where it is not known.
+    """
+    columns: dict[str, Any] = {f"q_{name}": readings.joints[:, k] for k, name in enumerate(readings.matched.joints)}
+    units = {f"q_{name}": "mm" if name in readings.sliding else "rad" for name in readings.matched.joints}
+    if readings.position is not None:
+        columns |= dict(zip("xyz", readings.position.T, strict=True))
+        units |= dict.fromkeys("xyz", "mm")
+    if readings.turns is not None:
+        columns |= dict(zip(("rx", "ry", "rz"), rpy_of(readings.turns).T, strict=True))
+        units |= dict.fromkeys(("rx", "ry", "rz"), "rad")
+    if readings.observed == "sockets":
+        first = {place: readings.socket[readings.place == place].min() for place in np.unique(readings.place)}
+        columns["socket"] = readings.socket - np.array([first[place] for place in readings.place])
+        columns["place"] = readings.place
+    columns |= dict(readings.other)
+    of_joints = {name: readings.matched.other[name] for name in readings.other}
+    units |= {name: unit for name, column in of_joints.items() if (unit := readings.table.units.get(column))}
+    if readings.hold is not None:
+        columns["split"] = np.where(readings.hold, "hold", "train")
+    stated: dict[str, Any] = {"rotation": "rpy"} if readings.turns is not None else {}
+    return columns, units, stated | ({"socket_distance_mm": distance} if distance else {})
+
+
+def read_readings(
+    table: Table, chain: Chain, observe: str = "", *, copies: bool = False, option: str = "machine."
+) -> Readings:
+    """Return the poses of `table` for `chain`; `observe` is one of `OBSERVED`, or "" for what the columns are.
+
+    Rows that equal others are left out, but with `copies`. `option` is what the user writes before tip=. Raises
+    `DataError` with the table's name, in one line.
+    """
+    try:
+        return _readings(table, chain, observe, copies, option)
+    except ValueError as error:
+        text = str(error)
+        note = getattr(error, "note", None)
+        raise DataError(text if text.startswith(table.name) else f"{table.name}: {text}", note) from None
+
+
+def _readings(table: Table, chain: Chain, observe: str, copies: bool, option: str) -> Readings:
+    given = [name for name in table.columns if table.columns[name].dtype.kind in "iufb" or name.lower() in _WORDS]
+    matched = match_columns(given, chain.driven, option, chain.source)
+    used = (*matched.joints.values(), *matched.position.values(), *matched.rotation.values())
+    turned, units, unit_notes = in_base_units(table.columns, used, table.units)
+    table = replace(
+        table, columns={**table.columns, **turned}, units={**table.units, **units}, notes=(*table.notes, *unit_notes)
+    )
+    sliding = frozenset(joint.name for joint in chain.joints if joint.kind == "sliding")
+    bases = {column: "mm" if name in sliding else "rad" for name, column in matched.joints.items()}
+    bases |= dict.fromkeys(matched.position.values(), "mm")
+    bases |= dict.fromkeys(matched.rotation.values(), "rad") if len(matched.rotation) == 3 else {}
+    for column, base in bases.items():
+        if (unit := table.units.get(column, base)) != base:
+            raise DataError(f"column {column} is in {unit}, and {base} or a like unit is needed")
+    if chain.source == "table":
+        _refuse_longer_arm(given, matched)
+    joints = np.column_stack([_numbers(table, name) for name in matched.joints.values()])
+    position, angles = (
+        np.column_stack([_numbers(table, name) for name in columns.values()]) if columns else None
+        for columns in (matched.position, matched.rotation)
+    )
+    observe = observe or (
+        "sockets" if "socket" in matched.other and not matched.position else "pose" if matched.rotation else "position"
+    )
+    if observe == "sockets":
+        position = angles = None
+        if "socket" not in matched.other:
+            raise DataError("a column socket (0, 1, ...) is needed, or a folder of places with hole_0.csv, hole_1.csv")
+    elif position is None:
+        raise DataError(
+            f"no measured x, y and z were found among {', '.join(given)} (a distance alone is not read); "
+            f"{as_columns({'x': 'NAME', 'y': 'NAME', 'z': 'NAME'})} names them, or machine.observe=sockets for a ball "
+            "in sockets"
+        )
+    elif observe == "pose" and angles is None:
+        raise DataError(
+            "no measured rotation was found: rx, ry, rz or qx, qy, qz, qw; machine.observe=position does without"
+        )
+    if observe == "position":
+        angles = None
+    notes = [*table.notes, *matched.notes]
+    values = np.column_stack([joints, *(part for part in (position, angles) if part is not None)])
+    whole = _whole_rows(table, matched, values, angles, notes)
+    if names := _beside(given, matched):
+        notes.append(Note(Code.COLUMNS_UNREAD, f"not read: {listed(names, _LISTED)}", tuple(names)))
+    if observe != "sockets" and not copies:
+        notes += without_copies(table, values, whole)
+    hold = held_back(table, matched, whole)
+    _check_count(joints, whole, hold, observe)
+    socket, place = _sockets(table, matched, observe)
+    readings = Readings(
+        observed=observe, joints=joints, position=position, angles=angles, socket=socket, place=place, hold=hold,
+        rows=np.arange(len(table), dtype=np.int64), table=table, matched=matched,
+        other={name: _numbers(table, column) for name, column in matched.other.items() if name not in _WORDS},
+        notes=tuple(notes), sliding=sliding,
+    ).where(whole)  # fmt: skip
+    _check_degrees(readings, chain)
+    if observe != "sockets":
+        _check_moves(readings.where(readings.train), chain)
+    return readings
+
+
+def _numbers(table: Table, name: str) -> Array:
+    return np.asarray(table.columns[name], dtype=float)
+
+
+def _whole_rows(table: Table, matched: Matched, values: Array, angles: Array | None, notes: list[Note]) -> Mask:
+    """Return which rows can be used, (n,): with a number in all `values`, a rotation, and the mark valid. Add notes."""
+    whole: Mask = np.asarray((np.abs(values) < _HUGE).all(axis=1))  # nor is what is no number
+    if angles is not None and angles.shape[1] == 4:
+        size = np.linalg.norm(angles, axis=1)
+        near: Mask = np.asarray(np.abs(size - 1) < _LENGTH)
+        seen = size[size > 0]  # nothing was seen where all four are 0
+        if len(seen) < len(size) / 2:
+            raise DataError(
+                f"{', '.join(matched.rotation.values())} are all 0 in {len(size) - len(seen)} of {len(size)} rows, "
+                "which is no rotation; machine.observe=position does without"
+            )
+        if near.sum() < len(seen) / 2:
+            raise DataError(
+                f"{', '.join(matched.rotation.values())}: their squares sum to "
+                f"{plain(float(np.median(seen)) ** 2, 3)}, and those of a rotation to 1: are these the columns of a "
+                "quaternion? machine.observe=position does without"
+            )
+        whole &= near
+    if "valid" in matched.other:
+        marked = valid_rows(table.columns[matched.other["valid"]])
+        if not marked.all():
+            text = f"{np.sum(~marked)} rows are marked as not valid and left out"
+            notes.append(Note(Code.ROWS_LEFT_OUT, text, values={"rows": int(np.sum(~marked))}))
+        whole &= marked
+    if not whole.all():
+        rows = tuple(table.label(int(i)) for i in np.flatnonzero(~whole))
+        text = f"{len(rows)} of {len(whole)} rows are without a value or not valid, and left out: {listed(rows, 5)}"
+        notes.append(Note(Code.ROWS_LEFT_OUT, text, rows=rows, values={"rows": len(rows)}))
+    return whole
+
+
+def _check_count(joints: Array, whole: Mask, hold: Mask | None, observe: str) -> None:
+    used = joints[whole if hold is None else whole & ~hold]
+    poses = len(used) if observe == "sockets" or not len(used) else len(np.unique(poses_of(used)))
+    if poses < _LEAST[observe]:
+        without = "" if whole.all() else f", as {int((~whole).sum())} of {len(whole)} rows are left out,"
+        without += "" if hold is None else f" beside the {int((hold & whole).sum())} that column split holds back"
+        text = (
+            f"{counted(poses, 'pose')}{without} {'is' if poses == 1 else 'are'} too few: {_LEAST[observe]} at the "
+            "least, and some 40 that differ much in every joint; bench design machine=arm plan.n=40 says which"
+        )
+        raise DataError(text, Note(Code.FEW_POSES, text, values={"poses": poses, "least": _LEAST[observe]}))
+
+
+def poses_of(joints: Array) -> Index:
+    """Return the number of each row's pose, (n,), from 0 in the order of the rows (n, j) [rad | mm].
+
+    Repeats of a pose agree with its first row within a thousandth in every joint.
+    """
+    number = np.full(len(joints), -1, dtype=np.int64)
+    near = KDTree(joints)
+    count = 0
+    for i in range(len(joints)):
+        if number[i] < 0:
+            alike = np.array(near.query_ball_point(joints[i], _ALIKE, p=np.inf))
+            number[alike[number[alike] < 0]] = count
+            count += 1
+    return number
+
+
+def _refuse_longer_arm(given: Sequence[str], matched: Matched) -> None:
+    """Refuse columns of joints that the table has no row for."""
+    names = [name for name in _beside(given, matched) if is_called_joint(name, matched.joints.values())]
+    if names:
+        rows = counted(len(matched.joints), "row")
+        raise DataError(
+            f"the table has {rows} that move{'s' if len(matched.joints) == 1 else ''} ({', '.join(matched.joints)}), "
+            f"and {listed(names, _LISTED)} {'is a joint' if len(names) == 1 else 'are joints'} beside them: add the "
+            "row, or leave the column out"
+        )
+
+
+def joints_beside(readings: Readings, chain: Chain) -> str:
+    """Return, for the end of a refusal, which columns may be of joints that the description lacks; "" for none."""
+    table, matched = readings.table, readings.matched
+    names = _beside([name for name in table.columns if table.columns[name].dtype.kind in "iuf"], matched)
+    if chain.source == "table":
+        lacks = "is read by no row: if it is a joint, its row is missing in the table"
+        return f"; column {names[0]} {lacks}" if names else ""
+    names = [name for name in names if is_called_joint(name, matched.joints.values())]
+    if not names:
+        return ""
+    return (
+        f"; {listed(names, _LISTED)} {'belongs' if len(names) == 1 else 'belong'} to no joint of the URDF that "
+        "moves by itself: take the whole arm's URDF, without <mimic> there, or a machine.tip= behind that joint"
+    )
+
+
+def _beside(given: Sequence[str], matched: Matched) -> list[str]:
+    """Return the columns of numbers that nothing reads; commanded values and scatter are none of them."""
+    used = {*matched.joints.values(), *matched.position.values(), *matched.rotation.values(), *matched.other.values()}
+    return [name for name in given if name not in used and not only_asked(name)]
+
+
+def without_copies(table: Table, values: Array, whole: Mask, what: str = "joint and reading") -> list[Note]:
+    """Leave rows out of `whole` that equal an earlier one in `values` (n, k), called `what`; return a note.
+
+    Two readings of a pose differ by noise, so equal rows are copies: a held-out copy would be among the fitted rows,
+    too.
+    """
+    rows = np.flatnonzero(whole)
+    _, first, alike = np.unique(values[rows], axis=0, return_index=True, return_inverse=True)
+    again = np.flatnonzero(first[alike.reshape(-1)] != np.arange(len(rows)))
+    if not len(again):
+        return []
+    whole[rows[again]] = False
+    pairs = [f"{table.label(int(rows[i]))} of {table.label(int(rows[first[alike.reshape(-1)[i]]]))}" for i in again]
+    text = f"{len(again)} rows are copies of others in every {what}, and left out: {listed(pairs, 4)}"
+    return [Note(Code.ROWS_COPIED, text, rows=tuple(table.label(int(rows[i])) for i in again))]
+
+
+def _sockets(table: Table, matched: Matched, observe: str) -> tuple[Index, Index]:
+    """Return the number of each row's socket among those of all places, and of its place, (n,); -1 without sockets."""
+    n = len(table)
+    if observe != "sockets":
+        return np.full(n, -1, dtype=np.int64), np.full(n, -1, dtype=np.int64)
+    socket = np.unique(table.columns[matched.other["socket"]], return_inverse=True)[1].ravel()
+    places = table.columns[matched.other["place"]] if "place" in matched.other else np.zeros(n, dtype=int)
+    _, place = np.unique(places, return_inverse=True)
+    _, both = np.unique(np.column_stack([place, socket]), axis=0, return_inverse=True)
+    return both.ravel().astype(np.int64), place.astype(np.int64)
+
+
+def held_back(table: Table, matched: Matched, whole: Mask) -> Mask | None:
+    """Return which rows the file holds back, (n,), some of the `whole` ones; None where it does not say."""
+    if "split" not in matched.other or not whole.any():
+        return None
+    held: Mask = split_rows(table.columns[matched.other["split"]]) == "hold"
+    if not held[whole].any() or held[whole].all():
+        every = "every" if held.any() and held[whole].all() else "no"
+        raise DataError(f"column split holds back {every} row; leave it out, or hold some")
+    return held
+
+
+def _check_degrees(readings: Readings, chain: Chain) -> None:
+    """Refuse joints that turn further than any joint does, and of which nothing states that they are rad."""
+    for k, name in enumerate(chain.driven):
+        largest = float(np.abs(readings.joints[:, k]).max(initial=0.0))
+        column = readings.matched.joints[name]
+        if name not in readings.sliding and largest > TURNS and column not in readings.table.units:
+            columns = columns_in_degrees(readings, chain)
+            text = (
+                f"joint {name} reaches {largest:.0f}, and no joint turns so many rad: are they degrees? "
+                f"units={','.join(f'{column}:deg' for column in columns)}"
+            )
+            raise DataError(text, Note(Code.JOINT_UNIT, text, tuple(columns), values={"unit": "deg"}))
+
+
+def _check_moves(readings: Readings, chain: Chain) -> None:
+    """Refuse poses in which so few joints move that base and target are not determined."""
+    moves = [name for k, name in enumerate(chain.driven) if np.ptp(readings.joints[:, k]) > _ALIKE]
+    if len(moves) < min(_MOVING, len(chain.driven)):
+        text = (
+            f"only {' and '.join(moves)} {'moves' if len(moves) == 1 else 'move'} in these poses, and base and target "
+            "are told by poses that differ in every joint; bench design machine=arm plan.n=40 says which"
+        )
+        raise DataError(text, Note(Code.JOINT_STILL, text))
+
+
+def columns_in_degrees(readings: Readings, chain: Chain) -> list[str]:
+    """Return the columns of joints in degrees: all rotary ones, or those beyond all turns where degrees fit."""
+    turning = [k for k, name in enumerate(chain.driven) if name not in readings.sliding]
+    beyond = [k for k in turning if np.abs(readings.joints[:, k]).max() > TURNS]
+
+    def misfit(those: list[int]) -> float:
+        joints = readings.joints.copy()
+        joints[:, those] = np.deg2rad(joints[:, those])
+        assert readings.position is not None
+        return frames_of_positions(forward(chain, nominal(chain), joints), readings.position).apart
+
+    chosen = turning if readings.position is None else min((turning, beyond), key=misfit)
+    return [readings.matched.joints[chain.driven[k]] for k in chosen]

@@ -1,0 +1,98 @@
+"""One sound file spoiled as people spoil it: `calibrate` and `discover` name the same mistake and the same cure."""
+
+import numpy as np
+import pytest
+
+import calibench
+from calibench.bench.cli import main
+from calibench.bench.measured import read_measured
+from calibench.core.notes import Code, DataError
+from calibench.discrepancy.machines.arm import Arm
+from tests.bench.arm_by_hand import NAMES, in_sockets, measured, placed, table, urdf
+
+ALL = ",".join(f"{name}:deg" for name in NAMES)
+
+
+def exchanged(q, seen):
+    return q[:, [0, 2, 1, 3, 4, 5]], seen
+
+
+def turned(q, seen):
+    return q * [1, 1, -1, 1, 1, 1], seen
+
+
+def shifted(degrees):
+    def spoil(q, seen):
+        q = q * [1, 1, 1, 0.4, 1, 1]  # inside its limits, shifted or not
+        seen = np.array([placed(row)[0] for row in q])
+        return q - np.deg2rad(degrees) * np.eye(6)[3], seen
+
+    return spoil
+
+
+SPOILT = {
+    "exchanged": (exchanged, Code.JOINTS_EXCHANGED, """columns='{"q_joint_2":"joint_3","q_joint_3":"joint_2"}'"""),
+    "turned": (turned, Code.JOINT_REVERSED, "if joint joint_3 turns the other way than in the URDF"),
+    "quarter": (shifted(90), Code.JOINT_SHIFTED, "if 90° are added to joint joint_4"),
+    "shifted": (shifted(-37), Code.JOINT_SHIFTED, "if -37° are added to joint joint_4"),
+    "degrees": (lambda q, seen: (np.rad2deg(q), seen), Code.JOINT_UNIT, f"units={ALL}"),
+    "metres": (lambda q, seen: (q, seen / 1000), Code.POSITION_UNIT, "units=x:m,y:m,z:m"),
+    "below": (lambda q, seen: (q, np.roll(seen, 1, axis=0)), Code.ROWS_OUT_OF_STEP, "stand in the row below"),
+    "above": (lambda q, seen: (q, np.roll(seen, -1, axis=0)), Code.ROWS_OUT_OF_STEP, "stand in the row above"),
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("spoilt")
+    (made / "my.urdf").write_text(urdf())
+    q, seen, _ = measured(60)
+    for name, (spoil, _, _) in SPOILT.items():
+        (made / f"{name}.csv").write_text(table(*spoil(q, seen)))
+    return made
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_both_verbs_name_one_mistake_with_one_cure(folder, name, monkeypatch, capsys):
+    _, code, cure = SPOILT[name]
+    monkeypatch.chdir(folder)
+    lines = []
+    for words in (["calibrate", "urdf=my.urdf", "page=false"], ["discover", "machine=arm", "machine.urdf=my.urdf"]):
+        with pytest.raises(SystemExit) as ended:
+            main([*words, f"data={name}.csv"])
+        assert ended.value.code == 2
+        lines.append(capsys.readouterr().err)
+    assert lines[0] == lines[1]
+    assert cure in lines[0]
+    assert lines[0].count("\n") == 1
+    data = read_measured(folder / f"{name}.csv", "arm")
+    for refuse in (lambda: calibench.calibrate("my.urdf", data.columns), lambda: Arm("my.urdf").formulate(data)):
+        with pytest.raises(DataError) as refused:
+            refuse()
+        assert refused.value.note.code is code
+        assert cure in refused.value.note.text
+
+
+def test_what_is_no_mistake_that_is_known_is_told_as_another_arm(folder):
+    q, seen, _ = measured(60)
+    mixed = np.random.default_rng(0).permutation(q)
+    with pytest.raises(DataError, match=r"is this the URDF of the arm, machine\.tip= the right arm of it") as refused:
+        calibench.calibrate(folder / "my.urdf", np.column_stack([mixed, seen]), names=[*NAMES, *"xyz"])
+    assert refused.value.note.code is Code.OTHER_ARM
+
+
+def test_a_ball_in_sockets_tells_the_same_mistakes(folder, tmp_path):
+    in_sockets(tmp_path / "plate", places=3, postures=12)
+    rows = [
+        (place, socket, *row)
+        for place in range(3)
+        for socket in range(2)
+        for row in np.loadtxt(tmp_path / "plate" / f"place_{place}" / f"hole_{socket}.csv", delimiter=",")
+    ]
+    place, socket, *q = np.array(rows).T
+    columns = {"place": place, "socket": socket, **dict(zip(NAMES, q, strict=True))}
+    for name, code in (("joint_3", Code.JOINT_REVERSED), ("joint_5", Code.JOINT_REVERSED)):
+        with pytest.raises(DataError, match="mm away from its sockets") as refused:
+            calibench.calibrate(folder / "my.urdf", {**columns, name: -columns[name]}, distance=50)
+        assert refused.value.note.code is code
+        assert refused.value.note.values == {"joint": name}
