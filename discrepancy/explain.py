@@ -11,7 +11,7 @@ import numpy as np
 
 from calibench.core.notes import Code, Note
 from calibench.core.process import one_thread
-from calibench.discrepancy.checks.validate import listening, refuse_unused, validated
+from calibench.discrepancy.checks.validate import listen, refuse_unused, validate
 from calibench.discrepancy.diagnostics.noise import (
     law_at,
     learned_beside,
@@ -43,7 +43,6 @@ from calibench.discrepancy.report import (
     Gap,
     Invisible,
     Left,
-    Nearest,
     OtherNoise,
     ParameterChange,
     Place,
@@ -53,8 +52,8 @@ from calibench.discrepancy.report import (
 )
 from calibench.discrepancy.search.finding import parted_by
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
-from calibench.discrepancy.search.smoother import NEAR, nearest_of, shortest_of, smoothed, unnamed_of
-from calibench.discrepancy.search.stepwise import Selection, judged, select_stepwise, with_alternatives
+from calibench.discrepancy.search.smoother import NEAR, fit_smooth, nearest_of, shortest_of, unnamed_of
+from calibench.discrepancy.search.stepwise import Selection, judge, select_stepwise, with_alternatives
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, using
 from calibench.discrepancy.thresholds import thresholds as current_thresholds
 from calibench.discrepancy.validation import gap_of
@@ -88,8 +87,8 @@ def explain(
 
 def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) -> Report:
     began, rng = time.process_time(), np.random.default_rng(seed)
-    data, asked = listening(data)
-    whole = validated(machine, data, _in_order)
+    data, asked = listen(data)
+    whole = validate(machine, data, _in_order)
     train, hold = _parts(whole.data)
     # fit: the machine without effects, under the noise that repeats show
     plain, lacking, notes_of_fit = _calibrated(whole.on(whole.data.rows(train)))
@@ -107,7 +106,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         base, known.candidates, terms, suspects, notes_of_noise, rng, level
     )
     selection = replace(selection, sets=with_alternatives(selection.sets, base, known.alternatives))
-    verdict, findings, selection = judged(selection, base, terms, suspects, level)
+    verdict, findings, selection = judge(selection, base, terms, suspects, level)
     # validate: on rows that were not fitted; names that help nothing there are none
     final = base if verdict == "none" else _smooth(base, terms) if verdict == "unknown" else selection.fit
     unseen = _unseen(base, whole.data.rows(hold)) if hold.any() else None
@@ -151,8 +150,20 @@ def _report(search: Search, whole: Formulation, known: Catalogue) -> Report:
     named: dict[str, Any] = {"where": _where(first) if search.verdict != "none" else ()}
     if search.verdict == "unknown":
         nearest = nearest_of(first)
-        parted = _parted_by(search.selection, nearest, machine)
+        # the other kinds of readings that would part what was found, and the nearest formula, from their twins
+        found = search.selection
+        sets = [[o.effect for o in own] for own in found.sets]
+        if nearest is not None and nearest.share >= NEAR:
+            sets.append([o.effect for o in best_of_each(found.first.names, found.first.on)[:1]])
+        parted = tuple(dict.fromkeys(kind for own in sets if (kind := parted_by(own, machine))))
         named |= {"unnamed": unnamed_of(search.final), "nearest": nearest, "parted_by": parted}
+    # the standard deviation of each kind of reading, the median over the rows, alike to three digits
+    formulation = search.final.model.formulation
+    kinds: dict[tuple[str, str], tuple[float, list[str]]] = {}
+    for sensor in formulation.sensors:
+        unit = sensor.unit or quantity_of(formulation.data.machine, sensor.column).unit
+        size = float(np.median(formulation.sigma[sensor.column]))
+        kinds.setdefault((f"{size:.3g}", unit), (size, []))[1].append(sensor.column)
     return Report(
         case=whole.data.name,
         machine=machine,
@@ -163,7 +174,7 @@ def _report(search: Search, whole: Formulation, known: Catalogue) -> Report:
         invisible=invisible,
         p=search.selection.p,
         shortest=shortest_of(known.candidates),
-        reading_noise=_reading_noise(search.final.model.formulation),
+        reading_noise=tuple(ReadingNoise(tuple(columns), size, unit) for (_, unit), (size, columns) in kinds.items()),
         words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine, n).label},
         candidates=table,
         **named,
@@ -171,23 +182,13 @@ def _report(search: Search, whole: Formulation, known: Catalogue) -> Report:
 
 
 def _smooth(base: Fit, terms: Sequence[SmoothTerm]) -> Fit:
-    return smoothed(base, (*terms, *joint_terms(base)))
+    return fit_smooth(base, (*terms, *joint_terms(base)))
 
 
 def _unseen(base: Fit, hold: MeasuredData) -> Formulation:
     """Return the formulation over rows that were not fitted, with the columns of the smooth terms."""
     unseen = base.model.formulation.on(hold)
     return unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
-
-
-def _reading_noise(formulation: Formulation) -> tuple[ReadingNoise, ...]:
-    """Return the standard deviation of each kind of reading, the median over the rows, alike to three digits."""
-    kinds: dict[tuple[str, str], tuple[float, list[str]]] = {}
-    for sensor in formulation.sensors:
-        unit = sensor.unit or quantity_of(formulation.data.machine, sensor.column).unit
-        size = float(np.median(formulation.sigma[sensor.column]))
-        kinds.setdefault((f"{size:.3g}", unit), (size, []))[1].append(sensor.column)
-    return tuple(ReadingNoise(tuple(columns), size, unit) for (_, unit), (size, columns) in kinds.items())
 
 
 def _calibrated(formulation: Formulation) -> tuple[Fit, tuple[Undetermined, ...], tuple[Note, ...]]:
@@ -220,7 +221,7 @@ def _selected(
         base = fit(model, noise, base.x)
         found = select_stepwise(base, candidates, terms, rng, level)
     for _ in range(_LEARNED if unknown_noise_of(base.model.formulation) else 0):
-        verdict, _, standing = judged(found, base, terms, suspects, level)
+        verdict, _, standing = judge(found, base, terms, suspects, level)
         if verdict == "unknown" or not found.sets or found.fit.exact:
             break
         formulation, noise, notes_now = learned_beside(standing.fit, suspects)
@@ -316,14 +317,6 @@ def _carried_by_nothing(findings: Sequence[Finding], gap: Gap) -> bool:
     return unsure and bool(gap.held_out_after >= gap.held_out_before)
 
 
-def _parted_by(found: Selection, nearest: Nearest | None, machine: str) -> tuple[str, ...]:
-    """Return the other kinds of readings that would part what was found, and the nearest formula, from their twins."""
-    sets = [[o.effect for o in own] for own in found.sets]
-    if nearest is not None and nearest.share >= NEAR:
-        sets.append([o.effect for o in best_of_each(found.first.names, found.first.on)[:1]])
-    return tuple(dict.fromkeys(kind for own in sets if (kind := parted_by(own, machine))))
-
-
 def _at_other_noise(
     base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm], suspects: Sequence[NoiseFinding],
     left: Left | None, seed: int, level: float,
@@ -333,7 +326,7 @@ def _at_other_noise(
     for factor in _OTHERS:
         at = replace(base, noise=replace(base.noise, scale=factor * base.noise.scale))
         found = select_stepwise(at, candidates, terms, np.random.default_rng(seed), level)
-        verdict, findings, _ = judged(found, at, terms, suspects, level)
+        verdict, findings, _ = judge(found, at, terms, suspects, level)
         others.append(OtherNoise(factor, _short_of(verdict, left, factor), tuple(f.effect for f in findings)))
     return tuple(others)
 
@@ -363,14 +356,14 @@ def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candid
     )
     table = tuple(
         Candidate(
-            s.name,
-            s.effect.family,
-            s.effect.target,
-            delta_bic(s, tests.on),
-            s.p,
-            seen[s.name],
-            s.detectable(len(best)),
-            s.effect.unit,
+            effect=s.name,
+            family=s.effect.family,
+            target=s.effect.target,
+            gain=delta_bic(s, tests.on),
+            p=s.p,
+            visible_fraction=seen[s.name],
+            minimum_detectable=s.detectable(len(best)),
+            unit=s.effect.unit,
         )
         for s in best
     )

@@ -1,10 +1,7 @@
-"""Validation: residuals before and after, on fitted rows and on held-out poses, relative to the noise floor.
+"""Validation: the error before and after, on fitted rows and on held-out poses, relative to the noise floor.
 
-The gap before and after, on the fitted rows and on held-out poses, relative to the noise floor there.
-
-On unseen rows noise has two parts: that of the readings, and that of the calibrated parameters.
-
-The gap on held-out poses: rms of the whitened constraints relative to the noise floor.
+The error is the rms of the whitened constraints. On unseen rows noise has two parts: that of the readings, and that of
+the calibrated parameters. Where nothing is held out, each fold is predicted by a calibration of the others.
 """
 
 from __future__ import annotations
@@ -59,7 +56,14 @@ def gap_of(
     train = root(before) * free[0], root(after) * free[1]
     if hold is None:
         return _crossed(base, final, train, suspects, rng)
-    hold = _surely_placed(hold, final)
+    # the unseen rows without those between the fitted readings around a step, whose side is unknown
+    sure = np.ones(len(hold.data), dtype=bool)
+    for effect in final.model.effects:
+        if isinstance(effect, ChangePoint):
+            t, fitted = hold.data[effect.clock], final.model.formulation.data[effect.clock]
+            last, first = fitted[fitted < effect.at].max(), fitted[fitted >= effect.at].min()
+            sure &= (t <= last) | (t >= first)
+    hold = hold.on(hold.data.rows(sure)) if sure.any() and not sure.all() else hold
     unseen = predicted(base.model, base.x, hold.data, Noise())
     law = _law(final, hold, suspects)
     left = predicted(final.model, final.x, hold.data, law)
@@ -67,17 +71,6 @@ def gap_of(
     seen = held_out(unseen, left, hold.data, rng, spread)
     gap = Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
     return gap, _lone(unseen, left, hold)
-
-
-def _surely_placed(hold: Formulation, final: Fit) -> Formulation:
-    """Return the unseen rows without those between the fitted readings around a step, whose side is unknown."""
-    sure = np.ones(len(hold.data), dtype=bool)
-    for effect in final.model.effects:
-        if isinstance(effect, ChangePoint):
-            t, fitted = hold.data[effect.clock], final.model.formulation.data[effect.clock]
-            last, first = fitted[fitted < effect.at].max(), fitted[fitted >= effect.at].min()
-            sure &= (t <= last) | (t >= first)
-    return hold.on(hold.data.rows(sure)) if sure.any() and not sure.all() else hold
 
 
 def _crossed(

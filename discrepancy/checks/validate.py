@@ -1,19 +1,12 @@
-"""`validated` is the only way from measured data to a formulation that is searched.
+"""The only way from measured data to a formulation that is searched: `validate`.
 
-Refuse an object that is not a machine, in one line, before any method of it is called.
+First the table itself, whatever the machine: valid, split, poses and visits, time. Then what the machine makes of it:
+copies, wild readings, and a cell far from all others of its column (a code for "no value", a lost comma). A wild
+reading is seen by its misfit; that is not possible for a column that only an effect may depend on, nor for an angle,
+whose sine is never large, so such a cell is found by its distance relative to the range of the others.
 
-Refuse statements about the data that nothing reads: the user wanted to change something, and nothing changed.
-
-A machine that declares which keys may be stated gives the list. For any other machine the keys that its code and its
-effects look up are recorded.
-
-A cell far from all others of its column: a code for "no value", a lost comma, a sensor that failed.
-
-A wild reading is seen by its misfit in the model. That is not possible for a column that only an effect may depend on,
-nor for an angle, because its sine is never large. Such a cell is found by its distance from the other cells of its
-column, relative to the range of these.
-
-Checks of any table of readings, whatever the machine: valid, split, poses and visits, time.
+Refused in one line: an object that is no machine, and a statement that nothing reads, because its user wanted to change
+something and nothing changed. A machine declares its statements, or what its code looks up is recorded.
 """
 
 from __future__ import annotations
@@ -34,7 +27,7 @@ from calibench.discrepancy.checks.copies import copied_rows
 from calibench.discrepancy.checks.wild import formulated, refuse_wild, without_wild, without_wild_rows
 from calibench.discrepancy.model.formulations import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured import DataError, MeasuredData, told_visits, with_split
+from calibench.discrepancy.model.measured import DataError, MeasuredData, number_visits, with_split
 from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.registries import description_of, descriptions
 
@@ -54,7 +47,7 @@ def _as_they_are(data: MeasuredData) -> MeasuredData:
     return data
 
 
-def validated(
+def validate(
     machine: Machine, data: MeasuredData, ordered: Callable[[MeasuredData], MeasuredData] = _as_they_are
 ) -> Formulation:
     """Return the formulation of `data` after all checks.
@@ -64,7 +57,7 @@ def validated(
     to do.
     """
     refuse_no_machine(machine)
-    rows, data = file_rows(data), entered(data)
+    rows, data = np.flatnonzero(_marked(data)) + 1, entered(data)
     formulation = formulated(machine, ordered(data))
     copies, note = copied_rows(data, rows, formulation)
     if copies.any():
@@ -174,7 +167,7 @@ class Asked(dict[str, Any]):
         return super().__iter__()
 
 
-def listening(data: MeasuredData) -> tuple[MeasuredData, Asked]:
+def listen(data: MeasuredData) -> tuple[MeasuredData, Asked]:
     """Return the data with metadata that record what is read of them, and these metadata."""
     asked = Asked(data.metadata)
     return replace(data, metadata=asked), asked
@@ -262,12 +255,7 @@ def entered(data: MeasuredData) -> MeasuredData:
     if not len(data):
         raise DataError(f"{data.name}: there are no readings; a row for each is needed")
     data = _timed(_only_valid(data))
-    return _with_visits(told_visits(with_split(data)))
-
-
-def file_rows(data: MeasuredData) -> NDArray[np.intp]:
-    """Return the number in the file, from 1, of each row that `entered` keeps, (m,)."""
-    return np.flatnonzero(_marked(data)) + 1
+    return _with_visits(number_visits(with_split(data)))
 
 
 def _marked(data: MeasuredData) -> NDArray[np.bool_]:

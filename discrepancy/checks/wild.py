@@ -1,16 +1,13 @@
 """Numbers far from what the model can give: metres for millimetres, degrees for radians, a sign, a zero far off.
 
 At the start values the constraints are compared with those of shuffled readings, which fit no machine. Where the model
-is hardly nearer to the readings than to shuffled ones, but much nearer after one factor or one shift, the message tells
+is hardly nearer to the readings than to shuffled ones, but much nearer after one factor or one shift, the message names
 that factor or shift. Where none helps, the start is poor or the model is wrong: the fit may still succeed. Rows of
 different kinds, such as heights and distances, are compared and shuffled separately.
 
-Readings that no calibration can explain (a lost target, a pose that was not reached) are left out, with a note.
-
-The machine is fitted with a smaller weight for readings that lie far out. Then a row is wild if what is left of it, in
-any constraint, is `_FAR_OUT` times the middle one. Many of them are no accidents, and all are kept.
-`isolated` rows stand alone: what is left of any other is less than half, and no repeat says the same. Few times the
-middle one is enough then, because the middle one contains the effects that are looked for.
+Readings that no calibration can explain (a lost target, a pose that was not reached) are left out, with a note: after a
+fit with smaller weights for readings far out, a row is wild if what is left of it is `_FAR_OUT` times the middle one.
+Many of them are no accidents, and all are kept. `isolated` rows stand alone, so few times the middle one is enough.
 """
 
 from __future__ import annotations
@@ -74,7 +71,7 @@ def without_wild(formulation: Formulation, machine: str = "machine", isolated: b
     left_out = f"{count} wild readings are left out ({data.rows_named(wild)})" if many else "1 wild reading is left out"
     text = (
         f"{left_out}, more than {how} as far from the calibrated {machine} as {others}: "
-        f"{'the worst is ' if many else ''}{at}, {_told(formulation, left, size, worst)}"
+        f"{'the worst is ' if many else ''}{at}, {_row_in_words(formulation, left, size, worst)}"
     )
     return data.rows(~wild).with_note(Code.ROWS_WILD, text, rows=data.labels(wild))
 
@@ -117,7 +114,7 @@ def _noise_and_parts(model: Model) -> tuple[Array, Array]:
     return np.maximum(noise, np.finfo(float).eps * np.maximum(parts, 1e-300)), parts
 
 
-def _told(formulation: Formulation, left: Array, size: Array, row: int) -> str:
+def _row_in_words(formulation: Formulation, left: Array, size: Array, row: int) -> str:
     """Return what a row reads: what was measured and how far off it is, or the columns of a closure."""
     data, k = formulation.data, int(np.argmax(size[row]))
     if isinstance(formulation, Predicted):

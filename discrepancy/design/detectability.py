@@ -127,22 +127,29 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
         least = float(np.median([r.least(candidates) for r in shown]))
         fraction = float(np.median([r.fraction for r in shown]))
         found.append(
-            Detectability(name, effect.family, effect.target, effect.unit, fraction, least if name in seen else np.inf,
-                  number.get(name, -1))
-        )  # fmt: skip
+            Detectability(
+                effect=name,
+                family=effect.family,
+                target=effect.target,
+                unit=effect.unit,
+                visible_fraction=fraction,
+                minimum_detectable=least if name in seen else np.inf,
+                group=number.get(name, -1),
+            )
+        )
     used = formulation.data
     return Design(
-        used.name,
-        len(used),
-        view.rows,
-        size,
-        threshold,
-        tuple(found),
-        classes,
-        tuple(seen),
-        sines,
-        known.untestable,
-        used.notes,
+        name=used.name,
+        readings=len(used),
+        constraints=view.rows,
+        size=size,
+        threshold=threshold,
+        candidates=tuple(found),
+        classes=classes,
+        visible=tuple(seen),
+        sines=sines,
+        not_testable=known.untestable,
+        notes=used.notes,
     )
 
 

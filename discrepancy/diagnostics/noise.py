@@ -1,31 +1,16 @@
-"""Test the stated noise: coarse steps or outlying readings of one sensor, heavy tails of all.
-
-Coarse steps are found from the recorded values. Outlying readings and heavy tails must show between back-to-back
-repeats, because there no missing effect can look like them: most differences are as small as stated, some are far
-larger. Heavy tails within the stated standard deviation (a t law of that variance) are not reported.
-
-The noise at a fit: as stated, as repeats of readings correct it, or learned from what the fit leaves.
+"""The noise of a search: as stated, as repeats of readings correct it, or learned from what a fit leaves.
 
 `sound_fit` corrects the stated noise where repeats contradict that of some sensors, `noise_at` returns the law that all
-repeats show, and `learned_beside` learns noise that nobody states from what found effects leave.
+repeats show, and `learned_beside` learns noise that nobody states from what found effects leave. One scale for all
+sensors cannot correct a wrong statement of one kind, so each kind's scale is found by maximum likelihood from the
+differences of back-to-back readings, in which a missing effect cancels; the law is a t law, so that single bad readings
+do not decide. Coarse steps are found from the recorded values. Outlying readings and heavy tails must show between
+repeats, where no missing effect looks like them.
 
-Estimate from repeated readings whether the stated noise of one kind of sensor is wrong by a factor.
-
-One scale for all sensors, as `repeats` estimates it, cannot correct that, because the constraints would still have the
-wrong weights. The scale of each kind's noise is found by maximum likelihood from differences of the constraints between
-back-to-back readings: a missing effect cancels in these. The law is a t law, so that single bad readings do not decide.
-
-What is "measured" comes in levels, and the inputs scatter: the noise is on the other side of the prediction.
-
-A robot that was sent to a grid of places, and a camera that saw it there: the places are exact, and the camera errs.
-With the places as what is measured, the error of an input is told as a function of that input, within each level a line
-with slope -1: a saw-tooth, which waves explain to the last digit. Predicted the other way round, it is noise.
-
-One reading that makes nearly all of what a calibrated model leaves: a wild one, or the only one of its kind.
-
-Least squares bends the model towards it, so all others are off as well, and no test shows what is wrong. Left out, it
-shows: the sum of squares falls by r' (I - H)^-1 r over its residuals r, with H its block of the projection on the
-columns of the parameters (Cook and Weisberg, Residuals and Influence in Regression, 1982, ch. 2).
+Two traps are looked for. What is "measured" may come in exact levels, as commanded places do, while the inputs scatter:
+then the error of an input is a saw-tooth over that input, which waves explain to the last digit. And one reading may
+make nearly all of what is left: least squares bends the model towards it, and without it the sum of squares falls by
+r' (I - H)^-1 r (Cook and Weisberg, Residuals and Influence in Regression, 1982, ch. 2).
 """
 
 from __future__ import annotations
@@ -91,15 +76,6 @@ _NOTHING, _FAR_LESS = 1e-4, 0.5  # times the stated noise: less than the first h
 _CHANCE = 1e-6  # that readings of the stated noise leave so little
 _SCALES = 0.7, 1.05  # between which noise is as stated
 _QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the quartiles of n Gaussian values
-
-
-def coarse_sensors(at: Fit) -> tuple[NoiseFinding, ...]:
-    """Return the sensors whose values have steps coarse enough to matter, for a fit under the stated noise."""
-    r, signatures = whitened(at)
-    formulation = at.model.formulation
-    sensors = blamable(formulation.sensors)
-    found = [quantisation_of(formulation, sensor, r, signatures[sensor.column]) for sensor in sensors]
-    return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > thresholds().step_gain)
 
 
 def less_than_stated(at: Fit) -> float | None:
@@ -260,7 +236,12 @@ def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[Note, ..
     added, notes = sensor_scales(plain)
     if added:
         at = fit(plain.model, Noise(extra=added), plain.x)
-    suspects = coarse_sensors(at)
+    # the sensors whose values have steps coarse enough to matter, for a fit under the stated noise
+    r, signatures = whitened(at)
+    formulation = at.model.formulation
+    sensors = blamable(formulation.sensors)
+    found = [quantisation_of(formulation, sensor, r, signatures[sensor.column]) for sensor in sensors]
+    suspects = tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > thresholds().step_gain)
     if suspects:
         at = fit(plain.model, Noise(extra=_sum(added, *(s.extra for s in suspects))), plain.x)
     outside = outlying(at)

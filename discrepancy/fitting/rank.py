@@ -115,7 +115,9 @@ def determined(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, 
     Raises `DataError` where the data leave no equation to check the machine with.
     """
     lacking = undetermined(plain)
-    rank, equations = len(formulation.parameters) - len(lacking), equations_of(plain)
+    rank = len(formulation.parameters) - len(lacking)
+    # of each row as many as its noise changes independently
+    equations = int(np.sum(np.linalg.matrix_rank(plain.at.reading_slopes * plain.at.sigma[:, None, :])))
     if equations <= rank:
         n = len(formulation.data)
         rows = f"{n} row{'s' if n > 1 else ''}"
@@ -162,16 +164,6 @@ def _inside(at: Fit, width: Array) -> bool:
     return all(p.lower - w <= value <= p.upper + w for p, value, w in zip(known, x.tolist(), width.tolist()))
 
 
-def equations_of(at: Fit) -> int:
-    """Return how many equations the readings give: for each row, the number that its noise changes independently."""
-    return int(np.sum(np.linalg.matrix_rank(at.at.reading_slopes * at.at.sigma[:, None, :])))
-
-
-def without_error(lacking: tuple[Undetermined, ...]) -> frozenset[str]:
-    """Return the parameters that have no standard deviation."""
-    return frozenset(name for u in lacking for name in (u.name, *u.others))
-
-
 def nominal_of(formulation: Formulation, lacking: tuple[Undetermined, ...]) -> dict[str, float]:
     """Return the values at which parameters are held."""
     return {u.name: float(formulation.fixed[u.name]) for u in lacking}
@@ -181,5 +173,5 @@ def spread(at: Fit, lacking: tuple[Undetermined, ...]) -> Array:
     """Return the standard deviations of a fit's free parameters, (p,); NaN where only a combination is determined."""
     names = [p.name for p in at.model.formulation.parameters]
     sd = np.sqrt(np.diag(at.covariance()))[: len(names)]
-    sd[np.isin(names, list(without_error(lacking)))] = np.nan
+    sd[np.isin(names, [name for u in lacking for name in (u.name, *u.others)])] = np.nan
     return sd

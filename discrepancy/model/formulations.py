@@ -44,7 +44,7 @@ from calibench.core.notes import Code, Note, once
 from calibench.core.options import suggest
 from calibench.discrepancy.model.learned_noise import learned_noise, noise_left, relearned
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities, complex_step_slopes
-from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete, told_visits, without_gaps
+from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete, number_visits, without_gaps
 from calibench.discrepancy.model.roles import (
     Roles,
     columns_of,
@@ -642,7 +642,7 @@ def _identified(data: MeasuredData) -> MeasuredData:
         data = data.with_columns({"visit_id": own})
     if "pose_id" not in data:
         data = data.with_columns({"pose_id": data["visit_id"]})
-    return told_visits(data) if len(data) else data
+    return number_visits(data) if len(data) else data
 
 
 _ROWS = 5

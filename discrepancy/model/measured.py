@@ -218,7 +218,7 @@ def complete(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Senso
     data = _in_their_units(data, numbers, sensors)
     missing = {name: _without_number(data[name]) for name in numbers}
     out = _refuse_empty(data, missing, dict.fromkeys(missing, len(data)))
-    data = _told_turns(_told_still(data, columns), columns, sensors) if len(data) > 2 else data
+    data = _note_turns(_note_still(data, columns), columns, sensors) if len(data) > 2 else data
     return _without(data, out, missing)
 
 
@@ -321,7 +321,7 @@ def _gaps_of(gaps: NDArray[np.bool_]) -> str:
     return f"holds no finite number in {int(gaps.sum())} of {len(gaps)} rows"
 
 
-def told_gaps(column: NDArray[Any]) -> str:
+def gaps_in_words(column: NDArray[Any]) -> str:
     """Return why no error can depend on a column that lacks numbers; "" where an error can."""
     if column.dtype.kind not in "iufb":
         return "holds words: numbers are needed"
@@ -359,7 +359,7 @@ def _in_their_units(data: MeasuredData, numbers: dict[str, Array], sensors: Sequ
     return replace(data, units=units)
 
 
-def _told_still(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
+def _note_still(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
     for name in columns:
         if np.ptp(data[name]) == 0:
             text = f"column {name} never varies: is it read at all? No effect that follows it can be told"
@@ -367,7 +367,7 @@ def _told_still(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
     return data
 
 
-def _told_turns(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Sensor]) -> MeasuredData:
+def _note_turns(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Sensor]) -> MeasuredData:
     """Return the data with a note where an angle jumps by whole turns, which a model without turns does not follow."""
     radians = {s.column for s in sensors if s.unit == "rad"} | {n for n, unit in data.units.items() if unit == "rad"}
     for name in columns:
@@ -394,7 +394,7 @@ def positive(data: MeasuredData, key: str, value: Any) -> float:
     number = _float_of(value)
     if not _SMALLEST <= number <= _LARGEST:
         rule = f"a positive number is needed, from {_SMALLEST:g} to {_LARGEST:g}"
-        raise DataError(f"{data.name}: metadata {key}={_told(value)}: {rule}")
+        raise DataError(f"{data.name}: metadata {key}={_in_words(value)}: {rule}")
     return number
 
 
@@ -403,7 +403,7 @@ def finite(data: MeasuredData, key: str, value: Any, unit: str = "mm, rad") -> f
     number = _float_of(value)
     if not abs(number) <= _FARTHEST:
         rule = f"at most {_FARTHEST:g} can be meant" if isfinite(number) else "a finite number is needed"
-        raise DataError(f"{data.name}: metadata gives {key}={_told(value)}: {rule} [{unit}]")
+        raise DataError(f"{data.name}: metadata gives {key}={_in_words(value)}: {rule} [{unit}]")
     return number
 
 
@@ -420,7 +420,7 @@ def nominal_numbers(data: MeasuredData, known: tuple[str, ...]) -> dict[str, flo
     return {name: finite(data, name, value) for name, value in stated.items()}
 
 
-def _told(value: Any) -> str:
+def _in_words(value: Any) -> str:
     return repr(shown(value)) if isinstance(value, str) else shown(value)
 
 
@@ -434,7 +434,7 @@ def _float_of(value: Any) -> float:
         return nan
 
 
-def told_visits(data: MeasuredData) -> MeasuredData:
+def number_visits(data: MeasuredData) -> MeasuredData:
     """Return the data with poses and visits numbered through.
 
     Files may number the visits of each pose from the start, or not number some rows. A visit ends where another pose

@@ -50,8 +50,15 @@ def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, signatur
     n = len(r)
     _, low, high = step_size(formulation.data[name], step) if step else (0.0, 0.0, 0.0)
     return NoiseFinding(
-        "quantisation", sensor.part, step, sensor.unit, gain, np.ones(n), {name: np.full(n, extra)}, (low, high)
-    )  # fmt: skip
+        family="quantisation",
+        target=sensor.part,
+        amplitude=step,
+        unit=sensor.unit,
+        gain=gain,
+        weights=np.ones(n),
+        extra={name: np.full(n, extra)},
+        ci95=(low, high),
+    )
 
 
 def _off_lattice(values: Array, step: float) -> float:
@@ -84,9 +91,15 @@ def outliers_of(formulation: Formulation, sensor: Sensor, r: Array, signature: A
             unit = deviation
     value, low, high = (unit * end for end in size)
     return NoiseFinding(
-        "outlier", sensor.part, value, sensor.unit, gain, seen.weights,
-        {name: seen.weights * (tau * stated) ** 2}, (low, high),
-    )  # fmt: skip
+        family="outlier",
+        target=sensor.part,
+        amplitude=value,
+        unit=sensor.unit,
+        gain=gain,
+        weights=seen.weights,
+        extra={name: seen.weights * (tau * stated) ** 2},
+        ci95=(low, high),
+    )
 
 
 def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
@@ -95,7 +108,16 @@ def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
     seen = mixture((r**2).sum(axis=1), np.ones(n), degrees=c)
     value, low, high = kurtosis_size(r)
     extra = {name: seen.weights * (seen.tau * _sigma(formulation, name)) ** 2 for name in formulation.readings}
-    return NoiseFinding("heavy_tails", "all", value, "1", seen.gain, seen.weights, extra, (low, high))
+    return NoiseFinding(
+        family="heavy_tails",
+        target="all",
+        amplitude=value,
+        unit="1",
+        gain=seen.gain,
+        weights=seen.weights,
+        extra=extra,
+        ci95=(low, high),
+    )
 
 
 def _along(r: Array, s: Array) -> tuple[Array, Array]:

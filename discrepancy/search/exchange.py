@@ -61,10 +61,10 @@ def beside(
     if len(picked.sets) >= thresholds().exchanged_at_once:
         close = near(found)
         return Picked(close[0].fit, (*picked.sets, close))
-    return exchanged([*picked.effects, found[0].effect], found, base, candidates, kept)
+    return exchange([*picked.effects, found[0].effect], found, base, candidates, kept)
 
 
-def exchanged(
+def exchange(
     picks: Sequence[Effect], found: Sequence[Option], base: Fit, candidates: Sequence[Effect],
     kept: Kept = NOTHING, rounds: int = 3,
 ) -> Picked:  # fmt: skip
@@ -124,7 +124,7 @@ def settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept 
         return picked
     effects = other or picked.effects
     while True:
-        after = exchanged(effects, (), base, candidates, kept, rounds=2)
+        after = exchange(effects, (), base, candidates, kept, rounds=2)
         worst = min((s for s in after.sets if s[0].name not in kept), key=lambda s: s[0].gain, default=after.sets[0])
         if worst[0].gain >= thresholds().further_gain or len(after.sets) < 3:
             return after
@@ -184,7 +184,7 @@ def _in_place_of_one(picked: Picked, base: Fit, candidates: Sequence[Effect], ke
     least = one.gain + t.further_gain + t.formula_error * energy_of(one)
     if gain <= least:
         return picked
-    after = exchanged([s.effect for s, _ in pair], (), base, candidates, kept, rounds=2)
+    after = exchange([s.effect for s, _ in pair], (), base, candidates, kept, rounds=2)
     score = after.fit.converged and after.fit.degrees > t.few_degrees
     if len({own[0].name for own in after.sets} - {one.name}) < 2 or not score:
         return picked

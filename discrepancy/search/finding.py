@@ -1,11 +1,9 @@
-"""The report of one pick: its amplitude with an interval, and its rivals with their weights.
+"""The report of one pick: its amplitude with an interval, its rivals with their weights, and what would separate them.
 
-Which effects no pose can tell apart: beside calibration they have the same signature at all positions of the joints.
-
-Poses are drawn at random: each joint anywhere in the range of its readings, independently of the others, and from
-either side; the instruments read what the model predicts there. Where one effect is, up to rounding, a combination of
-the other one and of calibration's own parameters in all of these poses, more poses do not help. Example: the scale of
-the only joint that slides, and the scale of the tracker; the calibrated lengths absorb the difference.
+More poses do not separate effects that have the same signature, beside calibration, at all positions of the joints. So
+poses are drawn at random: each joint anywhere in the range of its readings, independently of the others, and from
+either side; the instruments read what the model predicts there. Example: the scale of the only joint that slides, and
+the scale of the tracker; the calibrated lengths absorb the difference.
 """
 
 from __future__ import annotations
@@ -68,14 +66,14 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     amplitude = Amplitude(effect.amplitude(nearest), effect.unit, interval)
     visible = found.noise.size_of(best.gain, len(found.r))
     return Finding(
-        best.name,
-        effect.family,
-        effect.target,
-        amplitude,
-        best.gain,
-        rivals,
-        _separated_by([o for o in options if o.name in weights], found),
-        visible,
+        effect=best.name,
+        family=effect.family,
+        target=effect.target,
+        amplitude=amplitude,
+        gain=best.gain,
+        set=rivals,
+        separated_by=_separated_by([o for o in options if o.name in weights], found),
+        visible=visible,
         coefficients=_coefficients(effect, nearest, np.sqrt(np.diag(spread))),
         period=effect.period(nearest) if isinstance(effect, OfFreePeriod) else _period_of(effect, found),
     )
@@ -136,7 +134,7 @@ def _period_of(effect: Effect, found: Fit) -> float:
     return float(period)
 
 
-def doubted(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Finding, ...]:
+def with_cautions(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Finding, ...]:
     """Return findings, the largest first, with a caution where one may only be the error of another one's formula.
 
     No formula is exact physics. If it is off by a tenth, a hundredth of the explained energy remains, and another name
@@ -289,7 +287,16 @@ def blamed_noise(suspect: NoiseFinding) -> Finding:
     one = Rival(name, suspect.family, suspect.target, weight)
     amplitude = Amplitude(suspect.amplitude, suspect.unit, suspect.ci95)
     visible = float(np.sqrt(max(suspect.gain, 0.0) / len(suspect.weights)))
-    return Finding(name, suspect.family, suspect.target, amplitude, suspect.gain, (one, *rivals), apart, visible)
+    return Finding(
+        effect=name,
+        family=suspect.family,
+        target=suspect.target,
+        amplitude=amplitude,
+        gain=suspect.gain,
+        set=(one, *rivals),
+        separated_by=apart,
+        visible=visible,
+    )
 
 
 _POSES = 200

@@ -11,7 +11,7 @@ is preferred only where it has more than that gain, too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -56,7 +56,7 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
     weight, because a form is visible for some options and not for others, and readings are few.
     """
     plain, top = close(found), max(found, key=lambda o: o.gain)
-    if not _are_few(top):
+    if not (top.gain > 0 and 0 < len(top.fit.r) < thresholds().drawn_rows):
         return plain
     if top.fit.noise.profiled:
         return _as_a_form_may_err(found, plain, top)
@@ -197,10 +197,6 @@ def _likeliest_first(found: Sequence[Option]) -> tuple[Option, ...]:
     return (likeliest, *(o for o in found if o is not likeliest))
 
 
-def _are_few(top: Option) -> bool:
-    return top.gain > 0 and 0 < len(top.fit.r) < thresholds().drawn_rows
-
-
 def _go_along(o: Option, top: Option) -> bool:
     return None not in (along_of(o.effect), along_of(top.effect))
 
@@ -214,7 +210,7 @@ def _worth(o: Option, top: Option) -> float | None:
     """
     drawn = o.gain
     if (worth := _drawn(o, _random_forms(o), _OFF, top)) is not None:
-        drawn = top.gain + top.paid - o.paid + _squares(top, top) - worth[1]
+        drawn = top.gain + top.paid - o.paid + float(np.sum(top.fit.noise.weights(top.fit.r) * top.fit.r**2)) - worth[1]
     elif o is not top and not _is_rich(o):
         return None
     odds = 0.0 if along_of(top.effect) is not None else thresholds().form_odds
@@ -235,10 +231,6 @@ def bonus(o: Option) -> float:
         for terms in (SLOW, thresholds().curve_terms - 1)
     ]
     return max([0.0, *(before - after for before, after in filter(None, gains))])
-
-
-def _squares(o: Option, top: Option) -> float:
-    return float(np.sum(o.fit.noise.weights(top.fit.r) * o.fit.r**2))
 
 
 def _drawn(
@@ -384,7 +376,11 @@ def _least(y: Array, D: Array, T: Array, effect: Effect, c: Array, off: Sequence
         likely = explained - (left / noise + count * np.log(noise))[:, 0]
         return float(-2 * (np.logaddexp.reduce(likely / 2) - np.log(len(off))))
 
-    return _lowest(likelihood, c / unit)
+    along = c / unit
+    across = [np.array([-along[1], along[0]])] if len(along) == 2 else []
+    starts = [sign * size * way for size in _SIZES for sign in (1, -1) for way in (along, *across)]
+    best = min(starts, key=likelihood)
+    return float(minimize(likelihood, best, method="Nelder-Mead", options={"maxiter": _STEPS, "fatol": _NEAR}).fun)
 
 
 def _likeliest(left: float, half: Array, form: Array, count: int) -> Array:
@@ -400,10 +396,3 @@ def _likeliest(left: float, half: Array, form: Array, count: int) -> Array:
         free = count - (form / both).sum(axis=1, keepdims=True)
         noise = np.maximum((left - explained) / np.maximum(free, 1.0), _TINY)
     return noise
-
-
-def _lowest(function: Callable[[Array], float], along: Array) -> float:
-    across = [np.array([-along[1], along[0]])] if len(along) == 2 else []
-    starts = [sign * size * way for size in _SIZES for sign in (1, -1) for way in (along, *across)]
-    best = min(starts, key=function)
-    return float(minimize(function, best, method="Nelder-Mead", options={"maxiter": _STEPS, "fatol": _NEAR}).fun)

@@ -123,7 +123,7 @@ class Smooth:
         return float(np.sqrt(sum(float(one.weights @ one.weights) for one in self.components)))
 
 
-def smoothed(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
+def fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     """Return the fit with the smooth functions that these data support; `base` itself where none predicts.
 
     Scores of heavy-tailed noise are clipped, and smooth errors with them, so another pass fits the remaining error.
@@ -215,7 +215,16 @@ def _components(term: SmoothTerm, n: int) -> list[Component]:
     # as many as the poses can tell, and no more
     count = min(_WAVES, max(4, n // 4)) if len(term.covariates) == 1 else _SIDE
     return [
-        Component(term.target, term.covariate, quantity, term.covariates, term.low, term.high, count, term.levels)
+        Component(
+            target=term.target,
+            covariate=term.covariate,
+            quantity=quantity,
+            columns=term.covariates,
+            low=term.low,
+            high=term.high,
+            count=count,
+            levels=term.levels,
+        )
         for quantity in term.quantities
     ]
 
@@ -297,7 +306,7 @@ def unnamed_of(final: Fit) -> tuple[Unnamed, ...]:
     parts: dict[tuple[str, str], list[Component]] = {}
     for one in (one for effect in smooth for one in effect.components):
         parts.setdefault((one.quantity, one.covariate), []).append(one)
-    shown = [_told(own, final.model.formulation) for own in parts.values()]
+    shown = [_described_as(own, final.model.formulation) for own in parts.values()]
     return tuple(one for one in shown if one.size >= _SMALL * max(o.size for o in shown if o.unit == one.unit))
 
 
@@ -325,7 +334,7 @@ def shortest_of(candidates: Sequence[Effect]) -> tuple[Shortest, ...]:
     return tuple(found.values())
 
 
-def _told(parts: Sequence[Component], formulation: Formulation) -> Unnamed:
+def _described_as(parts: Sequence[Component], formulation: Formulation) -> Unnamed:
     first = parts[0]
     unit, one = _unit_of(first.quantity, formulation)
     if len(first.columns) > 1 or first.levels:

@@ -378,7 +378,7 @@ def test_what_is_too_large_to_be_possible_is_told():
     assert "backlash shoulder" not in {f.effect for f in report.findings}
     told = [note for note in report.notes if note.text.startswith("backlash of shoulder would explain most")]
     assert len(told) == 1
-    assert "rad: taken for impossible" in told[0]
+    assert "rad: taken for impossible" in told[0].text
 
 
 def test_no_column_moves_a_joint_further_than_its_sensor_may_err():

@@ -11,7 +11,7 @@ import pytest
 from calibench.discrepancy import machines
 from calibench.discrepancy.machines.gpm2002.description import planned
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.measured import DataError, MeasuredData, told_visits
+from calibench.discrepancy.model.measured import DataError, MeasuredData, number_visits
 from calibench.discrepancy.noise.repeats import pairs_of
 
 
@@ -215,7 +215,7 @@ def test_rows_whose_cell_names_no_pose_are_no_repeats_of_each_other(data: Measur
     """Noise is learned from repeats: what a file does not name is not one pose read again."""
     poses = np.array([f"P{k % 5}" for k in range(len(data))], dtype="U8")
     poses[::7] = word
-    told = told_visits(data.with_columns({"pose_id": poses}))["pose_id"]
+    told = number_visits(data.with_columns({"pose_id": poses}))["pose_id"]
     counts = np.unique(told, return_counts=True)[1]
     assert len(counts) == 5 + len(poses[::7])
     assert sorted(np.unique(told[::7], return_counts=True)[1]) == [1] * len(poses[::7])

@@ -17,7 +17,7 @@ from calibench import discrepancy
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError, Sensor
 from calibench.discrepancy.checks.copies import copied_rows
-from calibench.discrepancy.checks.validate import validated
+from calibench.discrepancy.checks.validate import validate
 from calibench.discrepancy.machines.gpm2002.description import planned
 from calibench.discrepancy.machines.orthoglide.kinematics import printed
 from calibench.discrepancy.noise.repeats import pairs_of
@@ -124,7 +124,7 @@ def at_the_door(which: str, probe: Sheet, folder: Any, ending: str = ".csv") -> 
     """Return the formulation that the door lets pass."""
     path = folder / f"probe{ending}"
     path.write_bytes(probe.text())
-    return validated(machine_of(which), read_measured(path, NAMED[which], probe.stated))
+    return validate(machine_of(which), read_measured(path, NAMED[which], probe.stated))
 
 
 def refusal(which: str, probe: Sheet, folder: Any) -> str:
@@ -532,7 +532,7 @@ def test_no_noise_is_learned_from_copies() -> None:
 def test_repeats_are_told_by_poses_alone() -> None:
     whole = readings()
     alone = replace(whole, columns={name: column for name, column in whole.columns.items() if name != "visit_id"})
-    pairs = pairs_of(validated(Arm(), alone).data)
+    pairs = pairs_of(validate(Arm(), alone).data)
     assert sorted(zip(*pairs)) == sorted(zip(*pairs_of(whole)))
 
 

@@ -61,8 +61,8 @@ def test_one_misread_row_is_left_out_and_told_and_the_cause_is_named(machine, ti
     report = explain(machine, _readings(0.02, times * NOISE))
     assert [f.effect for f in report.findings] == ["backlash rail"]
     [note] = [note for note in report.notes if "wild reading is left out" in note.text]
-    assert f"{float(_readings(0.02, times * NOISE)['laser'][70]):.5g}"[:4] in note
-    assert ": row 71, " in note
+    assert f"{float(_readings(0.02, times * NOISE)['laser'][70]):.5g}"[:4] in note.text
+    assert ": row 71, " in note.text
     clean = explain(machine, _readings(0.02).rows(np.arange(ROWS) != 70))
     assert report.findings[0].amplitude.value == pytest.approx(clean.findings[0].amplitude.value, rel=1e-6)
 

@@ -1,14 +1,8 @@
 """``report.html``: one search for a missing effect as a page that an engineer reads alone, offline.
 
 Words first; each statistic is explained in a line where it stands. No script, nothing fetched: the drawings are inside.
-
-From a finished search to its drawings and its page, in the case's own folder.
-
-The tables of a verdict's page: the set of each finding, and the calibrated parameters.
-
-On a small screen a row becomes a block of lines with the heads of its columns, so that nothing is cut off.
-
-What the data of a search could not show, as a section of its page: what went untested or unseen.
+Tables have the sets of the findings, the calibrated parameters, and what went untested or unseen; on a small screen a
+row becomes a block of lines with the heads of its columns, so that nothing is cut off.
 """
 
 from __future__ import annotations
@@ -188,9 +182,10 @@ def write_report(record: SearchRecord, report: Report, data: MeasuredData, folde
 def _provenance(record: SearchRecord) -> dict[str, Any]:
     origin = dict(record.provenance)
     dirty = " (with changes)" if origin.get("git_dirty") else ""
+    moment = str(origin.get("started_at") or "")
     return {
         "case": record.case,
-        "searched": _minute(str(origin.get("started_at") or "")),
+        "searched": f"{datetime.fromisoformat(moment).astimezone(UTC):%Y-%m-%d %H:%M} UTC" if moment else "",
         "commit": f"{origin.get('git_commit', '')}{dirty}",
         "platform": origin.get("platform"),
         "versions": ", ".join(f"{k} {v}" for k, v in json.loads(origin.get("versions") or "{}").items() if v),
@@ -199,11 +194,6 @@ def _provenance(record: SearchRecord) -> dict[str, Any]:
         "digest of data and options": record.case_id,
         "computing time": f"{record.seconds:.2f} s" if isfinite(record.seconds) else None,
     }
-
-
-def _minute(moment: str) -> str:
-    """Return an ISO time to the minute."""
-    return f"{datetime.fromisoformat(moment).astimezone(UTC):%Y-%m-%d %H:%M} UTC" if moment else ""
 
 
 def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> Table:

@@ -1,10 +1,8 @@
 """A verdict in an engineer's words: the same sentences on the terminal and on the page.
 
-They are made from the `Report` alone, so one that was read from a file reads as a fresh one.
-
-What to measure next, decided from a report alone: where to repeat readings, and which columns to add.
-
-Amplitudes as an engineer writes them: a suitable prefix, as many digits as the interval allows, degrees beside.
+They are made from the `Report` alone, so one that was read from a file reads as a fresh one. So is what to measure
+next: where to repeat readings, which columns to add. Sizes have a suitable prefix, as many digits as their interval
+allows, and degrees beside radians. Which notes stand first is decided by their codes.
 """
 
 from __future__ import annotations
@@ -411,7 +409,10 @@ def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
         first = rivals[0]
         which = f"{_join([_member(machine, finding, r) for r in rivals], 'or')} (these data cannot tell which)"
     else:
-        likeliest = _likeliest(rivals)
+        # the likeliest members: two, or three where two hold no more than half of the weight
+        ranked = by_weight(rivals)
+        two = sum(rival.weight for rival in ranked[:2])
+        likeliest = ranked[: 2 if two > _HALF else 3]
         first = likeliest[0]
         names = [_member(machine, finding, r) + (f" ({_percent(r.weight)})" if isfinite(r.weight) else "")
                  for r in likeliest]  # fmt: skip
@@ -442,13 +443,6 @@ def _is_first(finding: Finding, rival: Rival) -> bool:
 def by_weight(rivals: Sequence[Rival]) -> list[Rival]:
     """Return the members of a set, the most likely first; those without a weight come last."""
     return sorted(rivals, key=lambda rival: -rival.weight if isfinite(rival.weight) else 0.0)
-
-
-def _likeliest(rivals: Sequence[Rival]) -> list[Rival]:
-    """Return the likeliest members: two, or three where two hold no more than half of the weight."""
-    ranked = by_weight(rivals)
-    two = sum(rival.weight for rival in ranked[:2])
-    return ranked[: 2 if two > _HALF else 3]
 
 
 def _percent(weight: float) -> str:
