@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
-from math import isfinite
-from typing import Any
+from dataclasses import MISSING, fields, is_dataclass
+from enum import Enum
+from math import isfinite, nan
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -36,6 +38,49 @@ def finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [finite(item) for item in value]
     return None if isinstance(value, float) and not isfinite(value) else value
+
+
+def value_of(hint: Any, written: Any) -> Any:
+    """Return the value of a type that `finite` wrote: the fields of a dataclass by name, null for no number as NaN.
+
+    What is missing of a dataclass has its default; without one it is NaN, an empty tuple or mapping, or a dataclass
+    of such. Raises `KeyError` for a missing word or code, `ValueError` for a code that is unknown.
+
+    >>> value_of(tuple[float, ...], [1, None])
+    (1.0, nan)
+    """
+    kind, inner = get_origin(hint), get_args(hint)
+    if kind in (Union, UnionType):
+        return None if written is None else value_of(next(one for one in inner if one is not NoneType), written)
+    if is_dataclass(hint) and isinstance(hint, type):
+        return _dataclass_of(hint, written or {})
+    if kind is tuple and inner[-1] is not Ellipsis:
+        return tuple(value_of(one, each) for one, each in zip(inner, written or [None] * len(inner), strict=True))
+    if kind is tuple:
+        return tuple(value_of(inner[0], each) for each in written or ())
+    if kind is Mapping:
+        return {str(key): value_of(inner[1], item) for key, item in (written or {}).items()}
+    if hint is float:
+        return nan if written is None else float(written)
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        known = {member.value: member for member in hint}
+        if written not in known:
+            raise ValueError(f"{written!r} is no {hint.__name__}")
+        return known[written]
+    return written if hint is Any or kind is Literal else hint(written)
+
+
+def _dataclass_of(cls: type, written: Mapping[str, Any]) -> Any:
+    hints, values = get_type_hints(cls), {}
+    for f in fields(cls):
+        hint = hints[f.name]
+        if written.get(f.name) is not None:
+            values[f.name] = value_of(hint, written[f.name])
+        elif f.default is MISSING and f.default_factory is MISSING:
+            if hint is str or (isinstance(hint, type) and issubclass(hint, Enum)):
+                raise KeyError(f.name)
+            values[f.name] = value_of(hint, None)
+    return cls(**values)
 
 
 LARGEST_YAML = 100_000  # characters, with each alias written out: a study that ships has 2000

@@ -3,45 +3,39 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from calibench.core.notes import Code, Note
 from calibench.core.process import one_thread
-from calibench.core.words import counted, plain
-from calibench.discrepancy.checks.validate import CROSSED, NOT_CROSSED, listening, refuse_unused, validated
-from calibench.discrepancy.checks.wild import far_words, outside_bounds
+from calibench.discrepancy.checks.validate import listen, refuse_unused, validate
 from calibench.discrepancy.diagnostics.noise import (
-    exact_readings,
-    few_equations,
     law_at,
     learned_beside,
-    less_than_stated,
     noise_at,
-    one_reading,
     outliers_under,
     sound_fit,
 )
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.effects.general.columns import measured_columns
-from calibench.discrepancy.effects.general.harmonics import PERIODIC
 from calibench.discrepancy.fitting.fit import PLACE, Fit, fit, with_columns
 from calibench.discrepancy.fitting.kept import fit_from_several, keeping_fits
 from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, nominal_of, spread
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
-from calibench.discrepancy.labels import effect_label, part_label, quantity_of
-from calibench.discrepancy.model.effect import Effect, is_possible
+from calibench.discrepancy.labels import quantity_of
+from calibench.discrepancy.model.effect import Catalogue, Effect
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured import LEARNED, MeasuredData
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.noise.laws import NoiseFinding
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
+from calibench.discrepancy.remarks import Search, notes_of
 from calibench.discrepancy.report import (
     Candidate,
     Finding,
@@ -49,7 +43,6 @@ from calibench.discrepancy.report import (
     Gap,
     Invisible,
     Left,
-    Nearest,
     OtherNoise,
     ParameterChange,
     Place,
@@ -57,17 +50,19 @@ from calibench.discrepancy.report import (
     Report,
     Verdict,
 )
-from calibench.discrepancy.search.finding import cancelling, mostly_unseen, negative_size, parted_by
+from calibench.discrepancy.search.finding import parted_by
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
-from calibench.discrepancy.search.smoother import NEAR, nearest_of, shortest_of, smoothed, unnamed_of
-from calibench.discrepancy.search.stepwise import Selection, judged, select_stepwise, with_alternatives
+from calibench.discrepancy.search.smoother import NEAR, fit_smooth, nearest_of, shortest_of, unnamed_of
+from calibench.discrepancy.search.stepwise import Selection, judge, select_stepwise, with_alternatives
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, using
 from calibench.discrepancy.thresholds import thresholds as current_thresholds
 from calibench.discrepancy.validation import gap_of
 from calibench.problems.base import Array
 
-_FAR_OFF = 20.0  # times the noise
-_MANY = 3  # waves of one part
+GAP_OF_FITTED = (
+    "no rows are held out, and without a part of them the rest does not determine what was added: the gap is that of "
+    "the fitted readings"
+)
 _LEARNED = 3  # times that unknown noise is learned again at most: names and noise settle together, or never
 _OTHERS = (0.5, 2.0)  # times the stated noise: the search is repeated there where no repeats tell the noise
 
@@ -87,110 +82,116 @@ def explain(
     if not isinstance(level, int | float) or not 0 < level < 1:
         raise ValueError(f"level={level}: must lie between 0 and 1")
     with one_thread(), using(thresholds), keeping_fits():
-        return _explained(machine, data, seed, level)
+        return _explained(machines.make(machine) if isinstance(machine, str) else machine, data, seed, level)
 
 
-def _explained(machine: str | Machine, data: MeasuredData, seed: int, level: float) -> Report:
-    began = time.process_time()
-    rng = np.random.default_rng(seed)
-    machine = machines.make(machine) if isinstance(machine, str) else machine
-    data, asked = listening(data)
-    whole = validated(machine, data, _in_order)
-    data = whole.data
-    train, hold = _parts(data)
-    plain, lacking, started = _calibrated(whole.on(data.rows(train)))
+def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) -> Report:
+    began, rng = time.process_time(), np.random.default_rng(seed)
+    data, asked = listen(data)
+    whole = validate(machine, data, _in_order)
+    train, hold = _parts(whole.data)
+    # fit: the machine without effects, under the noise that repeats show
+    plain, lacking, notes_of_fit = _calibrated(whole.on(whole.data.rows(train)))
     parameters = {p.name: p for p in whole.parameters}
-    held = tuple(u.told(parameters[u.name]) for u in lacking)
     whole = Held(whole, frozenset(u.name for u in lacking)) if lacking else whole
     sound, suspects, misstated = sound_fit(plain)
-    noise, remarks = noise_at(sound, suspects, whole)
-    formulation = plain.model.formulation
-    base = sound if noise == sound.noise else fit(Model(formulation), noise, sound.x, about=sound)
+    noise, notes_of_noise = noise_at(sound, suspects, whole)
+    base = sound if noise == sound.noise else fit(Model(plain.model.formulation), noise, sound.x, about=sound)
     base = with_columns(base, smooth_columns(base.at.model.formulation, base.x))
-    formulation = base.model.formulation
-    terms = smooth_terms(base)
-    known = catalogue(whole)
+    # test, and where: every name of the catalogue, and smooth terms over each column
+    terms, known = smooth_terms(base), catalogue(whole)
     refuse_unused(machine.name, data, asked)
-
-    found, base, suspects, remarks = _searched(base, known.candidates, terms, suspects, remarks, rng, level)
-    found = replace(found, sets=with_alternatives(found.sets, base, known.alternatives))
-    verdict, findings, found = judged(found, base, terms, suspects, level)
-    final = found.fit
-    if verdict in ("none", "unknown"):
-        final = base if verdict == "none" else smoothed(base, (*terms, *joint_terms(base)))
-    unseen = base.model.formulation.on(data.rows(hold)) if hold.any() else None
-    if unseen is not None:
-        unseen = unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
+    # name, add, refit: until what remains looks like noise
+    selection, base, suspects, notes_of_noise = _selected(
+        base, known.candidates, terms, suspects, notes_of_noise, rng, level
+    )
+    selection = replace(selection, sets=with_alternatives(selection.sets, base, known.alternatives))
+    verdict, findings, selection = judge(selection, base, terms, suspects, level)
+    # validate: on rows that were not fitted; names that help nothing there are none
+    final = base if verdict == "none" else _smooth(base, terms) if verdict == "unknown" else selection.fit
+    unseen = _unseen(base, whole.data.rows(hold)) if hold.any() else None
     gap, lone = gap_of(base, final, unseen, suspects, rng)
-    named = not any(f.family == s.family for f in findings for s in suspects)  # a law of the noise moves no mean
-    if named and _carried_by_nothing(findings, gap):
-        verdict, findings, final = "unknown", (), smoothed(base, (*terms, *joint_terms(base)))
+    noisy = any(f.family == s.family for f in findings for s in suspects)  # a law of the noise moves no mean
+    if not noisy and _carried_by_nothing(findings, gap):
+        verdict, findings, final = "unknown", (), _smooth(base, terms)
         gap, lone = gap_of(base, final, unseen, suspects, rng)
-    left = _left(gap, final, found.last) if findings else None
-    verdict = _short_of(verdict, left)
-    if findings and final.noise.profiled and not final.exact and found.last.still < level:
+    # verdict
+    rest = _rest(gap, final, selection.last) if findings else None
+    verdict = _short_of(verdict, rest)
+    if findings and final.noise.profiled and not final.exact and selection.last.still < level:
         verdict = "partly"  # without repeats the noise is unknown, so only the tests can say whether something is left
     doubted = base.noise.profiled and not unknown_noise_of(base.model.formulation)
-    others = _at_other_noise(base, known.candidates, terms, suspects, left, seed, level) if doubted else ()
-    invisible, table = _table(found.first, base)
-    nearest = nearest_of(found.first) if verdict == "unknown" else None
-    return Report(
-        case=data.name,
-        machine=machine.name,
-        verdict=verdict,
-        findings=findings,
-        gap=gap,
-        where=_where(found.first) if verdict != "none" else (),
-        not_testable=known.untestable,
-        invisible=invisible,
+    others = _at_other_noise(base, known.candidates, terms, suspects, rest, seed, level) if doubted else ()
+    search = Search(
+        machine=machine.name, base=base, final=final, selection=selection, verdict=verdict, findings=findings,
+        gap=gap, lone=lone,
+    )  # fmt: skip
+    held = [u.note(parameters[u.name]) for u in lacking]
+    given = (*held, *notes_of_fit, *_settled(whole.data.notes, gap, base.noise), *misstated, *notes_of_noise)
+    report = _report(search, whole, known)
+    return replace(
+        report,
         parameters=_parameters(base, final, lacking),
-        seconds=time.process_time() - began,
-        p=found.p,
-        notes=(
-            *_beyond(final),
-            *(far_words(formulation, base.x) if _lost(verdict, gap) else ()),
-            *(lone if findings else ()),
-            *held,
-            *started,
-            *_told_notes(whole.data.notes, gap, base.noise),
-            *misstated,
-            *remarks,
-            *one_reading(base),
-            *exact_readings(base),
-            *less_than_stated(final),
-            *_scarce(base),
-            *(few_equations(base) if findings else ()),
-            *negative_size(final, findings),
-            *mostly_unseen(final, findings),
-            *cancelling(final, findings),
-            *_many_waves(findings, machine.name),
-            *_unfollowed(formulation),
-            *_impossible(found, machine.name),
-        ),
-        left=left,
+        notes=notes_of(search, given),
+        left=rest,
         other_noise=others,
-        unnamed=unnamed_of(final) if verdict == "unknown" else (),
-        nearest=nearest,
-        shortest=shortest_of(known.candidates),
-        parted_by=_parted_by(found, nearest, machine.name) if verdict == "unknown" else (),
-        reading_noise=_reading_noise(final.model.formulation),
-        words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine.name, n).label},
-        candidates=table,
         fitted=Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base), machine),
+        seconds=time.process_time() - began,
     )
 
 
-def _reading_noise(formulation: Formulation) -> tuple[ReadingNoise, ...]:
-    """Return the standard deviation of each kind of reading, the median over the rows, alike to three digits."""
+def _report(search: Search, whole: Formulation, known: Catalogue) -> Report:
+    """Return what a report says of a search by itself: its verdict, names and places, what it could and could not see.
+
+    `whole` has the held-out rows too.
+    """
+    first, machine = search.selection.first, search.machine
+    invisible, table = _table(first, search.base)
+    named: dict[str, Any] = {"where": _where(first) if search.verdict != "none" else ()}
+    if search.verdict == "unknown":
+        nearest = nearest_of(first)
+        # the other kinds of readings that would part what was found, and the nearest formula, from their twins
+        found = search.selection
+        sets = [[o.effect for o in own] for own in found.sets]
+        if nearest is not None and nearest.share >= NEAR:
+            sets.append([o.effect for o in best_of_each(found.first.names, found.first.on)[:1]])
+        parted = tuple(dict.fromkeys(kind for own in sets if (kind := parted_by(own, machine))))
+        named |= {"unnamed": unnamed_of(search.final), "nearest": nearest, "parted_by": parted}
+    # the standard deviation of each kind of reading, the median over the rows, alike to three digits
+    formulation = search.final.model.formulation
     kinds: dict[tuple[str, str], tuple[float, list[str]]] = {}
     for sensor in formulation.sensors:
         unit = sensor.unit or quantity_of(formulation.data.machine, sensor.column).unit
         size = float(np.median(formulation.sigma[sensor.column]))
         kinds.setdefault((f"{size:.3g}", unit), (size, []))[1].append(sensor.column)
-    return tuple(ReadingNoise(tuple(columns), size, unit) for (_, unit), (size, columns) in kinds.items())
+    return Report(
+        case=whole.data.name,
+        machine=machine,
+        verdict=search.verdict,
+        findings=search.findings,
+        gap=search.gap,
+        not_testable=known.untestable,
+        invisible=invisible,
+        p=search.selection.p,
+        shortest=shortest_of(known.candidates),
+        reading_noise=tuple(ReadingNoise(tuple(columns), size, unit) for (_, unit), (size, columns) in kinds.items()),
+        words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine, n).label},
+        candidates=table,
+        **named,
+    )
 
 
-def _calibrated(formulation: Formulation) -> tuple[Fit, tuple[Undetermined, ...], tuple[str, ...]]:
+def _smooth(base: Fit, terms: Sequence[SmoothTerm]) -> Fit:
+    return fit_smooth(base, (*terms, *joint_terms(base)))
+
+
+def _unseen(base: Fit, hold: MeasuredData) -> Formulation:
+    """Return the formulation over rows that were not fitted, with the columns of the smooth terms."""
+    unseen = base.model.formulation.on(hold)
+    return unseen.on(unseen.data.with_columns(smooth_columns(unseen, base.x)))
+
+
+def _calibrated(formulation: Formulation) -> tuple[Fit, tuple[Undetermined, ...], tuple[Note, ...]]:
     """Return the fit without effects, the parameters that these data do not determine, and notes on other starts."""
     plain, started = fit_from_several(formulation)
     formulation, plain, lacking = determined(formulation, plain)
@@ -199,22 +200,11 @@ def _calibrated(formulation: Formulation) -> tuple[Fit, tuple[Undetermined, ...]
     return plain, lacking, started
 
 
-def _many_waves(findings: Sequence[Finding], machine: str) -> tuple[str, ...]:
-    """Return a note for each part with three or more waves of unstated periods: any shape is a sum of some."""
-    count = Counter(one.target for one in findings if one.family in PERIODIC)
-    return tuple(
-        f"the {many} waves of {part_label(machine, target)} tell together what its "
-        "error is like over its way, and not what causes it: an error at one place is a sum of waves as well"
-        for target, many in count.items()
-        if many >= _MANY
-    )
-
-
-def _searched(
+def _selected(
     base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm], suspects: tuple[NoiseFinding, ...],
-    remarks: tuple[str, ...], rng: np.random.Generator, level: float,
-) -> tuple[Selection, Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:  # fmt: skip
-    """Return the selection, the fit without effects, the suspects that remain, and remarks on the noise.
+    notes: tuple[Note, ...], rng: np.random.Generator, level: float,
+) -> tuple[Selection, Fit, tuple[NoiseFinding, ...], tuple[Note, ...]]:  # fmt: skip
+    """Return the selection, the fit without effects, the suspects that remain, and notes on the noise.
 
     The search is repeated where what was found explains a suspect, or why repeats scattered so much, and where noise
     that nobody states was learned with the found effects in the residuals.
@@ -223,26 +213,26 @@ def _searched(
     found = select_stepwise(base, candidates, terms, rng, level)
     if cleared := _cleared(found, suspects):
         suspects = tuple(s for s in suspects if s not in cleared)
-        noise, remarks = _without(cleared, found, base.noise)
+        noise, notes = _without(cleared, found, base.noise)
         base = fit(model, noise, base.x)
         found = select_stepwise(base, candidates, terms, rng, level)
     if (calmer := _relearned(found, base.noise)) is not None:
-        noise, remarks = calmer
+        noise, notes = calmer
         base = fit(model, noise, base.x)
         found = select_stepwise(base, candidates, terms, rng, level)
     for _ in range(_LEARNED if unknown_noise_of(base.model.formulation) else 0):
-        verdict, _, standing = judged(found, base, terms, suspects, level)
+        verdict, _, standing = judge(found, base, terms, suspects, level)
         if verdict == "unknown" or not found.sets or found.fit.exact:
             break
-        formulation, noise, told = learned_beside(standing.fit, suspects)
+        formulation, noise, notes_now = learned_beside(standing.fit, suspects)
         at = fit(Model(formulation), noise, base.x)
         again = select_stepwise(at, candidates, terms, rng, level) if at.converged else None
         if again is None or not again.sets:
             break
-        before, found, base, remarks = _names(found), again, at, told
+        before, found, base, notes = _names(found), again, at, notes_now
         if _names(found) == before:
             break
-    return found, base, suspects, remarks
+    return found, base, suspects, notes
 
 
 def _names(found: Selection) -> set[str]:
@@ -262,20 +252,20 @@ def _cleared(found: Selection, suspects: Sequence[NoiseFinding]) -> tuple[NoiseF
     return tuple(s for s, now in zip(wild, beside, strict=True) if float(now.weights.sum()) < 1.0)
 
 
-def _without(cleared: Sequence[NoiseFinding], found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]]:
-    """Return the noise given what was found, without the variance of the `cleared` suspects, and remarks on it."""
+def _without(cleared: Sequence[NoiseFinding], found: Selection, noise: Noise) -> tuple[Noise, tuple[Note, ...]]:
+    """Return the noise given what was found, without the variance of the `cleared` suspects, and notes on it."""
     extra = dict(noise.extra)
     for suspect in cleared:
         for name, variance in suspect.extra.items():
             extra[name] = extra[name] - variance
     extra = {name: variance for name, variance in extra.items() if np.any(variance)}
     at = fit(found.fit.model, Noise(extra=extra), found.fit.x)
-    law, _, remarks = law_at(at)
-    return replace(law, extra=extra, profiled=law.profiled or noise.profiled), remarks
+    law, _, notes = law_at(at)
+    return replace(law, extra=extra, profiled=law.profiled or noise.profiled), notes
 
 
-def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]] | None:
-    """Return a smaller noise, with remarks, where the found effects explain the differences of the repeats; else None.
+def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[Note, ...]] | None:
+    """Return a smaller noise, with notes, where the found effects explain the differences of the repeats; else None.
 
     Repeats some time apart also differ by a drift. If the drift were taken for noise, it would stay hidden and widen
     all intervals.
@@ -284,30 +274,12 @@ def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[str, ...]] 
     if not found.sets or noise.autocorrelation > 0 or as_stated:
         return None
     at = fit(found.fit.model, Noise(extra=noise.extra), found.fit.x)
-    law, _, remarks = law_at(at)
+    law, _, notes = law_at(at)
     calmer = noise.scale > 1 and law.scale < current_thresholds().calmer * noise.scale
     thinner = np.isfinite(noise.t_degrees) and not np.isfinite(law.t_degrees)
     if calmer or (thinner and law.scale <= max(noise.scale, 1.0)):  # a wider law would absorb what was found
-        return replace(law, extra=noise.extra), remarks
+        return replace(law, extra=noise.extra), notes
     return None
-
-
-def _impossible(found: Selection, machine: str) -> tuple[str, ...]:
-    """Return a note where the best explanation was excluded because its size is impossible."""
-    if not found.alarm:
-        return ()
-    best = best_of_each(found.first.names, found.first.on)[:1]
-    sizes = [(s, s.effect.amplitude(s.coefficients)) for s in best if s.m]
-    return tuple(
-        f"{effect_label(machine, s.effect.family, s.effect.target)} would explain most, but it would have to be "
-        f"{_sized(abs(size), s.effect.unit)}: taken for impossible"
-        for s, size in sizes
-        if not is_possible(s.effect, size)
-    )
-
-
-def _sized(size: float, unit: str) -> str:
-    return f"{plain(100 * size)} %" if unit == "1" else f"{plain(size)} {unit}"
 
 
 def _where(tests: Tests) -> tuple[Place, ...]:
@@ -324,10 +296,15 @@ def _short_of(verdict: Verdict, left: Left | None, noise: float = 1.0) -> Verdic
     return "partly" if many and verdict in ("named", "ambiguous", "negligible") else verdict
 
 
-def _told_notes(notes: Sequence[str], gap: Gap, noise: Noise) -> tuple[str, ...]:
-    """Return the notes of the data, as they hold now that the search is done."""
-    told = [NOT_CROSSED if note == CROSSED and not gap.cross_validated else note for note in notes]
-    return tuple(note.replace(LEARNED, "is told by repeats") if noise.from_repeats else note for note in told)
+def _settled(notes: Iterable[Note], gap: Gap, noise: Noise) -> Iterator[Note]:
+    """Yield the notes of the data as they hold now that the search is done."""
+    for note in notes:
+        if note.code is Code.NOT_HELD_OUT and not gap.cross_validated:
+            note = Note(Code.GAP_OF_FITTED, GAP_OF_FITTED)
+        if note.code is Code.NOISE_LEARNED and noise.from_repeats:
+            text = f"the noise is not stated: that of {', '.join(note.columns)} is told by repeats"
+            note = Note(Code.NOISE_UNSTATED, text, note.columns)
+        yield note
 
 
 def _carried_by_nothing(findings: Sequence[Finding], gap: Gap) -> bool:
@@ -340,29 +317,21 @@ def _carried_by_nothing(findings: Sequence[Finding], gap: Gap) -> bool:
     return unsure and bool(gap.held_out_after >= gap.held_out_before)
 
 
-def _parted_by(found: Selection, nearest: Nearest | None, machine: str) -> tuple[str, ...]:
-    """Return the other kinds of readings that would part what was found, and the nearest formula, from their twins."""
-    sets = [[o.effect for o in own] for own in found.sets]
-    if nearest is not None and nearest.share >= NEAR:
-        sets.append([o.effect for o in best_of_each(found.first.names, found.first.on)[:1]])
-    return tuple(dict.fromkeys(kind for own in sets if (kind := parted_by(own, machine))))
-
-
 def _at_other_noise(
     base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm], suspects: Sequence[NoiseFinding],
     left: Left | None, seed: int, level: float,
 ) -> tuple[OtherNoise, ...]:  # fmt: skip
     """Return the verdict and the names of the search at half and at twice the stated noise."""
-    told = []
+    others = []
     for factor in _OTHERS:
         at = replace(base, noise=replace(base.noise, scale=factor * base.noise.scale))
         found = select_stepwise(at, candidates, terms, np.random.default_rng(seed), level)
-        verdict, findings, _ = judged(found, at, terms, suspects, level)
-        told.append(OtherNoise(factor, _short_of(verdict, left, factor), tuple(f.effect for f in findings)))
-    return tuple(told)
+        verdict, findings, _ = judge(found, at, terms, suspects, level)
+        others.append(OtherNoise(factor, _short_of(verdict, left, factor), tuple(f.effect for f in findings)))
+    return tuple(others)
 
 
-def _left(gap: Gap, final: Fit, last: Tests) -> Left:
+def _rest(gap: Gap, final: Fit, last: Tests) -> Left:
     """Return the error that remains with the names: on held-out rows, or else on all fitted rows.
 
     On fitted rows it is corrected for the number of parameters. Where only a few poses are left out in turn, an excess
@@ -387,14 +356,14 @@ def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candid
     )
     table = tuple(
         Candidate(
-            s.name,
-            s.effect.family,
-            s.effect.target,
-            delta_bic(s, tests.on),
-            s.p,
-            seen[s.name],
-            s.detectable(len(best)),
-            s.effect.unit,
+            effect=s.name,
+            family=s.effect.family,
+            target=s.effect.target,
+            gain=delta_bic(s, tests.on),
+            p=s.p,
+            visible_fraction=seen[s.name],
+            minimum_detectable=s.detectable(len(best)),
+            unit=s.effect.unit,
         )
         for s in best
     )
@@ -404,44 +373,9 @@ def _table(tests: Tests, base: Fit) -> tuple[tuple[Invisible, ...], tuple[Candid
 def _parameters(base: Fit, final: Fit, lacking: tuple[Undetermined, ...]) -> dict[str, ParameterChange]:
     sd = spread(final, lacking)
     names = [p.name for p in base.model.formulation.parameters]
-    told = {n: ParameterChange(float(base.x[k]), float(final.x[k]), float(sd[k])) for k, n in enumerate(names)}
+    changes = {n: ParameterChange(float(base.x[k]), float(final.x[k]), float(sd[k])) for k, n in enumerate(names)}
     held = nominal_of(final.model.formulation, lacking)
-    return told | {name: ParameterChange(value, value, float("nan")) for name, value in held.items()}
-
-
-def _beyond(final: Fit) -> tuple[str, ...]:
-    parameters = final.model.formulation.parameters
-    return outside_bounds(parameters, {p.name: float(final.x[k]) for k, p in enumerate(parameters)})
-
-
-def _scarce(base: Fit) -> tuple[str, ...]:
-    """Return a note where calibration leaves so few equations that the verdict "none" has little weight."""
-    left = len(base.r) - base.J.shape[1]
-    if left > current_thresholds().few_degrees:
-        return ()
-    return (
-        f"{counted(left, 'equation')} left after calibration, too few to show a missing effect; take more readings",
-    )
-
-
-def _unfollowed(formulation: Formulation) -> tuple[str, ...]:
-    """Return a note on further columns of a machine that reads joints alone: no named error depends on them."""
-    columns = roles_of(formulation).columns
-    if not columns or measured_columns(formulation):
-        return ()
-    one = f'Joint(temperature="{columns[0]}")'
-    return (
-        f"columns {', '.join(columns)}: nothing but joints is read, so no trend over them has a name; "
-        f"a joint's own are declared with it, such as {one}",
-    )
-
-
-def _lost(verdict: Verdict, gap: Gap) -> bool:
-    """Tell whether a model is so far off that the readings may be of another machine.
-
-    Noise alone does not cause that.
-    """
-    return verdict == "unknown" and gap.train_before > _FAR_OFF
+    return changes | {name: ParameterChange(value, value, float("nan")) for name, value in held.items()}
 
 
 def _in_order(data: MeasuredData) -> MeasuredData:

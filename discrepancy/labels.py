@@ -41,11 +41,11 @@ def effect_label(machine: str, family: str, target: str, again: bool = False) ->
     if target == "all":
         of_all = words if family in _NOISE else known.label_of_all if known else ""
         return of_all or f"{words} (all)"
-    told = description_of(machine).targets
-    if part_label(machine, target) and target in told:
-        return f"{words} of {told[target]}"
-    if target in told:
-        return f"{words}, {told[target]}" if told[target] else words
+    targets = description_of(machine).targets
+    if part_label(machine, target) and target in targets:
+        return f"{words} of {targets[target]}"
+    if target in targets:
+        return f"{words}, {targets[target]}" if targets[target] else words
     kind = target.partition(" ")[0]
     if kind in _OFTEN:
         return f"{words}, {target}"
@@ -62,9 +62,9 @@ def part_label(machine: str, target: str) -> str:
     >>> part_label("gpm2002", "all"), part_label("orthoglide", "common")
     ('', '')
     """
-    told = description_of(machine).targets.get(target)
-    if told is not None:
-        return told if told.startswith("the ") else ""
+    label = description_of(machine).targets.get(target)
+    if label is not None:
+        return label if label.startswith("the ") else ""
     return "" if target == "all" else target
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from math import isfinite, nan
-from typing import Any, Literal, final, get_args
+from typing import Any, Literal, cast, final, get_args
 
 import numpy as np
 
-from calibench.core.plain import finite
+from calibench.core.notes import Note
+from calibench.core.plain import finite, value_of
 from calibench.core.words import html_table
 from calibench.discrepancy.fitting.residual_problem import ResidualProblem
 from calibench.discrepancy.model.effect import Untestable
@@ -19,6 +20,7 @@ from calibench.discrepancy.prediction import Prediction, predicted_at
 from calibench.discrepancy.registries import machines
 
 SCHEMA_VERSION = 1
+_OF_THE_SEARCH = ("candidates", "fitted")  # parts that a report keeps to itself
 Verdict = Literal["none", "negligible", "named", "ambiguous", "partly", "unknown"]
 
 
@@ -27,9 +29,9 @@ Verdict = Literal["none", "negligible", "named", "ambiguous", "partly", "unknown
 class Amplitude:
     """The number an engineer quotes, with its 95 % interval."""
 
-    value: float
-    unit: str
-    ci95: tuple[float, float]
+    value: float = nan
+    unit: str = ""
+    ci95: tuple[float, float] = (nan, nan)
 
 
 @final
@@ -256,7 +258,7 @@ class Report:
     invisible: tuple[Invisible, ...] = ()
     parameters: Mapping[str, ParameterChange] = field(default_factory=dict)
     p: float = nan
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     seconds: float = nan
     left: Left | None = None
     other_noise: tuple[OtherNoise, ...] = ()
@@ -328,128 +330,21 @@ class Report:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain values, as `discover --json` prints it; NaN and infinity become None."""
-        told = {f.name: finite(getattr(self, f.name)) for f in fields(self) if f.name not in ("candidates", "fitted")}
-        return {"schema_version": SCHEMA_VERSION, **told, "gap": told["gap"] | {"unit": "sigma"}}
+        own = {f.name: finite(getattr(self, f.name)) for f in fields(self) if f.name not in _OF_THE_SEARCH}
+        return {"schema_version": SCHEMA_VERSION, **own, "gap": own["gap"] | {"unit": "sigma"}}
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> Report:
+    def from_dict(cls, written: Mapping[str, Any]) -> Report:
         """Return the report that `to_dict` wrote. A missing part is empty; None in place of a number becomes NaN.
 
         Raises `KeyError` without a case, a machine or a verdict, `ValueError` for an unknown verdict.
         """
-        if told["verdict"] not in get_args(Verdict):
-            raise ValueError(f"verdict {told['verdict']!r}; there are {', '.join(get_args(Verdict))}")
-        return cls(
-            case=str(told["case"]),
-            machine=str(told["machine"]),
-            verdict=told["verdict"],
-            findings=tuple(_finding(f) for f in told.get("findings") or ()),
-            gap=_gap(told.get("gap") or {}),
-            where=tuple(Place(w["target"], w["covariate"], _real(w.get("p"))) for w in told.get("where") or ()),
-            not_testable=tuple(_untestable(u) for u in told.get("not_testable") or ()),
-            invisible=tuple(_invisible(i) for i in told.get("invisible") or ()),
-            parameters={
-                name: ParameterChange(*(_real(c.get(key)) for key in ("before", "after", "sd")))
-                for name, c in (told.get("parameters") or {}).items()
-            },
-            p=_real(told.get("p")),
-            notes=tuple(str(note) for note in told.get("notes") or ()),
-            seconds=_real(told.get("seconds")),
-            left=_left(told.get("left")),
-            other_noise=tuple(_other_noise(o) for o in told.get("other_noise") or ()),
-            words={str(name): str(words) for name, words in (told.get("words") or {}).items()},
-            unnamed=tuple(
-                Unnamed(u["quantity"], u["covariate"], _real(u.get("size")), u["unit"], str(u.get("course") or ""))
-                for u in told.get("unnamed") or ()
-            ),
-            nearest=_nearest(told.get("nearest")),
-            shortest=tuple(
-                Shortest(s["column"], _real(s.get("period")), s["unit"]) for s in told.get("shortest") or ()
-            ),
-            parted_by=tuple(str(kind) for kind in told.get("parted_by") or ()),
-            reading_noise=tuple(
-                ReadingNoise(tuple(str(name) for name in n["columns"]), _real(n.get("size")), n["unit"])
-                for n in told.get("reading_noise") or ()
-            ),
-        )
+        if written["verdict"] not in get_args(Verdict):
+            raise ValueError(f"verdict {written['verdict']!r}; there are {', '.join(get_args(Verdict))}")
+        of_the_search = dict.fromkeys(_OF_THE_SEARCH)
+        return cast(Report, value_of(cls, {**written, **of_the_search}))
 
     def _fitted(self) -> Fitted:
         if self.fitted is None:
             raise LookupError(f"{self.case}: this report was read from a file; search the data again for its model")
         return self.fitted
-
-
-def _amplitude(told: Mapping[str, Any]) -> Amplitude:
-    return Amplitude(_real(told.get("value")), str(told.get("unit", "")), _ends(told.get("ci95")))
-
-
-def _rival(told: Mapping[str, Any]) -> Rival:
-    size = told.get("amplitude")
-    return Rival(
-        told["effect"], told["family"], told["target"], _real(told.get("weight")), _amplitude(size) if size else None
-    )
-
-
-def _finding(told: Mapping[str, Any]) -> Finding:
-    return Finding(
-        effect=told["effect"],
-        family=told["family"],
-        target=told["target"],
-        amplitude=_amplitude(told.get("amplitude") or {}),
-        gain=_real(told.get("gain")),
-        set=tuple(map(_rival, told.get("set") or ())),
-        separated_by=told.get("separated_by"),
-        visible=_real(told.get("visible", 0.0)),
-        form=str(told.get("form") or ""),
-        caution=str(told.get("caution") or ""),
-        coefficients=tuple(
-            Coefficient(c["name"], _real(c.get("value")), c["unit"], _real(c.get("sd")))
-            for c in told.get("coefficients") or ()
-        ),
-        period=_real(told.get("period", 0.0)),
-    )
-
-
-def _left(told: Mapping[str, Any] | None) -> Left | None:
-    if not told:
-        return None
-    place = told.get("place")
-    return Left(
-        _real(told.get("times")), Place(place["target"], place["covariate"], _real(place.get("p"))) if place else None
-    )
-
-
-def _nearest(told: Mapping[str, Any] | None) -> Nearest | None:
-    return Nearest(told["effect"], told["family"], told["target"], _real(told.get("share"))) if told else None
-
-
-def _other_noise(told: Mapping[str, Any]) -> OtherNoise:
-    return OtherNoise(_real(told.get("factor")), told["verdict"], tuple(str(name) for name in told["effects"]))
-
-
-def _gap(told: Mapping[str, Any]) -> Gap:
-    numbers = {
-        f.name: _real(told.get(f.name)) for f in fields(Gap) if f.name not in ("held_out_ci95", "cross_validated")
-    }
-    return Gap(
-        **numbers, held_out_ci95=_ends(told.get("held_out_ci95")), cross_validated=bool(told.get("cross_validated"))
-    )
-
-
-def _untestable(told: Mapping[str, Any]) -> Untestable:
-    columns = tuple(str(column) for column in told.get("columns") or ())
-    return Untestable(told["family"], told["target"], told["reason"], columns, bool(told.get("missing")))
-
-
-def _invisible(told: Mapping[str, Any]) -> Invisible:
-    fraction, least = (_real(told.get(key)) for key in ("visible_fraction", "minimum_detectable"))
-    return Invisible(told["effect"], told["family"], told["target"], fraction, least, str(told.get("unit", "")))
-
-
-def _real(value: float | None) -> float:
-    return nan if value is None else float(value)
-
-
-def _ends(told: Sequence[float | None] | None) -> tuple[float, float]:
-    low, high = told or (None, None)
-    return _real(low), _real(high)

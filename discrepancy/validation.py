@@ -1,10 +1,7 @@
-"""Validation: residuals before and after, on fitted rows and on held-out poses, relative to the noise floor.
+"""Validation: the error before and after, on fitted rows and on held-out poses, relative to the noise floor.
 
-The gap before and after, on the fitted rows and on held-out poses, relative to the noise floor there.
-
-On unseen rows noise has two parts: that of the readings, and that of the calibrated parameters.
-
-The gap on held-out poses: rms of the whitened constraints relative to the noise floor.
+The error is the rms of the whitened constraints. On unseen rows noise has two parts: that of the readings, and that of
+the calibrated parameters. Where nothing is held out, each fold is predicted by a calibration of the others.
 """
 
 from __future__ import annotations
@@ -16,8 +13,7 @@ from typing import final
 import numpy as np
 from scipy.special import stdtrit
 
-from calibench.core.words import plain
-from calibench.discrepancy.diagnostics.noise import outliers_under, told_by
+from calibench.discrepancy.diagnostics.noise import outliers_under
 from calibench.discrepancy.fitting.fit import Fit, fit, linearise, readings_of
 from calibench.discrepancy.fitting.residual_problem import predicted
 from calibench.discrepancy.model.effect import ChangePoint
@@ -31,17 +27,26 @@ from calibench.discrepancy.report import Gap
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-LONE = "makes most of the error of the readings that were not fitted"
 _MOST = 0.75  # of the sum of squares: without the reading the error is less than half
 _FEW = 8  # readings: of fewer, one is more than an eighth of them all
 
 
+@final
+@dataclass(frozen=True, eq=False)
+class Lone:
+    """The row of unseen readings that makes most of their error: without it the error is `times` what it was before."""
+
+    unseen: Formulation
+    row: int
+    times: float
+
+
 def gap_of(
     base: Fit, final: Fit, hold: Formulation | None, suspects: Sequence[NoiseFinding], rng: np.random.Generator
-) -> tuple[Gap, tuple[str, ...]]:
+) -> tuple[Gap, Lone | None]:
     """Return the gap of the model without effects and of the final one; by cross-validation where nothing is held.
 
-    With it comes a note, if one unseen reading makes most of the error of the final model.
+    With it comes the unseen reading that makes most of the error of the final model, where there is one.
     """
     rows = base.model.formulation
     c = final.at.misclosure.shape[1]
@@ -51,7 +56,14 @@ def gap_of(
     train = root(before) * free[0], root(after) * free[1]
     if hold is None:
         return _crossed(base, final, train, suspects, rng)
-    hold = _surely_placed(hold, final)
+    # the unseen rows without those between the fitted readings around a step, whose side is unknown
+    sure = np.ones(len(hold.data), dtype=bool)
+    for effect in final.model.effects:
+        if isinstance(effect, ChangePoint):
+            t, fitted = hold.data[effect.clock], final.model.formulation.data[effect.clock]
+            last, first = fitted[fitted < effect.at].max(), fitted[fitted >= effect.at].min()
+            sure &= (t <= last) | (t >= first)
+    hold = hold.on(hold.data.rows(sure)) if sure.any() and not sure.all() else hold
     unseen = predicted(base.model, base.x, hold.data, Noise())
     law = _law(final, hold, suspects)
     left = predicted(final.model, final.x, hold.data, law)
@@ -61,20 +73,9 @@ def gap_of(
     return gap, _lone(unseen, left, hold)
 
 
-def _surely_placed(hold: Formulation, final: Fit) -> Formulation:
-    """Return the unseen rows without those between the fitted readings around a step, whose side is unknown."""
-    sure = np.ones(len(hold.data), dtype=bool)
-    for effect in final.model.effects:
-        if isinstance(effect, ChangePoint):
-            t, fitted = hold.data[effect.clock], final.model.formulation.data[effect.clock]
-            last, first = fitted[fitted < effect.at].max(), fitted[fitted >= effect.at].min()
-            sure &= (t <= last) | (t >= first)
-    return hold.on(hold.data.rows(sure)) if sure.any() and not sure.all() else hold
-
-
 def _crossed(
     base: Fit, final: Fit, train: tuple[float, float], suspects: Sequence[NoiseFinding], rng: np.random.Generator
-) -> tuple[Gap, tuple[str, ...]]:
+) -> tuple[Gap, Lone | None]:
     rows, c, p = base.model.formulation, *final.at.columns.shape[1:]
     fold = folds(rows.data, thresholds().folds)
     nothing = float("nan")
@@ -82,7 +83,7 @@ def _crossed(
     own = final.noise.scale
     untold = Gap(own, *train, nothing, nothing, (nothing, nothing), shrink(*train, own))
     if any(len(part) == 0 or c * (len(fold) - len(part)) < p + 1 for part in parts):
-        return untold, ()
+        return untold, None
     noise = Noise(final.noise.scale, 0.0, final.noise.t_degrees)
     learned: list[tuple[Fit, Formulation, Noise]] = []
     unseen: list[Array] = []
@@ -101,25 +102,21 @@ def _crossed(
     back = after[np.argsort(order)]
     floor, spread = _floor(final, learned, rows.data, back, _wild(final, suspects))
     if not floor <= thresholds().floor_unseen * own:  # the parameters are all but free without the rows left out
-        return untold, ()
+        return untold, None
     seen = held_out(before, after, rows.data.rows(order), rng, spread)
     shrunk = shrink(seen.before, seen.after, floor)
     gap = Gap(floor, *train, seen.before, seen.after, seen.ci95, shrunk, cross_validated=True)
     return gap, _lone(before[np.argsort(order)], back, rows)
 
 
-def _lone(before: Array, after: Array, unseen: Formulation) -> tuple[str, ...]:
-    """Return a note on the unseen reading without which the error after, (n, c), is less than half; else none."""
+def _lone(before: Array, after: Array, unseen: Formulation) -> Lone | None:
+    """Return the unseen reading without which the error after, (n, c), is less than half; None without such a one."""
     squares = (after**2).sum(axis=1)
     k = int(np.argmax(squares))
     if len(squares) < _FEW or not squares[k] > _MOST * squares.sum():
-        return ()
+        return None
     others = np.arange(len(squares)) != k
-    told, times = told_by(unseen, k), plain(root(after[others]) / root(before[others]), 2)
-    return (
-        f"one reading ({told}) {LONE}: without it what was added brings that error to {times} times what it was; was "
-        "it misread, or is no other reading near it?",
-    )
+    return Lone(unseen, k, root(after[others]) / root(before[others]))
 
 
 def _wild(final: Fit, suspects: Sequence[NoiseFinding]) -> bool:
@@ -144,9 +141,9 @@ def _floor(
         spread = 2 * own**2 / max(final.noise.known, 1.0)
     if wild:
         first, second = pairs_of(unseen)
-        told = (left[first] - left[second]).ravel() ** 2 / 2
-        if len(told) >= thresholds().repeat_pairs:
-            own, spread = float(np.mean(told)), float(np.var(told)) / len(told)
+        squares = (left[first] - left[second]).ravel() ** 2 / 2
+        if len(squares) >= thresholds().repeat_pairs:
+            own, spread = float(np.mean(squares)), float(np.var(squares)) / len(squares)
     share, count = np.zeros((len(final.x), len(final.x))), 0
     for by, rows, law in learned:
         model = Model(rows, by.model.effects)
@@ -170,8 +167,8 @@ def _law(final: Fit, rows: Formulation, suspects: Sequence[NoiseFinding]) -> Noi
             extra |= {name: extra.get(name, 0.0) + suspect.amplitude**2 / 12 for name in suspect.extra}
     for suspect in suspects:
         if suspect.family == "outlier":
-            told = outliers_under(Model(rows, final.model.effects), final.x, suspect.target)
-            extra |= {name: extra.get(name, 0.0) + variance for name, variance in told.extra.items()}
+            outlying = outliers_under(Model(rows, final.model.effects), final.x, suspect.target)
+            extra |= {name: extra.get(name, 0.0) + variance for name, variance in outlying.extra.items()}
     return Noise(extra=extra)
 
 

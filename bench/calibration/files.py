@@ -44,8 +44,7 @@ def read_table(named: str, stated: Mapping[str, Any]) -> Table:
 
 
 def _of_one(data: MeasuredData) -> Table:
-    notes = (Note(Code.FILE, note) for note in data.notes)
-    return Table.of(data.columns, data.name, units=data.units, stated=data.metadata, notes=notes)
+    return Table.of(data.columns, data.name, units=data.units, stated=data.metadata, notes=data.notes)
 
 
 def _one_after_the_other(tables: Sequence[Table]) -> Table:
@@ -89,11 +88,10 @@ def _row_by_row(read: Sequence[MeasuredData]) -> Table:
             raise DataError(f"{one.name}: column {twice[0]} is in another file too, with other numbers; rename one")
         columns |= one.columns
     joined = f"{', '.join(lengths)} are joined row by row"
-    notes = dict.fromkeys([note for one in read for note in one.notes] + [joined])
     return Table.of(
         columns, read[0].name, units={name: unit for one in read for name, unit in one.units.items()},
         stated={key: value for one in read for key, value in one.metadata.items()},
-        notes=(Note(Code.FILE, note) for note in notes),
+        notes=once([*(note for one in read for note in one.notes), Note(Code.FILE, joined)]),
     )  # fmt: skip
 
 

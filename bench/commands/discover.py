@@ -8,13 +8,15 @@ import sys
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.discovery.batch import Outcome, discover
 from calibench.bench.discovery.page.words import (
+    FIRST,
+    SIZES,
     as_sentence,
     doubt_sentences,
-    first_notes,
     gap_sentence,
     headline,
     next_sentences,
-    size_notes,
+    notes_among,
+    other_notes,
     unnamed_sentences,
 )
 from calibench.bench.discovery.request import read_discover
@@ -45,12 +47,11 @@ def _told(outcome: Outcome) -> str:
     lines = [f"{record.case} ({record.machine}{', searched before' if outcome.before else ''})"]
     if report is None:
         return f"{lines[0]}\n  failed: {record.error}\n"
-    first, sizes = first_notes(report), size_notes(report)
-    lines += [f"  {note}" for note in first]
+    lines += [f"  {note}" for note in notes_among(report.notes, FIRST)]
     lines += [f"  {said}" for said in (headline(report), *unnamed_sentences(report), gap_sentence(report))]
-    lines += [f"  {said}" for said in (*doubt_sentences(report), *map(as_sentence, sizes))]
+    lines += [f"  {said}" for said in (*doubt_sentences(report), *map(as_sentence, notes_among(report.notes, SIZES)))]
     lines += [f"  measure next: {advice}" for advice in next_sentences(report)]
-    lines += [f"  note: {note}" for note in report.notes if note not in (*first, *sizes)]
+    lines += [f"  note: {note}" for note in other_notes(report.notes)]
     if outcome.page is not None:
         lines.append(f"  {outcome.page}")
     return "\n".join(lines) + "\n"

@@ -1,14 +1,9 @@
 """Search sets of measured data for a missing effect: one after the other or side by side, a folder a set.
 
 A set that was searched before with the same data, options and code is not searched again. What cannot be read, or
-fails, is a report with an `error`; the others go on.
-
-The next measurement that separates the rivals of a finding: further poses, or a tracker beside the encoders.
-
-The distance of rivals follows from the data themselves: what remains of one, in sigma, when calibration and the other
-imitate it as well as they can (`discrepancy.design.next_poses`).
-
-A digest of the code that searched a set: after an edit of a machine its data are searched again.
+fails, is a report with an `error`; the others go on. To each finding with rivals comes the measurement that separates
+them, further poses or a second sensor: their distance follows from the data themselves
+(`discrepancy.design.next_poses`).
 """
 
 from __future__ import annotations
@@ -31,6 +26,7 @@ from calibench.bench.gate.processes import CAN_FORK, WorkerPool
 from calibench.bench.measured.sources import Source, sources
 from calibench.bench.provenance.code_digest import digest_of
 from calibench.bench.provenance.environment import provenance
+from calibench.core.notes import Code, Note
 from calibench.core.seeds import digest
 from calibench.core.sources import module_digest
 from calibench.core.words import one_line
@@ -124,20 +120,20 @@ class _Task:
         store.open()
         page.unlink(missing_ok=True)
         if self.pages and record.report is not None and data is not None:
-            notes = _drawn(record, record.report, data, page.parent)
+            notes = _draw(record, record.report, data, page.parent)
             record = replace(record, report=replace(record.report, notes=(*record.report.notes, *notes)))
         store.write(record)
         return Outcome(record, False, page if page.exists() else None)
 
 
-def _drawn(record: SearchRecord, report: Report, data: MeasuredData, folder: Path) -> tuple[str, ...]:
+def _draw(record: SearchRecord, report: Report, data: MeasuredData, folder: Path) -> tuple[Note, ...]:
     """Write drawings and page; return a note where they cannot be drawn, for the verdict stands without them."""
     from calibench.bench.discovery.page.page import write_report
 
     try:
         write_report(record, report, data, folder)
     except Exception as error:
-        return (f"the page could not be drawn: {_said(error)}",)
+        return (Note(Code.NO_PAGE, f"the page could not be drawn: {_said(error)}"),)
     return ()
 
 
@@ -175,7 +171,10 @@ def _advice(report: Report, data: MeasuredData, machine: Machine, finding: Findi
     """Return what would separate the rivals of `finding`, in words; None where no reading would."""
     first, *others = finding.set[:_MOST_RIVALS]
     size = max(_LEAST, finding.visible or 1.0)
-    completed = _completed(report, data)
+    # the data as a further sensor would complete them; None where the machine knows of none
+    made = description_of(data.machine).completed
+    there = report.before.model
+    completed = made(there.formulation, data, dict(zip(there.names, report.before.best.tolist()))) if made else None
     by_kind: dict[str, list[str]] = {}
     details: dict[str, str] = {}
     for other in others:
@@ -225,13 +224,6 @@ def _asked(machine: Machine, data: MeasuredData, rivals: list[str], size: float)
         return next_poses(machine, data, rivals, _POSES, size)
     except (NoPool, UnknownRival):
         return None
-
-
-def _completed(report: Report, data: MeasuredData) -> Completed | None:
-    """Return the data as a further sensor would complete them; None where the machine knows of none."""
-    made = description_of(data.machine).completed
-    there = report.before.model
-    return made(there.formulation, data, dict(zip(there.names, report.before.best.tolist()))) if made else None
 
 
 def search_digest(machine: Machine) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -45,7 +44,7 @@ def designed(request: DesignRequest) -> Designed:
             found, next_poses(request.build_machine(), data, request.rivals, request.further, request.size), ""
         )
     best, reason = None, "no two names look alike in these data"
-    for rivals in _mixed(found)[:_MOST_CLASSES]:
+    for rivals in [names[:_MOST_RIVALS] for names in found.classes if len(names) > 1][:_MOST_CLASSES]:
         try:
             best = next_poses(request.build_machine(), data, rivals, request.further, request.size)
         except ValueError as error:
@@ -85,8 +84,3 @@ def _data(request: DesignRequest) -> MeasuredData:
     checked = {key: coerce(f"plan.{key}", value, declared[key].type) for key, value in chosen.items()}
     data = make(request.plan, **checked)
     return MeasuredData(data.columns, data.machine, {**data.metadata, **request.stated}, data.name, data.notes)
-
-
-def _mixed(found: Design) -> list[Sequence[str]]:
-    """Return the classes of more than one name, which are what the data mix up, some members of each."""
-    return [names[:_MOST_RIVALS] for names in found.classes if len(names) > 1]

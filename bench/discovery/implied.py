@@ -86,8 +86,8 @@ def _implied(effect: Effect, without: Fit, after: Fit) -> Implied | None:
     quantity = alone if column is None and alone else _most_changed(effect, without)
     if quantity is None:
         return None
-    told, weight = error_of(quantity, without)
-    return Implied(effect, quantity, column, without, told, error_of(quantity, after)[0], weight)
+    error, weight = error_of(quantity, without)
+    return Implied(effect, quantity, column, without, error, error_of(quantity, after)[0], weight)
 
 
 def _most_changed(effect: Effect, at: Fit) -> str | None:

@@ -49,23 +49,23 @@ class SearchRecord:
 
     def line(self) -> dict[str, Any]:
         """Return the record as `bench discover --json` prints it, without the fields that only a file needs."""
-        told = self.to_dict()
-        return {key: value for key, value in told.items() if key not in _OF_THE_FILE}
+        whole = self.to_dict()
+        return {key: value for key, value in whole.items() if key not in _OF_THE_FILE}
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> SearchRecord:
+    def from_dict(cls, written: Mapping[str, Any]) -> SearchRecord:
         """Return the record that `to_dict` wrote. Raises `KeyError` or `ValueError` for any other mapping."""
-        report = None if "error" in told else Report.from_dict(told)
-        seconds = told.get("seconds")
+        report = None if "error" in written else Report.from_dict(written)
+        seconds = written.get("seconds")
         return cls(
-            case=str(told["case"]),
-            machine=str(told["machine"]),
-            case_id=str(told.get("case_id", "")),
-            data_id=str(told.get("data_id", "")),
-            options=str(told.get("options", "{}")),
-            provenance=dict(told.get("provenance") or {}),
+            case=str(written["case"]),
+            machine=str(written["machine"]),
+            case_id=str(written.get("case_id", "")),
+            data_id=str(written.get("data_id", "")),
+            options=str(written.get("options", "{}")),
+            provenance=dict(written.get("provenance") or {}),
             report=report,
-            error=str(told.get("error", "")),
+            error=str(written.get("error", "")),
             seconds=nan if seconds is None else float(seconds),
         )
 

@@ -51,6 +51,13 @@ def read_discover(words: Sequence[str]) -> DiscoverRequest:
     given, stated, options = _parted(words, _PLAIN)
     study, pages = given.get("study", "discover"), given.get("pages", "auto")
     check_study(study)
+    execution = given.get("execution", "serial")
+    choices = ("serial", "processes", "joblib")
+    if execution not in choices:
+        raise RequestError(f"execution={execution}: {suggest(execution, choices)}")
+    n_jobs = read_workers(read_word(given.get("execution.n_jobs", "-1"), int))
+    if execution == "serial" and "execution.n_jobs" in given:
+        raise RequestError("execution.n_jobs: execution=serial is one process; add execution=processes")
     return DiscoverRequest(
         machine=given["machine"],
         machine_options=options,
@@ -58,7 +65,7 @@ def read_discover(words: Sequence[str]) -> DiscoverRequest:
         stated=stated,
         folder=Path(given.get("results", "results")).expanduser() / study,
         pages=coerce("pages", pages, Pages),
-        workers=_workers(given),
+        workers=1 if execution == "serial" else (os.cpu_count() or 1) if n_jobs == -1 else n_jobs,
     )
 
 
@@ -106,9 +113,9 @@ def read_design(words: Sequence[str]) -> DesignRequest:
     if len(rivals) == 1:
         raise RequestError(f"rivals={rivals[0]}: two or more names are needed, with a comma between them")
     return DesignRequest(
-        given["machine"], options, given.get("data", ""), given.get("plan", ""),
-        of_plan, stated, size,
-        rivals, further,
+        machine=given["machine"], machine_options=options, data=given.get("data", ""), plan=given.get("plan", ""),
+        plan_options=of_plan, stated=stated, size=size,
+        rivals=rivals, further=further,
     )  # fmt: skip
 
 
@@ -124,7 +131,7 @@ def _parted(words: Sequence[str], plain: tuple[str, ...]) -> tuple[dict[str, str
     given: dict[str, str] = {}
     stated: dict[str, Any] = {}
     typed: dict[str, str] = {}
-    known, seen = stated_keys(), set()
+    known, seen = {one.key: one for machine in descriptions().values() for one in machine.stated}, set()
     for word in words:
         key, equals, value = word.partition("=")
         if not equals:
@@ -174,11 +181,6 @@ def _of_the_machine(key: str, machine: str) -> str:
     return f"machine.{key}= is its option" if machine in machines.names() and key in machines.options(machine) else ""
 
 
-def stated_keys() -> dict[str, Stated]:
-    """Return key -> what is needed of it, of all that any machine declares to read of what is stated of its data."""
-    return {one.key: one for known in descriptions().values() for one in known.stated}
-
-
 def _check_stated(one: Stated, value: Any) -> None:
     if one.rule == "positive" and not coerce(one.key, value, float) > 0:
         raise RequestError(f"{one.key}={value}: a number above 0 is needed")
@@ -192,14 +194,3 @@ def _needed(given: Mapping[str, str], key: str, what: str) -> str:
     if key not in given:
         raise RequestError(f"{key}= is missing: {what}")
     return given[key]
-
-
-def _workers(given: Mapping[str, str]) -> int:
-    execution = given.get("execution", "serial")
-    choices = ("serial", "processes")
-    if execution not in choices:
-        raise RequestError(f"execution={execution}: {suggest(execution, choices)}")
-    n_jobs = read_workers(read_word(given.get("execution.n_jobs", "-1"), int))
-    if execution == "serial" and "execution.n_jobs" in given:
-        raise RequestError("execution.n_jobs: execution=serial is one process; add execution=processes")
-    return 1 if execution == "serial" else (os.cpu_count() or 1) if n_jobs == -1 else n_jobs

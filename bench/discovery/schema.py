@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from enum import StrEnum
 from importlib.resources import files
 from pathlib import Path
 from types import NoneType, UnionType
@@ -86,6 +87,8 @@ def _of_type(hint: Any, known: dict[str, Any]) -> dict[str, Any]:
             known[hint.__name__] = {}  # it may hold itself
             known[hint.__name__] |= _object(_properties(hint, known), hint.__doc__)
         return _ref(hint.__name__)
+    if isinstance(hint, type) and issubclass(hint, StrEnum):
+        return {"enum": [member.value for member in hint]}
     kind, arguments = get_origin(hint), get_args(hint)
     if kind is Literal:
         return {"enum": list(arguments)}

@@ -163,8 +163,8 @@ def _gap_row(record: SearchRecord) -> dict[str, Any]:
 
 
 def _write_table(table: pa.Table, path: Path) -> None:
-    told = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
-    write_whole(path, lambda file: pq.write_table(table.replace_schema_metadata(told), file, compression="zstd"))
+    metadata = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
+    write_whole(path, lambda file: pq.write_table(table.replace_schema_metadata(metadata), file, compression="zstd"))
 
 
 def _write_json(value: Mapping[str, Any], path: Path) -> Path:

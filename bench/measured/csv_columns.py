@@ -31,6 +31,7 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.core.notes import Code, Note
 from calibench.core.tables.cells import factor_to_base, is_unit, no_value, way_out, with_points
 from calibench.core.tables.csv_table import Table, read_table
 from calibench.core.tables.data_file import LARGEST_TEXT, MOST_LETTERS, read_whole, text_of
@@ -85,7 +86,7 @@ def of_table(table: Table, text: Collection[str]) -> Found:
             notes = (*notes, f"column {name} is read as words: {shortened(first)!r} is no number")
     of_day = frozenset(name for name, time in times.items() if time.of_day)
     units = {n: u for n, u in units.items() if n not in times} | dict.fromkeys(of_day, "s")
-    return Found(columns, units, table.comment, notes, of_day)
+    return Found(columns, units, table.comment, tuple(Note(Code.FILE, text) for text in notes), of_day)
 
 
 def csv_lines(columns: Mapping[str, Any], units: Mapping[str, str], comment: str) -> str:
@@ -337,7 +338,7 @@ class Found:
     columns: dict[str, Any]
     units: Mapping[str, str]
     said: str = ""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     of_day: frozenset[str] = frozenset()
 
 

@@ -50,6 +50,7 @@ from calibench.bench.measured.csv_columns import (
 )
 from calibench.bench.measured.matlab_table import read_matlab
 from calibench.bench.store.atomic_file import write_whole
+from calibench.core.notes import Code, Note, once
 from calibench.core.options import read_word, shown, suggest
 from calibench.core.tables.cells import is_unit, way_out
 from calibench.core.tables.csv_table import heads, read_excel
@@ -161,7 +162,7 @@ def _of_its_field(path: Path, machine: str) -> tuple[Found, dict[str, Any]] | No
             foreign = read(text)
         except ValueError:
             continue
-        return _foreign(replace(foreign, notes=(*foreign.notes, f"read as a file that ends in {own}")))
+        return _foreign(replace(foreign, notes=(*foreign.notes, Note(Code.FILE, f"read as a file that ends in {own}"))))
     return None
 
 
@@ -184,7 +185,7 @@ def _read(path: Path) -> Found:
     if ending in EXCEL:
         table, notes = read_excel(path)
         found = of_table(table, _TEXT)
-        return replace(found, notes=(*notes, *found.notes))
+        return replace(found, notes=(*(Note(Code.FILE, text) for text in notes), *found.notes))
     return read_matlab(path, _TEXT) if ending in MATLAB else read_csv(path, _TEXT)
 
 
@@ -249,7 +250,7 @@ def _as_numpy(name: str, column: pa.ChunkedArray) -> Any:
 
 def _in_base_units(
     columns: dict[str, Any], units: Mapping[str, str], machine: str
-) -> tuple[dict[str, Any], tuple[str, ...], dict[str, str]]:
+) -> tuple[dict[str, Any], tuple[Note, ...], dict[str, str]]:
     """Return the columns in base units, a note for those that were in others, and the unit of each that stated one."""
     turned: dict[tuple[str, str], list[str]] = {}
     stated: dict[str, str] = {}
@@ -263,7 +264,8 @@ def _in_base_units(
             columns[name] = columns[name] * scale
             turned.setdefault((unit, base), []).append(name)
     notes = (
-        f"{', '.join(names)}: stated in {unit.strip()}, turned into {base}" for (unit, base), names in turned.items()
+        Note(Code.UNIT_TURNED, f"{', '.join(names)}: stated in {unit.strip()}, turned into {base}", tuple(names))
+        for (unit, base), names in turned.items()
     )
     return columns, tuple(notes), stated
 
@@ -401,7 +403,7 @@ def read_sockets(folder: Path, machine: str, stated: Mapping[str, Any]) -> Measu
     read = [read_socket(file, machine, stated) for file in files]
     check_alike(folder, {one.name: one for one in read})
     columns = {name: np.concatenate([one[name] for one in read]) for name in read[0].columns}
-    notes = (socket_note(files), *dict.fromkeys(note for one in read for note in one.notes))
+    notes = once((Note(Code.FILE, socket_note(files)), *(note for one in read for note in one.notes)))
     return replace(read[0], columns=columns, name=folder.name, notes=notes)
 
 
@@ -465,7 +467,7 @@ def renamed(found: Found, machine: str, columns: Mapping[str, str], units: Mappi
         last = source.rpartition("_")[2]
         if target not in stated and target not in units and source != target and _tells_unit(source, last):
             stated[target] = last
-            notes.append(f"{target}: the name {source} states the unit {last}")
+            notes.append(Note(Code.UNIT, f"{target}: the name {source} states the unit {last}", (target,)))
     renamed_columns = {there.get(name, name): column for name, column in found.columns.items()}
     for name, unit in units.items():
         if there.get(name, name) not in renamed_columns:

@@ -21,11 +21,11 @@ import numpy as np
 from scipy.io import loadmat, whosmat
 
 from calibench.bench.measured.csv_columns import Found, as_words
+from calibench.core.notes import Code, Note
 from calibench.core.tables.csv_table import heads
 from calibench.core.tables.data_file import LARGEST_TEXT, MEGABYTE, MOST_NUMBERS, check_columns, read_whole
 from calibench.core.words import shortened
 from calibench.discrepancy import DataError
-from calibench.discrepancy.model.measured import UNREAD
 
 _SMALLER = "take part of the readings or of the columns"
 _LARGEST_UNPACKED = 200 * MEGABYTE  # twice the most numbers, and words
@@ -131,7 +131,7 @@ def _fields(variables: dict[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _columns(named: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
+def _columns(named: dict[str, Any]) -> tuple[dict[str, Any], tuple[Note, ...]]:
     arrays = {name: np.asarray(value) for name, value in named.items()}
     words = {name: array for name, array in arrays.items() if _is_words(array)}
     matrices = {n: a for n, a in arrays.items() if a.ndim == 2 and a.dtype.kind in "iufb"}
@@ -145,7 +145,7 @@ def _columns(named: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
         [(name, matrix)] = matrices.items()
         last = matrix.shape[1]
         note = f"the columns of {name} have no names: they are called column_1 to column_{last}; columns= names them"
-        return {f"column_{k + 1}": matrix[:, k] for k in range(matrix.shape[1])}, (note,)
+        return {f"column_{k + 1}": matrix[:, k] for k in range(matrix.shape[1])}, (Note(Code.FILE, note),)
     if lengths or matrices:
         return _beside_each_other(arrays, vectors, matrices)
     there = ", ".join(f"{n} {a.shape}" for n, a in arrays.items()) or "nothing"
@@ -154,20 +154,23 @@ def _columns(named: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
 
 def _beside_each_other(
     arrays: dict[str, Any], vectors: dict[str, Any], matrices: dict[str, Any]
-) -> tuple[dict[str, Any], tuple[str, ...]]:
+) -> tuple[dict[str, Any], tuple[Note, ...]]:
     """Return the vectors, and the columns of the matrices as NAME_1, NAME_2 ..., that have the usual number of rows."""
     rows = [len(a) for n, a in (*vectors.items(), *matrices.items()) if a.dtype.kind in "iufb"]
     most = max(set(rows), key=lambda n: (rows.count(n), n))
-    found, notes = {}, []
+    found: dict[str, Any] = {}
+    notes: list[Note] = []
     for name, array in arrays.items():
         if name in vectors and len(array) == most:
             found[name] = array
         elif name in matrices and len(array) == most:
             found |= {f"{name}_{k + 1}": array[:, k] for k in range(array.shape[1])}
-            notes.append(f"the columns of {name} are called {name}_1 to {name}_{array.shape[1]}")
+            notes.append(Note(Code.FILE, f"the columns of {name} are called {name}_1 to {name}_{array.shape[1]}"))
     left = sorted(n for n in arrays if n not in {**vectors, **matrices} or len(arrays[n]) != most)
-    unread = (f"{n} ({' x '.join(map(str, arrays[n].shape)) or 'one value'})" for n in left)
-    notes += [f"variables {', '.join(unread)} {UNREAD}: columns have {most} values"] if left else []
+    if left:
+        shapes = ", ".join(f"{n} ({' x '.join(map(str, arrays[n].shape)) or 'one value'})" for n in left)
+        text = f"variables {shapes} have another shape and are not read: columns have {most} values"
+        notes.append(Note(Code.COLUMNS_UNREAD, text, tuple(left)))
     return found, tuple(notes)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import pdtrc
 
+from calibench.core.notes import Code, Note
 from calibench.core.words import plain
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import DataError, MeasuredData
@@ -24,7 +25,7 @@ from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of
 from calibench.discrepancy.registries import description_of
 
 _BOOKKEEPING = ("pose_id", "visit_id", "repeat", "split", "valid", "reading_place")
-SAME = "are the same in every column"  # in the note, by which a page knows it
+_SAME = "are the same in every column"
 _IMPOSSIBLE = 1e-3  # expected number of equal rows, below which an equal row must be a copy
 _UNLIKELY = 1e-3
 _SHOWN = 4  # pairs in a message
@@ -35,8 +36,10 @@ _DAY = 86400.0  # s
 _MOST_GAPS = 2000  # differences of a column that are used to find its step
 
 
-def copied_rows(data: MeasuredData, rows: NDArray[np.intp], formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
-    """Return which rows of `data` are copies to be left out, (n,), and a note; none and "" elsewhere.
+def copied_rows(
+    data: MeasuredData, rows: NDArray[np.intp], formulation: Formulation
+) -> tuple[NDArray[np.bool_], Note | None]:
+    """Return which rows of `data` are copies to be left out, (n,), and a note; none elsewhere.
 
     `rows` are their numbers in the file. Raises `DataError` with the rows where equal rows cannot be (the time is the
     same, or a column that carries noise is continuous), and where copies make the times of the other rows unsure.
@@ -46,35 +49,39 @@ def copied_rows(data: MeasuredData, rows: NDArray[np.intp], formulation: Formula
     first, again = _pairs(data, counters, times)
     copies = np.zeros(len(data), dtype=bool)
     if not len(again):
-        return copies, ""
-    told = ", ".join(f"{rows[k]} and {rows[i]}" for i, k in list(zip(again, first))[:_SHOWN])
-    told += f" and {len(again) - _SHOWN} more" if len(again) > _SHOWN else ""
+        return copies, None
+    pairs = ", ".join(f"{rows[k]} and {rows[i]}" for i, k in list(zip(again, first))[:_SHOWN])
+    pairs += f" and {len(again) - _SHOWN} more" if len(again) > _SHOWN else ""
     distinct = np.setdiff1d(np.arange(len(data)), again)
-    same = f"{SAME} but {', '.join(counters)}, which counts them" if len(counters) == 1 else SAME
+    same = f"{_SAME} but {', '.join(counters)}, which counts them" if len(counters) == 1 else _SAME
     later = any(not np.array_equal(data[name][again], data[name][first]) for name in times)
     same += ", the times of day too" if later else ""
     way_out = "leave out the copies, or state their own time of reading"
     if not later and "t_s" in data and len(np.unique(data["t_s"][distinct])) == len(distinct) > 1:
-        raise DataError(f"{data.name}: rows {told} {same}, t_s too: copies; {way_out}")
+        raise DataError(f"{data.name}: rows {pairs} {same}, t_s too: copies; {way_out}")
     expected = _repeats(formulation.data) * _chance(data.rows(distinct), formulation)
     if expected < _IMPOSSIBLE:
         raise DataError(
-            f"{data.name}: rows {told} {same}, to the last digit, which noise does not allow: copies; {way_out}"
+            f"{data.name}: rows {pairs} {same}, to the last digit, which noise does not allow: copies; {way_out}"
         )
     if pdtrc(len(again) - 1, expected) > _UNLIKELY:
-        return copies, (
-            f"rows {told} {same}: on a coarse scale chance may do that, and so would copies, "
+        text = (
+            f"rows {pairs} {same}: on a coarse scale chance may do that, and so would copies, "
             "from which too small a noise is learned; leave out what was not read"
         )
+        return copies, Note(Code.ROWS_EQUAL, text, rows=tuple(str(row) for row in rows[again]))
     if later:
         raise DataError(
-            f"{data.name}: rows {told} {same}: copies, at which the times begin another day, and all after them may be "
-            "of a wrong one; leave out the copies, or state times with their date"
+            f"{data.name}: rows {pairs} {same}: copies, at which the times begin another day, and all after them may "
+            "be of a wrong one; leave out the copies, or state times with their date"
         )
     copies[again] = True
-    return copies, (
-        f"rows {told} {same}: {len(again)} copies, more than the {plain(expected, 2)} that chance has, "
+    text = (
+        f"rows {pairs} {same}: {len(again)} copies, more than the {plain(expected, 2)} that chance has, "
         "are left out, and no noise is learned from them"
+    )
+    return copies, Note(
+        Code.ROWS_COPIED, text, rows=tuple(str(row) for row in rows[again]), values={"expected": float(expected)}
     )
 
 

@@ -1,19 +1,12 @@
-"""`validated` is the only way from measured data to a formulation that is searched.
+"""The only way from measured data to a formulation that is searched: `validate`.
 
-Refuse an object that is not a machine, in one line, before any method of it is called.
+First the table itself, whatever the machine: valid, split, poses and visits, time. Then what the machine makes of it:
+copies, wild readings, and a cell far from all others of its column (a code for "no value", a lost comma). A wild
+reading is seen by its misfit; that is not possible for a column that only an effect may depend on, nor for an angle,
+whose sine is never large, so such a cell is found by its distance relative to the range of the others.
 
-Refuse statements about the data that nothing reads: the user wanted to change something, and nothing changed.
-
-A machine that declares which keys may be stated gives the list. For any other machine the keys that its code and its
-effects look up are recorded.
-
-A cell far from all others of its column: a code for "no value", a lost comma, a sensor that failed.
-
-A wild reading is seen by its misfit in the model. That is not possible for a column that only an effect may depend on,
-nor for an angle, because its sine is never large. Such a cell is found by its distance from the other cells of its
-column, relative to the range of these.
-
-Checks of any table of readings, whatever the machine: valid, split, poses and visits, time.
+Refused in one line: an object that is no machine, and a statement that nothing reads, because its user wanted to change
+something and nothing changed. A machine declares its statements, or what its code looks up is recorded.
 """
 
 from __future__ import annotations
@@ -26,22 +19,19 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.notes import Code
 from calibench.core.options import suggest
 from calibench.core.tables.cells import valid_rows
 from calibench.core.words import plain
 from calibench.discrepancy.checks.copies import copied_rows
-from calibench.discrepancy.checks.wild import formulated, refuse_wild, wild_rows, wild_words, without_wild
+from calibench.discrepancy.checks.wild import formulated, refuse_wild, without_wild, without_wild_rows
 from calibench.discrepancy.model.formulations import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured import LEARNED, UNSTATED, DataError, MeasuredData, told_visits, with_split
+from calibench.discrepancy.model.measured import DataError, MeasuredData, number_visits, with_split
 from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.registries import description_of, descriptions
 
-CROSSED = "no rows are held out: the gap on unseen poses is by cross-validation"
-NOT_CROSSED = (
-    "no rows are held out, and without a part of them the rest does not determine what was added: the gap is that of "
-    "the fitted readings"
-)
+NOT_HELD_OUT = "no rows are held out: the gap on unseen poses is by cross-validation"
 
 
 def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
@@ -57,7 +47,7 @@ def _as_they_are(data: MeasuredData) -> MeasuredData:
     return data
 
 
-def validated(
+def validate(
     machine: Machine, data: MeasuredData, ordered: Callable[[MeasuredData], MeasuredData] = _as_they_are
 ) -> Formulation:
     """Return the formulation of `data` after all checks.
@@ -67,17 +57,17 @@ def validated(
     to do.
     """
     refuse_no_machine(machine)
-    rows, data = file_rows(data), entered(data)
+    rows, data = np.flatnonzero(_marked(data)) + 1, entered(data)
     formulation = formulated(machine, ordered(data))
     copies, note = copied_rows(data, rows, formulation)
     if copies.any():
         formulation = machine.formulate(ordered(data.rows(~copies)))
-    if note:
-        formulation = formulation.on(formulation.data.with_note(note))
+    if note is not None:
+        formulation = formulation.on(replace(formulation.data, notes=(*formulation.data.notes, note)))
     # only predictions are the same at the same inputs; constraints need not be
     predicts = not isinstance(formulation, Constraints)
-    told = visits_at(formulation.data, inputs_of(formulation) if predicts else ())
-    formulation = formulation if told is formulation.data else formulation.on(told)
+    with_visits = visits_at(formulation.data, inputs_of(formulation) if predicts else ())
+    formulation = formulation if with_visits is formulation.data else formulation.on(with_visits)
     formulation = _tame(formulation)
     if machine.name not in descriptions():  # machines that ship have rules of their own for wild readings
         kept = without_wild(formulation, isolated=True)
@@ -91,13 +81,11 @@ def _tame(formulation: Formulation) -> Formulation:
     Refuse data that are far off.
     """
     refuse_wild(formulation)
-    apart, note = rows_apart(formulation)
-    if note:
-        formulation = formulation.on(formulation.data.rows(~apart).with_note(note))
-    wild = wild_rows(formulation)
-    if wild.any():
-        formulation = formulation.on(formulation.data.rows(~wild).with_note(wild_words(formulation, wild)))
-    return formulation
+    apart, text = rows_apart(formulation)
+    if text:
+        data = formulation.data
+        formulation = formulation.on(data.rows(~apart).with_note(Code.ROWS_WILD, text, rows=data.labels(apart)))
+    return without_wild_rows(formulation)
 
 
 def _remarked(machine: Machine, formulation: Formulation) -> Formulation:
@@ -107,7 +95,8 @@ def _remarked(machine: Machine, formulation: Formulation) -> Formulation:
     """
     data = formulation.data
     if unknown := unknown_noise_of(formulation):
-        data = data.with_note(f"{UNSTATED}: that of {', '.join(unknown)} {LEARNED}")
+        text = f"the noise is not stated: that of {', '.join(unknown)} is learned from what the model leaves"
+        data = data.with_note(Code.NOISE_LEARNED, text, unknown)
         formulation = formulation.on(data)
     if machine.name in descriptions():
         return formulation
@@ -116,39 +105,38 @@ def _remarked(machine: Machine, formulation: Formulation) -> Formulation:
     for name in columns_of(roles):
         if name not in data:
             what = words_of(roles).get(name, name)
-            data = data.with_note(
-                f"no column {name}: what depends on the {what} is not looked for; {suggest(name, others)}"
-            )
+            text = f"no column {name}: what depends on the {what} is not looked for; {suggest(name, others)}"
+            data = data.with_note(Code.COLUMN_MISSING, text, (name,))
     if "split" not in data or not (data["split"] == "hold").any():
-        data = data.with_note(CROSSED)
+        data = data.with_note(Code.NOT_HELD_OUT, NOT_HELD_OUT)
     return formulation.on(data)
 
 
 _FORMULATE = "formulate(data), which returns Predicted(...) or Constraints(...)"
 
 
-def refuse_no_machine(machine: object, told: str = "") -> None:
+def refuse_no_machine(machine: object, called: str = "") -> None:
     """Raise `DataError` for an object without `name` or without a `formulate` that takes data.
 
     `told` is what the user wrote.
     """
     if isinstance(machine, type):
         raise DataError(
-            f"{told or 'machine'}: {machine.__name__} is a class; {machine.__name__}(), one of it, is needed"
+            f"{called or 'machine'}: {machine.__name__} is a class; {machine.__name__}(), one of it, is needed"
         )
-    told = told or f"machine: {type(machine).__name__}"
+    called = called or f"machine: {type(machine).__name__}"
     formulate = getattr(machine, "formulate", None)
     if not callable(formulate):
-        raise DataError(f"{told}: it has no {_FORMULATE}")
+        raise DataError(f"{called}: it has no {_FORMULATE}")
     try:
         inspect.signature(formulate).bind(None)
     except TypeError:
-        raise DataError(f"{told}: formulate{inspect.signature(formulate)} does not take the data; "
+        raise DataError(f"{called}: formulate{inspect.signature(formulate)} does not take the data; "
                         f"def formulate(self, data) is needed") from None  # fmt: skip
     except ValueError:
         pass  # the signature of a function in C cannot be read
     if not isinstance(name := getattr(machine, "name", None), str) or not name:
-        raise DataError(f'{told}: it has no name; name = "..." in the class says what a page calls it')
+        raise DataError(f'{called}: it has no name; name = "..." in the class says what a page calls it')
 
 
 _ALWAYS = ("machine", "schema_version", "columns", "units")
@@ -179,7 +167,7 @@ class Asked(dict[str, Any]):
         return super().__iter__()
 
 
-def listening(data: MeasuredData) -> tuple[MeasuredData, Asked]:
+def listen(data: MeasuredData) -> tuple[MeasuredData, Asked]:
     """Return the data with metadata that record what is read of them, and these metadata."""
     asked = Asked(data.metadata)
     return replace(data, metadata=asked), asked
@@ -213,7 +201,7 @@ def rows_apart(formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
     The note is "" where there is no such row.
     """
     data = formulation.data
-    out, told = np.zeros(len(data), dtype=bool), []
+    out, cells = np.zeros(len(data), dtype=bool), []
     for name in _looked_at(formulation):
         column = np.asarray(data[name], dtype=float)
         apart = _apart(column)
@@ -221,11 +209,11 @@ def rows_apart(formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
             out |= apart
             rest = column[~apart & np.isfinite(column)]
             lie = f"all others lie between {plain(rest.min())} and {plain(rest.max())}"
-            told.append(f"{name} is {column[apart][0]:.6g}, {lie}")
-    if not told:
+            cells.append(f"{name} is {column[apart][0]:.6g}, {lie}")
+    if not cells:
         return out, ""
     rows, them = formulation.data.rows_named(out), "them" if out.sum() > 1 else "it"
-    return out, f"{rows} left out: {'; '.join(told)}; correct {them}, or mark {them} valid=0"
+    return out, f"{rows} left out: {'; '.join(cells)}; correct {them}, or mark {them} valid=0"
 
 
 def _apart(column: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -267,12 +255,7 @@ def entered(data: MeasuredData) -> MeasuredData:
     if not len(data):
         raise DataError(f"{data.name}: there are no readings; a row for each is needed")
     data = _timed(_only_valid(data))
-    return _with_visits(told_visits(with_split(data)))
-
-
-def file_rows(data: MeasuredData) -> NDArray[np.intp]:
-    """Return the number in the file, from 1, of each row that `entered` keeps, (m,)."""
-    return np.flatnonzero(_marked(data)) + 1
+    return _with_visits(number_visits(with_split(data)))
 
 
 def _marked(data: MeasuredData) -> NDArray[np.bool_]:
@@ -291,7 +274,8 @@ def _only_valid(data: MeasuredData) -> MeasuredData:
     if not valid.any():
         raise DataError(f"{data.name}: column valid marks no row as valid; mark those that are to be used with 1")
     count = int((~valid).sum())
-    return data.rows(valid).with_note(f"{count} row{'s are' if count > 1 else ' is'} marked as not valid and left out")
+    text = f"{count} row{'s are' if count > 1 else ' is'} marked as not valid and left out"
+    return data.rows(valid).with_note(Code.ROWS_LEFT_OUT, text, ("valid",), rows=data.labels(~valid))
 
 
 def _timed(data: MeasuredData) -> MeasuredData:
@@ -305,8 +289,8 @@ def _timed(data: MeasuredData) -> MeasuredData:
             "are needed"
         ) from None
     back = int((np.diff(time) < 0).sum())
-    note = f"t_s runs backwards at {back} place{'s' if back > 1 else ''}: the rows are taken in the order of t_s"
-    return data.with_note(note) if back and note not in data.notes else data
+    text = f"t_s runs backwards at {back} place{'s' if back > 1 else ''}: the rows are taken in the order of t_s"
+    return data.with_note(Code.TIME_BACKWARDS, text, ("t_s",), places=back) if back else data
 
 
 def _with_visits(data: MeasuredData) -> MeasuredData:
@@ -337,5 +321,5 @@ def visits_at(data: MeasuredData, inputs: Sequence[str]) -> MeasuredData:
     visit = np.cumsum(np.diff(pose, prepend=pose[:1]) != 0)
     if len(np.unique(visit)) in (1, len(data)):
         return data
-    note = f"rows that follow each other at the same {', '.join(inputs)} are taken as repeats"
-    return data.with_columns({"pose_id": pose, "visit_id": visit}).with_note(note)
+    text = f"rows that follow each other at the same {', '.join(inputs)} are taken as repeats"
+    return data.with_columns({"pose_id": pose, "visit_id": visit}).with_note(Code.REPEATS_TAKEN, text, inputs)

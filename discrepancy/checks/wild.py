@@ -1,24 +1,19 @@
 """Numbers far from what the model can give: metres for millimetres, degrees for radians, a sign, a zero far off.
 
 At the start values the constraints are compared with those of shuffled readings, which fit no machine. Where the model
-is hardly nearer to the readings than to shuffled ones, but much nearer after one factor or one shift, the message tells
+is hardly nearer to the readings than to shuffled ones, but much nearer after one factor or one shift, the message names
 that factor or shift. Where none helps, the start is poor or the model is wrong: the fit may still succeed. Rows of
 different kinds, such as heights and distances, are compared and shuffled separately.
 
-Readings that no calibration can explain (a lost target, a pose that was not reached) are left out, with a note.
-
-The machine is fitted with a smaller weight for readings that lie far out. Then a row is wild if what is left of it, in
-any constraint, is `_FAR_OUT` times the middle one. Many of them are no accidents, and all are kept.
-`isolated` rows stand alone: what is left of any other is less than half, and no repeat says the same. Few times the
-middle one is enough then, because the middle one contains the effects that are looked for.
-
-Notes on parameters that end outside their bounds, which the fit does not enforce. They precede all other notes.
+Readings that no calibration can explain (a lost target, a pose that was not reached) are left out, with a note: after a
+fit with smaller weights for readings far out, a row is wild if what is left of it is `_FAR_OUT` times the middle one.
+Many of them are no accidents, and all are kept. `isolated` rows stand alone, so few times the middle one is enough.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -28,6 +23,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.notes import Code
 from calibench.core.tables.cells import factors_near
 from calibench.core.words import plain
 from calibench.discrepancy.model.formulations import Predicted
@@ -37,7 +33,7 @@ from calibench.discrepancy.model.measured import DataError, MeasuredData, Misfit
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import inputs_of, roles_of, unknown_noise_of
 from calibench.discrepancy.registries import description_of
-from calibench.problems.base import Array, Parameter
+from calibench.problems.base import Array
 
 _FAR_OUT = 12.0  # times the middle size of what is left
 _MOST = 0.03  # of the readings
@@ -73,11 +69,11 @@ def without_wild(formulation: Formulation, machine: str = "machine", isolated: b
     how, others = ("twice", "any other") if isolated else (f"{_FAR_OUT:g} times", "the middle one")
     many, at = count > 1, data.rows_named(np.array([worst]))
     left_out = f"{count} wild readings are left out ({data.rows_named(wild)})" if many else "1 wild reading is left out"
-    note = (
+    text = (
         f"{left_out}, more than {how} as far from the calibrated {machine} as {others}: "
-        f"{'the worst is ' if many else ''}{at}, {_told(formulation, left, size, worst)}"
+        f"{'the worst is ' if many else ''}{at}, {_row_in_words(formulation, left, size, worst)}"
     )
-    return data.rows(~wild).with_note(note)
+    return data.rows(~wild).with_note(Code.ROWS_WILD, text, rows=data.labels(wild))
 
 
 def _alone(size: Array) -> NDArray[np.bool_]:
@@ -118,7 +114,7 @@ def _noise_and_parts(model: Model) -> tuple[Array, Array]:
     return np.maximum(noise, np.finfo(float).eps * np.maximum(parts, 1e-300)), parts
 
 
-def _told(formulation: Formulation, left: Array, size: Array, row: int) -> str:
+def _row_in_words(formulation: Formulation, left: Array, size: Array, row: int) -> str:
     """Return what a row reads: what was measured and how far off it is, or the columns of a closure."""
     data, k = formulation.data, int(np.argmax(size[row]))
     if isinstance(formulation, Predicted):
@@ -138,9 +134,6 @@ _LEAST = 8  # rows that are needed at least
 _TURN = 72  # places of a zero that are tried
 _ALIKE = 1.02  # times the best misfit: a cure within this is as good
 _CURES = 2  # cures that a message names
-FAR = (
-    "the calibrated model is hardly nearer to the readings than to shuffled ones"  # in a note, by which a page knows it
-)
 _OUT = 10.0  # times the largest misfit of shuffled readings: no reading of this machine
 _EXACT = 1e-10  # times the misfit of shuffled readings, or the numbers of a row: nearer to the model is rounding alone
 _LARGEST = 4.0  # times the noise: the largest misfit of some hundred shuffled readings of noise alone
@@ -186,13 +179,10 @@ def _refuse_wild(formulation: Formulation) -> None:
     )
 
 
-def far_words(formulation: Formulation, x: Array) -> tuple[str, ...]:
-    """Return a note where a model, calibrated to parameters x, is as far from its readings as from shuffled ones."""
+def as_far_as_shuffled(formulation: Formulation, x: Array) -> bool:
+    """Return whether a model, calibrated to parameters x, is hardly nearer to its readings than to shuffled ones."""
     kinds = [formulation.on(formulation.data.rows(rows)) for rows in _alike(formulation) if len(rows) >= _LEAST]
-    if not any(_misfit(few, Model(few).quantities(x)[0]) > _FAR for few in kinds):
-        return ()
-    return (f"{FAR}: are these readings of this machine, is each column under its own name, and is each row of one "
-            "reading?",)  # fmt: skip
+    return any(_misfit(few, Model(few).quantities(x)[0]) > _FAR for few in kinds)
 
 
 def wild_rows(formulation: Formulation) -> NDArray[np.bool_]:
@@ -265,7 +255,7 @@ def _shuffled(formulation: Formulation, q: Mapping[str, Numbers], rows: NDArray[
 
 def _worst(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
     """Return the reading that is furthest from the rest of its column, in words."""
-    told = ("", 0.0, 0.0)
+    worst = ("", 0.0, 0.0)
     reads = getattr(formulation, "reads", None)
     for name in formulation.readings:
         if reads is not None and not reads(name)[wild].any():
@@ -274,18 +264,22 @@ def _worst(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
         middle = float(np.median(column))
         spread = float(np.median(np.abs(column - middle))) or 1.0
         far = np.abs(column[wild] - middle) / spread
-        if far.max() > told[1]:
-            told = (name, float(far.max()), float(column[wild][far.argmax()]))
-    return f"{told[0]} is {told[2]:.6g}{' in one of them' if wild.sum() > 1 else ''}"
+        if far.max() > worst[1]:
+            worst = (name, float(far.max()), float(column[wild][far.argmax()]))
+    return f"{worst[0]} is {worst[2]:.6g}{' in one of them' if wild.sum() > 1 else ''}"
 
 
-def wild_words(formulation: Formulation, wild: NDArray[np.bool_]) -> str:
-    """Return a note for wild rows that are left out."""
-    them = "them" if wild.sum() > 1 else "it"
-    return (
-        f"{formulation.data.rows_named(wild)} left out, for no reading of this machine lies there: "
+def without_wild_rows(formulation: Formulation) -> Formulation:
+    """Return the formulation without the rows that no machine of its kind can give, and a note on them."""
+    wild = wild_rows(formulation)
+    if not wild.any():
+        return formulation
+    data, them = formulation.data, "them" if wild.sum() > 1 else "it"
+    text = (
+        f"{data.rows_named(wild)} left out, for no reading of this machine lies there: "
         f"{_worst(formulation, wild)}; correct {them}, or mark {them} valid=0"
     )
+    return formulation.on(data.rows(~wild).with_note(Code.ROWS_WILD, text, rows=data.labels(wild)))
 
 
 def formulated(machine: Machine, data: MeasuredData) -> Formulation:
@@ -449,35 +443,3 @@ def _shifted(formulation: Formulation, q: Mapping[str, Numbers], name: str, unit
             )
             return
     yield Cure(f"if {plain(best, 3, '+')}{unit} is added to {name}: its zero is that far off", misfit(best))
-
-
-_SHOWN = 3  # parameters with their numbers
-_NARROW = 1e-300  # bounds that leave no room
-BEYOND = "the fit is free of bounds"  # in the note, by which a page knows it
-
-
-def outside_bounds(parameters: Sequence[Parameter], found: Mapping[str, float]) -> tuple[str, ...]:
-    """Return a note for the parameters that end outside their bounds, the furthest first; none where all end inside.
-
-    If there are many, only their names are told: the table of parameters has all numbers.
-    """
-    out = sorted((p for p in parameters if _beyond(p, found) > 0), key=lambda p: -_beyond(p, found))
-    if not out:
-        return ()
-    many = len(out) > _SHOWN + 1
-    first, others = (out[:_SHOWN], out[_SHOWN:]) if many else (out, [])
-    told = "; ".join(
-        f"{p.name} ends at {found[p.name]:.6g} {p.unit}, outside {p.lower:g} to {p.upper:g}" for p in first
-    )
-    told += f"; outside theirs are {len(others)} more: {', '.join(p.name for p in others)}" if many else ""
-    return (f"{told}: {BEYOND}, and found the machine elsewhere than its owner did; are the "
-            "units, the start, and the bounds right?",)  # fmt: skip
-
-
-def _beyond(p: Parameter, found: Mapping[str, float]) -> float:
-    """Return how far a parameter ends outside its bounds, in widths of the box.
-
-    It is 0 inside, and for a parameter without a value.
-    """
-    at = found.get(p.name, p.lower)
-    return 0.0 if p.lower <= at <= p.upper else max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)

@@ -13,6 +13,7 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.core.notes import Note
 from calibench.core.plain import finite
 from calibench.core.process import one_thread
 from calibench.discrepancy.checks.validate import looked_at
@@ -79,7 +80,7 @@ class Design:
     visible: tuple[str, ...]
     sines: Array
     not_testable: tuple[Untestable, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; an infinite amplitude is None."""
@@ -89,11 +90,11 @@ class Design:
             "constraints": self.constraints,
             "size": self.size,
             "threshold": self.threshold,
-            "candidates": [{"class": told.pop("group"), **told} for told in map(finite, self.candidates)],
+            "candidates": [{"class": plain.pop("group"), **plain} for plain in map(finite, self.candidates)],
             "classes": [list(names) for names in self.classes],
             "invisible": [sight.effect for sight in self.candidates if not sight.visible],
             "not_testable": finite(self.not_testable),
-            "notes": list(self.notes),
+            "notes": finite(self.notes),
         }
 
 
@@ -126,22 +127,29 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
         least = float(np.median([r.least(candidates) for r in shown]))
         fraction = float(np.median([r.fraction for r in shown]))
         found.append(
-            Detectability(name, effect.family, effect.target, effect.unit, fraction, least if name in seen else np.inf,
-                  number.get(name, -1))
-        )  # fmt: skip
+            Detectability(
+                effect=name,
+                family=effect.family,
+                target=effect.target,
+                unit=effect.unit,
+                visible_fraction=fraction,
+                minimum_detectable=least if name in seen else np.inf,
+                group=number.get(name, -1),
+            )
+        )
     used = formulation.data
     return Design(
-        used.name,
-        len(used),
-        view.rows,
-        size,
-        threshold,
-        tuple(found),
-        classes,
-        tuple(seen),
-        sines,
-        known.untestable,
-        used.notes,
+        name=used.name,
+        readings=len(used),
+        constraints=view.rows,
+        size=size,
+        threshold=threshold,
+        candidates=tuple(found),
+        classes=classes,
+        visible=tuple(seen),
+        sines=sines,
+        not_testable=known.untestable,
+        notes=used.notes,
     )
 
 

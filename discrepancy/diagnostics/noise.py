@@ -1,36 +1,16 @@
-"""Test the stated noise: coarse steps or outlying readings of one sensor, heavy tails of all.
-
-Coarse steps are found from the recorded values. Outlying readings and heavy tails must show between back-to-back
-repeats, because there no missing effect can look like them: most differences are as small as stated, some are far
-larger. Heavy tails within the stated standard deviation (a t law of that variance) are not reported.
-
-The noise at a fit: as stated, as repeats of readings correct it, or learned from what the fit leaves.
+"""The noise of a search: as stated, as repeats of readings correct it, or learned from what a fit leaves.
 
 `sound_fit` corrects the stated noise where repeats contradict that of some sensors, `noise_at` returns the law that all
-repeats show, and `learned_beside` learns noise that nobody states from what found effects leave.
+repeats show, and `learned_beside` learns noise that nobody states from what found effects leave. One scale for all
+sensors cannot correct a wrong statement of one kind, so each kind's scale is found by maximum likelihood from the
+differences of back-to-back readings, in which a missing effect cancels; the law is a t law, so that single bad readings
+do not decide. Coarse steps are found from the recorded values. Outlying readings and heavy tails must show between
+repeats, where no missing effect looks like them.
 
-Estimate from repeated readings whether the stated noise of one kind of sensor is wrong by a factor.
-
-One scale for all sensors, as `repeats` estimates it, cannot correct that, because the constraints would still have the
-wrong weights. The scale of each kind's noise is found by maximum likelihood from differences of the constraints between
-back-to-back readings: a missing effect cancels in these. The law is a t law, so that single bad readings do not decide.
-
-What is "measured" comes in levels, and the inputs scatter: the noise is on the other side of the prediction.
-
-A robot that was sent to a grid of places, and a camera that saw it there: the places are exact, and the camera errs.
-With the places as what is measured, the error of an input is told as a function of that input, within each level a line
-with slope -1: a saw-tooth, which waves explain to the last digit. Predicted the other way round, it is noise.
-
-One reading that makes nearly all of what a calibrated model leaves: a wild one, or the only one of its kind.
-
-Least squares bends the model towards it, so all others are off as well, and no test shows what is wrong. Left out, it
-shows: the sum of squares falls by r' (I - H)^-1 r over its residuals r, with H its block of the projection on the
-columns of the parameters (Cook and Weisberg, Residuals and Influence in Regression, 1982, ch. 2).
-
-Names that were found from few equations, which had to show the noise as well.
-
-From 30 random poses of a measured arm, 87 equations for 25 parameters, 21 searches told names, and 8 of these made the
-error of the other poses larger; from 45 poses and more it was 3 of 41 (`docs/arm-rates.md`).
+Two traps are looked for. What is "measured" may come in exact levels, as commanded places do, while the inputs scatter:
+then the error of an input is a saw-tooth over that input, which waves explain to the last digit. And one reading may
+make nearly all of what is left: least squares bends the model towards it, and without it the sum of squares falls by
+r' (I - H)^-1 r (Cook and Weisberg, Residuals and Influence in Regression, 1982, ch. 2).
 """
 
 from __future__ import annotations
@@ -43,12 +23,13 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import fdtrc, gammainc
 
-from calibench.core.words import counted, plain
+from calibench.core.notes import Code, Note
+from calibench.core.words import plain
 from calibench.discrepancy.fitting.fit import Fit, fit, linearise, orthonormal, readings_of
 from calibench.discrepancy.model.formulations import rows_read
 from calibench.discrepancy.model.learned_noise import relearned, told_by_middle
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.measured import NO_REPEATS, UNSTATED, Sensor, blamable, kinds_of, sensor_of
+from calibench.discrepancy.model.measured import Sensor, blamable, kinds_of, sensor_of
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
 from calibench.discrepancy.noise.laws import NoiseFinding, heavy_tails_in, mixture, outliers_of, quantisation_of
@@ -57,51 +38,37 @@ from calibench.discrepancy.noise.whiten import ROUNDING, Noise
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-ALONE = "makes nearly all of what the calibrated model leaves"  # in a note, by which a page knows it
 _MOST_LEFT = 0.1  # of the sum of squares, without the reading
 _LEAST_LEFT = 3  # equations beside the parameters, without the reading
 _RANK = 1e-10  # of the largest singular value
-_COLUMNS = 4  # by which the reading is told
 
 
-def one_reading(at: Fit) -> tuple[str, ...]:
-    """Return a note on the reading without which the fit leaves a tenth of its sum of squares, or less; else none."""
-    data = at.model.formulation.data
-    n = len(data)
+def one_reading(at: Fit) -> tuple[int, float] | None:
+    """Return the row without which the fit leaves a tenth of its sum of squares or less, and how much nearer the others
+    lie without it; None where there is none such.
+    """
+    n = len(at.model.formulation.data)
     width, odd = divmod(len(at.r), n)
     if odd or not width or at.exact:
-        return ()
+        return None
     r, q = np.asarray(at.r).reshape(n, width), orthonormal(at.J, _RANK)
     freedom = len(at.r) - q.shape[1] - width
     whole = float(np.sum(r**2))
     if freedom < _LEAST_LEFT or not whole > 0:
-        return ()
+        return None
     blocks = q.reshape(n, width, -1)
     beside = np.eye(width) - blocks @ blocks.transpose(0, 2, 1)
     # a reading that alone determines a parameter tells nothing of itself
     known = np.linalg.eigvalsh(beside)[:, 0] > 1e-9
     if not known.any():
-        return ()
+        return None
     falls = np.zeros(n)
     falls[known] = np.einsum("ij,ij->i", r[known], np.linalg.solve(beside[known], r[known][..., None])[..., 0])
     k = int(np.argmax(falls))
     left = max(whole - falls[k], 1e-12 * whole)
     if left > _MOST_LEFT * whole or n * fdtrc(width, freedom, falls[k] / width / (left / freedom)) > _CHANCE:
-        return ()
-    times = np.sqrt(whole / len(at.r) / (left / (len(at.r) - width)))
-    told = told_by(at.model.formulation, k)
-    return (
-        f"one reading ({told}) {ALONE}: without it the others lie {plain(times, 2)} times nearer; look at it, and "
-        "leave its row out if it was misread",
-    )
-
-
-def told_by(formulation: Formulation, k: int) -> str:
-    """Return which row of the file row `k` is, and its first columns with their numbers: inputs, then readings."""
-    data = formulation.data
-    columns = dict.fromkeys((*inputs_of(formulation), *formulation.readings))
-    told = [f"{name} {plain(float(np.asarray(data[name])[k]), 5)}" for name in columns if name in data]
-    return f"{data.rows_named(np.array([k]))}: {', '.join(told[:_COLUMNS])}"
+        return None
+    return k, float(np.sqrt(whole / len(at.r) / (left / (len(at.r) - width))))
 
 
 _CORES = (0.75, 1.0)
@@ -111,27 +78,15 @@ _SCALES = 0.7, 1.05  # between which noise is as stated
 _QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the quartiles of n Gaussian values
 
 
-def coarse_sensors(at: Fit) -> tuple[NoiseFinding, ...]:
-    """Return the sensors whose values have steps coarse enough to matter, for a fit under the stated noise."""
-    r, signatures = whitened(at)
-    formulation = at.model.formulation
-    sensors = blamable(formulation.sensors)
-    found = [quantisation_of(formulation, sensor, r, signatures[sensor.column]) for sensor in sensors]
-    return tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > thresholds().step_gain)
-
-
-def less_than_stated(at: Fit) -> tuple[str, ...]:
-    """Return a note where a fit leaves far less than the stated noise would by chance; none where it is learned."""
+def less_than_stated(at: Fit) -> float | None:
+    """Return how many times the stated noise a fit leaves, where that is far less than by chance; else None."""
     if unknown_noise_of(at.model.formulation):
-        return ()
+        return None
     energy = float(np.sum(at.r**2))
     times = float(np.sqrt(energy / at.degrees))
     if at.exact or not _NOTHING < times < _FAR_LESS or gammainc(at.degrees / 2, energy / 2) > _CHANCE:
-        return ()
-    return (
-        f"what is left is {plain(times, 2)} times the stated noise, which is too large: what is small beside it is "
-        "not found; state it as it is, or leave it out to have it learned",
-    )
+        return None
+    return times
 
 
 def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
@@ -230,8 +185,8 @@ def contamination(d: Array) -> float:
     """
     seen = -np.inf
     for core in _CORES:
-        told = mixture((d.ravel() / core) ** 2, np.ones(d.size))
-        seen = max(seen, told.gain / 2 + Noise(core).loglikelihood(d))
+        mixed = mixture((d.ravel() / core) ** 2, np.ones(d.size))
+        seen = max(seen, mixed.gain / 2 + Noise(core).loglikelihood(d))
     one = max(Noise(_scale(d, t_degrees), 0.0, t_degrees).loglikelihood(d) for t_degrees in (*TAILS, np.inf))
     return float(2 * (seen - one))
 
@@ -275,13 +230,18 @@ def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
     return at.r.reshape(shape), signatures
 
 
-def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...]]:
+def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[Note, ...]]:
     """Return the fit with its noise corrected where repeats contradict the stated one; the suspected sensors; notes."""
     at = plain
     added, notes = sensor_scales(plain)
     if added:
         at = fit(plain.model, Noise(extra=added), plain.x)
-    suspects = coarse_sensors(at)
+    # the sensors whose values have steps coarse enough to matter, for a fit under the stated noise
+    r, signatures = whitened(at)
+    formulation = at.model.formulation
+    sensors = blamable(formulation.sensors)
+    found = [quantisation_of(formulation, sensor, r, signatures[sensor.column]) for sensor in sensors]
+    suspects = tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > thresholds().step_gain)
     if suspects:
         at = fit(plain.model, Noise(extra=_sum(added, *(s.extra for s in suspects))), plain.x)
     outside = outlying(at)
@@ -291,28 +251,28 @@ def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[str, ...
     return at, (*suspects, *outside), notes if _stated(plain.model.formulation) else ()
 
 
-def law_at(at: Fit) -> tuple[Noise, Repeats, tuple[str, ...]]:
+def law_at(at: Fit) -> tuple[Noise, Repeats, tuple[Note, ...]]:
     """Return the law of the noise that repeats show in what a fit leaves, the repeats, and remarks on it."""
     formulation = at.model.formulation
     return law_of(at.r.reshape(len(formulation.data), -1), formulation.data, _stated(formulation))
 
 
-def noise_at(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -> tuple[Noise, tuple[str, ...]]:
+def noise_at(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -> tuple[Noise, tuple[Note, ...]]:
     """Return the noise that repeated readings show, and remarks on it. `whole` has the held-out rows too."""
     data, unknown = sound.model.formulation.data, unknown_noise_of(whole)
-    noise, told, remarks = law_at(sound)
-    if told.few and NO_REPEATS in whole.data.noted:
-        remarks = ()  # the machine has its own remark on it
+    noise, repeats, remarks = law_at(sound)
+    if any(note.code is Code.NO_REPEATS for note in whole.data.notes):  # the machine has its own note on it
+        remarks = tuple(note for note in remarks if note.code is not Code.NO_REPEATS)
     if any(s.family == "quantisation" for s in suspects):
         noise, remarks = Noise(), ()  # coarse readings repeat the same value, so repeats tell nothing about their noise
     noise = replace(noise, extra=sound.noise.extra)
     if unknown and (_stated(whole) or not noise.from_repeats):
-        behind = max(len(unknown) * told_by_middle(len(data), sound.J.shape[1] / len(whole.readings)), told.n_pairs)
+        behind = max(len(unknown) * told_by_middle(len(data), sound.J.shape[1] / len(whole.readings)), repeats.n_pairs)
         noise = replace(noise, profiled=True, known=min(noise.known, behind))
     return noise, remarks
 
 
-def learned_beside(at: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Formulation, Noise, tuple[str, ...]]:
+def learned_beside(at: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Formulation, Noise, tuple[Note, ...]]:
     """Return the formulation with its unknown noise learned from what the effects of a fit leave, the law, and remarks.
 
     The first estimate of a column contains the effects that move it. The tests take all residuals to have equal
@@ -342,7 +302,7 @@ def _sum(*variances: Mapping[str, Array | float]) -> dict[str, Array | float]:
 _GRIDDED = 3  # kinds of sensors up to which every combination of scales is tried to begin with
 
 
-def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
+def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[Note, ...]]:
     """Return what to add to the stated variance of each reading whose kind has the wrong stated noise, and a note."""
     names = at.model.formulation.readings
     kinds = [tuple(sensor.column for sensor in alike) for alike in kinds_of(at.model.formulation.sensors)]
@@ -373,8 +333,10 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[str, ...]]:
     extra: dict[str, float] = {}
     for kind, scale in ((kinds[k], scales[k]) for k in read):
         extra |= {name: (scale**2 - 1) * float(np.mean(at.at.sigma[:, names.index(name)] ** 2)) for name in kind}
-    told = "; ".join(f"{', '.join(kinds[k])}: {plain(scales[k], 2)} times" for k in read)
-    return extra, (f"repeats scatter otherwise than the stated noise ({told}); their scatter is used",)
+    each = "; ".join(f"{', '.join(kinds[k])}: {plain(scales[k], 2)} times" for k in read)
+    text = f"repeats scatter otherwise than the stated noise ({each}); their scatter is used"
+    times = {name: scales[k] for k in read for name in kinds[k]}
+    return extra, (Note(Code.NOISE_MISSTATED, text, tuple(times), values=times),)
 
 
 def _mostly_the_same(at: Fit, kind: tuple[str, ...], first: Array, second: Array) -> bool:
@@ -426,32 +388,25 @@ def _whitened(at: Fit, covariance: Array, first: Array, second: Array) -> tuple[
     return np.asarray(z), float(np.log(np.diagonal(lower, axis1=1, axis2=2)).sum())
 
 
-EXACT = "the noise is that of the inputs"  # in a note, by which a page knows it
 _LEAST_EACH = 3.0  # readings in a level, on average
 _APART = 6.0  # times what scatters within them: levels that are nearer are steps of a coarse scale
 _STILL = 0.1  # times what is left within a level: so much the reading itself moves there at most
 _MOSTLY = 0.5  # of the rms of what is left: so much of it is within levels at least
 
 
-def exact_readings(at: Fit) -> tuple[str, ...]:
-    """Return a note where measured columns are exact levels and what a fit leaves is the scatter of the inputs."""
+def exact_readings(at: Fit) -> dict[str, tuple[int, float]]:
+    """Return the measured columns that come in exact levels while what a fit leaves is the scatter of the inputs.
+
+    With each: how many levels, and how many times less it moves within one than its prediction does.
+    """
     formulation = at.model.formulation
     inputs, names = inputs_of(formulation), tuple(formulation.readings)
     left = np.asarray(at.at.misclosure)
     if not inputs or left.ndim != 2 or left.shape[1] != len(names):
-        return ()
-    found: dict[str, tuple[int, float]] = {}
-    for k, name in enumerate(names):
-        if told := _levels(np.asarray(formulation.data[name], dtype=float), left[:, k]):
-            found[name] = told
-    if not found:
-        return ()
-    name, (count, times) = max(found.items(), key=lambda one: one[1][1])
-    return (
-        f"{name} comes in {count} levels, and moves {plain(times, 2)} times less within one than its prediction does, "
-        f"as what was commanded does: {EXACT} ({', '.join(inputs)}); predict these from {', '.join(names)}, else their "
-        "error is told as what is missing",
-    )
+        return {}
+    columns = (np.asarray(formulation.data[name], dtype=float) for name in names)
+    levels = {name: _levels(column, left[:, k]) for k, (name, column) in enumerate(zip(names, columns))}
+    return {name: found for name, found in levels.items() if found}
 
 
 def _levels(y: Array, left: Array) -> tuple[int, float] | None:
@@ -475,19 +430,3 @@ def _within(values: Array, level: Array, count: int) -> float:
     """Return the rms of values about the mean of their level."""
     means = np.bincount(level, values, count) / np.bincount(level, minlength=count)
     return float(np.sqrt(np.mean((values - means[level]) ** 2)))
-
-
-FEW_EQUATIONS = "names found from so few equations"  # in a note, by which a page knows it
-
-
-def few_equations(base: Fit) -> tuple[str, ...]:
-    """Return a note where a fit without effects has few equations for each parameter, and nobody stated the noise."""
-    equations, calibrated = base.J.shape
-    unstated = any(note.startswith(UNSTATED) for note in base.model.formulation.data.notes)
-    if not unstated or equations >= thresholds().equations_each * calibrated:
-        return ()
-    return (
-        f"{counted(equations, 'equation')} for {counted(calibrated, 'calibrated parameter')}, and the noise is not "
-        f"stated: {FEW_EQUATIONS} often do not hold for other readings; take more, and keep some of them out of the "
-        "fit (split=hold) to test the names",
-    )

@@ -305,8 +305,8 @@ def score_all(
         return _by_sums(fit, on, effects, least)
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
     waves = [] if bases else [place for place, effect in enumerate(effects) if has_free_period(effect)]
-    for place, told in zip(waves, _by_sums(fit, on, [effects[place] for place in waves], least) if waves else ()):
-        found[place] = told
+    for place, sums in zip(waves, _by_sums(fit, on, [effects[place] for place in waves], least) if waves else ()):
+        found[place] = sums
     by_size: dict[int, list[int]] = {}
     for place, effect in enumerate(effects):
         if found[place] is None:
@@ -522,8 +522,8 @@ def smallest_amplitude(effect: Effect, energies: Array, rank: int, candidates: i
     the number of directions seen. Infinite where nothing is left.
     """
     sizes = [effect.amplitude(unit) for unit in np.eye(len(energies))]
-    told = [float(energy) / abs(size) ** 2 for energy, size in zip(energies, sizes) if size]
-    energy = float(np.mean(told)) if told else 0.0
+    per_unit = [float(energy) / abs(size) ** 2 for energy, size in zip(energies, sizes) if size]
+    energy = float(np.mean(per_unit)) if per_unit else 0.0
     level = thresholds().detect_level / max(1, candidates)
     needed = noncentrality(max(1, rank), level, thresholds().detect_power)
     return float(np.sqrt(needed / energy)) if energy > 0 else np.inf

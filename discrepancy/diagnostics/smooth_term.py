@@ -123,7 +123,17 @@ def smooth_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
             names = tuple(columns.values())
             for sensor in (sensor for sensor in formulation.sensors if sensor.over_place):
                 shown = next(iter(sensor.targets), sensor.column)
-                found.append(SmoothTerm(shown, "place", (sensor.column,), low, high, names, thresholds().map_terms))
+                found.append(
+                    SmoothTerm(
+                        target=shown,
+                        covariate="place",
+                        quantities=(sensor.column,),
+                        low=low,
+                        high=high,
+                        covariates=names,
+                        knots=thresholds().map_terms,
+                    )
+                )
             continue
         for name, column in columns.items():
             own = np.asarray(formulation.data[column], dtype=float)
@@ -155,7 +165,18 @@ def _over(target: str, name: str, column: str, values: Array, quantities: tuple[
         return []
     few = tuple(float(v) for v in levels) if len(levels) <= 4 else ()
     low, high = (float(values.min()),), (float(values.max()),)
-    return [SmoothTerm(target, name, quantities, low, high, (column,), thresholds().curve_terms, few)]
+    return [
+        SmoothTerm(
+            target=target,
+            covariate=name,
+            quantities=quantities,
+            low=low,
+            high=high,
+            covariates=(column,),
+            knots=thresholds().curve_terms,
+            levels=few,
+        )
+    ]
 
 
 def _column(target: str, name: str, formulation: Formulation) -> str:

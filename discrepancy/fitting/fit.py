@@ -213,7 +213,16 @@ def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: A
     misclosure = model.formulation.decorrelate(misclosure)
     sigma = _sigma(model, noise)
     whiten = whitener(B, sigma, noise.autocorrelation, reading_order(data))
-    return Linearised(model, misclosure, model.jacobian_of(x, recorded, slopes), whiten, recorded, slopes, B, sigma)
+    return Linearised(
+        model=model,
+        misclosure=misclosure,
+        columns=model.jacobian_of(x, recorded, slopes),
+        whiten=whiten,
+        recorded=recorded,
+        slopes=slopes,
+        reading_slopes=B,
+        sigma=sigma,
+    )
 
 
 def readings_of(model: Model) -> Array:

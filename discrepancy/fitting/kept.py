@@ -1,12 +1,11 @@
-"""Fits that one search asks for again: the same model from the same start, under noise of another scale.
+"""Fits that one search asks for again, and fits from several starts.
 
 With Gaussian noise the scale changes neither the minimum nor the steps towards it, only the tolerance. So a search at
 half and at twice the stated noise repeats most of its fits. Where a fit ended is kept, but not its arrays. One further
 step from there shows whether the fit at the new scale would have ended there too; if not, the fit is made. A fit that
 did not converge near its start under a wider noise does not do so under a narrower one: it ends at the same point.
-The start belongs to the key of a fit: from another start it may end in another minimum.
-
-Several starts of a fit: from a nominal machine far from the measured one a fit may end in a wrong minimum.
+The start belongs to the key of a fit: from another start, as from a nominal machine far from the measured one, it may
+end in another minimum.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.core.notes import Code, Note
 from calibench.core.words import plain
 from calibench.discrepancy.fitting.fit import Fit, fit, fit_at, readings_of, rests
 from calibench.discrepancy.model.machine import Formulation
@@ -81,10 +81,10 @@ def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, abo
 
 
 def _digest(columns: Mapping[str, Array]) -> bytes:
-    told = blake2b(digest_size=16)
+    digest = blake2b(digest_size=16)
     for name, column in columns.items():
-        told.update(name.encode() + np.ascontiguousarray(column, dtype=float).tobytes())
-    return told.digest()
+        digest.update(name.encode() + np.ascontiguousarray(column, dtype=float).tobytes())
+    return digest.digest()
 
 
 _FAR = 30.0  # times the noise that a calibrated machine leaves, from which on other starts are tried
@@ -92,7 +92,7 @@ _STARTS = 8
 _BETTER = 0.9  # part of the cost: another minimum below this is taken for better
 
 
-def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[str, ...]]:
+def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[Note, ...]]:
     """Return the machine without effects fitted to its data, and a note where the nominal start is not the best.
 
     Other starts are drawn evenly from the box of the parameters, the same at every call. They are used only where the
@@ -105,25 +105,20 @@ def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[str, ...]]:
     others = [found for start in _starts(formulation) if (found := _fitted(model, start)) is not None]
     better = [found for found in others if found.converged and found.cost < _BETTER * nominal.cost]
     if not better:
-        _refuse_no_number(nominal)
+        if not all(np.isfinite(values).all() for values in (nominal.r, nominal.J, nominal.at.reading_slopes)):
+            raise DataError(
+                f"{formulation.data.name}: no numbers of the machine come near these readings: its fit leads "
+                "to where the model has no value; are all units right, and the nominal numbers those of this machine?"
+            )
         return nominal, ()
     best = min(better, key=lambda found: found.cost)
     alike = sum(found.cost < best.cost / _BETTER for found in better)
-    note = (
-        f"the fit from the nominal machine leaves {plain(np.sqrt(nominal.cost / best.cost), 3)} times as much; "
-        f"{alike} of "
+    times = float(np.sqrt(nominal.cost / best.cost))
+    text = (
+        f"the fit from the nominal machine leaves {plain(times, 3)} times as much; {alike} of "
         f"{_STARTS} other starts in the box of the parameters lead to the one that is told here"
     )
-    return best, (note,)
-
-
-def _refuse_no_number(found: Fit) -> None:
-    """Raise `DataError` where a fit ended at parameters at which the model has no value or no slope."""
-    if not all(np.isfinite(values).all() for values in (found.r, found.J, found.at.reading_slopes)):
-        raise DataError(
-            f"{found.model.formulation.data.name}: no numbers of the machine come near these readings: its fit leads "
-            "to where the model has no value; are all units right, and the nominal numbers those of this machine?"
-        )
+    return best, (Note(Code.OTHER_START, text, values={"times": times, "starts": _STARTS, "alike": alike}),)
 
 
 def _starts(formulation: Formulation) -> Array:

@@ -14,6 +14,7 @@ from typing import Any, final
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
+from calibench.core.notes import Code, Note
 from calibench.discrepancy.fitting.fit import Fit, fit, fit_at, readings_of
 from calibench.discrepancy.model.learned_noise import relearned
 from calibench.discrepancy.model.machine import Formulation
@@ -36,15 +37,16 @@ class Undetermined:
     name: str
     others: Mapping[str, float]
 
-    def told(self, parameter: Parameter) -> str:
+    def note(self, parameter: Parameter) -> Note:
         """Return the note for the report."""
         held = f"{self.name} is held at {parameter.start:g}{f' {parameter.unit}' if parameter.unit else ''}"
-        if not self.others:
-            return f"these data do not determine {self.name}: {held} and has no standard error"
-        return (
-            f"these data cannot tell {self.name} from {', '.join(self.others)}: only a combination of them is "
-            f"determined; {held}, and none of them has a standard error"
-        )
+        text = f"these data do not determine {self.name}: {held} and has no standard error"
+        if self.others:
+            text = (
+                f"these data cannot tell {self.name} from {', '.join(self.others)}: only a combination of them is "
+                f"determined; {held}, and none of them has a standard error"
+            )
+        return Note(Code.UNDETERMINED, text, values={"parameters": [self.name, *self.others], "at": parameter.start})
 
 
 @final
@@ -113,14 +115,16 @@ def determined(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, 
     Raises `DataError` where the data leave no equation to check the machine with.
     """
     lacking = undetermined(plain)
-    rank, equations = len(formulation.parameters) - len(lacking), equations_of(plain)
+    rank = len(formulation.parameters) - len(lacking)
+    # of each row as many as its noise changes independently
+    equations = int(np.sum(np.linalg.matrix_rank(plain.at.reading_slopes * plain.at.sigma[:, None, :])))
     if equations <= rank:
         n = len(formulation.data)
         rows = f"{n} row{'s' if n > 1 else ''}"
-        told = f"; they tell {rank} of them" if lacking else ""
+        seen = f"; they tell {rank} of them" if lacking else ""
         raise DataError(
             f"{formulation.data.name}: {rows} cannot carry {len(formulation.parameters)} parameters"
-            f"{told}, and leave none of their {equations} equations to check the machine with; take more readings, or "
+            f"{seen}, and leave none of their {equations} equations to check the machine with; take more readings, or "
             "hold parameters"
         )
     if not lacking:
@@ -160,16 +164,6 @@ def _inside(at: Fit, width: Array) -> bool:
     return all(p.lower - w <= value <= p.upper + w for p, value, w in zip(known, x.tolist(), width.tolist()))
 
 
-def equations_of(at: Fit) -> int:
-    """Return how many equations the readings give: for each row, the number that its noise changes independently."""
-    return int(np.sum(np.linalg.matrix_rank(at.at.reading_slopes * at.at.sigma[:, None, :])))
-
-
-def without_error(lacking: tuple[Undetermined, ...]) -> frozenset[str]:
-    """Return the parameters that have no standard deviation."""
-    return frozenset(name for u in lacking for name in (u.name, *u.others))
-
-
 def nominal_of(formulation: Formulation, lacking: tuple[Undetermined, ...]) -> dict[str, float]:
     """Return the values at which parameters are held."""
     return {u.name: float(formulation.fixed[u.name]) for u in lacking}
@@ -179,5 +173,5 @@ def spread(at: Fit, lacking: tuple[Undetermined, ...]) -> Array:
     """Return the standard deviations of a fit's free parameters, (p,); NaN where only a combination is determined."""
     names = [p.name for p in at.model.formulation.parameters]
     sd = np.sqrt(np.diag(at.covariance()))[: len(names)]
-    sd[np.isin(names, list(without_error(lacking)))] = np.nan
+    sd[np.isin(names, [name for u in lacking for name in (u.name, *u.others)])] = np.nan
     return sd

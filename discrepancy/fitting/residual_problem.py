@@ -36,8 +36,8 @@ class ResidualProblem:
     @property
     def data_id(self) -> str:
         """Return a digest of the readings and of the noise that they are divided by."""
-        told = [readings_of(self.model), self.fit.at.sigma, np.array(self.fit.noise.scale), self.fit.x]
-        return blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in told), digest_size=8).hexdigest()
+        arrays = [readings_of(self.model), self.fit.at.sigma, np.array(self.fit.noise.scale), self.fit.x]
+        return blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in arrays), digest_size=8).hexdigest()
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from typing import Any, Protocol, cast, final, runtime_checkable
 import numpy as np
 
 from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.measured import MeasuredData, told_gaps
+from calibench.discrepancy.model.measured import MeasuredData, gaps_in_words
 from calibench.discrepancy.registries import effects
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
@@ -334,7 +334,7 @@ def needs(data: MeasuredData, *columns: str) -> None:
     """
     needs_there(data, *columns)
     for column in columns:
-        if why := told_gaps(data[column]):
+        if why := gaps_in_words(data[column]):
             raise NotTestable(f"column {column} {why}", (column,))
     still = tuple(column for column in columns if not np.ptp(data[column]) > 1e-12 * np.max(np.abs(data[column])))
     if still:

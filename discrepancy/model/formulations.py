@@ -40,10 +40,11 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.notes import Code, Note, once
 from calibench.core.options import suggest
 from calibench.discrepancy.model.learned_noise import learned_noise, noise_left, relearned
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities, complex_step_slopes
-from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete, told_visits, without_gaps
+from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete, number_visits, without_gaps
 from calibench.discrepancy.model.roles import (
     Roles,
     columns_of,
@@ -614,13 +615,13 @@ def _stacked(blocks: Sequence[Formulation]) -> MeasuredData:
     empty = [
         name for name, where in lacking.items() if where and name not in quiet and columns[name].dtype.kind in "iuf"
     ]
-    notes = dict.fromkeys(note for block in blocks for note in block.data.notes)
+    notes = [note for block in blocks for note in block.data.notes]
     if empty:
-        notes[f"column{'s' * (len(empty) > 1)} {', '.join(empty)}: not in every block; 0 is taken where missing"] = None
-    noted = frozenset[str]().union(*(block.data.noted for block in blocks))
+        text = f"column{'s' * (len(empty) > 1)} {', '.join(empty)}: not in every block; 0 is taken where missing"
+        notes.append(Note(Code.COLUMN_IN_SOME, text, tuple(empty)))
     numbers = np.concatenate([part.row_numbers for part in parts])
     of_one_file = len(np.unique(numbers)) == len(numbers)
-    return replace(parts[0], columns=columns, notes=tuple(notes), noted=noted, numbers=numbers if of_one_file else None)
+    return replace(parts[0], columns=columns, notes=once(notes), numbers=numbers if of_one_file else None)
 
 
 def _filled_in(data: MeasuredData, block: Formulation, blocks: Sequence[Formulation]) -> MeasuredData:
@@ -641,7 +642,7 @@ def _identified(data: MeasuredData) -> MeasuredData:
         data = data.with_columns({"visit_id": own})
     if "pose_id" not in data:
         data = data.with_columns({"pose_id": data["visit_id"]})
-    return told_visits(data) if len(data) else data
+    return number_visits(data) if len(data) else data
 
 
 _ROWS = 5
@@ -667,7 +668,7 @@ def check_slopes(formulation: Formulation, words: str) -> None:
     except Exception as error:
         at = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(at.filename).name}, line {at.lineno}"
-        compares = "; it is given all readings at once: no if, and no comparison" if "truth value" in str(error) else ""
+        compares = "; it is given all readings at once: no if, and no comparison" if _takes_one(formulation, q) else ""
         failure = f"{words} failed at the start values: {type(error).__name__}: {error} ({where})"
         raise DataError(f"{failure}{compares}") from error
     try:
@@ -680,6 +681,16 @@ def check_slopes(formulation: Formulation, words: str) -> None:
         wide = 1e-4 * (np.abs(slopes[name]) + np.abs(difference)) + 1e-9 * size / h
         if (np.abs(slopes[name] - difference) > wide).any():
             raise DataError(f"{words}: its slope in {name} by complex step is not its difference; {way_out}")
+
+
+def _takes_one(formulation: Formulation, q: Mapping[str, Numbers]) -> bool:
+    """Return whether the constraints of one reading can be computed: then they fail for several at once alone."""
+    one = formulation.on(formulation.data.rows(np.arange(len(formulation.data)) < 1))
+    try:
+        one.constraints({name: value[:1] if np.ndim(value) else value for name, value in q.items()})
+    except Exception:
+        return False
+    return True
 
 
 def _asked(words: str, name: str, formulation: Formulation, q: Mapping[str, Numbers]) -> str:

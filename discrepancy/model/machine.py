@@ -22,6 +22,7 @@ from typing import Any, Literal, Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.notes import Note
 from calibench.discrepancy.model.measured import Column, MeasuredData, Sensor
 from calibench.problems.base import Array, Parameter
 
@@ -144,7 +145,7 @@ class Foreign:
 
     columns: Mapping[str, Column]
     metadata: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 @final

@@ -22,8 +22,7 @@ Number poses and visits from 0, whatever numbers or words a file has for them.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite, nan
 from typing import Any, final
@@ -31,6 +30,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.notes import Code, Note
 from calibench.core.notes import DataError as DataError
 from calibench.core.options import shown, suggest
 from calibench.core.tables.cells import NO_VALUE, between, is_unit, split_rows, way_out
@@ -41,10 +41,6 @@ Column = NDArray[Any]
 TO_PREDICT = "row_to_predict"  # the place of a row that a report predicts
 _SHOWN_ROWS = 6  # rows that a message names
 _OWN = ("reading_place", TO_PREDICT)  # columns that no file has
-UNSTATED = "the noise is not stated"  # how a note begins on noise that was told from the data themselves
-LEARNED = "is learned from what the model leaves"  # in such a note: then nothing tells how much of the rest is noise
-UNREAD = "have another shape and are not read"  # in a note, of variables that are no column beside the others
-NO_REPEATS = "no repeats"  # subject of a note: nothing was read twice, so the stated noise is taken on trust
 
 
 class MisfitError(DataError):
@@ -58,19 +54,17 @@ class MeasuredData:
 
     Columns that are lists, or a table of pandas, become arrays.
 
-    `name` is the stem of the file or the name of a printed set. `notes` are remarks a report must repeat; `noted` are
-    the subjects of those that another room may have a remark on as well (`NO_REPEATS`). `units` are those of columns
-    whose unit was stated with them, `stated` the keys of `metadata` that were stated beside the file, `computed` the
-    columns that the machine computed from others. `numbers` (n,) are the rows as they were read, from 1; None for all
-    of them, in order.
+    `name` is the stem of the file or the name of a printed set. `notes` are those that a report must repeat. `units`
+    are those of columns whose unit was stated with them, `stated` the keys of `metadata` that were stated beside the
+    file, `computed` the columns that the machine computed from others. `numbers` (n,) are the rows as they were read,
+    from 1; None for all of them, in order.
     """
 
     columns: Mapping[str, Column]
     machine: str
     metadata: Mapping[str, Any] = field(default_factory=dict)
     name: str = "data"
-    notes: tuple[str, ...] = ()
-    noted: frozenset[str] = frozenset()
+    notes: tuple[Note, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     stated: frozenset[str] = frozenset()
     computed: frozenset[str] = frozenset()
@@ -96,7 +90,7 @@ class MeasuredData:
         """Return one column; raise `DataError` where it is missing."""
         if column not in self.columns:
             like = [name for name in self.in_file if name.casefold() == column.casefold()]
-            unread = [f"; {note}" for note in self.notes if UNREAD in note and column in re.findall(r"\w+", note)]
+            unread = [f"; {n}" for n in self.notes if n.code is Code.COLUMNS_UNREAD and column in n.columns]
             raise DataError(
                 f"{self.name}: column {column!r} is missing; there are {', '.join(self.in_file)}; where the file has "
                 f"another name for it: {as_columns({column: like[0] if like else 'NAME'})}{''.join(unread)}"
@@ -130,17 +124,20 @@ class MeasuredData:
         shown = ", ".join(str(k) for k in found[:_SHOWN_ROWS])
         return f"rows {shown}{f' and {len(found) - _SHOWN_ROWS} more' if len(found) > _SHOWN_ROWS else ''}"
 
-    def with_note(self, note: str, about: str = "") -> MeasuredData:
-        """Return the same data with one more remark for the report, and its subject where it has one."""
-        return replace(self, notes=(*self.notes, note), noted=self.noted | ({about} if about else set()))
+    def labels(self, which: Column) -> tuple[str, ...]:
+        """Return the numbers of the rows `which`, a mask or indices, as they were read, for a note."""
+        return tuple(str(k) for k in self.row_numbers[which].tolist())
+
+    def with_note(
+        self, code: Code, text: str, columns: Iterable[str] = (), *, rows: Iterable[str] = (), **values: Any
+    ) -> MeasuredData:
+        """Return the same data with one more note for the report; one that is there already is not said again."""
+        note = Note(code, text, tuple(columns), tuple(rows), values)
+        return self if note in self.notes else replace(self, notes=(*self.notes, note))
 
     def with_columns(self, columns: Mapping[str, Column]) -> MeasuredData:
         """Return the data with `columns` put in the place of those of the same name, or beside them."""
         return replace(self, columns={**self.columns, **columns})
-
-    def with_units(self, units: Mapping[str, str], notes: tuple[str, ...] = ()) -> MeasuredData:
-        """Return the same data with `units` for those stated of its columns, and more remarks for the report."""
-        return replace(self, units=units, notes=(*self.notes, *notes))
 
 
 def with_split(data: MeasuredData) -> MeasuredData:
@@ -159,7 +156,10 @@ def with_split(data: MeasuredData) -> MeasuredData:
     if not (words == "train").any():
         raise DataError(f"{data.name}: column split holds back every row; some must be train, to be fitted")
     data = data.with_columns({"split": words})
-    return data.with_note(f"{np.sum(empty)} rows have no split and are fitted") if empty.any() else data
+    if not empty.any():
+        return data
+    text, rows = f"{np.sum(empty)} rows have no split and are fitted", data.labels(empty)
+    return data.with_note(Code.ROWS_FITTED, text, ("split",), rows=rows)
 
 
 @final
@@ -203,7 +203,6 @@ def sensor_of(sensors: Sequence[Sensor], part: str) -> Sensor:
     raise LookupError(f"no sensor reads {part!r}; the parts are {', '.join(s.part for s in blamable(sensors))}")
 
 
-STILL = "never varies: is it read at all?"  # in the note, by which a page knows it
 _LARGEST_CELL = 1e60  # of a cell, in any unit
 _MOST_MISSING = 0.5  # of the rows: beyond it the column is not measured
 _SHOWN_WORDS = 3  # words of a column in a note
@@ -219,7 +218,7 @@ def complete(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Senso
     data = _in_their_units(data, numbers, sensors)
     missing = {name: _without_number(data[name]) for name in numbers}
     out = _refuse_empty(data, missing, dict.fromkeys(missing, len(data)))
-    data = _told_turns(_told_still(data, columns), columns, sensors) if len(data) > 2 else data
+    data = _note_turns(_note_still(data, columns), columns, sensors) if len(data) > 2 else data
     return _without(data, out, missing)
 
 
@@ -252,8 +251,7 @@ def _refuse_empty(
 def _without(data: MeasuredData, out: NDArray[np.bool_], missing: Mapping[str, NDArray[np.bool_]]) -> MeasuredData:
     if not out.any():
         return data
-    each = [_counted(data, name, empty) for name, empty in missing.items() if empty.any()]
-    return data.rows(~out).with_note(_left_out(int(out.sum()), each))
+    return _rows_left_out(data, out, {name: empty for name, empty in missing.items() if empty.any()})
 
 
 def without_gaps(data: MeasuredData, columns: Sequence[str], directions: Sequence[str] = ()) -> MeasuredData:
@@ -269,20 +267,22 @@ def without_gaps(data: MeasuredData, columns: Sequence[str], directions: Sequenc
     for name in columns:
         if data[name].dtype.kind not in "iufb":
             words = ", ".join(repr(str(word)) for word in np.unique(data[name])[:_SHOWN_WORDS])
-            data = data.with_note(
+            text = (
                 f"column {name} holds words ({words}), where numbers are needed, of a direction -1 and 1: errors that "
                 "follow it are not looked for"
             )
+            data = data.with_note(Code.COLUMN_NOT_FOLLOWED, text, (name,))
     there = [name for name in columns if data[name].dtype.kind == "f"]
     empty = {name: _without_number(data[name]) for name in there}
-    out, told = np.zeros(len(data), dtype=bool), []
+    out, costly = np.zeros(len(data), dtype=bool), {}
     for name, gaps in sorted(empty.items(), key=lambda item: int(item[1].sum())):
         if (out | gaps).mean() > _MOST_GAPS:
-            data = data.with_note(f"column {name} {_gaps_of(gaps)}: errors that follow it are not looked for")
+            text = f"column {name} {_gaps_of(gaps)}: errors that follow it are not looked for"
+            data = data.with_note(Code.COLUMN_NOT_FOLLOWED, text, (name,), empty=int(gaps.sum()))
         elif gaps.any():
             out = out | gaps
-            told.append(_counted(data, name, gaps))
-    return data.rows(~out).with_note(_left_out(int(out.sum()), told)) if told else data
+            costly[name] = gaps
+    return _rows_left_out(data, out, costly) if costly else data
 
 
 def _as_signs(data: MeasuredData, name: str) -> MeasuredData:
@@ -290,11 +290,12 @@ def _as_signs(data: MeasuredData, name: str) -> MeasuredData:
     if data[name].dtype.kind in "iufb":
         return data
     words = np.array([str(word).strip() for word in data[name]])
-    told = sorted(set(words.tolist()), key=lambda word: (word != "-", word))
-    if len(told) != 2 or "" in told:
+    both = sorted(set(words.tolist()), key=lambda word: (word != "-", word))
+    if len(both) != 2 or "" in both:
         return data
-    note = f"column {name}: {told[0]!r} is taken for -1, {told[1]!r} for 1: the sign of what follows it is by these"
-    return data.with_columns({name: np.where(words == told[1], 1.0, -1.0)}).with_note(note)
+    text = f"column {name}: {both[0]!r} is taken for -1, {both[1]!r} for 1: the sign of what follows it is by these"
+    data = data.with_columns({name: np.where(words == both[1], 1.0, -1.0)})
+    return data.with_note(Code.SIGNS_TAKEN, text, (name,), negative=both[0], positive=both[1])
 
 
 def _without_number(column: NDArray[Any]) -> NDArray[np.bool_]:
@@ -306,16 +307,21 @@ def _counted(data: MeasuredData, name: str, empty: NDArray[np.bool_]) -> str:
     return f"{name} in {int(empty.sum())}{f' (beyond {_LARGEST_CELL:g} in {huge} of them)' if huge else ''}"
 
 
-def _left_out(count: int, each: Sequence[str]) -> str:
-    rows = f"{count} row{'s are' if count > 1 else ' is'}"
-    return f"{rows} left out for cells that hold no finite number: {', '.join(each)}"
+def _rows_left_out(
+    data: MeasuredData, out: NDArray[np.bool_], missing: Mapping[str, NDArray[np.bool_]]
+) -> MeasuredData:
+    """Return the data without the rows `out`, and a note on the columns that lack a number in them."""
+    rows = f"{int(out.sum())} row{'s are' if out.sum() > 1 else ' is'}"
+    each = ", ".join(_counted(data, name, empty) for name, empty in missing.items())
+    text = f"{rows} left out for cells that hold no finite number: {each}"
+    return data.rows(~out).with_note(Code.ROWS_LEFT_OUT, text, missing, rows=data.labels(out))
 
 
 def _gaps_of(gaps: NDArray[np.bool_]) -> str:
     return f"holds no finite number in {int(gaps.sum())} of {len(gaps)} rows"
 
 
-def told_gaps(column: NDArray[Any]) -> str:
+def gaps_in_words(column: NDArray[Any]) -> str:
     """Return why no error can depend on a column that lacks numbers; "" where an error can."""
     if column.dtype.kind not in "iufb":
         return "holds words: numbers are needed"
@@ -333,7 +339,7 @@ def _numbers(data: MeasuredData, name: str) -> Array:
 
 def _in_their_units(data: MeasuredData, numbers: dict[str, Array], sensors: Sequence[Sensor]) -> MeasuredData:
     wanted = {sensor.column: sensor.unit for sensor in sensors if sensor.unit}
-    turned, notes = {}, []
+    turned: dict[str, Array] = {}
     for name, stated in data.units.items():
         unit = wanted.get(name)
         if name not in numbers or unit is None or unit == stated:
@@ -346,21 +352,22 @@ def _in_their_units(data: MeasuredData, numbers: dict[str, Array], sensors: Sequ
             raise DataError(f"{data.name}: {error}") from None
         if factor != 1:
             turned[name] = numbers[name] * factor
-            notes.append(f"{name}: in {stated} from the file, turned into {unit}, the unit of its sensor")
+            text = f"{name}: in {stated} from the file, turned into {unit}, the unit of its sensor"
+            data = data.with_note(Code.UNIT_TURNED, text, (name,), unit=unit)
     units = {**data.units, **{name: wanted[name] for name in data.units if name in wanted and name in numbers}}
     data = data.with_columns({**{n: c for n, c in numbers.items() if data[n].dtype.kind != "f"}, **turned})
-    return data.with_units(units, tuple(notes))
+    return replace(data, units=units)
 
 
-def _told_still(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
+def _note_still(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
     for name in columns:
-        note = f"column {name} {STILL} No effect that follows it can be told"
-        if np.ptp(data[name]) == 0 and note not in data.notes:
-            data = data.with_note(note)
+        if np.ptp(data[name]) == 0:
+            text = f"column {name} never varies: is it read at all? No effect that follows it can be told"
+            data = data.with_note(Code.COLUMN_STILL, text, (name,))
     return data
 
 
-def _told_turns(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Sensor]) -> MeasuredData:
+def _note_turns(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Sensor]) -> MeasuredData:
     """Return the data with a note where an angle jumps by whole turns, which a model without turns does not follow."""
     radians = {s.column for s in sensors if s.unit == "rad"} | {n for n, unit in data.units.items() if unit == "rad"}
     for name in columns:
@@ -369,12 +376,12 @@ def _told_turns(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Se
             continue
         middle = float(np.angle(np.exp(1j * reading).mean()))
         whole = reading - 2 * np.pi * np.round((reading - middle) / (2 * np.pi))
-        note = (
+        text = (
             f"{name} jumps by whole turns; a model in which the angle stands outside sine and cosine needs it without: "
             "take 2 pi off the readings beyond the jump"
         )
-        if np.ptp(whole) < np.ptp(reading) - np.pi and note not in data.notes:
-            data = data.with_note(note)
+        if np.ptp(whole) < np.ptp(reading) - np.pi:
+            data = data.with_note(Code.TURNS, text, (name,))
     return data
 
 
@@ -387,7 +394,7 @@ def positive(data: MeasuredData, key: str, value: Any) -> float:
     number = _float_of(value)
     if not _SMALLEST <= number <= _LARGEST:
         rule = f"a positive number is needed, from {_SMALLEST:g} to {_LARGEST:g}"
-        raise DataError(f"{data.name}: metadata {key}={_told(value)}: {rule}")
+        raise DataError(f"{data.name}: metadata {key}={_in_words(value)}: {rule}")
     return number
 
 
@@ -396,7 +403,7 @@ def finite(data: MeasuredData, key: str, value: Any, unit: str = "mm, rad") -> f
     number = _float_of(value)
     if not abs(number) <= _FARTHEST:
         rule = f"at most {_FARTHEST:g} can be meant" if isfinite(number) else "a finite number is needed"
-        raise DataError(f"{data.name}: metadata gives {key}={_told(value)}: {rule} [{unit}]")
+        raise DataError(f"{data.name}: metadata gives {key}={_in_words(value)}: {rule} [{unit}]")
     return number
 
 
@@ -413,7 +420,7 @@ def nominal_numbers(data: MeasuredData, known: tuple[str, ...]) -> dict[str, flo
     return {name: finite(data, name, value) for name, value in stated.items()}
 
 
-def _told(value: Any) -> str:
+def _in_words(value: Any) -> str:
     return repr(shown(value)) if isinstance(value, str) else shown(value)
 
 
@@ -427,7 +434,7 @@ def _float_of(value: Any) -> float:
         return nan
 
 
-def told_visits(data: MeasuredData) -> MeasuredData:
+def number_visits(data: MeasuredData) -> MeasuredData:
     """Return the data with poses and visits numbered through.
 
     Files may number the visits of each pose from the start, or not number some rows. A visit ends where another pose

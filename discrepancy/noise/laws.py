@@ -50,8 +50,15 @@ def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, signatur
     n = len(r)
     _, low, high = step_size(formulation.data[name], step) if step else (0.0, 0.0, 0.0)
     return NoiseFinding(
-        "quantisation", sensor.part, step, sensor.unit, gain, np.ones(n), {name: np.full(n, extra)}, (low, high)
-    )  # fmt: skip
+        family="quantisation",
+        target=sensor.part,
+        amplitude=step,
+        unit=sensor.unit,
+        gain=gain,
+        weights=np.ones(n),
+        extra={name: np.full(n, extra)},
+        ci95=(low, high),
+    )
 
 
 def _off_lattice(values: Array, step: float) -> float:
@@ -76,17 +83,23 @@ def outliers_of(formulation: Formulation, sensor: Sensor, r: Array, signature: A
     size, unit = outlying_size(energy, share, seen.epsilon, seen.tau), stated
     if len(first) >= thresholds().repeat_pairs:
         change, deviation = _difference(formulation, name, first, second)
-        told = mixture(change**2, np.ones(len(first)))
-        gain += told.gain
-        tau = told.tau if told.gain > seen.gain else tau
-        if told.gain > thresholds().wild_size_gain:  # nothing else that is missing shows between repeats
-            size = outlying_size(change**2, np.ones(len(first)), told.epsilon, told.tau)
+        mixed = mixture(change**2, np.ones(len(first)))
+        gain += mixed.gain
+        tau = mixed.tau if mixed.gain > seen.gain else tau
+        if mixed.gain > thresholds().wild_size_gain:  # nothing else that is missing shows between repeats
+            size = outlying_size(change**2, np.ones(len(first)), mixed.epsilon, mixed.tau)
             unit = deviation
     value, low, high = (unit * end for end in size)
     return NoiseFinding(
-        "outlier", sensor.part, value, sensor.unit, gain, seen.weights,
-        {name: seen.weights * (tau * stated) ** 2}, (low, high),
-    )  # fmt: skip
+        family="outlier",
+        target=sensor.part,
+        amplitude=value,
+        unit=sensor.unit,
+        gain=gain,
+        weights=seen.weights,
+        extra={name: seen.weights * (tau * stated) ** 2},
+        ci95=(low, high),
+    )
 
 
 def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
@@ -95,7 +108,16 @@ def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
     seen = mixture((r**2).sum(axis=1), np.ones(n), degrees=c)
     value, low, high = kurtosis_size(r)
     extra = {name: seen.weights * (seen.tau * _sigma(formulation, name)) ** 2 for name in formulation.readings}
-    return NoiseFinding("heavy_tails", "all", value, "1", seen.gain, seen.weights, extra, (low, high))
+    return NoiseFinding(
+        family="heavy_tails",
+        target="all",
+        amplitude=value,
+        unit="1",
+        gain=seen.gain,
+        weights=seen.weights,
+        extra=extra,
+        ci95=(low, high),
+    )
 
 
 def _along(r: Array, s: Array) -> tuple[Array, Array]:
@@ -145,11 +167,11 @@ def outlying_size(energy: Array, share: Array, epsilon: float, tau: float) -> Si
         whole = float(weights.sum())
         if whole < 1e-9:
             break
-        told = float(np.sqrt(max((weights * (energy - 1) / share).sum() / whole, 0.0)))
+        size = float(np.sqrt(max((weights * (energy - 1) / share).sum() / whole, 0.0)))
         epsilon = float(np.clip(whole / len(weights), 1e-6, 1 - 1e-6))
-        if abs(told - tau) < 1e-6 * tau:
+        if abs(size - tau) < 1e-6 * tau:
             break
-        tau = told
+        tau = size
     degrees = max(float(weights.sum()), 1.0)
     ends = [np.sqrt(degrees / chdtri(degrees, above)) for above in (0.025, 0.975)]
     return tau, tau * float(ends[0]), tau * float(ends[1])

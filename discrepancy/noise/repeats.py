@@ -15,6 +15,7 @@ from typing import final
 import numpy as np
 from scipy.special import chdtrc, fdtrc
 
+from calibench.core.notes import Code, Note
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.noise.whiten import ROUNDING, Noise
 from calibench.discrepancy.thresholds import thresholds
@@ -72,55 +73,60 @@ def compare(r: Array, data: MeasuredData) -> Repeats:
     return Repeats(pairs, n_pairs, visits, n_visits)
 
 
-def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, Repeats, tuple[str, ...]]:
+def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, Repeats, tuple[Note, ...]]:
     """Return the law of the noise behind residuals whitened by the stated one, (n, c), with the repeats and remarks.
 
     The stated noise is kept unless the repeats contradict it. Where it is not `stated` but a first estimate, repeats
     alone tell it: pairs that scatter less are then no sign that noise is carried on. The remarks are for the report.
     """
-    told = compare(r, data)
+    repeats = compare(r, data)
     first, second = pairs_of(data)
-    if told.few:
-        return Noise(profiled=True), told, (f"{_untold(told)}: {_FOR_ANY}",)
+    if repeats.few:
+        text, pairs = f"{_untold(repeats)}: {_FOR_ANY}", {"pairs": repeats.n_pairs}
+        return Noise(profiled=True), repeats, (Note(Code.NO_REPEATS, text, values=pairs),)
     difference = (r[first] - r[second]).ravel() / np.sqrt(2)
     if np.all(np.abs(difference) <= ROUNDING):
-        return _alike(told)
+        return _alike(repeats)
     if not stated and np.median(np.abs(difference)) <= ROUNDING:
-        return Noise(profiled=True), told, ("repeats are mostly the same number: they tell nothing of the noise",)
+        text = "repeats are mostly the same number: they tell nothing of the noise"
+        return Noise(profiled=True), repeats, (Note(Code.REPEATS_EQUAL, text),)
     t_degrees = _tails(difference)
     spread = variance(difference, t_degrees)
-    n = told.n_pairs
+    n = repeats.n_pairs
     width = np.sqrt((2 if not np.isfinite(t_degrees) else 5) / n)
     if stated and spread < 1 - 2 * width:
         part = 1 - spread
-        if told.n_visits < thresholds().repeat_pairs or _as_stated(told, spread):
-            return Noise(1.0, float(min(part, _CARRIED))), told, (_quieter(spread, told),)
-        return _estimated(spread, t_degrees, n), told, _misstated(spread)
+        if repeats.n_visits < thresholds().repeat_pairs or _as_stated(repeats, spread):
+            return Noise(1.0, float(min(part, _CARRIED))), repeats, (_quieter(spread, repeats),)
+        return _estimated(spread, t_degrees, n), repeats, _misstated(spread)
     useless = not stated or spread > thresholds().statement_useless
-    if useless and told.n_visits >= thresholds().repeat_pairs:
+    if useless and repeats.n_visits >= thresholds().repeat_pairs:
         first, second = visits_of(data)
         visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), t_degrees)
-        if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(t_degrees) else 5) / np.sqrt(told.n_visits)):
+        if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(t_degrees) else 5) / np.sqrt(repeats.n_visits)):
             # no statement contradicts that noise is carried on, and it is likelier than an effect
             part = float(min(1 - spread / visits, _CARRIED))
-            more = f"visits scatter more: {100 * part:.0f} % of the noise is taken to be carried on"
-            law = replace(_estimated(visits, np.inf, told.n_visits), autocorrelation=part)
-            return law, told, (*(_misstated(visits) if stated else ()), more)
+            text = f"visits scatter more: {100 * part:.0f} % of the noise is taken to be carried on"
+            more = Note(Code.NOISE_CARRIED, text, values={"part": part})
+            law = replace(_estimated(visits, np.inf, repeats.n_visits), autocorrelation=part)
+            return law, repeats, (*(_misstated(visits) if stated else ()), more)
     if not stated:
-        return _estimated(spread, t_degrees, n), told, ()
+        return _estimated(spread, t_degrees, n), repeats, ()
     if spread > 1 + 3 * width:
-        return _estimated(spread, t_degrees, n), told, _misstated(spread)
+        return _estimated(spread, t_degrees, n), repeats, _misstated(spread)
     if np.isfinite(t_degrees):  # the tests rest on the core, and only the repeats tell it
-        heavier = f"the noise has heavier tails than a Gaussian: as of a t law of {t_degrees:g} degrees of freedom"
-        return _estimated(spread, t_degrees, n), told, (heavier,)
-    return Noise(), told, ()
+        text = f"the noise has heavier tails than a Gaussian: as of a t law of {t_degrees:g} degrees of freedom"
+        heavier = Note(Code.HEAVY_TAILS, text, values={"t_degrees": t_degrees})
+        return _estimated(spread, t_degrees, n), repeats, (heavier,)
+    return Noise(), repeats, ()
 
 
-def _alike(told: Repeats) -> tuple[Noise, Repeats, tuple[str, ...]]:
+def _alike(repeats: Repeats) -> tuple[Noise, Repeats, tuple[Note, ...]]:
     """Return the law where readings of one visit are the same: of visits that are not, they carry on the noise."""
-    if told.n_visits and told.visits <= ROUNDING**2:
-        return Noise(), told, ("repeats are the same in all digits: they tell nothing of the noise",)
-    return Noise(1.0, _CARRIED), told, (_quieter(0.0, told),)
+    if repeats.n_visits and repeats.visits <= ROUNDING**2:
+        text = "repeats are the same in all digits: they tell nothing of the noise"
+        return Noise(), repeats, (Note(Code.REPEATS_EQUAL, text),)
+    return Noise(1.0, _CARRIED), repeats, (_quieter(0.0, repeats),)
 
 
 def _estimated(variance: float, t_degrees: float, known: int) -> Noise:
@@ -128,37 +134,41 @@ def _estimated(variance: float, t_degrees: float, known: int) -> Noise:
     return Noise(float(np.sqrt(variance)), 0.0, t_degrees, known, from_repeats=True)
 
 
-def _untold(told: Repeats) -> str:
+def _untold(repeats: Repeats) -> str:
     """Return why the noise cannot be estimated from repeats: there are none, or too few of them."""
-    if not told.n_pairs:
+    if not repeats.n_pairs:
         return "no repeats tell the noise"
-    few = f"{told.n_pairs} difference{'s' * (told.n_pairs > 1)} between readings"
+    few = f"{repeats.n_pairs} difference{'s' * (repeats.n_pairs > 1)} between readings"
     return f"repeats are too few to tell the noise, {few} where {thresholds().repeat_pairs} are needed"
 
 
-def _as_stated(told: Repeats, spread: float) -> bool:
+def _as_stated(repeats: Repeats, spread: float) -> bool:
     """Return whether visits scatter as stated or more, and not as little as pairs do: then the noise is correlated."""
-    if told.visits >= 1:
+    if repeats.visits >= 1:
         return True
-    gain = told.n_visits * (told.visits / spread - told.visits + np.log(spread))
+    gain = repeats.n_visits * (repeats.visits / spread - repeats.visits + np.log(spread))
     return bool(gain > -thresholds().statement_doubt)
 
 
-def _quieter(spread: float, told: Repeats) -> str:
+def _quieter(spread: float, repeats: Repeats) -> Note:
     """Return a note for pairs that scatter less than stated, where the statement may still be right."""
     shown = f"repeats show {np.sqrt(spread):.2f} times the stated noise"
     part = f"{100 * (1 - spread):.0f} %"
-    if told.n_visits < thresholds().repeat_pairs:
-        return (
+    if repeats.n_visits < thresholds().repeat_pairs:
+        text = (
             f"{shown}: the noise is smaller than stated, or {part} of it is carried on from one reading to the next; "
             "the second is assumed, for no pose was read again later; where the first is true, state the smaller noise"
         )
-    later = "poses that were read again later as much as stated"
-    return f"{shown}, {later}: {part} of the noise is carried on to the next reading"
+    else:
+        later = "poses that were read again later as much as stated"
+        text = f"{shown}, {later}: {part} of the noise is carried on to the next reading"
+    return Note(Code.NOISE_CARRIED, text, values={"part": 1 - spread})
 
 
-def _misstated(spread: float) -> tuple[str, ...]:
-    return (f"repeats scatter {np.sqrt(spread):.2f} times the stated noise; their scatter is used",)
+def _misstated(spread: float) -> tuple[Note, ...]:
+    times = float(np.sqrt(spread))
+    text = f"repeats scatter {times:.2f} times the stated noise; their scatter is used"
+    return (Note(Code.NOISE_MISSTATED, text, values={"times": times}),)
 
 
 def _tails(difference: Array) -> float:

@@ -61,10 +61,10 @@ def beside(
     if len(picked.sets) >= thresholds().exchanged_at_once:
         close = near(found)
         return Picked(close[0].fit, (*picked.sets, close))
-    return exchanged([*picked.effects, found[0].effect], found, base, candidates, kept)
+    return exchange([*picked.effects, found[0].effect], found, base, candidates, kept)
 
 
-def exchanged(
+def exchange(
     picks: Sequence[Effect], found: Sequence[Option], base: Fit, candidates: Sequence[Effect],
     kept: Kept = NOTHING, rounds: int = 3,
 ) -> Picked:  # fmt: skip
@@ -79,7 +79,7 @@ def exchanged(
         first = close[0].fit
         return Picked(first if len(first.r) else fit(first.model, first.noise, first.x), (close,))
     sets: list[tuple[Option, ...]] = []
-    told: dict[int, tuple[list[Effect], Sequence[Option]]] = {len(chosen) - 1: (chosen[:-1], found)} if found else {}
+    tried: dict[int, tuple[list[Effect], Sequence[Option]]] = {len(chosen) - 1: (chosen[:-1], found)} if found else {}
     best: Option | None = None
     for _ in range(rounds):
         sets, changed = [], False
@@ -88,9 +88,9 @@ def exchanged(
                 sets.append(own)
                 continue
             others = [e for j, e in enumerate(chosen) if j != i]
-            if i not in told or any(e is not other for e, other in zip(told[i][0], others)):
-                told[i] = others, _beside(fit_with(base, others), others, candidates)
-            if not (options := told[i][1]):
+            if i not in tried or any(e is not other for e, other in zip(tried[i][0], others)):
+                tried[i] = others, _beside(fit_with(base, others), others, candidates)
+            if not (options := tried[i][1]):
                 continue
             own = near(options)
             best = own[0]
@@ -124,7 +124,7 @@ def settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept 
         return picked
     effects = other or picked.effects
     while True:
-        after = exchanged(effects, (), base, candidates, kept, rounds=2)
+        after = exchange(effects, (), base, candidates, kept, rounds=2)
         worst = min((s for s in after.sets if s[0].name not in kept), key=lambda s: s[0].gain, default=after.sets[0])
         if worst[0].gain >= thresholds().further_gain or len(after.sets) < 3:
             return after
@@ -148,7 +148,7 @@ def _better_pair(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: 
         seen = [next(one for one in scored if one[0] is s) for s in ranked]
         now = _together(list(first.values()), on)
         pair, gain = max(
-            ((both, _together(list(both), on)) for both in combinations(seen, 2)), key=lambda told: told[1],
+            ((both, _together(list(both), on)) for both in combinations(seen, 2)), key=lambda tried: tried[1],
             default=((), -np.inf),
         )  # fmt: skip
         if gain > now + least:
@@ -176,17 +176,17 @@ def _in_place_of_one(picked: Picked, base: Fit, candidates: Sequence[Effect], ke
     on = projected_scores(base)
     scored = [(s, U) for s, U in score_all(base, on, still_open(candidates, {one.name})) if s.m]
     ranked = best_of_each([s for s, _ in scored], on)[: t.pair_names]
-    seen = [next(told for told in scored if told[0] is s) for s in ranked]
+    seen = [next(score for score in scored if score[0] is s) for s in ranked]
     pair, gain = max(
-        ((both, _together(both, on)) for both in combinations(seen, 2)), key=lambda told: told[1],
+        ((both, _together(both, on)) for both in combinations(seen, 2)), key=lambda score: score[1],
         default=((), -np.inf),
     )  # fmt: skip
     least = one.gain + t.further_gain + t.formula_error * energy_of(one)
     if gain <= least:
         return picked
-    after = exchanged([s.effect for s, _ in pair], (), base, candidates, kept, rounds=2)
-    told = after.fit.converged and after.fit.degrees > t.few_degrees
-    if len({own[0].name for own in after.sets} - {one.name}) < 2 or not told:
+    after = exchange([s.effect for s, _ in pair], (), base, candidates, kept, rounds=2)
+    score = after.fit.converged and after.fit.degrees > t.few_degrees
+    if len({own[0].name for own in after.sets} - {one.name}) < 2 or not score:
         return picked
     paid = sum(own[0].paid for own in after.sets)
     gained = base.noise.gained(base.cost, after.fit.cost, after.fit.degrees) - paid

@@ -1,11 +1,9 @@
-"""The report of one pick: its amplitude with an interval, and its rivals with their weights.
+"""The report of one pick: its amplitude with an interval, its rivals with their weights, and what would separate them.
 
-Which effects no pose can tell apart: beside calibration they have the same signature at all positions of the joints.
-
-Poses are drawn at random: each joint anywhere in the range of its readings, independently of the others, and from
-either side; the instruments read what the model predicts there. Where one effect is, up to rounding, a combination of
-the other one and of calibration's own parameters in all of these poses, more poses do not help. Example: the scale of
-the only joint that slides, and the scale of the tracker; the calibrated lengths absorb the difference.
+More poses do not separate effects that have the same signature, beside calibration, at all positions of the joints. So
+poses are drawn at random: each joint anywhere in the range of its readings, independently of the others, and from
+either side; the instruments read what the model predicts there. Example: the scale of the only joint that slides, and
+the scale of the tracker; the calibrated lengths absorb the difference.
 """
 
 from __future__ import annotations
@@ -16,10 +14,9 @@ from itertools import combinations
 
 import numpy as np
 
-from calibench.core.words import plain
 from calibench.discrepancy.fitting.fit import Fit, amplitude_interval, orthonormal, project_off
 from calibench.discrepancy.labels import effect_label, quantity_label
-from calibench.discrepancy.model.effect import ChangePoint, Effect, OfFreePeriod, name_of, over_of
+from calibench.discrepancy.model.effect import ChangePoint, Effect, OfFreePeriod, over_of
 from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.model import Model, signature
@@ -38,12 +35,6 @@ _SAME = 1e-6  # of a signature: rounding, and what is of second order
 _PARTS = "look at the parts themselves"
 _TOGETHER = 0.5  # part of a column's variance: another column that explains so much goes together with it
 _NOT_POSES = "a known length, a second instrument, or a reading of another kind"
-_SEEN = 0.1  # of the size of a formula, half the way up and down: below it the terms cancel
-_AGAINST = 3.0
-CANCELS = "its terms cancel there, or calibration takes them up"
-AGAINST_EACH_OTHER = "against each other, more than"
-NEVER_NEGATIVE = "is negative, and a"
-_LIKE_A_READING = {"rad": (1e3, "mrad"), "mm": (1.0, "mm")}  # units of sizes that compare with what is read
 FORMULA_ERROR = "may be the error of the first formula"
 
 
@@ -75,14 +66,14 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     amplitude = Amplitude(effect.amplitude(nearest), effect.unit, interval)
     visible = found.noise.size_of(best.gain, len(found.r))
     return Finding(
-        best.name,
-        effect.family,
-        effect.target,
-        amplitude,
-        best.gain,
-        rivals,
-        _separated_by([o for o in options if o.name in weights], found),
-        visible,
+        effect=best.name,
+        family=effect.family,
+        target=effect.target,
+        amplitude=amplitude,
+        gain=best.gain,
+        set=rivals,
+        separated_by=_separated_by([o for o in options if o.name in weights], found),
+        visible=visible,
         coefficients=_coefficients(effect, nearest, np.sqrt(np.diag(spread))),
         period=effect.period(nearest) if isinstance(effect, OfFreePeriod) else _period_of(effect, found),
     )
@@ -103,11 +94,11 @@ def _with_its_form(effect: Effect, found: Fit) -> Array:
     Where form and formula are functions of the same argument, each may contain a part of the other. Then only their sum
     has a size, and the formula's own numbers alone have no meaning.
     """
-    told = np.zeros((len(effect.coefficients), len(found.x)))
-    told[:, found.model.place_of(effect)] = np.eye(len(told))
+    onto = np.zeros((len(effect.coefficients), len(found.x)))
+    onto[:, found.model.place_of(effect)] = np.eye(len(onto))
     for form in forms_of(effect, found.model.effects):
-        told[:, found.model.place_of(form)] = form.nearest(found.at.recorded, found.model.formulation.data)
-    return told
+        onto[:, found.model.place_of(form)] = form.nearest(found.at.recorded, found.model.formulation.data)
+    return onto
 
 
 def _behind(o: Option, top: Option) -> float:
@@ -121,7 +112,7 @@ def _coefficients(effect: Effect, c: Array, sd: Array) -> tuple[Coefficient, ...
 
     Behind them stands from where on the effect acts, without a deviation, where that place was searched for.
     """
-    told = [
+    numbers = [
         Coefficient(name, float(value), unit, float(each))
         for name, value, unit, each in zip(effect.coefficients, c, effect.units, sd)
     ]
@@ -129,11 +120,11 @@ def _coefficients(effect: Effect, c: Array, sd: Array) -> tuple[Coefficient, ...
         step = np.zeros(len(c))
         step[-1] = sd[-1]
         about = abs(effect.period(c + step) - effect.period(c - step)) / 2
-        told[-1] = Coefficient(FREE_PERIOD, effect.period(c), effect.period_unit, float(about))
+        numbers[-1] = Coefficient(FREE_PERIOD, effect.period(c), effect.period_unit, float(about))
     begins = getattr(effect, "begins", np.nan)
     if np.isfinite(begins):
-        told.append(Coefficient(BEGINS, float(begins), getattr(effect, "begins_unit", ""), np.nan))
-    return tuple(told)
+        numbers.append(Coefficient(BEGINS, float(begins), getattr(effect, "begins_unit", ""), np.nan))
+    return tuple(numbers)
 
 
 def _period_of(effect: Effect, found: Fit) -> float:
@@ -143,100 +134,20 @@ def _period_of(effect: Effect, found: Fit) -> float:
     return float(period)
 
 
-def doubted(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Finding, ...]:
+def with_cautions(findings: Sequence[Finding], whole: Mapping[str, float]) -> tuple[Finding, ...]:
     """Return findings, the largest first, with a caution where one may only be the error of another one's formula.
 
     No formula is exact physics. If it is off by a tenth, a hundredth of the explained energy remains, and another name
     of the catalogue explains a part of that. On the same part of the machine it is a hundredth of the whole effect
     there, `whole` (mean square in sigma), although calibration may have absorbed most of that.
     """
-    told: list[Finding] = []
+    larger: list[Finding] = []
     for one in sorted(findings, key=lambda f: -f.gain):
-        before = sum(f.visible**2 for f in told)
-        there = sum(max(f.visible**2, whole.get(f.effect, 0.0)) for f in told if f.target == one.target)
+        before = sum(f.visible**2 for f in larger)
+        there = sum(max(f.visible**2, whole.get(f.effect, 0.0)) for f in larger if f.target == one.target)
         small = 0 < one.visible**2 < thresholds().formula_error * max(before, there)
-        told.append(replace(one, caution=FORMULA_ERROR) if small else one)
-    return tuple(told)
-
-
-def negative_size(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Return a note for each finding whose whole interval is negative, though the size of its family never is.
-
-    From 30 random poses of a measured arm, one search named a compliance that gives way against its load, and one a
-    negative play. Both made the error of the other poses larger (`docs/discovery-statistics.md`).
-    """
-    formulation = final.model.formulation
-    machine, words = formulation.data.machine, words_of(roles_of(formulation))
-    columns = {name_of(e): e.columns for e in final.model.effects}
-    notes = []
-    for one in findings:
-        family = family_of(machine, one.family)
-        what = family.never_negative if family else ""
-        if not what or not max(one.amplitude.ci95) < 0:
-            continue
-        told = " and ".join(f"the {quantity_label(machine, name, words)}" for name in columns.get(one.effect, ()))
-        notes.append(
-            f"the size of {effect_label(machine, one.family, one.target)} {NEVER_NEGATIVE} {what} never is: either "
-            f"{told or 'a column'} has the other sign, or another cause acts like it"
-        )
-    return tuple(notes)
-
-
-def mostly_unseen(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Return a note for each finding of several terms of which the fitted readings see less than `_SEEN` of its size.
-
-    Over a part of a turn its terms nearly cancel, or are a constant that calibration takes up. Then the size of the
-    formula is no size of the machine's error, and at other angles the formula tells nothing.
-    """
-    data = final.model.formulation.data
-    units = {name_of(effect): effect.unit for effect in final.model.effects if len(effect.coefficients) > 1}
-    notes = []
-    for one in findings:
-        swing = max((float(np.ptp(change)) / 2 for change in _changes(final, one).values()), default=0.0)
-        unit = units.get(one.effect, "")
-        if unit in _LIKE_A_READING and 0 < swing < _SEEN * abs(one.amplitude.value):
-            scale, told = _LIKE_A_READING[unit]
-            notes.append(
-                f"{effect_label(data.machine, one.family, one.target)}: over what was read it goes up and down by "
-                f"{plain(scale * swing, 2)} {told} alone; {CANCELS}: the size is that of the formula, which tells "
-                "nothing of other places"
-            )
-    return tuple(notes)
-
-
-def cancelling(final: Fit, findings: Sequence[Finding]) -> tuple[str, ...]:
-    """Return a note for each quantity that findings move to and fro against each other, `_AGAINST` times as far.
-
-    The error of a formula is taken up by another name on the same part, with the other sign. Each fits beside the other
-    alone, and none of their sizes is that of a cause.
-    """
-    machine, words = final.model.formulation.data.machine, words_of(roles_of(final.model.formulation))
-    moved: dict[str, list[tuple[Finding, Array]]] = {}
-    for one in findings:
-        for name, change in _changes(final, one).items():
-            moved.setdefault(name, []).append((one, change))
-    notes = []
-    for name, those in moved.items():
-        together = float(np.ptp(sum(change for _, change in those)))
-        large = [one for one, change in those if float(np.ptp(change)) > _AGAINST * together > 0]
-        if len(large) > 1:
-            told = " and ".join(effect_label(machine, one.family, one.target) for one in large)
-            notes.append(
-                f"{told} move {quantity_label(machine, name, words)} {AGAINST_EACH_OTHER} {_AGAINST:g} times "
-                "as far as together: beside each other none of them has the size of a cause"
-            )
-    return tuple(notes)
-
-
-def _changes(final: Fit, one: Finding) -> dict[str, Array]:
-    """Return quantity -> (n,): by how much a finding, with its form, moves what was read; {} for a law of the noise."""
-    data = final.model.formulation.data
-    numbers = {name_of(effect): (effect, c) for effect, c in final.model.coefficients(final.x)}
-    if one.effect not in numbers:
-        return {}
-    parts = [numbers[one.effect][0], *forms_of(numbers[one.effect][0], final.model.effects)]
-    moved = [part.shift(final.at.recorded, data, numbers[name_of(part)][1]) for part in parts]
-    return {name: np.asarray(sum(np.asarray(part[name]) for part in moved if name in part)) for name in moved[0]}
+        larger.append(replace(one, caution=FORMULA_ERROR) if small else one)
+    return tuple(larger)
 
 
 def _left_out(found: Fit, best: Option) -> float:
@@ -285,8 +196,8 @@ def _held(weights: Mapping[str, float], safe: Sequence[str], share: float) -> di
 
 def parted_by(effects: Sequence[Effect], machine: str) -> str:
     """Return the other kind of reading that parts effects from their declared twins; "" where none is declared."""
-    told = (family.parted_by for twin in sorted(_twins(effects)) if (family := family_of(machine, twin)))
-    return next((kind for kind in told if kind), "")
+    kinds = (family.parted_by for twin in sorted(_twins(effects)) if (family := family_of(machine, twin)))
+    return next((kind for kind in kinds if kind), "")
 
 
 def _twins(effects: Sequence[Effect]) -> set[str]:
@@ -305,9 +216,9 @@ def _separated_by(options: Sequence[Option], found: Fit) -> str | None:
     if len(options) == 1 or families | twins == families & twins:
         return f"no further readings tell these apart, they leave the same signature: {_PARTS}" if twins else None
     targets = {o.effect.target for o in options}
-    told = {family.resolved_by if (family := family_of(machine, name)) else "" for name in families}
-    if len(targets) == len(told) == 1 and all(told):
-        return told.pop().format(target=targets.pop())
+    ways = {family.resolved_by if (family := family_of(machine, name)) else "" for name in families}
+    if len(targets) == len(ways) == 1 and all(ways):
+        return ways.pop().format(target=targets.pop())
     if any(isinstance(o.effect, ChangePoint) for o in options):
         return "readings of the same poses, back to back, before and after the change"
     absent = [column for column in description_of(machine).helpful if column not in formulation.readings]
@@ -376,7 +287,16 @@ def blamed_noise(suspect: NoiseFinding) -> Finding:
     one = Rival(name, suspect.family, suspect.target, weight)
     amplitude = Amplitude(suspect.amplitude, suspect.unit, suspect.ci95)
     visible = float(np.sqrt(max(suspect.gain, 0.0) / len(suspect.weights)))
-    return Finding(name, suspect.family, suspect.target, amplitude, suspect.gain, (one, *rivals), apart, visible)
+    return Finding(
+        effect=name,
+        family=suspect.family,
+        target=suspect.target,
+        amplitude=amplitude,
+        gain=suspect.gain,
+        set=(one, *rivals),
+        separated_by=apart,
+        visible=visible,
+    )
 
 
 _POSES = 200

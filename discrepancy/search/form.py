@@ -188,9 +188,9 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
     wave whose size changes is the sum of waves of neighbouring periods, which have names, so a wave of free period has
     no form.
     """
-    told = {name_of(e.of) for e in known if isinstance(e, Modulated)}
-    told |= {name_of(e) for e in picks if isinstance(e, OfFreePeriod)}
-    tried = [form for pick in picks if name_of(pick) not in told for form in _forms(current, pick, terms)]
+    bent = {name_of(e.of) for e in known if isinstance(e, Modulated)}
+    bent |= {name_of(e) for e in picks if isinstance(e, OfFreePeriod)}
+    tried = [form for pick in picks if name_of(pick) not in bent for form in _forms(current, pick, terms)]
     scored = [s for s, _ in score_all(current, tests.on, tried) if s.m]
     if not scored:
         return None
@@ -232,11 +232,11 @@ def form_words(effect: Effect, shapes: Sequence[Effect], formulation: Formulatio
     For a column that the formula itself uses, the words say that the course over it differs.
     """
     machine, words = formulation.data.machine, words_of(roles_of(formulation))
-    told: dict[bool, list[str]] = {True: [], False: []}
+    phrases: dict[bool, list[str]] = {True: [], False: []}
     for slow in (slow for form in forms_of(effect, shapes) for slow in form.over):
-        told[slow.column in effect.columns].append(f"the {quantity_label(machine, slow.covariate, words)}")
-    size = f"size depends on {' and '.join(told[False])}" if told[False] else ""
-    course = f"course over {' and '.join(told[True])} is not that of its formula" if told[True] else ""
+        phrases[slow.column in effect.columns].append(f"the {quantity_label(machine, slow.covariate, words)}")
+    size = f"size depends on {' and '.join(phrases[False])}" if phrases[False] else ""
+    course = f"course over {' and '.join(phrases[True])} is not that of its formula" if phrases[True] else ""
     return " and ".join(filter(None, (size, course)))
 
 
@@ -268,23 +268,23 @@ def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modu
 
 def slow_along(effect: Effect, data: MeasuredData, terms: int) -> tuple[Slow, ...]:
     """Return slow functions of the position of each carriage of an effect; none where the effect gives no carriage."""
-    told = along_of(effect)
-    if told is None:
+    along = along_of(effect)
+    if along is None:
         return ()
     found = []
-    for covariate, moments in told(data).items():
+    for covariate, moments in along(data).items():
         stands = np.concatenate([one.at for one in moments])
         low, high = float(stands.min()), float(stands.max())
         if low < high:
             more = any(one.quantity != one.of for one in moments)  # at a moment than at home, where the formula holds
             middle = waves_over(np.zeros(1) if more else stands, low, high, terms).mean(axis=0)
             numbers = tuple(middle.tolist())
-            found.append(Slow(covariate, covariate, low, high, numbers, partial(_moments, told, covariate)))
+            found.append(Slow(covariate, covariate, low, high, numbers, partial(_moments, along, covariate)))
     return tuple(found)
 
 
-def _moments(told: Along, covariate: str, data: MeasuredData) -> Sequence[Moment]:
-    return told(data)[covariate]
+def _moments(along: Along, covariate: str, data: MeasuredData) -> Sequence[Moment]:
+    return along(data)[covariate]
 
 
 def product(waves: Array, change: Array) -> Array:

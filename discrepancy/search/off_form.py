@@ -11,7 +11,7 @@ is preferred only where it has more than that gain, too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -56,7 +56,7 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
     weight, because a form is visible for some options and not for others, and readings are few.
     """
     plain, top = close(found), max(found, key=lambda o: o.gain)
-    if not _are_few(top):
+    if not (top.gain > 0 and 0 < len(top.fit.r) < thresholds().drawn_rows):
         return plain
     if top.fit.noise.profiled:
         return _as_a_form_may_err(found, plain, top)
@@ -68,14 +68,14 @@ def near(found: Sequence[Option]) -> tuple[Option, ...]:
     best = max(worth.values()) - thresholds().form * top.gain
     # it stands for the form of another one, by a formula of many numbers
     taken_up = thresholds().formula_error * top.gain
-    told = {
+    likelihoods = {
         o.name: replace(o, behind=best - worth[o.name] + taken_up * (_is_rich(o) - _is_rich(top)))
         for o in rivals
         if o.name in worth
     }
-    kept = {o.name for o in told.values() if o.behind < thresholds().close}
-    kept |= {top.name, *(o.name for o in plain if o.name not in told or o.name not in own)}
-    return _likeliest_first([told.get(o.name, o) for o in found if o.name in kept])
+    kept = {o.name for o in likelihoods.values() if o.behind < thresholds().close}
+    kept |= {top.name, *(o.name for o in plain if o.name not in likelihoods or o.name not in own)}
+    return _likeliest_first([likelihoods.get(o.name, o) for o in found if o.name in kept])
 
 
 def _as_a_form_may_err(found: Sequence[Option], plain: Sequence[Option], top: Option) -> tuple[Option, ...]:
@@ -112,9 +112,9 @@ def _as_forms_over_the_place_tell(found: Sequence[Option], kept: Sequence[Option
     placed = [o for o in found if o.name in own and over_of(o.effect) and o.gain > 0 and not beside & {*o.effect.twins}]
     if len(placed) < 2 or top not in placed:
         return tuple(kept)
-    told = _likelihoods(placed, top)
-    smooth = _shares({name: max(told.values()) - one for name, one in told.items()})
-    free = _shares({o.name: _distance(o, top) for o in kept if o.name in told})
+    likelihoods = _likelihoods(placed, top)
+    smooth = _shares({name: max(likelihoods.values()) - one for name, one in likelihoods.items()})
+    free = _shares({o.name: _distance(o, top) for o in kept if o.name in likelihoods})
     part = thresholds().form_smooth
     both = {name: part * one + (1 - part) * free.get(name, 0.0) for name, one in smooth.items()}
     behind = {name: 2 * float(np.log(max(both.values()) / max(one, _TINY))) for name, one in both.items()}
@@ -146,15 +146,15 @@ def _likelihoods(placed: Sequence[Option], top: Option) -> dict[str, float]:
     more is as likely as the wave.
     """
     fields = [random_field(_place(top), length) for length in _LENGTHS]
-    told = {o.name: _likelihood(o, o.effect, top, fields) - o.paid for o in placed}
+    likelihoods = {o.name: _likelihood(o, o.effect, top, fields) - o.paid for o in placed}
     waves: dict[tuple[str, ...], tuple[Option, Effect]] = {}
     for o in sorted(placed, key=lambda one: one.gain):  # the one that explains more comes last
         if (whole := whole_of(o.effect)) is not None:
             waves[tuple(sorted(whole.coefficients))] = o, whole
     for o, whole in waves.values():
         paid = o.paid + float(np.log(len(o.fit.r)))
-        told[o.name] = max(told[o.name], _likelihood(o, whole, top, fields) - paid)
-    return told
+        likelihoods[o.name] = max(likelihoods[o.name], _likelihood(o, whole, top, fields) - paid)
+    return likelihoods
 
 
 def _likelihood(o: Option, effect: Effect, top: Option, fields: Sequence[Array]) -> float:
@@ -197,10 +197,6 @@ def _likeliest_first(found: Sequence[Option]) -> tuple[Option, ...]:
     return (likeliest, *(o for o in found if o is not likeliest))
 
 
-def _are_few(top: Option) -> bool:
-    return top.gain > 0 and 0 < len(top.fit.r) < thresholds().drawn_rows
-
-
 def _go_along(o: Option, top: Option) -> bool:
     return None not in (along_of(o.effect), along_of(top.effect))
 
@@ -213,8 +209,8 @@ def _worth(o: Option, top: Option) -> float | None:
     explains the same, off or not.
     """
     drawn = o.gain
-    if (told := _drawn(o, _random_forms(o), _OFF, top)) is not None:
-        drawn = top.gain + top.paid - o.paid + _squares(top, top) - told[1]
+    if (worth := _drawn(o, _random_forms(o), _OFF, top)) is not None:
+        drawn = top.gain + top.paid - o.paid + float(np.sum(top.fit.noise.weights(top.fit.r) * top.fit.r**2)) - worth[1]
     elif o is not top and not _is_rich(o):
         return None
     odds = 0.0 if along_of(top.effect) is not None else thresholds().form_odds
@@ -230,15 +226,11 @@ def bonus(o: Option) -> float:
 
     It is compared with smooth curves, so its form may vary as fast as they do.
     """
-    told = [
+    gains = [
         _drawn(o, [[form] for form in _slow_forms(o, terms)], (1.0,), o)
         for terms in (SLOW, thresholds().curve_terms - 1)
     ]
-    return max([0.0, *(before - after for before, after in filter(None, told))])
-
-
-def _squares(o: Option, top: Option) -> float:
-    return float(np.sum(o.fit.noise.weights(top.fit.r) * o.fit.r**2))
+    return max([0.0, *(before - after for before, after in filter(None, gains))])
 
 
 def _drawn(
@@ -369,7 +361,7 @@ def _least(y: Array, D: Array, T: Array, effect: Effect, c: Array, off: Sequence
     yy, Dy, DD, unit = float(y @ y), D.T @ y, D.T @ D, float(np.linalg.norm(c))
     shares = np.square(off)[:, None]
 
-    def told(u: Array) -> float:
+    def likelihood(u: Array) -> float:
         at = unit * u
         if not is_possible(effect, abs(effect.amplitude(at))):
             return np.inf
@@ -384,7 +376,11 @@ def _least(y: Array, D: Array, T: Array, effect: Effect, c: Array, off: Sequence
         likely = explained - (left / noise + count * np.log(noise))[:, 0]
         return float(-2 * (np.logaddexp.reduce(likely / 2) - np.log(len(off))))
 
-    return _lowest(told, c / unit)
+    along = c / unit
+    across = [np.array([-along[1], along[0]])] if len(along) == 2 else []
+    starts = [sign * size * way for size in _SIZES for sign in (1, -1) for way in (along, *across)]
+    best = min(starts, key=likelihood)
+    return float(minimize(likelihood, best, method="Nelder-Mead", options={"maxiter": _STEPS, "fatol": _NEAR}).fun)
 
 
 def _likeliest(left: float, half: Array, form: Array, count: int) -> Array:
@@ -400,10 +396,3 @@ def _likeliest(left: float, half: Array, form: Array, count: int) -> Array:
         free = count - (form / both).sum(axis=1, keepdims=True)
         noise = np.maximum((left - explained) / np.maximum(free, 1.0), _TINY)
     return noise
-
-
-def _lowest(told: Callable[[Array], float], along: Array) -> float:
-    across = [np.array([-along[1], along[0]])] if len(along) == 2 else []
-    starts = [sign * size * way for size in _SIZES for sign in (1, -1) for way in (along, *across)]
-    best = min(starts, key=told)
-    return float(minimize(told, best, method="Nelder-Mead", options={"maxiter": _STEPS, "fatol": _NEAR}).fun)

@@ -205,13 +205,13 @@ def _placed(base: Fit, on: ProjectedScores, ranked: Sequence[Scored]) -> list[Sc
     tried again.
     """
     top = max((delta_bic(s, on) for s in ranked), default=0.0)
-    told = []
+    kept = []
     for s in ranked:
         steps = isinstance(s.effect, ChangePoint) and delta_bic(s, on) > thresholds().change_hopeful * top
         near = finer(s.effect, base.model.formulation.data) if steps else ()
         placed = best_of_each([one for one, _ in score_all(base, on, near, bases=False)], on)[:1] if near else ()
-        told.append(max((s, *placed), key=lambda one: delta_bic(one, on)))
-    return sorted(told, key=lambda s: -delta_bic(s, on))
+        kept.append(max((s, *placed), key=lambda one: delta_bic(one, on)))
+    return sorted(kept, key=lambda s: -delta_bic(s, on))
 
 
 def _spared(found: list[Option], base: Fit) -> list[Option]:

@@ -123,7 +123,7 @@ class Smooth:
         return float(np.sqrt(sum(float(one.weights @ one.weights) for one in self.components)))
 
 
-def smoothed(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
+def fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     """Return the fit with the smooth functions that these data support; `base` itself where none predicts.
 
     Scores of heavy-tailed noise are clipped, and smooth errors with them, so another pass fits the remaining error.
@@ -172,7 +172,7 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
         if not free:
             break
         found = [_likeliest(one, B / rest, on.y / rest, on.degrees, 1 / rest**2) for one in free]
-        worth, one, variances = max(found, key=lambda told: told[0])
+        worth, one, variances = max(found, key=lambda fitted: fitted[0])
         if worth < thresholds().smooth_gain:
             break
         trial = [*chosen, (one, variances * rest**2)]
@@ -215,7 +215,16 @@ def _components(term: SmoothTerm, n: int) -> list[Component]:
     # as many as the poses can tell, and no more
     count = min(_WAVES, max(4, n // 4)) if len(term.covariates) == 1 else _SIDE
     return [
-        Component(term.target, term.covariate, quantity, term.covariates, term.low, term.high, count, term.levels)
+        Component(
+            target=term.target,
+            covariate=term.covariate,
+            quantity=quantity,
+            columns=term.covariates,
+            low=term.low,
+            high=term.high,
+            count=count,
+            levels=term.levels,
+        )
         for quantity in term.quantities
     ]
 
@@ -248,8 +257,8 @@ def _likeliest(one: _Tried, B: Array, y: Array, degrees: int, least: float) -> t
     if B.shape[1]:
         known = cho_factor(np.eye(B.shape[1]) + B.T @ B)
         C, d = B.T @ one.seen, B.T @ y
-        told = cho_solve(known, np.column_stack([C, d]))
-        G, b, total = G - C.T @ told[:, :-1], b - C.T @ told[:, -1], total - float(d @ told[:, -1])
+        solved = cho_solve(known, np.column_stack([C, d]))
+        G, b, total = G - C.T @ solved[:, :-1], b - C.T @ solved[:, -1], total - float(d @ solved[:, -1])
     found = (-np.inf, 0.0, 0)
     for length, variances in enumerate(one.variances):
         some = variances > _NOTHING * variances.max()  # a long length has few cosines
@@ -262,7 +271,7 @@ def _likeliest(one: _Tried, B: Array, y: Array, degrees: int, least: float) -> t
         rest = np.maximum(least, left / degrees)
         worth = -0.5 * (degrees * np.log(rest) + left / rest - total + np.log(sizes).sum(axis=1))
         k = int(np.argmax(worth))
-        found = max(found, (float(worth[k]), _SIZES[k], length), key=lambda told: told[0])
+        found = max(found, (float(worth[k]), _SIZES[k], length), key=lambda solved: solved[0])
     return found[0], one, found[1] ** 2 * one.variances[found[2]]
 
 
@@ -297,8 +306,8 @@ def unnamed_of(final: Fit) -> tuple[Unnamed, ...]:
     parts: dict[tuple[str, str], list[Component]] = {}
     for one in (one for effect in smooth for one in effect.components):
         parts.setdefault((one.quantity, one.covariate), []).append(one)
-    told = [_told(own, final.model.formulation) for own in parts.values()]
-    return tuple(one for one in told if one.size >= _SMALL * max(o.size for o in told if o.unit == one.unit))
+    shown = [_described_as(own, final.model.formulation) for own in parts.values()]
+    return tuple(one for one in shown if one.size >= _SMALL * max(o.size for o in shown if o.unit == one.unit))
 
 
 def nearest_of(tests: Tests) -> Nearest | None:
@@ -325,7 +334,7 @@ def shortest_of(candidates: Sequence[Effect]) -> tuple[Shortest, ...]:
     return tuple(found.values())
 
 
-def _told(parts: Sequence[Component], formulation: Formulation) -> Unnamed:
+def _described_as(parts: Sequence[Component], formulation: Formulation) -> Unnamed:
     first = parts[0]
     unit, one = _unit_of(first.quantity, formulation)
     if len(first.columns) > 1 or first.levels:
@@ -391,8 +400,8 @@ def _times(k: int) -> str:
 
 def _shares(powers: Sequence[float], words: Sequence[str]) -> str:
     total = sum(powers)
-    told = sorted(((p / total, word) for p, word in zip(powers, words)), reverse=True)
-    return ", ".join(f"{100 * share:.0f} % {word}" for share, word in told if share > _TELLS)
+    ranked = sorted(((p / total, word) for p, word in zip(powers, words)), reverse=True)
+    return ", ".join(f"{100 * share:.0f} % {word}" for share, word in ranked if share > _TELLS)
 
 
 def _turn_of(covariate: str, formulation: Formulation) -> float:

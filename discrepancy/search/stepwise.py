@@ -1,16 +1,12 @@
 """The stepwise search: test, select, test again; then the verdict from what was selected and what is left.
 
-Add alternatives that are tested only beside a selected effect.
+Some causes are too unlikely to be searched for, or have nearly the signature of a likelier one. They are tried only
+beside a selected effect: where such a cause explains the data as well, the name alone would be a guess, and the set
+holds both.
 
-Some causes are too unlikely to be searched for. Others have nearly the signature of a likelier cause, so that a test of
-their own would add nothing. The search does not try them. But where such a cause explains the data as well as the
-effect that was named, the name alone would be a guess: the set holds both.
-
-Which names are still significant beside smooth functions: a name that only imitates an unnamed cause is not.
-
-Where an error has no name, the nearest names explain a part of it, and smooth functions explain more. A named cause
-that is there as well explains more than any smooth function of one covariate, because it shows in all readings at once;
-and it still gains beside all smooth functions together.
+A name that only imitates an unnamed cause explains a part of it, and smooth functions explain more. A named cause that
+is there explains more than any smooth function of one covariate, because it shows in all readings at once; and it still
+gains beside all smooth functions together.
 """
 
 from __future__ import annotations
@@ -34,11 +30,11 @@ from calibench.discrepancy.search.exchange import (
     Picked,
     beside,
     energy_of,
-    exchanged,
+    exchange,
     predicts_better,
     settled,
 )
-from calibench.discrepancy.search.finding import blamed_noise, doubted, finding_of
+from calibench.discrepancy.search.finding import blamed_noise, finding_of, with_cautions
 from calibench.discrepancy.search.form import FORM_DIFFERS, Modulated, form_words, residuals_within, share, unlike
 from calibench.discrepancy.search.off_form import bonus
 from calibench.discrepancy.search.select import (
@@ -113,11 +109,11 @@ def select_stepwise(
         many = len(current.at.misclosure) >= thresholds().many_readings  # then an exact fit is slow
         hopeless = many and tests.named < thresholds().linear_hope * enough
         # misfit alone gives no name, unless the degrees of freedom are so few that no other test can
-        told = tests.p_names < level or (not picks and _few(current))
-        found = options(current, tests) if more and told and not hopeless else ()
+        significant = tests.p_names < level or (not picks and _few(current))
+        found = options(current, tests) if more and significant and not hopeless else ()
         if form is not None and not (found and found[0].gain > form.gain):
             with_form = fit_with(base, (*forms, form.effect))
-            after = exchanged(picks, (), with_form, candidates, picked.by_name)
+            after = exchange(picks, (), with_form, candidates, picked.by_name)
             if not np.isfinite(after.fit.cost):
                 break  # no fit with names and form converges: the names stay as they are
             forms, ground = (*forms, form.effect), with_form
@@ -145,7 +141,18 @@ def select_stepwise(
     current = picked.fit
     alone = fit_with(base, picked.effects) if forms else current
     smooth_explains = _smooth_explains(base, picked, forms, terms, first)
-    return Selection(current, alone, picked.sets, forms, first, tests, first_p, first_p < level, p, smooth_explains)
+    return Selection(
+        fit=current,
+        alone=alone,
+        sets=picked.sets,
+        forms=forms,
+        first=first,
+        last=tests,
+        p=first_p,
+        alarm=first_p < level,
+        left=p,
+        smooth_explains=smooth_explains,
+    )
 
 
 def _smooth_explains(
@@ -210,7 +217,7 @@ def _with_another(picked: Picked, ground: Fit, candidates: Sequence[Effect], kep
     found = options(picked.fit, run_tests(picked.fit, still_open(candidates, taken), (), None))
     if not found or found[0].gain <= thresholds().further_gain or not predicts_better(picked.fit, found[0]):
         return picked
-    return exchanged([*picked.effects, found[0].effect], found, ground, candidates, kept)
+    return exchange([*picked.effects, found[0].effect], found, ground, candidates, kept)
 
 
 def _needed(picked: Picked, base: Fit, ground: Fit) -> Picked:
@@ -277,7 +284,7 @@ def verdict_of(
         return "unknown", ()
     whole = {own[0].name: energy_of(own[0]) / len(selection.fit.r) for own in selection.sets}
     found = [_formed(finding_of(selection.fit, own), own[0].effect, selection) for own in selection.sets]
-    named = doubted(found, whole)
+    named = with_cautions(found, whole)
     if plainly:
         named = (replace(named[0], form=named[0].form or FORM_DIFFERS), *named[1:])
     findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
@@ -288,7 +295,7 @@ def verdict_of(
     return _said(findings), findings
 
 
-def judged(
+def judge(
     selection: Selection, base: Fit, terms: Sequence[SmoothTerm], suspects: Sequence[NoiseFinding], level: float
 ) -> tuple[Verdict, tuple[Finding, ...], Selection]:
     """Return the verdict, the findings and their selection: where names explain too little, the names that still stand.
@@ -300,7 +307,7 @@ def judged(
         return verdict, findings, selection
     kept = replace(selection, fit=part.fit, alone=part.fit, sets=part.sets, forms=())
     whole = {own[0].name: energy_of(own[0]) / len(part.fit.r) for own in part.sets}
-    named = doubted([finding_of(part.fit, own) for own in part.sets], whole)
+    named = with_cautions([finding_of(part.fit, own) for own in part.sets], whole)
     blamed = (blamed_noise(s) for s in suspects)
     return "partly", tuple(sorted((*named, *blamed), key=lambda f: -f.gain)), kept
 

@@ -29,8 +29,8 @@ from calibench.bench.discovery.page.words import (
     next_sentences,
 )
 from calibench.bench.report.shared.page import inline_svg
+from calibench.core.notes import Code, Note
 from calibench.discrepancy.model.machine import Correction
-from calibench.discrepancy.model.measured import UNSTATED
 from calibench.discrepancy.report import Place, Report
 
 RIVALS = [
@@ -101,7 +101,7 @@ def test_the_gap_is_told_on_what_there_was_to_tell_it_on():
     assert "On the fitted readings (none were held out) the error is 2.40" in gap_sentence(named(trained))
     assert "left out of the fit in turn" in gap_sentence(named({**GAP, "cross_validated": True}))
     small = {**GAP, "held_out_before": 1.25, "held_out_after": 0.25, "held_out_ci95": (0.2, 0.3)}
-    unstated = replace(named(small), notes=("the noise is not stated: told by the residuals",))
+    unstated = replace(named(small), notes=(Note(Code.NOISE_UNSTATED, "told by the residuals"),))
     assert "brings the error to 0.20 times what it was (95 %: 0.16 to 0.24); nobody" in gap_sentence(unstated)
     assert "noise alone leaves" not in gap_sentence(unstated)
     assert "noise alone leaves" in gap_sentence(named(small))
@@ -220,10 +220,10 @@ def test_a_chart_is_drawn_where_every_reading_is_taken_for_outlying(monkeypatch)
 
 
 @pytest.mark.parametrize(
-    ("note", "drawn"), [(f"{UNSTATED}: that of y is learned from what the model leaves", False), ("", True)]
+    ("notes", "drawn"), [([Note(Code.NOISE_LEARNED, "that of y is learned").to_dict()], False), ([], True)]
 )
-def test_no_best_possible_error_is_drawn_from_noise_that_held_the_gap(note, drawn):
-    report = told(gap={**GAP, "held_out_before": 0.7, "held_out_after": 0.14}, notes=[note], findings=[FINDING])
+def test_no_best_possible_error_is_drawn_from_noise_that_held_the_gap(notes, drawn):
+    report = told(gap={**GAP, "held_out_before": 0.7, "held_out_after": 0.14}, notes=notes, findings=[FINDING])
     series = Series(pd.DataFrame())
     [(_, (figure, _))] = [made for made in discovery_figures(report, series) if made[0] == "gap"]
     said = [text.get_text() for text in figure.axes[0].texts]

@@ -59,7 +59,7 @@ def test_a_sheet_of_excel_is_a_table(tmp_path):
     assert data["t_s"].tolist() == [0.0, 2.5]
     assert data["split"].tolist() == ["train", "hold"]
     np.testing.assert_array_equal(data["x"], [3.0, np.nan])
-    assert "sheet Sheet is read, and not notes" in data.notes
+    assert "sheet Sheet is read, and not notes" in map(str, data.notes)
 
 
 def test_a_long_sheet_is_read_to_its_end(tmp_path):
@@ -74,7 +74,7 @@ def test_a_sheet_tells_of_a_header_that_comes_again_as_text_does(tmp_path):
     sheet = read_measured(book(tmp_path / "run.xlsx", *rows), "two_link")
     (tmp_path / "run.csv").write_text("enc_1,x\n1.5,2\nenc_1,x\n2.5,\n")
     text = read_measured(tmp_path / "run.csv", "two_link")
-    assert "the header comes again in line 3 and is left out there" in sheet.notes
+    assert "the header comes again in line 3 and is left out there" in map(str, sheet.notes)
     assert text.notes == sheet.notes
 
 
@@ -216,7 +216,9 @@ def test_a_table_without_a_header_takes_the_names_of_its_owner(tmp_path):
     (tmp_path / "bare.csv").write_text("1.5,2\n2.5,3\n")
     data = read_measured(tmp_path / "bare.csv", "two_link", columns={"enc_1": "column_1"})
     assert data["enc_1"].tolist() == [1.5, 2.5]
-    assert data.notes == ("no header: columns are called column_1 to column_2; columns= names them",)
+    assert [str(note) for note in data.notes] == [
+        "no header: columns are called column_1 to column_2; columns= names them"
+    ]
 
 
 def test_a_row_of_units_beneath_the_header_is_no_reading(tmp_path):
@@ -241,7 +243,7 @@ def test_a_column_that_is_words_and_looks_like_numbers_is_told(cells, tmp_path):
     (tmp_path / "run.csv").write_text(f'u,y\n"{cells[0]}",2\n"{cells[1]}",3\n')
     data = read_measured(tmp_path / "run.csv", "table")
     assert data["u"].tolist() == list(cells)
-    assert data.notes == (f"column u is read as words: {cells[0]!r} is no number",)
+    assert [str(note) for note in data.notes] == [f"column u is read as words: {cells[0]!r} is no number"]
 
 
 def test_the_minus_of_typography_is_a_minus(tmp_path):
@@ -364,7 +366,7 @@ def test_names_in_a_comment_above_the_first_reading_are_the_header(mark, tmp_pat
     data = read_measured(path, "two_link")
     np.testing.assert_allclose(data["enc_1"], [np.pi / 2, np.pi])
     assert data["y"].tolist() == [2.5, 4.5]
-    assert "the names of the columns are those of the comment above the first reading, line 2" in data.notes
+    assert "the names of the columns are those of the comment above the first reading, line 2" in map(str, data.notes)
 
 
 def test_a_comment_that_names_no_columns_stays_one(tmp_path):
@@ -379,7 +381,7 @@ def test_a_header_that_comes_again_is_left_out_and_told(tmp_path):
     (tmp_path / "run.csv").write_text("x [m],y\n1.5,2.5\nx [m],y\n3.5,4.5\n")
     data = read_measured(tmp_path / "run.csv", "two_link")
     assert data["x"].tolist() == [1500.0, 3500.0]
-    assert "the header comes again in line 3 and is left out there" in data.notes
+    assert "the header comes again in line 3 and is left out there" in map(str, data.notes)
 
 
 def test_empty_lines_between_blocks_of_rows_are_told(tmp_path):
@@ -387,10 +389,10 @@ def test_empty_lines_between_blocks_of_rows_are_told(tmp_path):
     (tmp_path / "run.csv").write_text("x,y\n1.5,2.5\n3.5,4.5\n\n5.5,6.5\n7.5,8.5\n\n")
     data = read_measured(tmp_path / "run.csv", "two_link")
     assert data["x"].tolist() == [1.5, 3.5, 5.5, 7.5]
-    assert any(note.startswith(blocks) for note in data.notes)
+    assert any(note.text.startswith(blocks) for note in data.notes)
     for text in ("x,y\n\nmm,mm\n\n1.5,2.5\n3.5,4.5\n\n", "x,y\n\n1.5,2.5\n\n3.5,4.5\n\n5.5,6.5\n"):
         (tmp_path / "run.csv").write_text(text)  # room below the header; a file with room between all lines
-        assert not any("empty lines" in note for note in read_measured(tmp_path / "run.csv", "two_link").notes)
+        assert not any("empty lines" in note.text for note in read_measured(tmp_path / "run.csv", "two_link").notes)
 
 
 def test_a_second_table_with_a_header_of_its_own_is_refused_with_its_line(tmp_path):

@@ -18,6 +18,7 @@ from calibench.bench.report.shared.page import Head, Table, inline_svg, macros, 
 from calibench.bench.report.study.explored import scripts
 from calibench.bench.report.study.page import StudyPage
 from calibench.bench.store.runs import ResultStore
+from calibench.core.notes import Code, Note
 from calibench.discrepancy.report import Report
 
 EVIL = """<script>alert("1")</script> & 'co' </td></style><b onclick=x>"""
@@ -93,7 +94,8 @@ def test_a_discoverys_page_trusts_no_name():
          "parameters": {EVIL: {"before": 1.0, "after": 9.0, "sd": 1.0}}}
     )  # fmt: skip
     html = Page(
-        report, notes=[EVIL], units={EVIL: EVIL}, causes={EVIL: (EVIL, EVIL)}, provenance={EVIL: EVIL}, noise=EVIL,
+        report, notes=[Note(Code.FILE, EVIL)], units={EVIL: EVIL}, causes={EVIL: (EVIL, EVIL)},
+        provenance={EVIL: EVIL}, noise=EVIL,
         about_data={EVIL: EVIL}, drawings={"gap": '<svg width="9pt"/>', EVIL: '<svg width="9pt"/>'},
     ).html()  # fmt: skip
     assert sound(html).text.count(EVIL) >= 20

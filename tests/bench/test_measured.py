@@ -73,7 +73,10 @@ def test_degrees_that_say_so_become_radians_with_a_note(tmp_path, ending):
     data = read_measured(path)
     np.testing.assert_allclose(data["enc_1"], [np.pi, np.pi / 2])
     np.testing.assert_allclose(data["x"], [250, 1000])
-    assert data.notes == ("enc_1: stated in deg, turned into rad", "x: stated in m, turned into mm")
+    assert [note.text for note in data.notes] == [
+        "enc_1: stated in deg, turned into rad",
+        "x: stated in m, turned into mm",
+    ]
 
 
 def test_a_table_keeps_the_units_of_its_file_and_an_arm_does_not(tmp_path):

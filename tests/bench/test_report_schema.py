@@ -1,6 +1,8 @@
 """The JSON schema of a discovery's report: it ships, cannot drift from the classes, and refuses what is no report."""
 
+import json
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import pytest
 from jsonschema import Draft202012Validator
@@ -8,11 +10,13 @@ from jsonschema import Draft202012Validator
 from calibench import bench
 from calibench.bench.discovery import schema
 from calibench.bench.discovery.record import SearchRecord
+from calibench.core.notes import Code, Note
 from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.report import Amplitude, Finding, Gap, Invisible, ParameterChange, Place, Report, Rival
 
 FULL = Report(
-    case="run7", machine="gpm2002", verdict="ambiguous", p=1e-9, notes=("a note",), seconds=0.5, gap=Gap(1.0, 2.0, 1.1),
+    case="run7", machine="gpm2002", verdict="ambiguous", p=1e-9, seconds=0.5, gap=Gap(1.0, 2.0, 1.1),
+    notes=(Note(Code.TURNS, "a note", ("q",), ("3",), {"times": 2.5}),),
     findings=(Finding("backlash joint 2", "backlash", "joint 2", Amplitude(1e-4, "rad", (9e-5, float("nan"))), 17.0,
                       (Rival("backlash joint 2", "backlash", "joint 2", 1.0),), None),),
     where=(Place("joint 2", "dir_2", 1e-9),), invisible=(Invisible("lag all", "lag", "all", 0.0, float("inf"), "s"),),
@@ -86,3 +90,16 @@ def test_a_field_that_a_class_gains_would_be_seen(monkeypatch):
     made = schema.made_schema()
     assert made["$defs"]["Report"]["properties"]["colour"] == {"type": "string"}
     assert made != bench.report_schema()
+
+
+def test_the_documentation_has_each_code_of_a_note_with_its_meaning():
+    page = Path(__file__).parents[2].joinpath("docs", "discover.md").read_text(encoding="utf-8")
+    table = page.partition("## The codes of notes")[2]
+    rows = [line for line in table.splitlines() if line.startswith("| `")]
+    assert rows == [f"| `{code.value}` | {code.meaning} |" for code in Code]
+
+
+def test_a_note_is_read_back_as_it_was_written():
+    [written] = FULL.to_dict()["notes"]
+    assert written == {"code": "turns", "text": "a note", "columns": ["q"], "rows": ["3"], "values": {"times": 2.5}}
+    assert Report.from_dict(json.loads(json.dumps(FULL.to_dict()))).notes == FULL.notes

@@ -41,8 +41,8 @@ def test_midnights_are_counted_in_the_note(path):
     times = ["22:00", "23:00", "01:00", "11:00", "21:00", "07:00"]
     data = read(path, times)
     np.testing.assert_array_equal(data["t_s"] / 3600, [0, 1, 3, 13, 23, 33])
-    assert "t_s: times of day, turned into seconds from the first, on over 2 midnights" in data.notes
-    assert "t_s: times of day, turned into seconds from the first" in read(path, times[:2]).notes
+    assert "t_s: times of day, turned into seconds from the first, on over 2 midnights" in map(str, data.notes)
+    assert "t_s: times of day, turned into seconds from the first" in map(str, read(path, times[:2]).notes)
 
 
 def test_a_decimal_comma_is_read_and_a_column_of_another_name_is_taken(path):

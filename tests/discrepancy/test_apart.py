@@ -5,7 +5,7 @@ import pytest
 
 from calibench import discrepancy
 from calibench.discrepancy import Joint, MeasuredData, Predicted, Roles
-from calibench.discrepancy.checks.validate import validated
+from calibench.discrepancy.checks.validate import validate
 from calibench.discrepancy.design.detectability import design
 from calibench.problems.base import Parameter
 
@@ -48,27 +48,27 @@ def readings(**cells):
 def test_a_code_for_no_value_costs_its_row_and_not_the_verdict(name, code):
     report = discrepancy.explain(Turning(), readings(**{name: code}))
     assert [finding.effect for finding in report.findings] == ["thermal_zero axis"]
-    [note] = [note for note in report.notes if "all others lie between" in note]
-    assert note.startswith(f"row 18 left out: {name} is {code:g}, ")
-    assert note.endswith("correct it, or mark it valid=0")
+    [note] = [note for note in report.notes if "all others lie between" in note.text]
+    assert note.text.startswith(f"row 18 left out: {name} is {code:g}, ")
+    assert note.text.endswith("correct it, or mark it valid=0")
 
 
 @pytest.mark.parametrize("cells", [{"load": 500.0}, {"clock": 1e6}, {"warmth": 100.0}, {}])
 def test_a_level_a_late_reading_and_a_far_end_are_kept(cells):
-    assert len(validated(Turning(), readings(**cells)).data) == N
+    assert len(validate(Turning(), readings(**cells)).data) == N
 
 
 def test_two_codes_are_left_out_together():
     data = readings(warmth=9999.0)
     warmth = data["warmth"].copy()
     warmth[40] = 9999.0
-    assert len(validated(Turning(), data.with_columns({"warmth": warmth})).data) == N - 2
+    assert len(validate(Turning(), data.with_columns({"warmth": warmth})).data) == N - 2
 
 
 def test_a_design_is_of_the_rows_that_a_search_would_have() -> None:
     plan = design(Turning(), readings(warmth=9999.9))
     assert plan.readings == N - 1
-    assert any("warmth is 9999.9" in note for note in plan.notes)
+    assert any("warmth is 9999.9" in note.text for note in plan.notes)
 
 
 def test_a_design_lists_of_waves_that_come_one_after_another_the_first() -> None:

@@ -127,7 +127,7 @@ def test_a_number_that_the_poses_hardly_tell_keeps_its_nominal_value(arm):
     seen = np.array([placed(row)[0] for row in q]) + rng.normal(0, 0.3, (240, 3))
     told = columns(q, seen) | {"split": np.repeat(["train", "hold"], [40, 200])}
     formulation = arm.formulate(MeasuredData(told, "arm"))
-    assert any("no better than to 2 mm" in note for note in formulation.data.notes)
+    assert any("no better than to 2 mm" in note.text for note in formulation.data.notes)
     held = np.asarray(formulation.data["split"]) == "hold"
     found = fit(Model(formulation.on(formulation.data.rows(~held))), Noise())
     left = Model(formulation.on(formulation.data.rows(held))).residuals(found.x)

@@ -137,7 +137,7 @@ def test_wild_readings_in_one_block_are_not_made_up_by_the_rows_of_the_other():
 def test_what_one_block_lacks_is_told():
     first, second = parts(readings())
     warm = first.on(first.data.with_columns({"temp_K": np.linspace(0, 5, len(first.data))}))
-    assert "column temp_K: not in every block; 0 is taken where missing" in Blocks(warm, second).data.notes
+    assert "column temp_K: not in every block; 0 is taken where missing" in map(str, Blocks(warm, second).data.notes)
 
 
 def test_roles_and_unknown_noise_are_those_of_all_blocks():

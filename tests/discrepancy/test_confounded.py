@@ -40,22 +40,22 @@ def test_a_factor_and_a_sum_are_written_out() -> None:
 @pytest.mark.parametrize("free", few(1, ["full", "rho", pytest.param("L", marks=pytest.mark.slow)]))
 def test_the_report_says_that_the_papers_plan_cannot_part_lengths_and_offsets(free: str) -> None:
     report = explained(unequal(2, free))
-    (note,) = [note for note in report.notes if "not identifiable" in note]
-    assert all(f"drho_{axis} - dL_{axis} ± 0.011" in note and f"dL_{axis} ± 0.42" in note for axis in "xyz")
-    assert ("held" in note) == (free != "full")
+    (note,) = [note for note in report.notes if "not identifiable" in note.text]
+    assert all(f"drho_{axis} - dL_{axis} ± 0.011" in note.text and f"dL_{axis} ± 0.42" in note.text for axis in "xyz")
+    assert ("held" in note.text) == (free != "full")
 
 
 def test_the_chapters_twelve_readings_give_its_standard_errors() -> None:
     data = machines.make("orthoglide").formulate(planned("paper")).data
-    (note,) = [note for note in data.notes if "not identifiable" in note]
-    assert "drho_x ± 0.73" in note
-    assert "drho_x - dL_x ± 0.019" in note
+    (note,) = [note for note in data.notes if "not identifiable" in note.text]
+    assert "drho_x ± 0.73" in note.text
+    assert "drho_x - dL_x ± 0.019" in note.text
 
 
 def test_moves_across_the_legs_part_them() -> None:
     hidden = case(0, plan="cross")
     data = machines.make("orthoglide").formulate(MeasuredData(hidden.columns, "orthoglide", hidden.metadata, "c")).data
-    assert not any("not identifiable" in note for note in data.notes)
+    assert not any("not identifiable" in note.text for note in data.notes)
 
 
 def test_readings_that_share_a_zero_are_not_parted_by_cross_validation() -> None:

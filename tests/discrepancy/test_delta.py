@@ -375,4 +375,4 @@ def test_repeated_heights_say_nothing_of_the_noise_of_distances():
     extra, [note] = sensor_scales(plain)
     assert set(extra) == {"height"}
     assert np.sqrt(0.2**2 + extra["height"]) == pytest.approx(0.02, rel=0.4)
-    assert re.fullmatch(r"repeats scatter otherwise than the stated noise .height: 0\.\d+ times.; .*", note)
+    assert re.fullmatch(r"repeats scatter otherwise than the stated noise .height: 0\.\d+ times.; .*", note.text)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from calibench import discrepancy
-from calibench.bench.discovery.page.words import first_notes
+from calibench.bench.discovery.page.words import FIRST
+from calibench.core.notes import Code
 from calibench.discrepancy import MeasuredData
-from calibench.discrepancy.diagnostics.noise import FEW_EQUATIONS
 from calibench.discrepancy.machines.arm import Arm
 from tests.bench.arm_by_hand import NAMES, measured, placed, urdf
 from tests.few import few
@@ -32,7 +32,8 @@ def test_a_note_stands_before_names_from_few_equations(count, stated, told, tmp_
     file.write_text(urdf())
     report = discrepancy.explain(Arm(str(file)), played(count, **stated))
     assert report.findings
-    notes = [note for note in first_notes(report) if FEW_EQUATIONS in note]
+    notes = [note for note in report.notes if note.code is Code.FEW_EQUATIONS]
     assert len(notes) == told
+    assert Code.FEW_EQUATIONS in FIRST
     if told:
-        assert notes[0].startswith(f"{3 * 31} equations for ")  # the first row, of unknown direction, is left out
+        assert notes[0].values["equations"] == 3 * 31  # the first row, of unknown direction, is left out

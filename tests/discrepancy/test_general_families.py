@@ -376,9 +376,9 @@ def test_a_wrong_gear_ratio_is_named_however_large():
 def test_what_is_too_large_to_be_possible_is_told():
     report = explain(Arm(), readings(8, lambda q, d: {"a": q["a"] - 0.2 * d["side_a"]}))
     assert "backlash shoulder" not in {f.effect for f in report.findings}
-    told = [note for note in report.notes if note.startswith("backlash of shoulder would explain most")]
+    told = [note for note in report.notes if note.text.startswith("backlash of shoulder would explain most")]
     assert len(told) == 1
-    assert "rad: taken for impossible" in told[0]
+    assert "rad: taken for impossible" in told[0].text
 
 
 def test_no_column_moves_a_joint_further_than_its_sensor_may_err():
@@ -402,7 +402,7 @@ def test_a_zero_that_would_turn_with_each_kelvin_is_taken_for_impossible():
     turned = readings(9, lambda q, d: {"a": q["a"] + 0.13 * (d["warm"] - d["warm"].mean())})
     report = explain(Arm(), turned)
     assert "thermal_zero shoulder" not in {f.effect for f in report.findings}
-    assert any("thermal shift of the zero of shoulder would explain most" in note for note in report.notes)
+    assert any("thermal shift of the zero of shoulder would explain most" in note.text for note in report.notes)
 
 
 def test_parts_of_one_name_are_refused():
@@ -421,7 +421,7 @@ def test_a_direction_in_three_words_is_told_and_costs_no_row() -> None:
     told = Arm().formulate(data.with_columns(named)).data
     assert len(told) == N
     assert any(
-        note.startswith("column side_b holds words ('ab', 'auf', 'quer'), where numbers are needed")
+        note.text.startswith("column side_b holds words ('ab', 'auf', 'quer'), where numbers are needed")
         for note in told.notes
     )
     built = catalogue(Arm().formulate(data.with_columns(named)))
@@ -434,7 +434,7 @@ def test_a_direction_in_two_words_is_one_in_signs(down: str, up: str) -> None:
     data = readings()
     told = Arm().formulate(data.with_columns({"side_b": np.where(data["side_b"] > 0, up, down)})).data
     assert np.array_equal(told["side_b"], np.where(data["side_b"] > 0, 1.0, -1.0))
-    assert any(note.startswith(f"column side_b: {down.strip()!r} is taken for -1") for note in told.notes)
+    assert any(note.text.startswith(f"column side_b: {down.strip()!r} is taken for -1") for note in told.notes)
 
 
 def test_a_smooth_error_is_called_after_what_the_joint_does():

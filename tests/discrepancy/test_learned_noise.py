@@ -126,7 +126,7 @@ def test_repeats_tell_noise_that_nobody_states(seed: int) -> None:
     assert law.from_repeats
     assert not law.profiled
     assert not report.other_noise
-    assert not any("stated noise" in note for note in report.notes)
+    assert not any("stated noise" in note.text for note in report.notes)
 
 
 def test_repeats_on_a_coarse_scale_tell_no_noise() -> None:

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from calibench.bench.discovery.page.page import Page
-from calibench.bench.discovery.page.words import size_notes
+from calibench.bench.discovery.page.words import SIZES
+from calibench.core.notes import Code
 from calibench.discrepancy import Joint, MeasuredData, Predicted, Roles, explain
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.search.finding import cancelling
+from calibench.discrepancy.remarks import ON_THE_ANSWER, Search
+from calibench.discrepancy.report import Gap
 from calibench.problems.base import Parameter
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
@@ -47,19 +49,19 @@ def test_what_the_arc_shows_of_a_larger_formula_is_told() -> None:
     [finding] = report.findings
     assert finding.family == "angle_error"
     assert abs(finding.amplitude.value) > 20 * SWING
-    [note] = [note for note in report.notes if "its terms cancel there" in note]
-    assert note.startswith("angle error of turntable: over what was read it goes up and down by ")
-    assert size_notes(report) == [note]
+    [note] = [note for note in report.notes if note.code is Code.MOSTLY_UNSEEN]
+    assert note.text.startswith("angle error of turntable: over what was read it goes up and down by ")
+    assert [note for note in report.notes if note.code in SIZES] == [note]
     page = Page(report, notes=report.notes).html()
     box = page.partition("<h2>")[0]
     assert page.count("its terms cancel there") == box.count("its terms cancel there") == 1
-    assert float(note.split(" down by ")[1].split(" mrad")[0]) == pytest.approx(1e3 * SWING, rel=0.25)
+    assert note.values["swing"] == pytest.approx(SWING, rel=0.25)
 
 
 def test_over_a_whole_turn_the_size_is_what_is_seen() -> None:
     report = told(2 * np.pi, lambda angle: SWING * np.cos(angle))
     assert [finding.family for finding in report.findings] == ["eccentricity"]
-    assert not [note for note in report.notes if "its terms cancel there" in note]
+    assert Code.MOSTLY_UNSEEN not in {note.code for note in report.notes}
 
 
 def test_two_names_that_move_a_joint_against_each_other_are_told() -> None:
@@ -70,9 +72,14 @@ def test_two_names_that_move_a_joint_against_each_other_are_told() -> None:
 
     def notes(*families):
         at = fit(Model(before.model.formulation, tuple(known[f] for f in families)), before.noise)
-        return cancelling(at, [replace(report.findings[0], effect=name_of(known[f]), family=f) for f in families])
+        findings = tuple(replace(report.findings[0], effect=name_of(known[f]), family=f) for f in families)
+        search = Search(
+            machine="turntable", base=before, final=at, selection=None, verdict="named", findings=findings, gap=Gap(),
+            lone=None,
+        )  # fmt: skip
+        [remark] = [remark for remark in ON_THE_ANSWER if remark.code is Code.AGAINST_EACH_OTHER]
+        return list(remark.notes(search))
 
     [note] = notes("angle_error", "gear")
-    assert note.startswith("angle error of turntable and ")
-    assert "against each other" in note
-    assert notes("angle_error") == notes("gear") == ()
+    assert note.text.startswith("angle error of turntable and ")
+    assert notes("angle_error") == notes("gear") == []

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
+from calibench.core.notes import Code
 from calibench.discrepancy import MeasuredData, explain
 from tests.few import few
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
-
-SAID = "a {} never is"
 
 
 @pytest.mark.parametrize(
@@ -24,8 +23,8 @@ def test_a_column_of_the_other_sign_is_told(family: str, column: str, what: str,
     report = explain("gpm2002", MeasuredData(columns, "gpm2002", blind.metadata, "case"))
     [finding] = report.findings
     assert finding.family == family
-    told = [note for note in report.notes if SAID.format(what) in note]
+    told = [note for note in report.notes if note.code is Code.NEGATIVE_SIZE]
     assert len(told) == turned
     if turned:
-        assert "joint" in told[0]
-        assert "has the other sign" in told[0]
+        assert f"is negative, and a {what} never is: either" in told[0].text
+        assert told[0].values["effect"] == finding.effect

@@ -25,7 +25,7 @@ def test_numbered_joints_and_a_trackers_places_are_found():
     found, _ = accepted(given, ARM)
     for ours, theirs in {"q_joint_1": "A1", "q_joint_2": "A2", "x": "Tracker X", "z": "Tracker Z"}.items():
         np.testing.assert_array_equal(found[ours], given[theirs][1:])  # nobody knows whence the first came
-    assert f"A1 to A6 are taken for {', '.join(NAMES)}, in this order" in found.notes
+    assert f"A1 to A6 are taken for {', '.join(NAMES)}, in this order" in map(str, found.notes)
 
 
 def test_numbered_degrees_are_told_under_the_names_of_the_file():

@@ -47,7 +47,7 @@ def test_a_drift_that_parts_the_repeats_is_not_taken_for_their_noise() -> None:
     assert report.findings[0].effect == "drift all"
     assert report.gap.noise_floor == pytest.approx(1.0, abs=0.05)
     assert report.gap.held_out_ci95[0] < 1.0 < report.gap.held_out_ci95[1]
-    assert not any("repeats scatter" in note for note in report.notes)
+    assert not any("repeats scatter" in note.text for note in report.notes)
 
 
 @pytest.mark.slow
@@ -59,9 +59,9 @@ def test_lengths_beside_offsets_are_not_identifiable_on_the_papers_plan() -> Non
     for k, axis in enumerate("xyz"):  # the offsets take the lengths up
         offset, length = hidden.truth["parameters"][[k, 3 + k]]
         assert report.parameters[f"drho_{axis}"].after == pytest.approx(offset - length, abs=0.15)
-    assert any("not identifiable one beside the other" in note for note in report.notes)
+    assert any("not identifiable one beside the other" in note.text for note in report.notes)
     both = explained(unequal(2, "full"))
-    assert any("not identifiable one beside the other" in note for note in both.notes)
+    assert any("not identifiable one beside the other" in note.text for note in both.notes)
     assert both.verdict in ("none", "negligible")
     assert all(change.sd > 0.2 for change in both.parameters.values())  # mm: they are there, and worth nothing
 

@@ -88,7 +88,7 @@ def test_no_printed_set_alone_is_given_a_name(name: str) -> None:
     report = explain("orthoglide", printed(name))
     assert report.verdict == "unknown"
     assert not report.findings
-    assert any("no times" in note for note in report.notes)
+    assert any("no times" in note.text for note in report.notes)
 
 
 @pytest.mark.slow

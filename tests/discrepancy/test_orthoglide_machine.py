@@ -58,7 +58,7 @@ def test_six_differences_free_the_joint_offsets_only_and_say_so() -> None:
     free = MeasuredData(data.columns, data.machine, {"sigma": 0.01}, data.name)
     formulation = machines.make("orthoglide").formulate(free)
     assert [p.name for p in formulation.parameters] == ["drho_x", "drho_y", "drho_z"]
-    assert any("only the joint offsets" in note for note in formulation.data.notes)
+    assert any("only the joint offsets" in note.text for note in formulation.data.notes)
     twelve = MeasuredData(printed("exp2").columns, "orthoglide", {"sigma": 0.01}, "exp2")
     assert len(machines.make("orthoglide").formulate(twelve).parameters) == 6
 
@@ -110,7 +110,7 @@ def test_the_door_names_the_row_the_value_and_the_way_out(data: MeasuredData, wo
 def test_rows_without_a_deviation_are_left_out_and_repeats_without_a_number_are_numbered() -> None:
     holes = Orthoglide().formulate(_changed("deviation", 5, float("nan")))
     assert len(holes.data) == 11
-    assert any("1 rows without" in note for note in holes.data.notes)
+    assert any("1 rows without" in note.text for note in holes.data.notes)
     data = printed("exp2")
     twice = MeasuredData({k: np.concatenate([c, c]) for k, c in data.columns.items()}, "orthoglide", {}, "twice")
     formulation = Orthoglide().formulate(twice)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -195,7 +197,7 @@ def test_a_row_whose_input_is_no_number_is_left_out_and_told():
     data = readings()
     few = predicted(data.with_columns({"enc_1": np.where(np.arange(N) == 7, np.nan, data["enc_1"])}))
     assert len(few.data) == N - 1
-    assert any("1 row" in note for note in few.data.notes), few.data.notes
+    assert any("1 row" in note.text for note in few.data.notes), few.data.notes
 
 
 def test_a_measured_column_is_in_the_unit_of_its_joint_or_its_file_and_so_is_what_errs_of_it() -> None:
@@ -216,10 +218,10 @@ def test_a_measured_column_is_in_the_unit_of_its_joint_or_its_file_and_so_is_wha
             zero = (Parameter("zero", "rad", 0.0, -0.01, 0.01),)
             return Predicted(data, both, zero, {"mirror": 2e-6, "stage": 1e-3}, ("table",), roles=roles)
 
-    told = Axis().formulate(data.with_units({"mirror": "rad"}))
+    told = Axis().formulate(replace(data, units={"mirror": "rad"}))
     assert {sensor.column: sensor.unit for sensor in told.sensors} == {"mirror": "rad", "stage": "rad"}
     assert {sensor.unit for sensor in Axis().formulate(data).sensors} == {"mm", "rad"}  # nobody says more of the mirror
-    [found] = explain(Axis(), data.with_units({"mirror": "rad"})).findings
+    [found] = explain(Axis(), replace(data, units={"mirror": "rad"})).findings
     assert (found.family, found.amplitude.unit) == ("frame_shift", "rad")
     assert abs(found.amplitude.value) == pytest.approx(2e-5, rel=0.1)
 
@@ -237,10 +239,10 @@ def test_a_column_that_the_roles_name_and_the_file_lacks_is_told_with_the_neares
     data = readings().with_columns({"clock": np.arange(float(N))})
 
     def lacking(time):
-        return [note for note in explain(Timed(time), data).notes if note.startswith("no column")]
+        return [note for note in explain(Timed(time), data).notes if note.text.startswith("no column")]
 
     [note] = lacking("clok")
-    assert note.startswith(
+    assert note.text.startswith(
         "no column clok: what depends on the time is not looked for; did you mean 'clock'? choices: "
     )
     assert lacking("clock") == []

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from calibench import discrepancy
-from calibench.bench.discovery.page.words import first_notes
+from calibench.bench.discovery.page.words import FIRST
+from calibench.core.notes import Code
 from calibench.discrepancy import DataError, Joint, MeasuredData, Predicted, Roles, explain
-from calibench.discrepancy.checks.validate import validated
-from calibench.discrepancy.checks.wild import FAR
+from calibench.discrepancy.checks.validate import validate
 from calibench.discrepancy.noise.repeats import pairs_of
 from calibench.problems.base import Parameter
 from tests.discrepancy import arm
@@ -44,9 +44,11 @@ def commanded() -> discrepancy.MeasuredData:
 
 
 def test_repeats_are_told_by_what_was_commanded() -> None:
-    found = validated(Pointing(), commanded()).data
+    found = validate(Pointing(), commanded()).data
     assert sorted(zip(*pairs_of(found))) == sorted(zip(*pairs_of(readings())))
-    assert any("rows that follow each other at the same enc_1, enc_2 are taken as repeats" in n for n in found.notes)
+    assert any(
+        "rows that follow each other at the same enc_1, enc_2 are taken as repeats" in n.text for n in found.notes
+    )
 
 
 @pytest.mark.parametrize(
@@ -61,15 +63,15 @@ def test_repeats_are_told_by_what_was_commanded() -> None:
 def test_a_machine_that_predicts_has_the_same_door(name: str, change: Any, said: str) -> None:
     data = commanded()
     with pytest.raises(DataError, match=said):
-        validated(Pointing(), data.with_columns({name: change(data[name])}))
+        validate(Pointing(), data.with_columns({name: change(data[name])}))
 
 
 def test_an_input_that_is_missing_costs_its_row() -> None:
     data = commanded()
     one = data.with_columns({"enc_1": np.where(np.arange(len(data)) == 7, np.nan, data["enc_1"])})
-    found = validated(Pointing(), one).data
+    found = validate(Pointing(), one).data
     assert len(found) == len(data) - 1
-    assert any("enc_1 in 1" in note for note in found.notes)
+    assert any("enc_1 in 1" in note.text for note in found.notes)
 
 
 @pytest.mark.parametrize(
@@ -91,7 +93,7 @@ def test_readings_that_nothing_cures_are_told_first() -> None:
     lost = np.random.default_rng(1).permutation(len(data))
     report = explain(Polar(), data.with_columns({"x": data["x"][lost], "y": data["y"][lost]}))
     assert report.verdict == "unknown"
-    assert any(FAR in note for note in first_notes(report))
+    assert Code.FAR_FROM_MODEL in FIRST & {note.code for note in report.notes}
 
 
 ROUND = (Parameter("zero", "mm", 0.0, -3.0, 3.0), Parameter("beside", "mm", 0.0, -3.0, 3.0))

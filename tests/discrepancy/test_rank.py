@@ -51,7 +51,7 @@ def report():
 
 def test_what_the_data_cannot_tell_is_named_and_held(report):
     assert report.verdict == "none"
-    notes = " ".join(report.notes)
+    notes = " ".join(map(str, report.notes))
     assert "these data do not determine unseen: unseen is held at 5 mm and has no standard error" in notes
     assert "cannot tell base from z1: only a combination of them is determined; base is held at 0 rad" in notes
 
@@ -100,7 +100,7 @@ def test_a_start_in_another_valley_is_told():
     data = MeasuredData({"one": one, "y": np.sin(7.3 * one) + 1e-3 * rng.standard_normal(60)}, "wave")
     report = discrepancy.explain(Wave(), data)
     assert report.parameters["rate"].after == pytest.approx(7.3, abs=1e-3)
-    assert "other starts in the box of the parameters lead to the one" in " ".join(report.notes)
+    assert "other starts in the box of the parameters lead to the one" in " ".join(map(str, report.notes))
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def test_what_is_nearly_undetermined_leads_no_fit_away(seed: int) -> None:
     y = -0.4 + first + u * (tilt + np.sin(0.001)) + 0.005 * rng.standard_normal(200)
     columns = {"u": u, "first": first, "second": first + apart, "x": x, "y": y, "side": play}
     report = explain(Gantry(), MeasuredData(columns, "gantry", {}, "run"))
-    assert any("only a combination of them is determined; " in note for note in report.notes)
+    assert any("only a combination of them is determined; " in note.text for note in report.notes)
     skew, rack = (report.parameters[name].before for name in ("skew", "rack"))
     assert abs(skew + rack / 1200 - (0.001 + 0.7 / 1200)) < 1e-4
-    assert not any("outside" in note or "other starts" in note for note in report.notes)
+    assert not any("outside" in note.text or "other starts" in note.text for note in report.notes)

@@ -37,7 +37,9 @@ def test_pairs_below_the_stated_noise_beside_visits_as_stated_mean_carried_noise
     law, _, notes = law_of(lfilter([1.0], [1.0, -0.45], white)[:, None], data)
     assert law.scale == 1.0
     assert 0.25 < law.autocorrelation < 0.65
-    shown, _, rest = notes[0].partition(" times the stated noise, poses that were read again later as much as stated: ")
+    shown, _, rest = notes[0].text.partition(
+        " times the stated noise, poses that were read again later as much as stated: "
+    )
     share = f"{100 * (1 - float(shown.removeprefix('repeats show ')) ** 2):.0f}"
     assert abs(int(rest.partition(" %")[0]) - int(share)) <= 1
     assert rest.endswith("% of the noise is carried on to the next reading")
@@ -49,9 +51,9 @@ def test_repeats_below_the_stated_noise_without_later_visits_say_by_how_much_and
     law, _, notes = law_of(0.5 * np.random.default_rng(2).standard_normal((len(data), 1)), data)
     assert law.scale == 1.0
     assert law.autocorrelation > 0.6
-    assert float(notes[0].removeprefix("repeats show ").partition(" ")[0]) == pytest.approx(0.5, rel=0.15)
-    assert "the noise is smaller than stated, or " in notes[0]
-    assert notes[0].endswith("where the first is true, state the smaller noise")
+    assert float(notes[0].text.removeprefix("repeats show ").partition(" ")[0]) == pytest.approx(0.5, rel=0.15)
+    assert "the noise is smaller than stated, or " in notes[0].text
+    assert notes[0].text.endswith("where the first is true, state the smaller noise")
 
 
 @pytest.mark.parametrize("factor", [0.6, 1.7])
@@ -60,7 +62,7 @@ def test_repeats_are_believed_where_pairs_and_visits_agree_against_the_statement
     law, _, notes = law_of(factor * np.random.default_rng(2).standard_normal((len(data), 1)), data)
     assert law.autocorrelation == 0.0
     assert law.scale == pytest.approx(factor, rel=0.15)
-    assert "their scatter is used" in notes[0]
+    assert "their scatter is used" in notes[0].text
 
 
 def test_noise_as_stated_is_left_alone() -> None:
@@ -80,7 +82,7 @@ def test_data_without_repeats_say_what_that_costs() -> None:
     data = MeasuredData({"t_s": np.arange(50.0)}, "gpm2002")
     law, _, notes = law_of(np.ones((50, 1)), data)
     assert law.scale == 1.0
-    assert "no repeats" in notes[0]
+    assert "no repeats" in notes[0].text
 
 
 def test_carried_noise_is_told_from_visits_where_the_statement_is_of_no_use() -> None:
@@ -89,7 +91,7 @@ def test_carried_noise_is_told_from_visits_where_the_statement_is_of_no_use() ->
     law, _, notes = law_of(lfilter([1.0], [1.0, -0.45], white)[:, None], data)
     assert law.scale == pytest.approx(20, rel=0.25)
     assert 0.2 < law.autocorrelation < 0.7
-    assert any("carried on" in note for note in notes)
+    assert any("carried on" in note.text for note in notes)
 
 
 @pytest.mark.slow
@@ -97,7 +99,7 @@ def test_repeats_are_not_asked_again_of_a_fit_that_ran_away() -> None:
     """A joint with a memory: names and their forms lead a fit away, and its residuals tell nothing of the noise."""
     blind = case(601067)
     report = explain("gpm2002", MeasuredData(blind.columns, "gpm2002", blind.metadata, "case"))
-    assert not any("stated noise" in note for note in report.notes)
+    assert not any("stated noise" in note.text for note in report.notes)
     assert report.gap.noise_floor < 2.0
     assert report.verdict == "unknown"
 
@@ -162,6 +164,8 @@ def test_a_few_repeats_are_called_too_few_and_not_none() -> None:
     law, told, [note] = law_of(np.random.default_rng(4).standard_normal((len(few), 2)), few)
     assert law.profiled
     assert told.n_pairs == 4
-    assert note.startswith("repeats are too few to tell the noise, 4 differences between readings where 10 are needed")
+    assert note.text.startswith(
+        "repeats are too few to tell the noise, 4 differences between readings where 10 are needed"
+    )
     none = MeasuredData({"t_s": np.arange(8.0)}, "gpm2002")
-    assert law_of(np.ones((8, 2)), none)[2][0].startswith("no repeats tell the noise: ")
+    assert law_of(np.ones((8, 2)), none)[2][0].text.startswith("no repeats tell the noise: ")

@@ -17,10 +17,10 @@ def test_noise_misstated_for_one_kind_of_sensor_names_nothing_and_is_told(key: s
     stated = {**blind.metadata, key: factor * blind.metadata[key]}
     report = explain("gpm2002", MeasuredData(blind.columns, "gpm2002", stated, "case"))
     assert report.verdict == "none"
-    assert any("scatter otherwise than the stated noise" in note for note in report.notes)
+    assert any("scatter otherwise than the stated noise" in note.text for note in report.notes)
 
 
 def test_noise_as_stated_is_left_alone() -> None:
     blind = case(50_101, kind="none", xy=True, noise="gauss")
     report = explain("gpm2002", MeasuredData(blind.columns, "gpm2002", blind.metadata, "case"))
-    assert not any("scatter" in note for note in report.notes)
+    assert not any("scatter" in note.text for note in report.notes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibench.bench.discovery.page.words import first_notes, headline
+from calibench.bench.discovery.page.words import FIRST, headline, notes_among
 from calibench.discrepancy import Instrument, Joint, MeasuredData, Predicted, Roles, explain
 from calibench.problems.base import Parameter
 
@@ -59,7 +59,7 @@ def test_an_axis_that_moved_unread_gives_no_other_axis_a_scale_that_no_machine_h
     sizes = {f.effect: f.amplitude.value for f in report.findings if f.amplitude.unit == "1"}
     assert not {name: size for name, size in sizes.items() if abs(size) > 0.5}, headline(report)
     assert f"column {column} never varies: is it read at all? No effect that follows it can be told" in (
-        first_notes(report)
+        notes_among(report.notes, FIRST)
     )
     reasons = {f"{u.family} {u.target}": u.reason for u in report.not_testable}
     assert reasons[f"gear {axis}"] == f"column {column} is constant"
@@ -69,4 +69,4 @@ def test_an_axis_that_moved_unread_gives_no_other_axis_a_scale_that_no_machine_h
 def test_a_scale_that_no_machine_has_is_told_in_per_cent_as_impossible():
     sound = _followed()
     report = explain(Table(), sound.with_columns({"C": np.full(len(sound), 1.5)}))
-    assert any("would have to be" in note and " %: taken for impossible" in note for note in report.notes)
+    assert any("would have to be" in note.text and " %: taken for impossible" in note.text for note in report.notes)

@@ -132,15 +132,15 @@ def test_a_further_column_beside_joints_alone_is_told_to_have_no_names() -> None
     columns = {"azimuth": azimuth, "hz": azimuth + SIGMA * rng.standard_normal(60), "warm": warm}
     with_column = replace(ROLES, time="", columns=("warm",))
     report = explain(Circle(roles=with_column), MeasuredData(columns, "circle", {}, "run"))
-    assert any("columns warm: nothing but joints is read" in note for note in report.notes)
-    assert not any("nothing but joints" in note for note in told("fine").notes)
+    assert any("columns warm: nothing but joints is read" in note.text for note in report.notes)
+    assert not any("nothing but joints" in note.text for note in told("fine").notes)
 
 
 def test_a_few_readings_are_told_to_show_nearly_nothing() -> None:
     azimuth = np.linspace(0, 6, 5)
     report = explain(Circle(), MeasuredData({"azimuth": azimuth, "hz": azimuth, "clock": azimuth}, "circle", {}, "run"))
-    assert any("4 equations left after calibration" in note for note in report.notes)
-    assert not any("equations left" in note for note in told("fine").notes)
+    assert any("4 equations left after calibration" in note.text for note in report.notes)
+    assert not any("equations left" in note.text for note in told("fine").notes)
 
 
 def test_an_error_of_an_input_is_told_of_its_joint() -> None:

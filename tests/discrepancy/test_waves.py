@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -53,8 +54,8 @@ def test_three_waves_of_one_joint_are_told_to_be_a_shape_and_no_cause():
     said = "the 3 waves of elbow tell together what its error is like"
     report = explain(Arm(BARE), readings(5, _more_waves))
     assert sum(f.family in PERIODIC for f in report.findings) == 3
-    assert [note for note in report.notes if said in note]
-    assert not [note for note in _two_waves().notes if "waves of elbow" in note]
+    assert [note for note in report.notes if said in note.text]
+    assert not [note for note in _two_waves().notes if "waves of elbow" in note.text]
 
 
 def test_the_orders_of_stated_teeth_have_a_name_of_their_own():
@@ -147,10 +148,10 @@ def test_a_fitted_period_is_told_in_the_unit_of_its_joint_and_as_waves_a_turn():
 @pytest.mark.slow
 def test_a_fitted_period_is_told_in_the_unit_that_the_file_states_of_its_column():
     hidden = OUTSIDE["cycle weather in y"]
-    data = readings(3, measured=hidden).with_units({"weather": "kPa"})
+    data = replace(readings(3, measured=hidden), units={"weather": "kPa"})
     [found] = explain(Arm(WEATHER), data).findings
     assert re.search(r"period 13\.\d+ \(95 %: 13\.\d+ to 13\.\d+ kPa\)|period 13\.\d+ kPa", coefficients_of(found))
-    [bare] = explain(Arm(WEATHER), data.with_units({"weather": "1"})).findings
+    [bare] = explain(Arm(WEATHER), replace(data, units={"weather": "1"})).findings
     assert re.search(r"period 13\.\d+ \(95 %: 13\.\d+ to 13\.\d+\)$", coefficients_of(bare))
 
 

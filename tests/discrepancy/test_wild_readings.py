@@ -60,9 +60,9 @@ def _readings(play: float = 0.0, wild: float = 0.0, rows: slice = slice(70, 71),
 def test_one_misread_row_is_left_out_and_told_and_the_cause_is_named(machine, times) -> None:
     report = explain(machine, _readings(0.02, times * NOISE))
     assert [f.effect for f in report.findings] == ["backlash rail"]
-    [note] = [note for note in report.notes if "wild reading is left out" in note]
-    assert f"{float(_readings(0.02, times * NOISE)['laser'][70]):.5g}"[:4] in note
-    assert ": row 71, " in note
+    [note] = [note for note in report.notes if "wild reading is left out" in note.text]
+    assert f"{float(_readings(0.02, times * NOISE)['laser'][70]):.5g}"[:4] in note.text
+    assert ": row 71, " in note.text
     clean = explain(machine, _readings(0.02).rows(np.arange(ROWS) != 70))
     assert report.findings[0].amplitude.value == pytest.approx(clean.findings[0].amplitude.value, rel=1e-6)
 
@@ -107,7 +107,7 @@ def test_rows_are_told_as_the_file_counts_them() -> None:
     columns["valid"][4] = 0
     columns["laser"][30] *= 1000
     notes = explain(Rail(), MeasuredData(columns, "own rail")).notes
-    assert [note for note in notes if note.startswith("row 31 left out")], notes
+    assert [note for note in notes if note.text.startswith("row 31 left out")], notes
 
 
 def test_many_rows_are_named_in_short() -> None:

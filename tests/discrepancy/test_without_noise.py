@@ -83,5 +83,5 @@ def test_a_few_exact_readings_that_an_effect_moves_are_not_taken_for_wild_ones()
     """A leaning guide of the Orthoglide shows in 3 of these 48 rows; the others meet the model to rounding."""
     data = with_effect("orthoglide", planned("orthoglide", "positions", {}), "guide_lean axis y", 1e-3)
     report = explain("orthoglide", data)
-    assert not any("left out" in note for note in report.notes)
+    assert not any("left out" in note.text for note in report.notes)
     assert report.gap.train_before > 0.1

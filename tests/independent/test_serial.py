@@ -129,7 +129,7 @@ def light(make: str, folder: Path) -> Arm:
 def test_links_of_which_no_mass_is_told_are_rods_and_said_to_be(urdf, tmp_path, make: str) -> None:
     columns, _, _ = seen(40, make)
     formulation = light(make, tmp_path).formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
-    assert any("rod of 10 kg a metre" in note for note in formulation.data.notes)
+    assert any("rod of 10 kg a metre" in note.text for note in formulation.data.notes)
     heavy = urdf(make).formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02})).data
     for joint in MAKES[make].joints[1:4]:
         torques = [data[f"torque_{joint}"] for data in (formulation.data, heavy)]
@@ -251,14 +251,14 @@ def test_wild_readings_are_left_out_and_told(urdf) -> None:
     columns["y"][7] += 30.0
     formulation = urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
     assert len(formulation.data) == 58  # nor is the first, as nothing tells from where its joints came
-    assert "1 wild reading is left out" in formulation.data.notes[-1]
+    assert "1 wild reading is left out" in formulation.data.notes[-1].text
 
 
 def test_the_order_of_rows_tells_directions_and_says_so(urdf) -> None:
     columns, _, _ = seen(20)
     data = urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02})).data
     assert np.array_equal(data["direction_pan"], np.sign(np.diff(columns["pan"])))
-    assert any("the order of rows tells it" in note for note in data.notes)
+    assert any("the order of rows tells it" in note.text for note in data.notes)
 
 
 @pytest.mark.parametrize(
@@ -301,7 +301,7 @@ def test_a_quaternion_in_another_order_is_read_or_left_out_with_a_note(urdf, ord
     columns, turned = turned_rows()
     columns |= {name: turned[other] for name, other in zip(turned, order)}
     data = urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02})).data
-    assert any(words in note for note in data.notes)
+    assert any(words in note.text for note in data.notes)
     assert data.has(*TURNED) == (order[0] == "qw")
 
 

@@ -1,15 +1,9 @@
-"""The four drawings of a search for a missing effect, each with its numbers.
+"""The drawings of a search for a missing effect, each with its numbers, in plain arrays, units and words.
 
 Where the disagreement is (target by covariate, and over the workspace); the candidates by what they explain; the
 residuals before and after over what the effect depends on; the error on unseen readings, and the best possible one.
-
-Drawings for findings that blame the noise: where the outlying readings stand, the steps of a sensor, the tails.
-
-Such a finding moves no mean, so nothing is drawn before and after: the chart shows what was seen.
-
-The series behind the drawings of a search, in plain arrays, units and words.
-
-Nothing is fitted here: `discovery.implied` computes the implied errors of a quantity.
+Findings that blame the noise move no mean: of them the outlying readings, the steps, the tails are drawn. Nothing is
+fitted here; `discovery.implied` computes the implied errors of a quantity.
 """
 
 from __future__ import annotations
@@ -88,8 +82,8 @@ def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = N
             if np.isfinite(value):
                 shade = "white" if value > 0.55 * top else "black"
                 heavy = "bold" if value >= 2 else "normal"
-                told = "≥16" if value >= 16 else f"{value:.1f}"
-                axes.text(x, y, told, ha="center", va="center", fontsize=7.5, color=shade, fontweight=heavy)
+                exponent = "≥16" if value >= 16 else f"{value:.1f}"
+                axes.text(x, y, exponent, ha="center", va="center", fontsize=7.5, color=shade, fontweight=heavy)
         axes.set_xticks(range(len(targets)), targets, fontsize=8)
         axes.set_yticks(range(len(overs)), overs, fontsize=8)
         axes.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
@@ -159,8 +153,8 @@ def candidate_chart(machine: str, candidates: pd.DataFrame) -> Drawing:
         axes.barh(range(len(shown)), shown["gain"], color=colours, height=0.66)
         axes.axvline(0, color="0.4", lw=0.8)
         for y, (gain, inside) in enumerate(zip(shown["gain"], shown["in_set"])):
-            told = f"{round(gain)}{'  ●' if inside else ''}"
-            axes.annotate(told, (max(gain, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=7.5)
+            words = f"{round(gain)}{'  ●' if inside else ''}"
+            axes.annotate(words, (max(gain, 0.0), y), (4, 0), textcoords="offset points", va="center", fontsize=7.5)
         axes.set_yticks(range(len(shown)), names, fontsize=8)
         axes.set_xlabel("gain (BIC)" + ("; ● on the shortlist" if shown["in_set"].any() else ""))
         axes.margins(x=0.12)
@@ -232,7 +226,16 @@ def draw_residuals(without: Axes, with_it: Axes, residuals: Residuals) -> pd.Dat
 
 def means_of(residuals: Residuals) -> pd.DataFrame:
     """Return the means that are drawn: value, before, after, standard_error, readings."""
-    return _binned(_known(residuals), _has_few(residuals))
+    # weighted means over bins of equal counts; a covariate of few values has a bin for each
+    table = _known(residuals)
+    few = _has_few(residuals)
+    ranks = table["value"].rank(method="first")
+    bins = np.minimum((ranks * 15 / (len(table) + 1)).to_numpy().astype(int), 14)
+    label = table["value"].to_numpy() if few else bins
+    weighted = table[["value", "before", "after"]].mul(table["weight"], axis=0).groupby(label).sum()
+    weight = table.groupby(label)["weight"].sum()
+    means = weighted.div(weight, axis=0)
+    return means.assign(standard_error=1 / np.sqrt(weight), readings=table.groupby(label).size()).reset_index(drop=True)
 
 
 def _all_known(residuals: Residuals) -> pd.DataFrame:
@@ -308,17 +311,6 @@ def _far(dots: pd.DataFrame) -> tuple[float, float]:
     return before, after
 
 
-def _binned(table: pd.DataFrame, few: bool) -> pd.DataFrame:
-    """Return weighted means over bins of equal counts; a covariate of few values has a bin for each."""
-    ranks = table["value"].rank(method="first")
-    bins = np.minimum((ranks * 15 / (len(table) + 1)).to_numpy().astype(int), 14)
-    label = table["value"].to_numpy() if few else bins
-    weighted = table[["value", "before", "after"]].mul(table["weight"], axis=0).groupby(label).sum()
-    weight = table.groupby(label)["weight"].sum()
-    means = weighted.div(weight, axis=0)
-    return means.assign(standard_error=1 / np.sqrt(weight), readings=table.groupby(label).size()).reset_index(drop=True)
-
-
 CAPTIONS = {
     "outlier": "What the misfit of each reading would be as an error of this sensor. The quarter of the readings that "
     "know it least is left out.",
@@ -336,8 +328,8 @@ def noise_charts(report: Report) -> Iterator[tuple[str, Drawing]]:
     made: dict[str, Callable[[Report, Finding], Drawing]] = {
         "outlier": outliers_in_time, "quantisation": steps_of_the_sensor, "heavy_tails": tails_of_the_residuals,
     }  # fmt: skip
-    told = [finding for finding in report.findings if finding.family in made]
-    for number, finding in enumerate(told, start=1):
+    blamed = [finding for finding in report.findings if finding.family in made]
+    for number, finding in enumerate(blamed, start=1):
         yield f"noise_{number}", made[finding.family](report, finding)
 
 
@@ -400,7 +392,7 @@ def tails_of_the_residuals(report: Report, finding: Finding) -> Drawing:
     core = float(np.median(size)) / 0.6745  # the deviation of a Gaussian of the same median
     table = pd.DataFrame({"size": size / core, "larger": np.arange(1, len(size) + 1)})
     reach = np.linspace(0, max(4.5, float(table["size"].max())), 200)
-    gauss = len(size) * _beyond(reach)
+    gauss = len(size) * np.asarray(erfc(reach / np.sqrt(2)))
     with rc_context(STYLE):
         figure = Figure(figsize=_SIZE, layout="constrained")
         axes = figure.subplots()
@@ -411,11 +403,6 @@ def tails_of_the_residuals(report: Report, finding: Finding) -> Drawing:
                  yscale="log", ylim=(0.5, None), xlim=(0, None))  # fmt: skip
         axes.legend(loc="upper right", fontsize=8)
     return figure, table
-
-
-def _beyond(size: Array) -> Array:
-    """Return the part of Gaussian noise that is beyond `size` standard deviations on either side."""
-    return np.asarray(erfc(size / np.sqrt(2)))
 
 
 @final
@@ -458,10 +445,6 @@ class Series:
 
 def series_of(report: Report) -> Series:
     """Return what the drawings of `report` show."""
-    return Series(_candidates(report), _residuals(report), _workspace(report))
-
-
-def _candidates(report: Report) -> pd.DataFrame:
     chosen = {finding.effect for finding in report.findings}
     inside = {rival.effect for finding in report.findings for rival in finding.set} | chosen
     table = pd.DataFrame(
@@ -474,7 +457,11 @@ def _candidates(report: Report) -> pd.DataFrame:
             "visible_fraction": [c.visible_fraction for c in report.candidates],
         }
     )
-    return table.assign(in_set=table["effect"].isin(inside), chosen=table["effect"].isin(chosen))
+    return Series(
+        table.assign(in_set=table["effect"].isin(inside), chosen=table["effect"].isin(chosen)),
+        _residuals(report),
+        _workspace(report),
+    )
 
 
 def _residuals(report: Report) -> tuple[Residuals, ...]:
@@ -528,8 +515,8 @@ def _unit_of(quantity: str, formulation: Formulation) -> str:
     stated = {joint.reading: joint.unit for joint in roles_of(formulation).joints}
     stated |= {p.name: p.unit for p in formulation.parameters}
     stated |= {s.column: s.unit for s in formulation.sensors if s.unit}
-    told = stated.get(quantity) or quantity_of(formulation.data.machine, quantity).unit
-    return told or formulation.data.units.get(quantity, "")
+    unit = stated.get(quantity) or quantity_of(formulation.data.machine, quantity).unit
+    return unit or formulation.data.units.get(quantity, "")
 
 
 def _words(quantity: str, formulation: Formulation) -> str:

@@ -1,14 +1,8 @@
 """``report.html``: one search for a missing effect as a page that an engineer reads alone, offline.
 
 Words first; each statistic is explained in a line where it stands. No script, nothing fetched: the drawings are inside.
-
-From a finished search to its drawings and its page, in the case's own folder.
-
-The tables of a verdict's page: the set of each finding, and the calibrated parameters.
-
-On a small screen a row becomes a block of lines with the heads of its columns, so that nothing is cut off.
-
-What the data of a search could not show, as a section of its page: what went untested or unseen.
+Tables have the sets of the findings, the calibrated parameters, and what went untested or unseen; on a small screen a
+row becomes a block of lines with the heads of its columns, so that nothing is cut off.
 """
 
 from __future__ import annotations
@@ -25,6 +19,8 @@ from typing import Any, final
 from calibench.bench.discovery.page.figures import CAPTIONS, discovery_figures, noise_charts, series_of
 from calibench.bench.discovery.page.words import (
     FEW_NAMES,
+    FIRST,
+    SIZES,
     amount,
     amplitude_words,
     as_sentence,
@@ -33,7 +29,6 @@ from calibench.bench.discovery.page.words import (
     coefficients_of,
     column_sentence,
     doubt_sentences,
-    first_notes,
     floor_holds_the_gap,
     gap_sentence,
     headline,
@@ -41,10 +36,11 @@ from calibench.bench.discovery.page.words import (
     moved_sentence,
     next_sentences,
     noise_words,
+    notes_among,
+    other_notes,
     reading_noise_words,
     share,
     shortest_words,
-    size_notes,
     size_of,
     unnamed_sentences,
 )
@@ -52,6 +48,7 @@ from calibench.bench.discovery.record import SearchRecord
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.shared.page import Head, Table, inline_svg, macros, render
 from calibench.bench.store.atomic_file import write_whole
+from calibench.core.notes import Note, once
 from calibench.core.words import plain
 from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.effects import families
@@ -89,7 +86,7 @@ class Page:
     report: Report
     drawings: Mapping[str, str] = field(default_factory=dict)
     about_data: Mapping[str, str] = field(default_factory=dict)
-    notes: Sequence[str] = ()
+    notes: Sequence[Note] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     causes: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -99,7 +96,6 @@ class Page:
     def html(self) -> str:
         """Return the page."""
         report = self.report
-        first, sizes = first_notes(report), size_notes(report)
         mark, word = _MARKS[report.verdict]
         next_said = next_sentences(report)
         parameters = report.parameters
@@ -112,13 +108,13 @@ class Page:
             mark=mark,
             word=word,
             about=" · ".join(f"{key} {value}" for key, value in self.about_data.items()),
-            first=[as_sentence(note, report.parameters) for note in first],
+            first=[as_sentence(note, report.parameters) for note in notes_among(report.notes, FIRST)],
             headline=headline(report),
             said=[
                 *unnamed_sentences(report),
                 gap_sentence(report),
                 *doubt_sentences(report),
-                *map(as_sentence, sizes),
+                *map(as_sentence, notes_among(report.notes, SIZES)),
                 moved_sentence(report, self.units),
                 chance_sentence(report),
             ],
@@ -140,7 +136,7 @@ class Page:
             correction=self.correction,
             advice=self._advice(next_said),
             limits=limits(report),
-            notes=[as_sentence(str(note)) for note in self.notes if note not in (*first, *sizes)],
+            notes=[as_sentence(text) for text in other_notes(self.notes)],
             provenance={key: value for key, value in self.provenance.items() if value},
             drawings={name: inline_svg(svg, name) for name, svg in self.drawings.items()},
         )
@@ -170,7 +166,7 @@ def write_report(record: SearchRecord, report: Report, data: MeasuredData, folde
         report,
         drawings,
         about_data={"readings": str(len(data)), "of them fitted": str(len(formulation.data))},
-        notes=tuple(dict.fromkeys((*data.notes, *report.notes))),
+        notes=once((*data.notes, *report.notes)),
         units={p.name: p.unit for p in formulation.parameters},
         causes={family.name: (family.cause, family.formula) for family in families(report.machine)},
         provenance=_provenance(record),
@@ -186,9 +182,10 @@ def write_report(record: SearchRecord, report: Report, data: MeasuredData, folde
 def _provenance(record: SearchRecord) -> dict[str, Any]:
     origin = dict(record.provenance)
     dirty = " (with changes)" if origin.get("git_dirty") else ""
+    moment = str(origin.get("started_at") or "")
     return {
         "case": record.case,
-        "searched": _minute(str(origin.get("started_at") or "")),
+        "searched": f"{datetime.fromisoformat(moment).astimezone(UTC):%Y-%m-%d %H:%M} UTC" if moment else "",
         "commit": f"{origin.get('git_commit', '')}{dirty}",
         "platform": origin.get("platform"),
         "versions": ", ".join(f"{k} {v}" for k, v in json.loads(origin.get("versions") or "{}").items() if v),
@@ -197,11 +194,6 @@ def _provenance(record: SearchRecord) -> dict[str, Any]:
         "digest of data and options": record.case_id,
         "computing time": f"{record.seconds:.2f} s" if isfinite(record.seconds) else None,
     }
-
-
-def _minute(moment: str) -> str:
-    """Return an ISO time to the minute."""
-    return f"{datetime.fromisoformat(moment).astimezone(UTC):%Y-%m-%d %H:%M} UTC" if moment else ""
 
 
 def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> Table:
@@ -252,8 +244,8 @@ def _rival(machine: str, finding: Finding, rival: Rival, causes: Mapping[str, tu
 
 
 def _size_if_it(rival: Rival) -> str:
-    told = "" if rival.amplitude is None else amplitude_words(rival.amplitude)
-    return f"{told} if it is this" if told else ""
+    size = "" if rival.amplitude is None else amplitude_words(rival.amplitude)
+    return f"{size} if it is this" if size else ""
 
 
 def _cell() -> Any:
@@ -275,15 +267,15 @@ def _gain(gain: float) -> str:
 
 
 def _parameter(machine: str, name: str, unit: str, p: ParameterChange, moves: bool) -> list[str]:
-    told = _cell().parameter(f"{name} [{unit}]" if unit else name, quantity_of(machine, name).label)
+    cell = _cell().parameter(f"{name} [{unit}]" if unit else name, quantity_of(machine, name).label)
     error = "–" if not isfinite(p.sd) else plain(p.sd, 2) if p.sd >= 10 else f"{p.sd:#.2g}"
     if not moves:
-        return [told, _fixed(p.before, p.sd), error]
+        return [cell, _fixed(p.before, p.sd), error]
     moved = p.after - p.before
     in_sd = moved / p.sd if isfinite(moved) and isfinite(p.sd) and p.sd else None
     shift, far = _fixed(moved, p.sd, "+"), in_sd is not None and abs(in_sd) > 2
     return [
-        told, _fixed(p.before, p.sd), _fixed(p.after, p.sd), error, _cell().strong(shift) if far else shift,
+        cell, _fixed(p.before, p.sd), _fixed(p.after, p.sd), error, _cell().strong(shift) if far else shift,
         "" if in_sd is None else _unsigned_zero(f"{in_sd:+.1f}"),
     ]  # fmt: skip
 
@@ -424,5 +416,5 @@ def smallest(value: float, unit: str) -> str:
     """Return the smallest size that would have been seen; "" for one that no machine can have."""
     if not isfinite(value):
         return "none: no size shows"
-    most, told = _BEYOND.get(unit, (float("inf"), ""))
-    return told if value > most else amount(value, unit)
+    most, words = _BEYOND.get(unit, (float("inf"), ""))
+    return words if value > most else amount(value, unit)

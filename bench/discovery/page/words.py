@@ -1,15 +1,13 @@
 """A verdict in an engineer's words: the same sentences on the terminal and on the page.
 
-They are made from the `Report` alone, so one that was read from a file reads as a fresh one.
-
-What to measure next, decided from a report alone: where to repeat readings, and which columns to add.
-
-Amplitudes as an engineer writes them: a suitable prefix, as many digits as the interval allows, degrees beside.
+They are made from the `Report` alone, so one that was read from a file reads as a fresh one. So is what to measure
+next: where to repeat readings, which columns to add. Sizes have a suitable prefix, as many digits as their interval
+allows, and degrees beside radians. Which notes stand first is decided by their codes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, degrees, floor, isfinite, isnan, log10, pi
 from typing import final
@@ -17,18 +15,15 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.notes import Code, Note
 from calibench.core.words import plain
-from calibench.discrepancy.checks.copies import SAME
-from calibench.discrepancy.checks.wild import BEYOND, FAR
-from calibench.discrepancy.diagnostics.noise import ALONE, EXACT, FEW_EQUATIONS
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, part_label, quantity_label, quantity_of
 from calibench.discrepancy.model.effect import IN_ROWS
-from calibench.discrepancy.model.measured import LEARNED, STILL, UNSTATED
+from calibench.discrepancy.remarks import NOISE_UNSTATED
 from calibench.discrepancy.report import Amplitude, Finding, OtherNoise, Place, ReadingNoise, Report, Rival, Unnamed
-from calibench.discrepancy.search.finding import AGAINST_EACH_OTHER, BEGINS, CANCELS, FREE_PERIOD, NEVER_NEGATIVE
+from calibench.discrepancy.search.finding import BEGINS, FREE_PERIOD
 from calibench.discrepancy.search.smoother import NEAR
-from calibench.discrepancy.validation import LONE
 
 _BELOW = 0.9  # of what noise alone leaves: an error below it was measured in a noise that is too wide
 _ALL = 0.99  # of what is more than noise
@@ -108,13 +103,13 @@ def unnamed_sentences(report: Report) -> list[str]:
 
 def shortest_words(report: Report) -> str:
     """Return the shortest waves that were looked for; "" where none were."""
-    told = [
+    waves = [
         f"{amount(one.period, one.unit).partition(' (')[0]} over {_where(report, one.column)}"
         for one in report.shortest
     ]
     return (
-        f"Waves shorter than {_join(told, 'or')} were not looked for: that takes readings closer together"
-        if told
+        f"Waves shorter than {_join(waves, 'or')} were not looked for: that takes readings closer together"
+        if waves
         else ""
     )
 
@@ -138,10 +133,10 @@ def doubt_sentences(report: Report) -> list[str]:
     said = [f"{line[:1].upper()}{line[1:]}" for line in said]
     if report.other_noise:
         known = {f.effect for f in report.findings}  # the headline has their full words
-        told = [
+        noises = [
             f"at {_times(o.factor)} {noise_words(report)}, {_standing(report, o, known)}" for o in report.other_noise
         ]
-        said.append(f"Repeats do not tell the noise. A{'; '.join(told)[1:]}.")
+        said.append(f"Repeats do not tell the noise. A{'; '.join(noises)[1:]}.")
     return said
 
 
@@ -175,19 +170,25 @@ def _label(machine: str, finding: Finding) -> str:
     return f"{words}, or what is like it" if finding.form else words
 
 
-def first_notes(report: Report) -> list[str]:
-    """Return the notes that stand before the verdict, because they could make it worthless."""
-    return [
-        note
-        for note in report.notes
-        if any(mark in note for mark in (ALONE, BEYOND, EXACT, FAR, FEW_EQUATIONS, SAME, STILL))
-    ]
+FIRST = frozenset(  # codes of notes that stand before the verdict, because they could make it worthless
+    {
+        Code.ONE_READING, Code.OUTSIDE_BOUNDS, Code.EXACT_READINGS, Code.FAR_FROM_MODEL, Code.FEW_EQUATIONS,
+        Code.ROWS_COPIED, Code.ROWS_EQUAL, Code.COLUMN_STILL,
+    }
+)  # fmt: skip
+SIZES = frozenset(  # and of those that say what the sizes of the findings, or the error that they leave, are worth
+    {Code.AGAINST_EACH_OTHER, Code.MOSTLY_UNSEEN, Code.ONE_UNSEEN, Code.NEGATIVE_SIZE}
+)
 
 
-def size_notes(report: Report) -> list[str]:
-    """Return the notes that say what the sizes of the findings, or the error that they leave, are worth."""
-    marks = (AGAINST_EACH_OTHER, CANCELS, LONE, NEVER_NEGATIVE)
-    return [note for note in report.notes if any(mark in note for mark in marks)]
+def notes_among(notes: Iterable[Note], codes: Collection[Code]) -> list[str]:
+    """Return the texts of the notes with one of these codes."""
+    return [note.text for note in notes if note.code in codes]
+
+
+def other_notes(notes: Iterable[Note]) -> list[str]:
+    """Return the texts of the notes that stand last: none that is `FIRST`, and none of `SIZES`."""
+    return [note.text for note in notes if note.code not in FIRST | SIZES]
 
 
 def as_sentence(text: str, names: Collection[str] = ()) -> str:
@@ -203,14 +204,16 @@ def noise_words(report: Report) -> str:
 
 
 def _unstated(report: Report) -> bool:
-    return any(note.startswith(UNSTATED) for note in report.notes)
+    return any(note.code in NOISE_UNSTATED for note in report.notes)
 
 
 def floor_holds_the_gap(report: Report) -> bool:
     """Tell whether the noise estimate contains the gap as well, so that it does not bound what a model could reach."""
     gap = report.gap
     after = gap.held_out_after if isfinite(gap.held_out_before) else gap.train_after
-    learned = any(LEARNED in note for note in report.notes)  # from the very rest that is compared with it
+    learned = any(
+        note.code is Code.NOISE_LEARNED for note in report.notes
+    )  # from the very rest that is compared with it
     return _unstated(report) and (learned or after < _BELOW * gap.noise_floor)
 
 
@@ -255,8 +258,8 @@ def reading_noise_words(report: Report) -> str:
 def _of_one_size(report: Report) -> str:
     """Return how large the noise is, where that is one size for all readings and has a unit."""
     noises = report.reading_noise
-    told = len(noises) == 1 and noises[0].size > 0 and noises[0].unit not in ("", "1")
-    return f" of {_size(noises[0])}" if told else ""
+    alike = len(noises) == 1 and noises[0].size > 0 and noises[0].unit not in ("", "1")
+    return f" of {_size(noises[0])}" if alike else ""
 
 
 def _size(noise: ReadingNoise) -> str:
@@ -328,13 +331,13 @@ def coefficients_of(finding: Finding) -> str:
     many = numbers if len(numbers) > 1 else []
     free = _free_period(finding)
     many = many[:-1] if free else many
-    told = [f"{c.name} {amount(c.value, c.unit).partition(' (')[0]}" for c in many if isfinite(c.value)]
+    parts = [f"{c.name} {amount(c.value, c.unit).partition(' (')[0]}" for c in many if isfinite(c.value)]
     if free:
-        told.append(free)
+        parts.append(free)
     elif isfinite(finding.period) and finding.period > 0:
-        told.append(f"period {amount(finding.period, 'rad')}")
-    told += [begins] if (begins := _begins(finding)) else []
-    return ", ".join(told)
+        parts.append(f"period {amount(finding.period, 'rad')}")
+    parts += [begins] if (begins := _begins(finding)) else []
+    return ", ".join(parts)
 
 
 def _begins(finding: Finding) -> str:
@@ -356,11 +359,11 @@ def _free_period(finding: Finding, brief: bool = False) -> str:
         return ""
     reach = 1.96 * last.sd
     ends = None if brief else (finding.period - reach, finding.period + reach)
-    told, turn = f"period {amount(finding.period, last.unit, ends)}", _TURN.get(last.unit, 0.0)
+    words, turn = f"period {amount(finding.period, last.unit, ends)}", _TURN.get(last.unit, 0.0)
     if turn <= finding.period:
-        return told
+        return words
     often = f"{turn / finding.period:#.3g} a turn"
-    return often if brief else f"{told}, {often}"
+    return often if brief else f"{words}, {often}"
 
 
 def next_sentences(report: Report) -> list[str]:
@@ -382,8 +385,8 @@ def next_sentences(report: Report) -> list[str]:
 def column_sentence(report: Report) -> str:
     """Return which columns would let more effects be tested; empty where none is missing."""
     asked = missing_columns(report)
-    told = [f"{', '.join(columns)} ({_join(_widest(labels))})" for columns, labels in asked.items()]
-    return f"columns that would let more effects be tested: {'; '.join(told)}." if told else ""
+    columns_asked = [f"{', '.join(columns)} ({_join(_widest(labels))})" for columns, labels in asked.items()]
+    return f"columns that would let more effects be tested: {'; '.join(columns_asked)}." if columns_asked else ""
 
 
 def _widest(names: Sequence[str]) -> list[str]:
@@ -398,15 +401,18 @@ def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
     """
     rivals = finding.set or (Rival(finding.effect, finding.family, finding.target, 1.0),)
     size = size_of(finding, brief)
-    told = f", {_NOISE.get(finding.family, '')} {size}".replace("  ", " ") if size else ""
-    told += "".join(f", {words}" for words in (_free_period(finding, brief), _begins(finding)) if words)
+    about = f", {_NOISE.get(finding.family, '')} {size}".replace("  ", " ") if size else ""
+    about += "".join(f", {words}" for words in (_free_period(finding, brief), _begins(finding)) if words)
     if len(rivals) == 1:
-        return f"{_member(machine, finding, rivals[0])}{told}"
+        return f"{_member(machine, finding, rivals[0])}{about}"
     if len(rivals) <= FEW_NAMES:
         first = rivals[0]
         which = f"{_join([_member(machine, finding, r) for r in rivals], 'or')} (these data cannot tell which)"
     else:
-        likeliest = _likeliest(rivals)
+        # the likeliest members: two, or three where two hold no more than half of the weight
+        ranked = by_weight(rivals)
+        two = sum(rival.weight for rival in ranked[:2])
+        likeliest = ranked[: 2 if two > _HALF else 3]
         first = likeliest[0]
         names = [_member(machine, finding, r) + (f" ({_percent(r.weight)})" if isfinite(r.weight) else "")
                  for r in likeliest]  # fmt: skip
@@ -415,7 +421,7 @@ def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
         which = f"one of {_shared(machine, rivals)} (these data cannot tell which), {ahead} {_join(names, 'or')}"
     its = "the first" if _is_first(finding, first) else _label(machine, finding)
     others = _sizes_of_others(rivals) if len(rivals) <= FEW_NAMES and its == "the first" else ""
-    return which + (f": {told.removeprefix(', ')} if it is {its}{others}" if told else "")
+    return which + (f": {about.removeprefix(', ')} if it is {its}{others}" if about else "")
 
 
 def _sizes_of_others(rivals: Sequence[Rival]) -> str:
@@ -437,13 +443,6 @@ def _is_first(finding: Finding, rival: Rival) -> bool:
 def by_weight(rivals: Sequence[Rival]) -> list[Rival]:
     """Return the members of a set, the most likely first; those without a weight come last."""
     return sorted(rivals, key=lambda rival: -rival.weight if isfinite(rival.weight) else 0.0)
-
-
-def _likeliest(rivals: Sequence[Rival]) -> list[Rival]:
-    """Return the likeliest members: two, or three where two hold no more than half of the weight."""
-    ranked = by_weight(rivals)
-    two = sum(rival.weight for rival in ranked[:2])
-    return ranked[: 2 if two > _HALF else 3]
 
 
 def _percent(weight: float) -> str:

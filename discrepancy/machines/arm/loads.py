@@ -17,6 +17,7 @@ import numpy as np
 from calibench.calibration.kinematics import Chain
 from calibench.calibration.rigid import Array, cross
 from calibench.calibration.walk import READING, Stand, Walk, walk
+from calibench.core.notes import Code
 from calibench.discrepancy.machines.arm.readings import PAYLOAD, stated_number
 from calibench.discrepancy.model.measured import DataError, MeasuredData
 
@@ -34,7 +35,8 @@ def with_loads(chain: Chain, stand: Stand, start: Mapping[str, float], data: Mea
     """Return the data with the torques that vary, and a note where no mass is told."""
     held = torques(chain, stand, start, data)
     if held and weightless(chain, data):
-        data = data.with_note(_WEIGHTLESS.format(source=chain.source, way_out=_WAY_OUT[chain.source]))
+        text = _WEIGHTLESS.format(source=chain.source, way_out=_WAY_OUT[chain.source])
+        data = data.with_note(Code.MASSES_UNKNOWN, text)
     rounding = 1e-9 * max((float(np.max(np.abs(c))) for c in held.values()), default=0.0)
     vary = {name: c for name, c in held.items() if np.ptp(c) > rounding}
     return replace(data.with_columns(vary), computed=data.computed | set(vary))

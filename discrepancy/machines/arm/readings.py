@@ -22,7 +22,7 @@ from calibench.calibration.readings import Table, columns_of, read_readings
 from calibench.calibration.rigid import Array, rpy_of
 from calibench.calibration.start import HowRead, Start, rotations_by, rotations_of, start_of
 from calibench.calibration.walk import READING, TURNS
-from calibench.core.notes import Code
+from calibench.core.notes import Code, Note, once
 from calibench.core.options import suggest
 from calibench.discrepancy.checks.validate import entered
 from calibench.discrepancy.model.measured import TO_PREDICT, DataError, MeasuredData
@@ -63,7 +63,7 @@ def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredD
     columns, units, _ = columns_of(start.readings)
     columns |= {name: whole[name] for name in _KEPT if name in whole}
     read_notes = (note for note in start.readings.notes if note.code is not Code.COLUMNS_UNREAD)  # poses and visits are
-    notes = [*whole.notes, *(note.text for note in read_notes)]
+    notes = [*whole.notes, *read_notes]
     full = whole.with_columns(columns)
     clock = _clock(full, notes)
     columns[clock] = full[clock] if clock != ROW else _rows(full)
@@ -73,16 +73,15 @@ def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredD
     if unknown:
         which = "joints" if len(unknown) == len(chain.driven) else ", ".join(unknown)
         by = "time" if clock == "t_s" else "rows"
-        notes.append(
+        text = (
             f"no column tells from where {which} came: the order of {by} tells it, but of the first row, which is "
             "left out"
         )
+        notes.append(Note(Code.TIME_UNKNOWN, text))
     metadata = dict(whole.metadata)
     if (warm := _warmth(full)) is not None:
         columns[WARMTH], metadata[MIDDLE] = warm
-    made = replace(
-        whole, columns=columns, units=units, notes=tuple(dict.fromkeys(notes)), machine="arm", metadata=metadata
-    )
+    made = replace(whole, columns=columns, units=units, notes=once(notes), machine="arm", metadata=metadata)
     return (made.rows(np.arange(len(whole)) != order[0]) if unknown else made), start
 
 
@@ -135,12 +134,13 @@ def _beside(data: MeasuredData, chain: Chain, columns: Mapping[str, Any], order:
     return beside
 
 
-def _clock(data: MeasuredData, notes: list[str]) -> str:
+def _clock(data: MeasuredData, notes: list[Note]) -> str:
     if "t_s" in data:
         times = np.asarray(data["t_s"], dtype=float)
         if np.isfinite(times).all() and len(np.unique(times)) >= _TIMES * len(times):
             return "t_s"
-    notes.append("no clock tells the time of each row: their order is taken as that of time")
+    text = "no clock tells the time of each row: their order is taken as that of time"
+    notes.append(Note(Code.TIME_UNKNOWN, text))
     return ROW
 
 

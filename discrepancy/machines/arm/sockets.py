@@ -20,6 +20,7 @@ from calibench.calibration.kinematics import Chain
 from calibench.calibration.rigid import Numbers
 from calibench.calibration.start import Start
 from calibench.calibration.walk import BASE, PLACE, READING, TOOL, Stand, of_joint, quantities, slopes, walk
+from calibench.core.notes import Code
 from calibench.discrepancy.machines.arm.loads import torques
 from calibench.discrepancy.machines.arm.readings import SITE, SOCKET, completed
 from calibench.discrepancy.model.formulations import Predicted
@@ -192,10 +193,11 @@ def with_held(data: MeasuredData, vague: Sequence[str]) -> MeasuredData:
     many = len(vague) > 1
     kept, them = ("numbers keep their nominal values", "them") if many else ("a number keeps its nominal value", "it")
     best = f"{WORST:g} mm or {WORST:g} mrad"
-    return data.with_note(
+    text = (
         f"{kept}, as the poses tell {them} no better than to {best}: {', '.join(map(_in_words, vague))}; other "
         "poses would (bench design)"
     )
+    return data.with_note(Code.UNDETERMINED, text, parameters=list(vague))
 
 
 def _in_words(name: str) -> str:

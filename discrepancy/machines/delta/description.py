@@ -28,6 +28,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from calibench.core.notes import Code, Note
 from calibench.core.words import shortened
 from calibench.discrepancy.effects.general.harmonics import PERIODIC
 from calibench.discrepancy.labels import effect_label
@@ -203,7 +204,7 @@ def read_printer_cfg(text: str) -> Foreign:
     if all("rotation_distance" in now.get(f"stepper_{tower}", {}) for tower in TOWERS):
         metadata["rotation_distance"] = [_number(now, f"stepper_{tower}", "rotation_distance") for tower in TOWERS]
     included = sorted(name for name in upper if name.startswith("include "))
-    notes = (f"{', '.join(included)}: included files are not read",) if included else ()
+    notes = (Note(Code.FILE, f"{', '.join(included)}: included files are not read"),) if included else ()
     return Foreign(columns, metadata, notes)
 
 

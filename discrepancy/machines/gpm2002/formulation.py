@@ -26,13 +26,13 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.notes import Code
 from calibench.core.options import shown, suggest
 from calibench.core.words import plain
-from calibench.discrepancy.checks.validate import entered
+from calibench.discrepancy.checks.validate import NOT_HELD_OUT, entered
 from calibench.discrepancy.machines.gpm2002.roles import roles_of
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities
 from calibench.discrepancy.model.measured import (
-    NO_REPEATS,
     DataError,
     MeasuredData,
     MisfitError,
@@ -225,15 +225,16 @@ def _known_columns(data: MeasuredData) -> MeasuredData:
     for name in data.columns:
         wanted = [known for known in _KNOWN if known not in data and _nearest(known, [name])]
         if name not in _KNOWN and wanted:
-            data = data.with_note(f"column {name} is not known and not used; did you mean {wanted[0]}?")
+            text = f"column {name} is not known and not used; did you mean {wanted[0]}?"
+            data = data.with_note(Code.COLUMNS_UNREAD, text, (name,), meant=wanted[0])
     if data.has("x") != data.has("y"):
         data = _without(data, ("x", "y"), "x and y go together: one of them is missing, so only the angles are used")
     return data
 
 
-def _without(data: MeasuredData, columns: tuple[str, ...], note: str) -> MeasuredData:
+def _without(data: MeasuredData, columns: tuple[str, ...], why: str) -> MeasuredData:
     kept = {name: column for name, column in data.columns.items() if name not in columns}
-    return replace(data, columns=kept).with_note(note)
+    return replace(data, columns=kept).with_note(Code.COLUMN_NOT_USED, why, columns)
 
 
 def _usable_rows(data: MeasuredData) -> MeasuredData:
@@ -276,7 +277,7 @@ def _in_radians(data: MeasuredData) -> MeasuredData:
     if "heading" in data and np.ptp(data["heading"]) > 4.04 * np.pi:
         raise DataError(f"{data.name}: heading ranges over {np.ptp(data['heading']):.4g}: radians are needed")
     if turned:
-        data = data.with_note(f"{', '.join(turned)} jumps by a turn; whole turns are taken out")
+        data = data.with_note(Code.TURNS, f"{', '.join(turned)} jumps by a turn; whole turns are taken out", turned)
     return data
 
 
@@ -291,7 +292,8 @@ def _stated_noise(data: MeasuredData) -> MeasuredData:
         deviation = _from_repeats(data, columns)
         if deviation > 0:
             data = replace(data, metadata={**data.metadata, key: deviation})
-            data = data.with_note(f"{key} is not stated; back-to-back repeats give {deviation:.3g}, which is used")
+            text = f"{key} is not stated; back-to-back repeats give {deviation:.3g}, which is used"
+            data = data.with_note(Code.NOISE_OF_REPEATS, text, columns, sigma=deviation)
         elif key == "sigma_xy":
             data = _without(data, ("x", "y"), "sigma_xy is not stated and no repeats tell it: only the angles are used")
         else:
@@ -330,21 +332,23 @@ def _remarks(data: MeasuredData) -> MeasuredData:
     if "t_s" in data:
         again = len(data) - len(np.unique(data["t_s"]))
         if again:
-            data = data.with_note(f"{again} rows repeat a time stamp; steps in time cannot fall between them")
+            text = f"{again} rows repeat a time stamp; steps in time cannot fall between them"
+            data = data.with_note(Code.TIME_REPEATED, text, ("t_s",), count=again)
     repeated = "visit_id" in data and len(np.unique(data["visit_id"])) < len(data)
     if not repeated:
         why = "" if data.has("pose_id", "visit_id") else " can be told without columns pose_id and visit_id"
-        data = data.with_note(
+        text = (
             f"no repeats{why}: the stated noise is taken on trust; "
-            "were it larger, noise would be taken for a missing effect",
-            NO_REPEATS,
+            "were it larger, noise would be taken for a missing effect"
         )
+        data = data.with_note(Code.NO_REPEATS, text)
     if "split" not in data or not (data["split"] == "hold").any():
-        data = data.with_note("no rows are held out: the gap on unseen poses is by cross-validation")
+        data = data.with_note(Code.NOT_HELD_OUT, NOT_HELD_OUT)
     needed = [name for name in COVARIATES if name in data and name.partition("_")[0] in ("t", "temp", *OWN)]
     still = [name for name in needed if not np.ptp(data[name]) > 0]
     if still:
-        data = data.with_note(f"{', '.join(still)} never varies; effects that need it cannot be tested")
+        text = f"{', '.join(still)} never varies; effects that need it cannot be tested"
+        data = data.with_note(Code.COLUMN_NOT_FOLLOWED, text, still)
     return data
 
 

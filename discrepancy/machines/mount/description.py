@@ -38,6 +38,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from calibench.core.notes import Code, Note
 from calibench.discrepancy.effects.general.harmonics import PERIODIC
 from calibench.discrepancy.machines.mount.effects import TARGET
 from calibench.discrepancy.machines.mount.geometry import NORTH_EAST, TERMS, TURNS, Kind, angles, direction
@@ -142,7 +143,7 @@ def read_tpoint(text: str) -> Foreign:
             for option in content.replace(":", " ").upper().split():
                 kind = {"EQUAT": "equatorial", "ALTAZ": "altaz"}.get(option, kind)
                 if option not in ("EQUAT", "ALTAZ", *_IGNORED):
-                    notes.append(f"line {number}: option :{option} is not read")
+                    notes.append(Note(Code.FILE, f"line {number}: option :{option} is not read"))
             continue
         numbers = _numbers(content)
         if site is None:
@@ -200,7 +201,7 @@ def _needed(kind: str) -> str:
     return f"a star needs {_STAR} numbers (its place, the mount's, sidereal time h m){degrees}"
 
 
-def _columns_in_degrees(latitude: float, stars: list[Any], notes: tuple[str, ...]) -> Foreign:
+def _columns_in_degrees(latitude: float, stars: list[Any], notes: tuple[Note, ...]) -> Foreign:
     least = min(len(numbers) for _, numbers, _ in stars)
     read = np.array([numbers[:least] for _, numbers, _ in stars]).T
     names = ("star_az", "star_el", "az", "el")
@@ -209,12 +210,13 @@ def _columns_in_degrees(latitude: float, stars: list[Any], notes: tuple[str, ...
     return Foreign(columns, {"mount": "altaz", "latitude_deg": latitude}, notes)
 
 
-def _columns(kind: str, latitude: float, stars: list[Any], notes: tuple[str, ...]) -> Foreign:
+def _columns(kind: str, latitude: float, stars: list[Any], notes: tuple[Note, ...]) -> Foreign:
     read = np.array([[_sexagesimal(words, values, k, line) for k in (0, 3, 6, 9)] for words, values, line in stars])
     seconds = _have_seconds([values for _, values, _ in stars])
     sidereal = np.array([_hours(values, seconds) for _, values, _ in stars]) * 15
     if seconds:
-        notes = (*notes, "sidereal time stands in whole minutes with seconds behind: read as h m s")
+        text = "sidereal time stands in whole minutes with seconds behind: read as h m s"
+        notes = (*notes, Note(Code.FILE, text))
     first = _STAR + seconds
     star = np.radians(np.stack([sidereal - 15 * read[:, 0], read[:, 1]]))
     roll = sidereal - 15 * read[:, 2] if kind == "equatorial" else read[:, 2]

@@ -21,6 +21,7 @@ from typing import Literal, final
 
 import numpy as np
 
+from calibench.core.notes import Code
 from calibench.core.words import counted, plain
 from calibench.discrepancy.machines.mount.effects import own_effects
 from calibench.discrepancy.machines.mount.geometry import ARCSEC, TURNS, Kind, Numbers, pointing, tangents
@@ -28,7 +29,7 @@ from calibench.discrepancy.machines.mount.validate import AXES, ERRORS, FRAME, N
 from calibench.discrepancy.model.effect import Effect
 from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.measured import UNSTATED, MeasuredData, Sensor, positive
+from calibench.discrepancy.model.measured import MeasuredData, Sensor, positive
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import Joint, Roles
 from calibench.discrepancy.registries import machines
@@ -74,14 +75,14 @@ class Mount:
         if sigma is not None:
             return there
         if len(seen.data) <= len(free):
-            few = f"{UNSTATED}: {counted(len(seen.data), 'star')} cannot tell it, and 1 arcsec is taken"
-            return predicted(seen.data.with_note(f"{few}; sigma_arcsec= states it"), noise)
+            few = f"the noise is not stated: {counted(len(seen.data), 'star')} cannot tell it, and 1 arcsec is taken"
+            return predicted(seen.data.with_note(Code.NOISE_UNSTATED, f"{few}; sigma_arcsec= states it"), noise)
         left = left_by_all(there, own_effects(there))
-        note = (
-            f"{UNSTATED}: {plain(left, 3)} arcsec in each component is what all terms of the field together "
-            "leave; sigma_arcsec= states it"
+        text = (
+            f"the noise is not stated: {plain(left, 3)} arcsec in each component is what all terms of the field "
+            "together leave; sigma_arcsec= states it"
         )
-        return predicted(seen.data.with_note(note), left)
+        return predicted(seen.data.with_note(Code.NOISE_UNSTATED, text, sigma_arcsec=left), left)
 
 
 def _predicted(kind: Kind, latitude: float, q: Quantities) -> Numbers:

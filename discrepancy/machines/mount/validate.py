@@ -13,6 +13,7 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.core.notes import Code
 from calibench.core.options import suggest
 from calibench.discrepancy.checks.validate import entered
 from calibench.discrepancy.machines.mount.geometry import (
@@ -123,10 +124,11 @@ def _azimuth(data: MeasuredData) -> tuple[MeasuredData, tuple[int, float]]:
     stated = data.metadata.get("azimuth")
     if stated is None:
         others = " or ".join(f"azimuth={way}" for way in AZIMUTHS if way != NORTH_EAST)
-        return data.with_note(
+        text = (
             f"nobody states how azimuth is counted: from north through east is taken; {others} states another, which "
             "turns signs of terms (AN, AW, CA, NPAE)"
-        ), AZIMUTHS[NORTH_EAST]
+        )
+        return data.with_note(Code.SIGNS_TAKEN, text, ("az",)), AZIMUTHS[NORTH_EAST]
     if stated not in AZIMUTHS:
         raise DataError(f"{data.name}: azimuth={stated}: {suggest(str(stated), AZIMUTHS)}")
     return data, AZIMUTHS[stated]

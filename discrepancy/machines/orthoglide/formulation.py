@@ -13,6 +13,7 @@ from typing import Literal, final
 
 import numpy as np
 
+from calibench.core.notes import Code
 from calibench.core.options import shown, suggest
 from calibench.discrepancy.diagnostics.confounded import confounded
 from calibench.discrepancy.machines.orthoglide import kinematics as orthoglide_model
@@ -57,11 +58,11 @@ class Orthoglide:
         full = _parallelism(data, "full", nominal)
         seen = full.rank() == len(NAMES)
         if seen and (note := _known_together(full, free)):
-            data = data.with_note(note)
+            data = data.with_note(Code.UNDETERMINED, note)
         if free != "auto" or seen:
             return _parallelism(data, "full" if free == "auto" else free, nominal)
         note = "the readings cannot tell all six parameters apart: only the joint offsets drho were calibrated"
-        return _parallelism(data.with_note(note), "rho", nominal)
+        return _parallelism(data.with_note(Code.UNDETERMINED, note), "rho", nominal)
 
 
 @final

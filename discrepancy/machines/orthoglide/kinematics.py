@@ -38,6 +38,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.core.notes import Code, Note
 from calibench.core.options import suggest
 from calibench.core.words import as_columns
 from calibench.discrepancy.checks.validate import entered
@@ -351,7 +352,8 @@ def accepted(data: MeasuredData) -> MeasuredData:
     if not keep.any():
         raise DataError(f"{data.name}: no row has a deviation")
     if not keep.all():
-        data = data.rows(keep).with_note(f"{int((~keep).sum())} rows without a deviation were left out")
+        text = f"{int((~keep).sum())} rows without a deviation were left out"
+        data = data.rows(keep).with_note(Code.ROWS_LEFT_OUT, text, ("deviation",), rows=data.labels(~keep))
     columns: dict[str, Column] = {name: _words(data, name) for name in _WORDS[:3]}
     columns["posture"], columns["level_mm"] = _levels(data, columns["leg"], columns["posture"])
     columns["pass"] = _words(data, "pass") if "pass" in data else np.full(len(data), "fwd")
@@ -427,10 +429,10 @@ def _numbered(data: MeasuredData) -> MeasuredData:
     if not again.any():
         return data
     repeat = data["repeat"] + again * (1 + np.ptp(data["repeat"]))
-    note = (
+    text = (
         f"{int((again > 0).sum())} rows were there before: they were taken as repeats with a Zero reading of their own"
     )
-    return data.with_columns({"repeat": repeat}).with_note(note)
+    return data.with_columns({"repeat": repeat}).with_note(Code.ROWS_SAID_TWICE, text, rows=data.labels(again > 0))
 
 
 def _visited(data: MeasuredData) -> MeasuredData:
@@ -500,9 +502,11 @@ def _refuse_row(data: MeasuredData, name: str, column: Column, good: NDArray[np.
         raise DataError(f"{data.name}: row {k + 1}: {name}={column[k]}: {rule}")
 
 
-_STEP_NOTE = (
+_STEP_NOTE = Note(
+    Code.TIME_UNKNOWN,
     "the chapter prints no times: the path Zero, Max, Min, Zero of section 4.1 stands for them, a step of t_s "
-    "a move, so Max and Zero were reached moving towards +, Min towards -"
+    "a move, so Max and Zero were reached moving towards +, Min towards -",
+    ("t_s",),
 )
 
 

@@ -24,6 +24,7 @@ from typing import Any, final
 
 import numpy as np
 
+from calibench.core.notes import Code
 from calibench.core.options import shown, suggest
 from calibench.core.words import counted, plain
 from calibench.discrepancy.machines.table.models import Function, models
@@ -115,8 +116,8 @@ class Table:
         if not followed:  # then the line is all that there is to see
             return data, varied
         for column, words in again.items():
-            left_out = f"{words}: {column} is not looked at; machine.covariates= names the columns that are"
-            data = data.with_note(left_out) if words else data
+            text = f"{words}: {column} is not looked at; machine.covariates= names the columns that are"
+            data = data.with_note(Code.COLUMN_NOT_FOLLOWED, text, (column,)) if words else data
         kept = {name: column for name, column in data.columns.items() if not again.get(name)}
         return replace(data, columns=kept), followed
 

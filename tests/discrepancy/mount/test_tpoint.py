@@ -81,7 +81,7 @@ def test_sidereal_time_to_the_second_is_read_as_such() -> None:
     lst = (8 + 3.5 / 3600) * 15
     assert np.degrees(found.columns["star_ha"][0]) == pytest.approx(lst - 15 * (6 + 10 / 60))
     assert "aux_1" not in found.columns
-    assert any("h m s" in note for note in found.notes)
+    assert any("h m s" in note.text for note in found.notes)
 
 
 def test_what_stands_behind_a_sidereal_time_with_parts_of_a_minute_is_no_second() -> None:
@@ -97,7 +97,7 @@ def test_a_pointing_file_is_known_by_what_it_holds(tmp_path: Path) -> None:
     path.write_text(HEAD + SITE + STARS)
     found = read_measured(path, "mount")
     assert len(found) == 2
-    assert "read as a file that ends in .dat" in found.notes
+    assert "read as a file that ends in .dat" in map(str, found.notes)
     path.write_text("ha [deg];dec [deg]\n1,5;2,5\n")
     assert np.degrees(read_measured(path, "mount")["dec"]).tolist() == [2.5]
 
@@ -155,8 +155,8 @@ def test_an_azimuth_that_nobody_states_is_told_and_an_unknown_one_refused(tmp_pa
     file = tmp_path / "night.dat"
     file.write_text(DEGREES)
     notes = accepted(read_measured(file, "mount")).data.notes
-    assert any("from north through east is taken" in note and "azimuth=south_east" in note for note in notes)
+    assert any("from north through east is taken" in n.text and "azimuth=south_east" in n.text for n in notes)
     stated = accepted(read_measured(file, "mount", {"azimuth": "south_east"})).data.notes
-    assert not any("azimuth" in note for note in stated)
+    assert not any("azimuth" in note.text for note in stated)
     with pytest.raises(DataError, match=r"azimuth=south: .*south_west"):
         accepted(read_measured(file, "mount", {"azimuth": "south"}))

@@ -151,5 +151,5 @@ def test_noise_that_too_few_stars_cannot_tell_is_not_called_stated() -> None:
     report = discrepancy.explain("mount", data.rows(np.arange(4)))
     assert "stated" not in gap_sentence(report)
     assert "the noise is not stated: 4 stars cannot tell it, and 1 arcsec is taken; sigma_arcsec= states it" in (
-        report.notes
+        map(str, report.notes)
     )

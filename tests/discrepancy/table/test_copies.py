@@ -31,7 +31,7 @@ def test_what_was_computed_from_the_reading_is_no_cause_of_it() -> None:
         Table(model="line", inputs=("u",), measured="volts"), table(u=u, volts=volts, dbm=-40 * volts + 20)
     )
     assert [f.effect for f in report.findings] == ["power u cubed"]
-    assert any("volts is -0.025 times dbm + 0.5 in all rows" in note for note in report.notes)
+    assert any("volts is -0.025 times dbm + 0.5 in all rows" in note.text for note in report.notes)
 
 
 def test_a_correction_of_some_readings_is_the_same_reading() -> None:
@@ -42,7 +42,7 @@ def test_a_correction_of_some_readings_is_the_same_reading() -> None:
         Table(model="line", inputs=("u",), measured="volts"), table(u=u, volts=volts, corrected=corrected)
     )
     assert [f.effect for f in report.findings] == ["power u cubed"]
-    assert any("volts is 1 times corrected in 37 of 40 rows" in note for note in report.notes)
+    assert any("volts is 1 times corrected in 37 of 40 rows" in note.text for note in report.notes)
 
 
 def test_an_input_in_another_unit_is_no_second_name() -> None:
@@ -52,7 +52,7 @@ def test_an_input_in_another_unit_is_no_second_name() -> None:
     )
     assert [f.effect for f in report.findings] == ["power u cubed"]
     assert len(report.findings[0].set) == 1
-    assert any("u is 1000 times kilo in all rows" in note for note in report.notes)
+    assert any("u is 1000 times kilo in all rows" in note.text for note in report.notes)
 
 
 def test_a_column_that_is_named_is_looked_at() -> None:

@@ -120,10 +120,10 @@ def test_of_an_angle_that_covers_a_turn_the_turn_is_a_known_period(unit, turn):
         + 1.5 * np.cos(4 * np.pi * angle / turn)
         + 0.25 * rng.standard_normal(72)
     )
-    data = MeasuredData({"Winkel": angle, "y": y}, "table", {}, "turned").with_units({"Winkel": unit})
+    data = MeasuredData({"Winkel": angle, "y": y}, "table", {}, "turned", units={"Winkel": unit})
     report = discrepancy.explain(Table(), data)
     assert [f.effect for f in report.findings] == ["known_cycle once in Winkel", "known_cycle twice in Winkel"]
-    assert not [note for note in report.notes if "too large" in note]  # what was learned before is no statement
+    assert not [note for note in report.notes if "too large" in note.text]  # what was learned before is no statement
     half = data.rows(angle < 0.5 * turn)
     assert not [f for f in discrepancy.explain(Table(), half).findings if f.family == "known_cycle"]
 
@@ -132,9 +132,11 @@ def test_of_an_angle_that_covers_a_turn_the_turn_is_a_known_period(unit, turn):
 def test_a_noise_that_is_stated_too_large_is_told(sigma, told):
     columns, noise = rows()
     options = {} if sigma is None else {"sigma": sigma}
-    notes = [note for note in searched(columns, noise, **options).notes if "stated noise, which is too large" in note]
+    notes = [
+        note for note in searched(columns, noise, **options).notes if "stated noise, which is too large" in note.text
+    ]
     assert len(notes) == told
-    assert all(re.search(r"what is left is 0\.(09|1)\d* times the stated noise", note) for note in notes)
+    assert all(re.search(r"what is left is 0\.(09|1)\d* times the stated noise", note.text) for note in notes)
 
 
 def test_a_period_of_a_column_that_is_not_there_is_refused():
@@ -194,7 +196,7 @@ def test_a_measured_column_that_never_varies_is_told_by_name(y, said):
 def test_a_measured_column_that_counts_on_by_one_is_no_number_of_rows():
     counter = np.arange(1, 41)
     report = discrepancy.explain(Table(), MeasuredData({"u": counter**2 % 17, "y": counter}, "table", {}, "made"))
-    assert not any("are the same in every column" in note for note in report.notes)
+    assert not any("are the same in every column" in note.text for note in report.notes)
 
 
 def test_a_single_row_to_fit_is_told():
@@ -220,7 +222,9 @@ def test_a_cause_whose_column_has_a_few_empty_cells_is_named_all_the_same():
     columns["v"] = np.where(np.arange(N) % 20 == 3, np.nan, columns["v"])
     report = searched(columns, y, inputs=("u",), sigma=0.05, model="line")
     assert [f.target for f in report.findings] == ["v"]
-    assert any("10 rows are left out for cells that hold no finite number: v in 10" in note for note in report.notes)
+    assert any(
+        "10 rows are left out for cells that hold no finite number: v in 10" in note.text for note in report.notes
+    )
 
 
 def test_a_column_with_many_empty_cells_costs_no_row_and_is_not_called_constant():
@@ -228,7 +232,7 @@ def test_a_column_with_many_empty_cells_costs_no_row_and_is_not_called_constant(
     columns["v"] = np.where(np.arange(N) % 3 == 0, np.nan, columns["v"])
     report = searched(columns, noise, inputs=("u",), sigma=0.05, model="line")
     said = "column v holds no finite number in 67 of 200 rows"
-    assert any(note.startswith(said) for note in report.notes)
+    assert any(note.text.startswith(said) for note in report.notes)
     reasons = {one.reason for one in report.not_testable if said[:8] in one.reason}
     assert reasons == {said}
 
