@@ -13,8 +13,7 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
-from calibench.core import process as collector
-from calibench.core import process as process_end
+from calibench.core import process
 from calibench.core.words import check_word, one_line
 
 _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --version)
@@ -92,7 +91,7 @@ _READING = ("status", "merge", "compare", "choose", "collect", "report", "export
 
 def command() -> None:
     """Be the process `bench`: `main`, and the end of the process."""
-    process_end.at_once()
+    process.at_once()
     main()
 
 
@@ -104,8 +103,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if "numpy" not in sys.modules:  # else `one_thread` holds them, where a run begins
         for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(threads, "1")  # matrices here are small; and the same bits with any number of workers
-    collector.rest()
-    _find_users_modules()
+    process.rest()
+    from calibench.core.user_file import put_last
+
+    # problem=my_module:MyProblem is found where the user stands, behind all that has another of its names
+    put_last(os.getcwd())
     argv = list(sys.argv[1:] if arguments is None else arguments)
     try:
         code = _dispatch(argv)
@@ -113,7 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (ValueError, ModuleNotFoundError) as error:
         code = _refused(str(error))
     except (RecursionError, OverflowError, MemoryError) as error:  # a value that no check expected
-        code = _refused(f"the request asks for more than can be done: {_told(error)}")
+        code = _refused(f"the request asks for more than can be done: {_with_place(error)}")
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 0
@@ -126,18 +128,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print("bench: stopped; finished runs are kept, the same command goes on from there", file=sys.stderr)
         code = 130
     except Exception as error:
-        code = _of_the_user(error)
+        from calibench.bench.gate.endings import place_of, text_of
+
+        if not (place := place_of(error)):  # else it is of the user's own code
+            raise
+        code = _refused(f"{type(error).__name__}: {text_of(error)} ({place})")
     finally:
-        collector.resume()
-    process_end.ends_with(code)
+        process.resume()
+    process.ends_with(code)
     sys.exit(code)
-
-
-def _find_users_modules() -> None:
-    """Let problem=my_module:MyProblem be found where the user stands, behind all that has another of its names."""
-    from calibench.core.user_file import put_last
-
-    put_last(os.getcwd())
 
 
 def _refused(text: str) -> int:
@@ -145,16 +144,7 @@ def _refused(text: str) -> int:
     return 2
 
 
-def _of_the_user(error: Exception) -> int:
-    """Report a failure in the user's own code in one line that says where; raise again a failure of this package."""
-    from calibench.bench.gate.endings import place_of, text_of
-
-    if not (place := place_of(error)):
-        raise error
-    return _refused(f"{type(error).__name__}: {text_of(error)} ({place})")
-
-
-def _told(error: BaseException) -> str:
+def _with_place(error: BaseException) -> str:
     """Return an exception and the place where it was raised, in one line without a traceback."""
     last = error.__traceback__
     while last is not None and last.tb_next is not None:
@@ -189,7 +179,7 @@ def _dispatch(argv: list[str]) -> int:
     module, _, function = _VERBS[verb].partition(":")
     call: Callable[[list[str]], int] = getattr(import_module(module), function)
     if verb != "run":  # which loads further, with the problems and optimisers that are asked for
-        collector.resume()
+        process.resume()
     return _read(call, rest) if verb in _READING else call(rest)
 
 
@@ -200,9 +190,9 @@ def _read(call: Callable[[list[str]], int], words: list[str]) -> int:
     take_not_imported()  # what others in this process have asked for
     with names_of_files(trust="--trust" in words):
         code = call([word for word in words if word != "--trust"])
-    if left := take_not_imported():
-        (kind, name), more = next(iter(left)), f" and {len(left) - 1} more" if len(left) > 1 else ""
-        untold = "; ".join(dict.fromkeys(what for whats in left.values() for what in whats))
-        said = f"bench: {one_line(f'the {kind} is {name}{more}')}, which reading does not import; --trust does"
-        print(f"{said}. Left out: {untold}" if untold else said, file=sys.stderr)
+    if classes := take_not_imported():
+        (kind, name), more = next(iter(classes)), f" and {len(classes) - 1} more" if len(classes) > 1 else ""
+        left_out = "; ".join(dict.fromkeys(what for whats in classes.values() for what in whats))
+        line = f"bench: {one_line(f'the {kind} is {name}{more}')}, which reading does not import; --trust does"
+        print(f"{line}. Left out: {left_out}" if left_out else line, file=sys.stderr)
     return code

@@ -21,27 +21,21 @@ def run(argv: list[str]) -> int:
 
         return hand_eye.run(words, "--json" in flags)
     request = read_calibrate(words)
-    found = write_calibration(request.carry_out(), request)
+    result = write_calibration(request.carry_out(), request)
     if "--json" in flags:
-        print(json.dumps(found.to_dict(), allow_nan=False))
+        print(json.dumps(result.to_dict(), allow_nan=False))
         return 0
-    print(f"{found.case}: {headline(found)}")
-    for said in sentences(found):
-        print(f"  {said}")
+    print(f"{result.case}: {headline(result)}")
+    for sentence in sentences(result):
+        print(f"  {sentence}")
     print("\nerror of poses that were not fitted [mm]")
-    print_table(["free", "rms", "95 %", "median", "largest", *_more_heads(found.levels)], level_rows(found))
-    if found.changes:
-        print(f"\nwhat changes in the {found.source}")
-        print_table(["joint", "what", "by", "95 %"], rows_of_changes(found))
-    wild = [f"{one.row} ({plain(one.error, 3)} mm)" for one in found.wild]
-    print_end("wild readings", wild, found.notes, found.files.values())
+    heads = ["free", "rms", "95 %", "median", "largest"]
+    heads += ["rotation [mrad]"] if any(isfinite(error.rotation) for error in result.levels) else []
+    heads += ["sockets apart [mm]"] if any(isfinite(error.spans) for error in result.levels) else []
+    print_table(heads, level_rows(result))
+    if result.changes:
+        print(f"\nwhat changes in the {result.source}")
+        print_table(["joint", "what", "by", "95 %"], rows_of_changes(result))
+    wild = [f"{one.row} ({plain(one.error, 3)} mm)" for one in result.wild]
+    print_end("wild readings", wild, result.notes, result.files.values())
     return 0
-
-
-def _more_heads(levels: object) -> list[str]:
-    heads = []
-    if any(isfinite(error.rotation) for error in levels):  # type: ignore[attr-defined]
-        heads.append("rotation [mrad]")
-    if any(isfinite(error.spans) for error in levels):  # type: ignore[attr-defined]
-        heads.append("sockets apart [mm]")
-    return heads

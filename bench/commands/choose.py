@@ -36,11 +36,11 @@ def run(argv: list[str]) -> int:
     if runs.empty:
         raise ValueError(f"{folders[0]}: holds no finished run yet")
     by, over = cast(By, given.get("by", "value")), cast(Over, given.get("over", "instances"))
-    found = [choose(mine, by, over) for mine in _methods(_part(runs, given), given.get("optimizer"))]
+    choices = [choose(mine, by, over) for mine in _methods(_part(runs, given), given.get("optimizer"))]
     if "--json" in flags:
-        print_json([told(chosen) for chosen in found])
+        print_json([choice_as_dict(chosen) for chosen in choices])
     else:
-        for i, chosen in enumerate(found):
+        for i, chosen in enumerate(choices):
             if i:
                 print()
             print_chosen(chosen)
@@ -48,7 +48,6 @@ def run(argv: list[str]) -> int:
 
 
 def _part(runs: pd.DataFrame, given: dict[str, str]) -> pd.DataFrame:
-    """Return the runs of the budget and start that were asked for."""
     for column in ("budget", "start"):
         if column in given:
             known = [str(value) for value in runs[column].unique()]
@@ -72,7 +71,7 @@ def _methods(runs: pd.DataFrame, optimizer: str | None) -> list[pd.DataFrame]:
     return swept
 
 
-def told(chosen: Chosen) -> dict[str, Any]:
+def choice_as_dict(chosen: Chosen) -> dict[str, Any]:
     """Return the statistics of a choice as plain values."""
     nested = asdict(chosen.nested)
     return {
@@ -95,16 +94,16 @@ def told(chosen: Chosen) -> dict[str, Any]:
 
 def print_chosen(chosen: Chosen) -> None:
     """Print a table of the settings, best first, and four lines on what choosing is worth."""
-    found, times, units = chosen.nested, chosen.times_chosen(), len(chosen.units)
+    nested, times, units = chosen.nested, chosen.times_chosen(), len(chosen.units)
     weaker = " (a statement on new seeds of these instances alone)" if chosen.over == "seeds" else ""
     print(
         f"{chosen.optimizer}: {counted(len(chosen.names), 'setting')} on {counted(units, chosen.over[:-1])}"
         f"{weaker}, {counted(chosen.runs, 'run')}; score: {_ABOUT[chosen.by]}"
     )
-    order = found.scores.argsort(kind="stable").tolist()
-    listed = [i for place, i in enumerate(order) if place < _LONG or i == found.default]
-    mark = {found.default: " (default)"}
-    rows = [[chosen.names[i] + mark.get(i, ""), _score(chosen, found.scores[i]), str(times[i])] for i in listed]
+    order = nested.scores.argsort(kind="stable").tolist()
+    listed = [i for place, i in enumerate(order) if place < _LONG or i == nested.default]
+    mark = {nested.default: " (default)"}
+    rows = [[chosen.names[i] + mark.get(i, ""), _score(chosen, nested.scores[i]), str(times[i])] for i in listed]
     print_table(["setting", "score", "times chosen"], rows)
     if len(listed) < len(order):
         print(f"and {counted(len(order) - len(listed), 'setting')} more; bench choose --json has all")
@@ -113,28 +112,23 @@ def print_chosen(chosen: Chosen) -> None:
 
 
 def _lines(chosen: Chosen) -> list[str]:
-    """Return the sentences under the table."""
-    found, unit = chosen.nested, chosen.over[:-1]
+    nested, unit = chosen.nested, chosen.over[:-1]
     seen = "an instance" if chosen.over == "instances" else "a seed"
     lines = [
-        f"best on all: {chosen.names[found.best]}, {_score(chosen, found.apparent)} (apparent)",
-        f"on {seen} that had no part in the choice: {_score(chosen, found.nested)} (nested, leaving one {unit} out); "
-        f"optimism {_change(chosen, found.optimism, found.optimism_interval)}",
+        f"best on all: {chosen.names[nested.best]}, {_score(chosen, nested.apparent)} (apparent)",
+        f"on {seen} that had no part in the choice: {_score(chosen, nested.nested)} (nested, leaving one {unit} out); "
+        f"optimism {_change(chosen, nested.optimism, nested.optimism_interval)}",
     ]
-    if found.default is None:
+    if nested.default is None:
         or_ = "" if chosen.optimizer in optimizers.registry else ", or its class is not here"
         lines.append(
             f"the default is not among the settings{or_}, so the gain over it is not known; add it to the sweep"
         )
     else:
-        says = (
-            "choosing beats the default"
-            if found.beats_default
-            else "choosing is worse than the default"
-            if found.is_told_apart
-            else "whether choosing beats the default is undecided: the interval includes no change"
-        )
-        lines.append(f"gain over the default: {_change(chosen, found.gain, found.gain_interval)}; {says}")
+        says = "whether choosing beats the default is undecided: the interval includes no change"
+        if nested.beats_default or nested.gain_interval[1] < 0:
+            says = f"choosing {'beats' if nested.beats_default else 'is worse than'} the default"
+        lines.append(f"gain over the default: {_change(chosen, nested.gain, nested.gain_interval)}; {says}")
     if chosen.without_answer:
         how = "count as ten times the worst gap of their instance" if chosen.by == "value" else "reached nothing"
         lines.append(f"{counted(chosen.without_answer, 'run')} without an answer {how}")
@@ -145,7 +139,6 @@ def _lines(chosen: Chosen) -> list[str]:
 
 
 def _score(chosen: Chosen, value: float) -> str:
-    """Return a score for reading: log10 gap, or evaluations."""
     return f"{value:.3f}" if chosen.by == "value" else f"{10**value:.0f}" if value < 300 else "never"
 
 
@@ -154,8 +147,8 @@ def _change(chosen: Chosen, value: float, interval: tuple[float, float]) -> str:
     low, high = interval
     if chosen.by == "goal":
         return f"factor {_factor(value)} [{_factor(low)}, {_factor(high)}] in evaluations"
-    least, told, most = (f"{round(number, 3) + 0.0:.3f}" for number in (low, value, high))  # no -0.000
-    return f"{told} [{least}, {most}], a factor {_factor(value)} in the gap"
+    least, middle, most = (f"{round(number, 3) + 0.0:.3f}" for number in (low, value, high))  # no -0.000
+    return f"{middle} [{least}, {most}], a factor {_factor(value)} in the gap"
 
 
 def _factor(value: float) -> str:

@@ -11,7 +11,7 @@ from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import best_texts, print_json, print_table
 from calibench.bench.statistics.names import method_titles, problem_titles, several
 from calibench.bench.statistics.summary import method_names
-from calibench.bench.statistics.two_studies import Compared, compare
+from calibench.bench.statistics.two_studies import Compared, Verdict, compare
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.words import read_pairs
 from calibench.core import user_file
@@ -20,28 +20,29 @@ from calibench.core.words import counted, plain, shortened
 from calibench.core.words import print_plain as print
 
 _ORDERS = ("goal", "value", "charged")
-_VERDICTS = ("worse", "better", "undecided", "equal")
+_VERDICTS: tuple[Verdict, ...] = ("worse", "better", "undecided", "equal")
 
 
 def run(argv: list[str]) -> int:
     """Print a line a shared cell and the counts; return 1 where the second is worse in some cell, else 0."""
     words, methods = _methods(list(argv))
-    said = [word for word in words if word.startswith("by=")]
-    by = read_pairs("compare", said, {"by": "goal"}).get("by", "goal")
+    order = [word for word in words if word.startswith("by=")]
+    by = read_pairs("compare", order, {"by": "goal"}).get("by", "goal")
     if by not in _ORDERS:
         raise ValueError(f"compare: by={by}: {suggest(by, _ORDERS)}")
-    flags, folders = split_flags([word for word in words if word not in said], ("--json", "--methods"))
+    flags, folders = split_flags([word for word in words if word not in order], ("--json", "--methods"))
     first, second = _sides(folders, methods)
     compared = compare(first, second, by, methods)  # type: ignore[arg-type]
     if compared.cells.empty:
-        swept = [*_settings(first), *_settings(second)] if methods else []
-        raise ValueError(
-            f"compare: there is no cell in both: {_why_none(first, second, methods is not None)}"
-            if not swept
-            else f"compare: these have several settings: name one of each side: {', '.join(map(repr, swept))}"
-        )
+        settings = [sorted(set(method_names(runs))) for runs in (first, second)] if methods else []
+        if swept := [name for names in settings if len(names) > 1 for name in names]:
+            several = ", ".join(map(repr, swept))
+            raise ValueError(f"compare: these have several settings: name one of each side: {several}")
+        raise ValueError(f"compare: there is no cell in both: {_why_none(first, second, methods is not None)}")
     if "--json" in flags:
-        print_json(_told(compared))
+        counts = {verdict: compared.count(verdict) for verdict in _VERDICTS}
+        only = {"only_first": compared.only_first, "only_second": compared.only_second}
+        print_json({"cells": compared.cells.to_dict("records"), **counts, **only})
     else:
         _print(compared, methods)
     return 1 if compared.count("worse") else 0
@@ -99,21 +100,6 @@ def _why_none(first: pd.DataFrame, second: pd.DataFrame, any_method: bool) -> st
     )
 
 
-def _settings(runs: pd.DataFrame) -> list[str]:
-    """Return what tables call the settings of the one method in these runs, where it has several."""
-    names = sorted(set(method_names(runs)))
-    return names if len(names) > 1 else []
-
-
-def _told(compared: Compared) -> dict[str, object]:
-    return {
-        "cells": compared.cells.to_dict("records"),
-        **{verdict: compared.count(verdict) for verdict in _VERDICTS},  # type: ignore[arg-type]
-        "only_first": compared.only_first,
-        "only_second": compared.only_second,
-    }
-
-
 def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
     cells = compared.cells
     order = cells["verdict"].map(list(_VERDICTS).index)
@@ -121,7 +107,7 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
     titles = problem_titles(cells)
     names = method_titles(cells).tolist()
     rows = []
-    told, outside = several(cells), bool((cells["outside_a"] + cells["outside_b"]).any())
+    columns, outside = several(cells), bool((cells["outside_a"] + cells["outside_b"]).any())
     for i, row in enumerate(cells.to_dict("records")):
         interval = f"{row['a12']:.2f} [{row['a12_low']:.2f}, {row['a12_high']:.2f}]"
         runs = counted(row["pairs"], "pair") if row["pairs"] else f"{row['runs_a']}, {row['runs_b']}"
@@ -135,22 +121,18 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
             median = " -> ".join(*best_texts([row | {"noisy": False}], "best_median_a", "best_median_b"))
         reached = f"{row['reached_a']}/{row['runs_a']} -> {row['reached_b']}/{row['runs_b']}"
         reached = reached if row["goal"] == row["goal"] else "-"
-        settings = [str(row[name]) for name in told]
-        box = [f"{_left(row['outside_a'])} -> {_left(row['outside_b'])}"] if outside else []
+        settings = [str(row[name]) for name in columns]
+        marks = [f"◇ {row[name]}" if row[name] else "-" for name in ("outside_a", "outside_b")]
+        box = [" -> ".join(marks)] if outside else []
         result = [runs, interval, reached, *box, median, row["test"], row["why"]]
         rows.append([row["verdict"], titles[i], method + other, *settings, *result])
-    head = ["B is", "problem", "optimizer", *told, "runs", "B beats A in", "reached A -> B"]
+    head = ["B is", "problem", "optimizer", *columns, "runs", "B beats A in", "reached A -> B"]
     head += ["outside box A -> B"] if outside else []
     print_table([*head, "median A -> B", "test", "why"], rows)
-    counts = ", ".join(f"{compared.count(v)} {v}" for v in _VERDICTS)  # type: ignore[arg-type]
+    counts = ", ".join(f"{compared.count(v)} {v}" for v in _VERDICTS)
     print(f"\n{counted(len(cells), 'shared cell')}: B is in {counts}; at 5 % over all cells (Holm)")
     if compared.only_first or compared.only_second:
         print(f"not compared: {counted(compared.only_first, 'cell')} only in A, {compared.only_second} only in B")
-
-
-def _left(count: int) -> str:
-    """Return the number of answers outside the box, marked as in the table of a study."""
-    return f"◇ {count}" if count else "-"
 
 
 def _apart(first: float, second: float) -> str:

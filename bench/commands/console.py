@@ -18,6 +18,7 @@ from calibench.bench.statistics.summary import names_of_methods, runs_once
 from calibench.bench.sweep.remarks import ONE_RUN
 from calibench.core.words import print_plain as print
 
+_SMALL, _LARGE = 1e-3, 1e6  # between which a number is read best without a power of ten
 _LISTED = 8  # of what was left out of a fit: more are counted
 
 
@@ -79,22 +80,18 @@ def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> N
     if merit:
         columns["kmrmse*"] = [_or_dash(r["kmrmse_aligned_median"], ".1e") for r in rows]
     print_table(list(columns), [list(row) for row in zip(*columns.values(), strict=True)])
-    told = ["reached: the target of the run (target=), or else the problem's last"] if known else []
-    told += ["outside box: answers that lie outside lower .. upper"] if left_the_box else []
-    told += ["kmrmse*: mm, median, modulo the gauge"] if merit else []
-    if (spread or repeated) and any(row["runs"] == 1 and not row["noisy"] and _runs_once(row) for row in rows):
-        told += [ONE_RUN]
-    print("; ".join(told), end="\n\n" if told else "\n")
+    legend = ["reached: the target of the run (target=), or else the problem's last"] if known else []
+    legend += ["outside box: answers that lie outside lower .. upper"] if left_the_box else []
+    legend += ["kmrmse*: mm, median, modulo the gauge"] if merit else []
+    one = [row for row in rows if row["runs"] == 1 and not row["noisy"]] if spread or repeated else []
+    if any(runs_once(row["optimizer"], row["optimizer_options"], str(row["start"])) for row in one):
+        legend += [ONE_RUN]
+    print("; ".join(legend), end="\n\n" if legend else "\n")
 
 
 def _with_methods(summary: Mapping[Any, list[Any]]) -> dict[Any, list[Any]]:
-    """Return the columns, and one with the names of the methods."""
     methods = names_of_methods(zip(summary["optimizer"], summary["optimizer_options"], strict=True))
     return {**summary, "method": methods}
-
-
-def _runs_once(row: Mapping[Any, Any]) -> bool:
-    return runs_once(row["optimizer"], row["optimizer_options"], str(row["start"]))
 
 
 def _setting(name: str, value: Any) -> str:
@@ -131,18 +128,9 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
-    if _is_missing(value) or (isinstance(value, float) and not isfinite(value)):
-        return None
-    return value
-
-
-def _is_missing(value: Any) -> bool:
-    """Tell whether a value is pandas' word for none; who has not loaded pandas has no such value."""
-    pandas = sys.modules.get("pandas")
-    return pandas is not None and (value is pandas.NA or value is pandas.NaT)
-
-
-_SMALL, _LARGE = 1e-3, 1e6  # between which a number is read best without a power of ten
+    pandas = sys.modules.get("pandas")  # who has not loaded it has no missing value of it
+    is_missing = pandas is not None and (value is pandas.NA or value is pandas.NaT)
+    return None if is_missing or (isinstance(value, float) and not isfinite(value)) else value
 
 
 def best_texts(cells: Sequence[Mapping[Any, Any]], *columns: str) -> list[list[str]]:
@@ -159,27 +147,21 @@ def best_texts(cells: Sequence[Mapping[Any, Any]], *columns: str) -> list[list[s
     >>> best_texts([unknown | {"best_median": value} for value in (12.1, 6.184e-21)], "best_median")
     [['1.21000e+01'], ['6.18400e-21']]
     """
-    gaps = [_least_told(cell) for cell in cells]
+    # f*, above which the value is told; None: the value itself
+    least = [float(c["minimum"]) if isfinite(c["minimum"]) and c["minimum"] and not c["noisy"] else None for c in cells]
     plain = [
         abs(float(cell[column]))
-        for cell, gap in zip(cells, gaps, strict=True)
+        for cell, low in zip(cells, least, strict=True)
         for column in columns
-        if gap is None or not isfinite(cell[column])
+        if low is None or not isfinite(cell[column])
     ]
     usual = [_SMALL <= value < _LARGE for value in plain if isfinite(value) and value]
     form = "#.6g" if all(usual) else ".5e" if any(usual) else ".2e"
-    return [
-        [_best_text(float(cell[column]), gap, form, str(cell["unit"])) for column in columns]
-        for cell, gap in zip(cells, gaps, strict=True)
-    ]
-
-
-def _least_told(cell: Mapping[Any, Any]) -> float | None:
-    """Return f* where values are told as what is above it, else None."""
-    least = float(cell["minimum"])
-    return least if isfinite(least) and least and not cell["noisy"] else None
-
-
-def _best_text(value: float, least: float | None, form: str, unit: str) -> str:
-    told = f"{value:{form}}" if least is None or not isfinite(value) else f"f*{value - least:+.1e}"
-    return f"{told} {unit}" if unit else told
+    texts = []
+    for cell, low in zip(cells, least, strict=True):
+        unit = f" {cell['unit']}" if cell["unit"] else ""
+        values = [float(cell[column]) for column in columns]
+        texts.append(
+            [f"{v:{form}}{unit}" if low is None or not isfinite(v) else f"f*{v - low:+.1e}{unit}" for v in values]
+        )
+    return texts

@@ -27,6 +27,7 @@ from calibench.discrepancy.labels import effect_label
 
 _WIDTH = 120  # of tables that go to a file
 _LISTED = 10  # names of a class that are printed
+_STEPS = (0, 5, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200)  # poses more, of which the error is printed
 
 
 def run(argv: list[str]) -> int:
@@ -45,27 +46,29 @@ def run(argv: list[str]) -> int:
 
 
 def _print(console: Console, answer: Designed, machine: str) -> None:
-    found = answer.design
-    words = {s.effect: effect_label(machine, s.family, s.target) for s in found.candidates}
-    print(f"{found.name}: {found.readings} readings, {found.constraints} constraints; no effect was fitted\n")
+    design = answer.design
+    words = {s.effect: effect_label(machine, s.family, s.target) for s in design.candidates}
+    print(f"{design.name}: {design.readings} readings, {design.constraints} constraints; no effect was fitted\n")
     _print_candidates(console, answer, machine)
-    mixed = [names for names in found.classes if len(names) > 1]
+    mixed = [names for names in design.classes if len(names) > 1]
     print()
     if mixed:
-        print(f"Cannot be told apart by these data, at a visible size of {found.size:g} sigma:")
+        print(f"Cannot be told apart by these data, at a visible size of {design.size:g} sigma:")
         for names in mixed:
             more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
             print(f"  {' | '.join(words[name] for name in names[:_LISTED])}{more}")
     else:
-        print(f"All visible effects can be told apart at a visible size of {found.size:g} sigma.")
-    _print_untested(answer, machine)
-    for note in found.notes:
+        print(f"All visible effects can be told apart at a visible size of {design.size:g} sigma.")
+    if lines := untested_lines(machine, design.not_testable):
+        print("\nCannot be tested:")
+    for line in lines:
+        print(f"  {line}")
+    for note in design.notes:
         print(f"note: {note}")
     _print_next(console, answer, words)
 
 
 def _print_candidates(console: Console, answer: Designed, machine: str) -> None:
-    """Print what can be seen at all, and from which size on."""
     table = Table(box=None, pad_edge=False)
     table.add_column("effect")
     for head in ("visible share", "smallest size seen", "class"):
@@ -78,13 +81,6 @@ def _print_candidates(console: Console, answer: Designed, machine: str) -> None:
             printable(effect_label(machine, sight.family, sight.target)), share(sight.visible_fraction), seen, group
         )
     console.print(table)
-
-
-def _print_untested(answer: Designed, machine: str) -> None:
-    if lines := untested_lines(machine, answer.design.not_testable):
-        print("\nCannot be tested:")
-    for line in lines:
-        print(f"  {line}")
 
 
 def _print_next(console: Console, answer: Designed, words: dict[str, str]) -> None:
@@ -108,57 +104,47 @@ def _print_next(console: Console, answer: Designed, words: dict[str, str]) -> No
     print(f"  separation before: {start:.2f} sigma, after: {end:.2f}")
 
 
-_STEPS = (0, 5, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200)
-
-
 def design_poses(argv: list[str]) -> int:
     """Print the poses that are worth most, and write them to the file that was asked for."""
     flags, words = split_flags(argv, ("--json",))
-    found, to = read_design_poses(words)
+    plan, to = read_design_poses(words)
     if to is not None:
-        heads = [f"{name} [{'rad' if turn else 'mm'}]" for name, turn in _turning(found)]
-        lines = [",".join(heads), *(",".join(f"{v:.6f}" for v in row) for row in found.joints)]
+        heads = [f"{name} [{'rad' if turn else 'mm'}]" for name, turn in _turning(plan)]
+        lines = [",".join(heads), *(",".join(f"{v:.6f}" for v in row) for row in plan.joints)]
         write_whole(to, lambda file: file.write(("\n".join(lines) + "\n").encode()))
     if "--json" in flags:
-        print(json.dumps(found.to_dict(), allow_nan=False))
+        print(json.dumps(plan.to_dict(), allow_nan=False))
         return 0
-    told = f"beside {found.measured} that are measured" if found.measured else "to begin with"
-    limits = "no limits are stated" if found.limits == "none" else f"limits of the {found.limits}"
-    print(f"{len(found.joints)} poses {told}, for {found.numbers} numbers of the arm; {limits}\n")
-    _print_poses(found)
+    beside = f"beside {plan.measured} that are measured" if plan.measured else "to begin with"
+    limits = "no limits are stated" if plan.limits == "none" else f"limits of the {plan.limits}"
+    print(f"{len(plan.joints)} poses {beside}, for {plan.numbers} numbers of the arm; {limits}\n")
+    turns = _turning(plan)
+    rows = []
+    for k, (joints, target) in enumerate(zip(plan.joints, plan.target, strict=True), start=1):
+        cells = [f"{np.rad2deg(v) if turn else v:.1f}" for v, (_, turn) in zip(joints, turns, strict=True)]
+        rows.append([str(k), *cells, " ".join(f"{v:.0f}" for v in target)])
+    print_table(["", *(f"{name} [{'°' if turn else 'mm'}]" for name, turn in turns), "target [mm]"], rows)
     print("\nerror of the calibrated arm over the workspace, from the uncertainty of its numbers alone")
-    count = len(found.joints)
+    count = len(plan.joints)
     steps = [n for n in _STEPS if n < count] + [count]
-    print_table(["poses more", "error [mm, rms]"], [[str(n), _size(found.chosen.error[n])] for n in steps])
-    enough, scatter = found.chosen.enough(found.sigma), f"the scatter of a reading, {plain(found.sigma, 3)} mm"
+    errors = {n: plan.chosen.error[n] for n in steps}
+    rows = [[str(n), "unknown" if error > 20 else f"{plain(error, 3)}"] for n, error in errors.items()]
+    print_table(["poses more", "error [mm, rms]"], rows)
+    enough, scatter = plan.chosen.enough(plan.sigma), f"the scatter of a reading, {plain(plan.sigma, 3)} mm"
     if enough is None:
         print(f"more poses help: the numbers are not yet known to a third of {scatter}")
     elif enough == 0:
         print(f"more poses do not help: the numbers are known to a third of {scatter}")
     else:
         print(f"from {enough} on more poses hardly help: the numbers are known to a third of {scatter}")
-    for note in found.notes:
+    for note in plan.notes:
         print(f"note: {note}")
     if to is not None:
         print(to)
     return 0
 
 
-def _print_poses(found: Design) -> None:
-    turns = [turn for _, turn in _turning(found)]
-    heads = [f"{name} [{'°' if turn else 'mm'}]" for name, turn in _turning(found)]
-    rows = []
-    for k, (joints, target) in enumerate(zip(found.joints, found.target, strict=True), start=1):
-        cells = [f"{np.rad2deg(v) if turn else v:.1f}" for v, turn in zip(joints, turns, strict=True)]
-        rows.append([str(k), *cells, " ".join(f"{v:.0f}" for v in target)])
-    print_table(["", *heads, "target [mm]"], rows)
-
-
-def _turning(found: Design) -> list[tuple[str, bool]]:
+def _turning(plan: Design) -> list[tuple[str, bool]]:
     """Return each joint with whether it turns; one that slides does not."""
-    kinds = {joint.name: joint.kind for joint in found.chain.joints}
-    return [(name, kinds.get(name, "rotary") == "rotary") for name in found.chain.driven]
-
-
-def _size(error: float) -> str:
-    return "unknown" if error > 20 else f"{plain(error, 3)}"
+    kinds = {joint.name: joint.kind for joint in plan.chain.joints}
+    return [(name, kinds.get(name, "rotary") == "rotary") for name in plan.chain.driven]

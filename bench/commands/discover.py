@@ -33,7 +33,7 @@ def run(argv: list[str]) -> int:
         if "--json" in flags:
             print(json.dumps(outcome.record.line(), allow_nan=False), flush=True)
         else:
-            print(_told(outcome), flush=True)
+            print(_paragraph(outcome), flush=True)
     if "--json" not in flags:
         print(f"{count} searched, {failed} failed; {request.folder}/findings.parquet, gaps.parquet")
     elif failed:
@@ -41,15 +41,15 @@ def run(argv: list[str]) -> int:
     return 1 if failed else 0
 
 
-def _told(outcome: Outcome) -> str:
-    """Return the verdict on one set of data, as a paragraph."""
+def _paragraph(outcome: Outcome) -> str:
     record, report = outcome.record, outcome.record.report
     lines = [f"{record.case} ({record.machine}{', searched before' if outcome.before else ''})"]
     if report is None:
         return f"{lines[0]}\n  failed: {record.error}\n"
     lines += [f"  {note}" for note in notes_among(report.notes, FIRST)]
-    lines += [f"  {said}" for said in (headline(report), *unnamed_sentences(report), gap_sentence(report))]
-    lines += [f"  {said}" for said in (*doubt_sentences(report), *map(as_sentence, notes_among(report.notes, SIZES)))]
+    lines += [f"  {line}" for line in (headline(report), *unnamed_sentences(report), gap_sentence(report))]
+    sizes = notes_among(report.notes, SIZES)
+    lines += [f"  {line}" for line in (*doubt_sentences(report), *map(as_sentence, sizes))]
     lines += [f"  measure next: {advice}" for advice in next_sentences(report)]
     lines += [f"  note: {note}" for note in other_notes(report.notes)]
     if outcome.page is not None:

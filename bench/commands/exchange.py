@@ -26,6 +26,8 @@ _FOLDERS = {
     "latex": "latex:write_latex",
 }
 FORMATS = (*_FOLDERS, "mlflow")
+_READERS: dict[str, Callable[[Path], list[PublishedRun]]] = {"coco": read_coco, "ioh": read_ioh}
+_IMPORT_EXAMPLE = "bench import coco BIPOP-CMA-ES --to results/bipop"
 _EXPORT_EXAMPLE = "bench export csv results/adhoc --to tables"
 
 
@@ -43,24 +45,16 @@ def export(argv: list[str]) -> int:
     if name == "mlflow":
         from calibench.bench.exchange.mlflow_runs import write_mlflow
 
-        said = write_mlflow(read_study(folder), to)
-    else:
-        said = _to_folder(_FOLDERS[name], read_study(folder), Path(to))
-    print("\n".join(said))
-    return 0
-
-
-def _to_folder(where: str, study: Study, target: Path) -> list[str]:
-    module, _, function = where.partition(":")
+        print("\n".join(write_mlflow(read_study(folder), to)))
+        return 0
+    study, target = read_study(folder), Path(to)
+    module, _, function = _FOLDERS[name].partition(":")
     write: Callable[[Study, Path], list[str]] = getattr(import_module(f"calibench.bench.exchange.{module}"), function)
     require_free(target)
-    said: list[str] = []
-    write_folder(target, lambda folder: said.extend(write(study, folder)))
-    return [f"{target}: {said[0]}", *said[1:]]
-
-
-_FORMATS: dict[str, Callable[[Path], list[PublishedRun]]] = {"coco": read_coco, "ioh": read_ioh}
-_IMPORT_EXAMPLE = "bench import coco BIPOP-CMA-ES --to results/bipop"
+    remarks: list[str] = []
+    write_folder(target, lambda folder: remarks.extend(write(study, folder)))
+    print(f"{target}: " + "\n".join(remarks))
+    return 0
 
 
 def import_study(argv: list[str]) -> int:
@@ -69,15 +63,15 @@ def import_study(argv: list[str]) -> int:
     _, words = split_flags(words, ())
     if len(words) != 2:
         raise ValueError(
-            f"import: a format ({', '.join(_FORMATS)}) and one FOLDER are needed, such as {_IMPORT_EXAMPLE}"
+            f"import: a format ({', '.join(_READERS)}) and one FOLDER are needed, such as {_IMPORT_EXAMPLE}"
         )
     name, folder = words[0], Path(words[1])
-    if name not in _FORMATS:
-        raise ValueError(f"import: unknown format {name!r}; {suggest(name, _FORMATS)}")
+    if name not in _READERS:
+        raise ValueError(f"import: unknown format {name!r}; {suggest(name, _READERS)}")
     if not folder.is_dir():
         raise ValueError(f"import: {folder}: there is no such folder; an archive is to be unpacked first")
     require_free(Path(to))
-    runs = _FORMATS[name](folder)
+    runs = _READERS[name](folder)
     written = write_study(runs, name, folder, Path(to))
     algorithms = sorted({run.algorithm for run in runs})
     print(f"{written}: {counted(len(runs), 'published run')} of {counted(len(algorithms), 'algorithm')}, from {folder}")

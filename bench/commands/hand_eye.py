@@ -15,25 +15,27 @@ from calibench.core.words import print_plain as print
 def run(words: list[str], as_json: bool) -> int:
     """Calibrate the camera that `words` name, write what came of it, and print it."""
     request = read_hand_eye(words)
-    found = write_hand_eye(request.carry_out(), request)
+    result = write_hand_eye(request.carry_out(), request)
     if as_json:
-        print(json.dumps(found.to_dict(), allow_nan=False))
+        print(json.dumps(result.to_dict(), allow_nan=False))
         return 0
-    print(f"{found.case}: {_headline(found)}")
-    print(f"  {found.pairs} pairs, {found.read.replace('_', ' ')} read, {found.hand_eye.replace('_', ' ')}")
-    print(f"  {_noise(found)}")
-    for frame in (found.camera, found.board):
+    if isfinite(result.unseen.position):
+        headline = f"{_left(result.unseen)} rms of poses that were not fitted; {result.how}"
+    else:
+        headline = f"{_left(result.fitted)} rms of the fitted poses; error of others {result.how}"
+    print(f"{result.case}: {headline}")
+    print(f"  {result.pairs} pairs, {result.read.replace('_', ' ')} read, {result.hand_eye.replace('_', ' ')}")
+    sizes = (f"{plain(result.sigma, 3)} mm", f"{plain(degrees(result.sigma_rotation), 3)}°")
+    place, turn = (
+        f"{size} ({'learned' if one else 'stated'})" for size, one in zip(sizes, result.learned, strict=True)
+    )
+    print(f"  noise of the board's pose on each axis: {place}, {turn}")
+    for frame in (result.camera, result.board):
         print(f"\n{frame.child} in {frame.parent}")
         print_table(["", "value", "standard error", "95 %"], _rows(frame))
-    pairs = [f"{one.row} ({_size(one.position, one.rotation)})" for one in found.outliers]
-    print_end("outlying pairs", pairs, found.notes, found.files.values())
+    pairs = [f"{one.row} ({_size(one.position, one.rotation)})" for one in result.outliers]
+    print_end("outlying pairs", pairs, result.notes, result.files.values())
     return 0
-
-
-def _headline(found: HandEye) -> str:
-    if isfinite(found.unseen.position):
-        return f"{_left(found.unseen)} rms of poses that were not fitted; {found.how}"
-    return f"{_left(found.fitted)} rms of the fitted poses; error of others {found.how}"
 
 
 def _left(left: Residual) -> str:
@@ -42,13 +44,6 @@ def _left(left: Residual) -> str:
 
 def _size(position: float, rotation: float) -> str:
     return f"{plain(position, 3)} mm and {plain(degrees(rotation), 3)}°"
-
-
-def _noise(found: HandEye) -> str:
-    place, turn = (f"{value} ({'learned' if one else 'stated'})" for value, one in zip(
-        (f"{plain(found.sigma, 3)} mm", f"{plain(degrees(found.sigma_rotation), 3)}°"), found.learned, strict=True
-    ))  # fmt: skip
-    return f"noise of the board's pose on each axis: {place}, {turn}"
 
 
 def _rows(frame: Frame) -> list[list[str]]:

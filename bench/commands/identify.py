@@ -24,16 +24,16 @@ def run(argv: list[str]) -> int:
         sigma = coerce("noise", float(given["noise"]), float) if "noise" in given else None
     except ValueError:
         raise ValueError(f"noise={shown(given['noise'])}: a number (rad, or mm for the Orthoglide) is needed") from None
-    found = identify(problem, noise=sigma)
+    known = identify(problem, noise=sigma)
     if "--json" in flags:
-        print_json(found.to_dict())
+        print_json(known.to_dict())
         return 0
-    print(f"{getattr(problem, 'name', type(problem).__name__)}: {found.sentence()}\n")
-    unit = found.noise_unit + ("/mm" if any(found.units) else "")
-    print(f"singular values [{unit}]: {'  '.join(f'{plain(s, 3)}' for s in found.singular_values)}\n")
+    print(f"{getattr(problem, 'name', type(problem).__name__)}: {known.sentence()}\n")
+    unit = known.noise_unit + ("/mm" if any(known.units) else "")
+    print(f"singular values [{unit}]: {'  '.join(f'{plain(s, 3)}' for s in known.singular_values)}\n")
     rows = [
         [name, unit, f"{value:.6g}", f"{plain(error, 3)}" if error < float("inf") else "cannot be found"]
-        for name, unit, value, error in zip(found.names, found.units, found.x, found.standard_errors, strict=True)
+        for name, unit, value, error in zip(known.names, known.units, known.x, known.standard_errors, strict=True)
     ]
-    print_table(["parameter", "unit", "value", f"standard error at {found.noise:g} {found.noise_unit}"], rows)
+    print_table(["parameter", "unit", "value", f"standard error at {known.noise:g} {known.noise_unit}"], rows)
     return 0

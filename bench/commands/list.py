@@ -28,7 +28,8 @@ def run(argv: list[str]) -> int:
         raise ValueError(f"{what}; {suggest(kind, kinds)}")
     rows = _named_rows(kind, names, kinds[kind]) if names else kinds[kind]()
     if "--all" in flags and not names and kind in ("problems", "optimizers"):
-        rows += _left_out_rows(kind)
+        left_out = _registry(kind).left_out.items()
+        rows += [{"name": name, "about": reason, "left_out": True} for name, reason in left_out]
     if "--json" in flags:
         print(json.dumps(rows, indent=1))
         return 0
@@ -49,30 +50,21 @@ def run(argv: list[str]) -> int:
 def _named_rows(kind: str, names: list[str], every: Callable[[], list[dict[str, Any]]]) -> list[dict[str, Any]]:
     """Return the rows of these names; ``FILE.py:CLASS`` is a user's own problem or optimiser."""
     rows = {row["name"]: row for row in every()} if any(":" not in name for name in names) else {}
-    found = []
     for name in names:
         if name in rows:
-            found.append(rows[name])
-        elif ":" in name and kind in ("problems", "optimizers"):
-            found.append(_row_of_own(kind, name))
-        else:
+            continue
+        if ":" not in name or kind not in ("problems", "optimizers"):
             raise ValueError(f"list {kind} {name}: no such name; {suggest(name, rows)}")
-    return found
+        registry = _registry(kind)
+        row = {"name": registry.told_name(name), "about": about(registry.factory(name))}
+        rows[name] = row | {"options": _option_rows(registry, name)}
+    return [rows[name] for name in names]
 
 
-def _row_of_own(kind: str, name: str) -> dict[str, Any]:
+def _registry(kind: str) -> Any:
     from calibench import optimizers, problems
 
-    registry: Any = problems.registry if kind == "problems" else optimizers.registry
-    row = {"name": registry.told_name(name), "about": about(registry.factory(name))}
-    return row | {"options": _option_rows(registry, name)}
-
-
-def _left_out_rows(kind: str) -> list[dict[str, Any]]:
-    from calibench import optimizers, problems
-
-    registry: Any = problems.registry if kind == "problems" else optimizers.registry
-    return [{"name": name, "about": reason, "left_out": True} for name, reason in registry.left_out.items()]
+    return problems.registry if kind == "problems" else optimizers.registry
 
 
 def _problem_rows() -> list[dict[str, Any]]:
@@ -91,7 +83,8 @@ def _optimizer_rows() -> list[dict[str, Any]]:
 
     rows = []
     for name, factory in optimizers.registry.factories().items():
-        traits = getattr(factory() if not _needs(optimizers.registry, name) else None, "traits", None)
+        needs = any(option.required for option in optimizers.registry.options(name).values())
+        traits = getattr(None if needs else factory(), "traits", None)
         rows.append(
             {
                 "name": name,
@@ -168,7 +161,7 @@ def _figure_rows() -> list[dict[str, Any]]:
         "errors": "calibrate: the share of poses below each error, before and after",
         "joints": "calibrate: the error over the angle of each joint, before and after",
     }
-    return [{"name": name, "about": said} for name, said in figures.items()]
+    return [{"name": name, "about": about} for name, about in figures.items()]
 
 
 def _option_rows(registry: Any, name: str) -> list[dict[str, Any]]:
@@ -176,7 +169,3 @@ def _option_rows(registry: Any, name: str) -> list[dict[str, Any]]:
         {"name": o.name, "default": o.default, "required": o.required, "text": o.describe()}
         for o in registry.options(name).values()
     ]
-
-
-def _needs(registry: Any, name: str) -> bool:
-    return any(option.required for option in registry.options(name).values())

@@ -32,7 +32,7 @@ from calibench.bench.sweep.progress import progress, seconds_left
 from calibench.bench.sweep.remarks import points_outside, remarks_on_rows
 from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.stale import Way, find_stale
-from calibench.core import process as collector
+from calibench.core import process
 from calibench.core.words import counted, plural, span
 from calibench.core.words import print_plain as print
 
@@ -43,11 +43,11 @@ _AGAIN = ("--retry-failed", "--rerun", "--keep", "--drop-planned")  # of one cal
 _LONG = 40  # rows of a summary that are still printed
 _SHORT = 12  # rows that are printed of a longer one
 _WIDE = 100  # letters of an error in the list of failures, at least: as many as the terminal has room for
-_UNTOLD = (
+_UNUSED = (
     "traceback", "best_x", "at_bound", "parameter_names", "parameter_values", "parameter_units", "parameter_starts",
     "parameter_truths",
 )  # fmt: skip  # what no summary looks at
-_TOLD = [column.name for column in COLUMNS if column.group != "origin" and column.name not in _UNTOLD]
+_USED = [column.name for column in COLUMNS if column.group != "origin" and column.name not in _UNUSED]
 
 
 def run(argv: list[str]) -> int:
@@ -65,7 +65,7 @@ def _run(argv: list[str]) -> int:
     if any(word.partition("=")[0].partition(".")[0] == "tuner" for word in words):
         return _tune(argv, words, flags)
     request = read_request(words, multirun=bool({"-m", "--multirun"} & flags))
-    collector.resume()  # what it loaded stays
+    process.resume()  # what it loaded stays
     for line in (*request.left_out, *request.copies, *request.remarks):
         print(line)
     command, way = _command(argv), _way(flags)
@@ -80,7 +80,7 @@ def _tune(argv: list[str], words: list[str], flags: set[str]) -> int:
     """Carry out a sweep whose settings are proposed one after the other."""
     from calibench.bench.commands.tune import tune
 
-    collector.resume()
+    process.resume()
 
     def carry(request: Request, command: str) -> Outcome:
         with progress(request.folder) as report:
@@ -101,11 +101,12 @@ def _way(flags: set[str]) -> Way:
 
 
 def _print(request: Request, outcome: Outcome, way: Way) -> int:
-    """Print what came of the sweep; return the exit code."""
     for path in outcome.aside:
         print(f"what is damaged was set aside as {path}")
-    kept_rows = ResultStore(request.folder).rows(_TOLD)
-    mine = _asked_for(kept_rows, outcome)
+    kept_rows = ResultStore(request.folder).rows(_USED)
+    asked = set(outcome.asked)
+    is_mine = np.array([run_id in asked for run_id in kept_rows["run_id"].to_pylist()], dtype=bool)
+    mine = kept_rows if is_mine.all() else kept(kept_rows, mask_of(is_mine))  # of 1e5 runs a copy is 70 MB
     if len(mine):
         summary = stats.summary_columns(columns_of(mine))
         if (cells := len(summary["runs"])) <= _LONG:
@@ -155,9 +156,9 @@ def _print_answer(mine: pa.Table, request: Request) -> None:
 
     traces = ResultStore(request.folder).traces()
     runs = to_pandas(mine)
-    found = answer_of(runs, traces[traces["run_id"].isin(runs["run_id"])])
-    if found.verdict != "alone":
-        print(f"{found.best}\n{found.sure}")
+    answer = answer_of(runs, traces[traces["run_id"].isin(runs["run_id"])])
+    if answer.verdict != "alone":
+        print(f"{answer.best}\n{answer.sure}")
 
 
 def _print_lost(lost: Collection[str], request: Request) -> None:
@@ -174,13 +175,6 @@ def _print_lost(lost: Collection[str], request: Request) -> None:
     print("see that no problem or method writes there, then give the same command again")
 
 
-def _asked_for(runs: pa.Table, outcome: Outcome) -> pa.Table:
-    """Return the rows of the runs that this sweep asked for."""
-    asked = set(outcome.asked)
-    mine = np.array([run_id in asked for run_id in runs["run_id"].to_pylist()], dtype=bool)
-    return runs if mine.all() else kept(runs, mask_of(mine))  # of 1e5 runs a copy is 70 MB
-
-
 def _print_failures(rows: pa.Table, request: Request, way: Way) -> None:
     """Print why some of the `rows` did not end well, a line for each reason of a problem and a method, with one run."""
     mine = to_pandas(rows)
@@ -194,15 +188,16 @@ def _print_failures(rows: pa.Table, request: Request, way: Way) -> None:
         alike=[without_numbers(str(text)) for text in lost["error"]],
     )
     reasons = []
-    told = ["problem", "optimizer", "status", "error_type", "error"]
-    for _, some in named.groupby([*told[:-1], "alike"], sort=False, dropna=False):
+    columns = ["problem", "optimizer", "status", "error_type", "error"]
+    for _, some in named.groupby([*columns[:-1], "alike"], sort=False, dropna=False):
         first = some.sort_values("repetition").iloc[0]
-        reasons.append([str(len(some)), str(first["run_id"]), *map(str, first[told])])
+        reasons.append([str(len(some)), str(first["run_id"]), *map(str, first[columns])])
     reasons.sort(key=lambda row: -int(row[0]))
-    heads, shown = ["runs", "such as", *told], reasons[:_LONG]
+    heads, shown = ["runs", "such as", *columns], reasons[:_LONG]
     before = sum(2 + max(map(len, column)) for column in list(zip(heads, *shown, strict=True))[:-1])
     room = max(_WIDE, get_terminal_size((0, 0)).columns - before)
-    print_table(heads, [[*row[:-1], _short(row[-1], room)] for row in shown])
+    short = [row[-1] if len(row[-1]) <= room else f"{row[-1][: room - 1]}…" for row in shown]
+    print_table(heads, [[*row[:-1], text] for row, text in zip(shown, short, strict=True)])
     if len(reasons) > _LONG:
         print(f"and {len(reasons) - _LONG} more; `bench status {shlex.quote(str(request.folder))}` lists all reasons")
     others = ", and --rerun what other code made" if way == "rerun" else ""
@@ -213,10 +208,6 @@ def _print_failures(rows: pa.Table, request: Request, way: Way) -> None:
 
 def _tell(line: str) -> None:
     print(f"bench: {line}", file=sys.stderr)
-
-
-def _short(text: str, most: int) -> str:
-    return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
 def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
@@ -246,16 +237,13 @@ def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
     if failed:
         again = "which are done again" if retry_failed else "which --retry-failed does again"
         print(f"{counted(len(failed), 'run')} failed or ran out of time, {again}")
-    left = len(request.specs) - finished.total()
-    print(f"{counted(len(runs), 'cell')}, {counted(len(request.specs), 'run')}, {finished.total()} done, {left} left")
-    if left:
+    to_do = len(request.specs) - finished.total()
+    print(f"{counted(len(runs), 'cell')}, {counted(len(request.specs), 'run')}, {finished.total()} done, {to_do} left")
+    if to_do:
         seconds = seconds_left(request, done)
-        print(
-            "how long they take is not known"
-            if seconds is None
-            else f"they take some {span(max(seconds, 1.0))} or more"
-        )
-    would = f"{counted(left, 'run')} would go to {request.folder}" if left else "nothing is left to run"
+        known = "" if seconds is None else f"they take some {span(max(seconds, 1.0))} or more"
+        print(known or "how long they take is not known")
+    would = f"{counted(to_do, 'run')} would go to {request.folder}" if to_do else "nothing is left to run"
     print(f"{would}; nothing was written")
     return 2 if stale is not None and stale.other and way == "ask" else 0
 

@@ -20,9 +20,9 @@ def run(argv: list[str]) -> int:
     ids = [word for word in plain if word not in folders]
     if len(ids) != 1 or len(folders) + len(given) > 1:
         raise ValueError("show: one RUN_ID is needed, such as bench show 3f2a (the first digits suffice)")
-    found = find_run(Path([*folders, *given.values(), "results"][0]), ids[0])
+    one = find_run(Path([*folders, *given.values(), "results"][0]), ids[0])
     if "--json" in flags:
-        print_json(found.row)
+        print_json(one.row)
     else:
-        print(show_run(found))
+        print(show_run(one))
     return 0

@@ -9,7 +9,7 @@ from itertools import islice
 
 from calibench.bench.commands.arguments import split_flags
 from calibench.bench.execution.in_progress import read_running
-from calibench.bench.statistics.progress import Reason, SweepProgress, sweep_progress
+from calibench.bench.statistics.progress import SweepProgress, sweep_progress
 from calibench.bench.store.columns import columns_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.remarks import remarks_on_rows
@@ -44,36 +44,33 @@ def run(argv: list[str]) -> int:
 def lines_of(store: ResultStore, progress: SweepProgress) -> list[str]:
     """Return the progress of a sweep as lines."""
     late = f", {progress.timeouts} out of time" if progress.timeouts else ""
-    told = [f"{store.folder}: {progress.done} done ({progress.failed} failed{late}), {progress.to_do} left"]
+    lines = [f"{store.folder}: {progress.done} done ({progress.failed} failed{late}), {progress.to_do} left"]
     if progress.pace > 0:
-        left = f", {span(progress.eta_s)} left" if progress.eta_s is not None else ""
-        told[0] += f"; {plain(progress.pace, 3)} {plural('run', progress.pace)}/s{left}"
-    told += _at_work(progress)
+        eta = f", {span(progress.eta_s)} left" if progress.eta_s is not None else ""
+        lines[0] += f"; {plain(progress.pace, 3)} {plural('run', progress.pace)}/s{eta}"
+    if progress.to_do and platform.node() not in progress.hosts:  # as far as this machine can tell
+        others = ", ".join(sorted(progress.hosts))
+        unseen = f"; whether {others} still {'is' if len(progress.hosts) == 1 else 'are'} cannot be seen from here"
+        way = f"the same command goes on: {progress.command}" if progress.command else "the same call goes on"
+        lines.append(f"nobody is at work on it here{unseen if others else ''}; {way}")
     if progress.mixed:
-        told.append(
+        lines.append(
             f"{counted(progress.mixed, 'cell')} {'holds' if progress.mixed == 1 else 'hold'} runs of more than one "
             "version of the code (column code_digest), kept with --keep or merged; the same command with --rerun does "
             "them again"
         )
     if progress.in_other_shards:
-        told.append(runs_of_other_shards(progress.in_other_shards))
-    told += [f"  {run.line()}" for run in read_running(store.folder)]
-    told += reason_lines(progress.reasons)
+        lines.append(runs_of_other_shards(progress.in_other_shards))
+    lines += [f"  {run.line()}" for run in read_running(store.folder)]
+    if progress.reasons:  # most frequent first, each with one run to look at
+        width = len(str(progress.reasons[0].count))
+        lines.append("did not end well:")
+        lines += [f"  {r.count:{width}d} {r.status}: {r.text}  (bench show {r.run_id})" for r in progress.reasons]
     cells = sorted(progress.left.items(), key=lambda item: -item[1])
-    told += [f"{count:4d} left  {label}" for label, count in islice(cells, _CELLS)]
+    lines += [f"{count:4d} left  {label}" for label, count in islice(cells, _CELLS)]
     if len(cells) > _CELLS:
-        told.append(f"          and {counted(len(cells) - _CELLS, 'cell')} more")
-    return told
-
-
-def _at_work(progress: SweepProgress) -> list[str]:
-    """Return that nobody is at work on what is left, as far as this machine can tell, and what goes on with it."""
-    if not progress.to_do or platform.node() in progress.hosts:
-        return []
-    others = ", ".join(sorted(progress.hosts))
-    unseen = f"; whether {others} still {'is' if len(progress.hosts) == 1 else 'are'} cannot be seen from here"
-    way = f"the same command goes on: {progress.command}" if progress.command else "the same call goes on"
-    return [f"nobody is at work on it here{unseen if others else ''}; {way}"]
+        lines.append(f"          and {counted(len(cells) - _CELLS, 'cell')} more")
+    return lines
 
 
 def runs_of_other_shards(count: int) -> str:
@@ -84,16 +81,6 @@ def runs_of_other_shards(count: int) -> str:
     """
     verbs = ("belongs", "is") if count == 1 else ("belong", "are")
     return f"{counted(count, 'run')} of this sweep {verbs[0]} to other shards and {verbs[1]} not here"
-
-
-def reason_lines(reasons: tuple[Reason, ...]) -> list[str]:
-    """Return a table of why runs did not end well, most frequent first, each with one run to look at."""
-    if not reasons:
-        return []
-    width = len(str(reasons[0].count))
-    return ["did not end well:"] + [
-        f"  {reason.count:{width}d} {reason.status}: {reason.text}  (bench show {reason.run_id})" for reason in reasons
-    ]
 
 
 def _watch(store: ResultStore, progress: SweepProgress) -> SweepProgress:

@@ -11,11 +11,9 @@ from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_summary
 from calibench.bench.commands.status import runs_of_other_shards
 from calibench.bench.papers.additions import ADDITIONS
-from calibench.bench.report.study.write import report_progress, write_report
-from calibench.bench.statistics import summary as stats
+from calibench.bench.report.study.write import finished_runs, report_progress, write_report
 from calibench.bench.statistics.cells import CELL, mixed_code
 from calibench.bench.statistics.names import problem_titles
-from calibench.bench.statistics.targets import with_lowest_seen
 from calibench.bench.store.merge import merge
 from calibench.bench.store.runs import ResultStore
 from calibench.core.words import counted
@@ -33,15 +31,12 @@ def collect(argv: list[str]) -> int:
 def report(argv: list[str]) -> int:
     """Write tables, figures and the page, and print the summary."""
     store = _store(argv)
-    damaged = store.damaged()
-    runs = with_lowest_seen(store.runs(), store.traces())
-    summary = stats.summary(runs, store.manifest().get("costs", [])) if len(runs) else None
+    damaged, finished = store.damaged(), finished_runs(store)
     with report_progress() as tell:
-        written = write_report(store, ADDITIONS, tell, summary)
-    if summary is not None:
-        print_summary(summary.to_dict("list"))
-    if said := mixed_code(runs):
-        print(said)
+        written = write_report(store, ADDITIONS, tell, finished)
+    print_summary(finished.summary.to_dict("list"))
+    if warning := mixed_code(finished.runs):
+        print(warning)
     for finding in _findings(store.folder / "identifiability.csv"):
         print(finding)
     for path in written:
@@ -62,12 +57,12 @@ def merge_studies(argv: list[str]) -> int:
         raise ValueError("merge: folders and where to are needed: bench merge A B --to C")
     merged = merge([Path(folder) for folder in folders], Path(to), keep_first="--keep-first" in flags)
     twice = f"; {counted(merged.twice, 'run')} stood in several folders" if merged.twice else ""
-    left = f"; {merged.left} planned and not done" if merged.left else ""
-    print(f"{counted(merged.runs, 'run')} in {to}/runs.parquet, traces.parquet{twice}{left}")
+    to_do = f"; {merged.left} planned and not done" if merged.left else ""
+    print(f"{counted(merged.runs, 'run')} in {to}/runs.parquet, traces.parquet{twice}{to_do}")
     if merged.in_other_shards:
         print(f"{runs_of_other_shards(merged.in_other_shards)}: merge those shards too, or the study is not whole")
-    if said := mixed_code(ResultStore(to).runs([*CELL, "code_digest"])):
-        print(said)
+    if warning := mixed_code(ResultStore(to).runs([*CELL, "code_digest"])):
+        print(warning)
     return 0
 
 
@@ -94,4 +89,4 @@ def _findings(path: Path) -> list[str]:
     lost = table[table["rank"] < table["dimension"]]
     titles = problem_titles(lost, but=("error",))
     first = ~titles.duplicated()
-    return [f"{title}: {said}" for title, said in zip(titles[first], lost.loc[first, "finding"], strict=True)]
+    return [f"{title}: {finding}" for title, finding in zip(titles[first], lost.loc[first, "finding"], strict=True)]

@@ -47,24 +47,19 @@ def tune(words: list[str], command: str, carry: Carry, dry_run: bool) -> int:
     failed, ended = (int((mine["status"] == status).sum()) for status in ("failed", "timeout"))
     if failed or ended or len(mine) < len(asked):
         counts = {"failed": failed, "ended by the time limit": ended, "have no row": len(asked) - len(mine)}
-        told = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
-        print(f"{told}; `bench status {shlex.quote(str(store.folder))}` tells why")
+        reasons = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+        print(f"{reasons}; `bench status {shlex.quote(str(store.folder))}` tells why")
         return 1
     return 0
 
 
 def _line(trial: Trial, done: list[Trial], of: int) -> str:
-    """Return the result of a trial as a line."""
-    said = ", ".join(f"{option}={_text(value)}" for option, value in trial.values.items())
-    name = f"trial {trial.number} of {of}: {said}" if trial.number else "the default"
+    texts = (f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}" for k, v in trial.values.items())
+    name = f"trial {trial.number} of {of}: {', '.join(texts)}" if trial.number else "the default"
     if math.isnan(trial.score):
         return f"{name}: no score (a run without an answer, or none at the goal)"
     best = all(not other.score < trial.score for other in done)
     return f"{name}: score {trial.score:.3f}{' (best so far)' if best and trial.number else ''}"
-
-
-def _text(value: object) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _print_choice(mine: pd.DataFrame, tuning: Tuning) -> None:

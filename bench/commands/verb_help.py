@@ -158,15 +158,13 @@ _WIDE = 42  # letters of a word that leave room for its meaning in the same line
 
 def help_of(verb: str, usage: str) -> str:
     """Return the help of one `verb`: its part of the `usage` of all, and what its words mean."""
-    lines = ["usage: bench " + re.sub(r"^(.*?\S) {3,}", r"\1\n      ", entry.strip()) for entry in _part(verb, usage)]
+    # the entries of `usage`, each with the lines that go on with it, that begin with the verb
+    entries = re.findall(r"^  \S.*\n(?:^ {3,}.*\n)*", usage, re.MULTILINE)
+    mine = [entry.strip() for entry in entries if verb in entry.split()[0].split("|")]
+    lines = ["usage: bench " + re.sub(r"^(.*?\S) {3,}", r"\1\n      ", entry) for entry in mine]
     for what, words in _WORDS.get(verb, {}).items():
         lines += ["", f"{what}:"]
-        for word, told in words.items():
-            lines += [f"  {word:{_WIDE}} {told}"] if len(word) <= _WIDE else [f"  {word}", f"  {'':{_WIDE}} {told}"]
+        for word, meaning in words.items():
+            short = len(word) <= _WIDE
+            lines += [f"  {word:{_WIDE}} {meaning}"] if short else [f"  {word}", f"  {'':{_WIDE}} {meaning}"]
     return "\n".join([*lines, "", "`bench --help` has all verbs"]) + "\n"
-
-
-def _part(verb: str, usage: str) -> list[str]:
-    """Return the entries of `usage` that begin with `verb`, each with the lines that go on with it."""
-    entries = re.findall(r"^  \S.*\n(?:^ {3,}.*\n)*", usage, re.MULTILINE)
-    return [entry.rstrip("\n") for entry in entries if verb in entry.split()[0].split("|")]

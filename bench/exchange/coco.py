@@ -1,4 +1,4 @@
-"""COCO's folders, as its experiment library logs them and cocopp reads them: a folder an algorithm.
+"""COCO's folders, as its experiment library logs them and cocopp reads them, written and read: a folder an algorithm.
 
 ``bbobexp_f1.info`` lists the dimensions and, for each, instance:evaluations|final gap of its runs;
 ``data_f1/bbobexp_f1_DIM2.dat`` has a line an improvement, and so has ``.tdat``, which cocopp reads as a step between
@@ -8,11 +8,9 @@ counts as an evaluation is what was charged.
 cocopp knows its own suites and no others: of `bbob` functions 1 to 24 in dimensions 2, 3, 5, 10, 20 and 40. Other
 problems are refused, as a function number of theirs would be a false name.
 
-Published COCO folders, read: the ``.info`` files and the ``.dat`` and ``.tdat`` files that they name.
-
 All generations of the format are read: old headers without a suite, data with or without the column of constraint
-evaluations, minima told in the header of the entry or of each run's data. Archives are to be unpacked before. Suites of
-two objectives have no value to compare and are refused.
+evaluations, minima in the header of the entry or of each run's data. Archives are to be unpacked before. Suites of two
+objectives have no value to compare and are refused.
 """
 
 from __future__ import annotations
@@ -26,14 +24,19 @@ from pathlib import Path
 from typing import Any
 
 from calibench.bench.exchange.published import PublishedRun, of_coco, text_of_file
-from calibench.bench.exchange.studies import Study, ToldRun, file_names, gap_of_value, told_runs
+from calibench.bench.exchange.studies import RunRecord, Study, file_names, gap_of_value, run_records
 from calibench.core.plain import json_of
 from calibench.core.words import counted, listed
 
 SUITES = {"bbob": (range(1, 25), (2, 3, 5, 10, 20, 40))}  # functions and dimensions that cocopp has pages for
-TOLD = "% calibench "  # begins the comment of an entry, which cocopp keeps and does not read
+COMMENT = "% calibench "  # begins the comment of an entry, which cocopp keeps and does not read
 NOT_FINITE = 3e21  # what COCO logs instead of an infinite value
 PRECISION = 1e-8
+_PAIR = re.compile(r"\s*([^,=]+?)\s*=\s*(\".*?\"|'.*?'|[^,]+)\s*(?=,|$)")
+_RUN = re.compile(r"(\d+):(\d+)\|(\S+)")
+_MINIMUM = re.compile(r"Fopt \(([^)]+)\)")
+_KEPT = ("start", "budget", "library", "library_version")  # of what a comment of ours says
+_NOISY_FROM = 101  # function numbers of the noisy suite, where no suite is named
 _HEADER = (
     "% f evaluations | g evaluations | best noise-free fitness - Fopt ({:.16e}) + sum g_i+ | measured fitness | "
     "best measured fitness or single-digit g-values | x1 | x2...\n"
@@ -45,12 +48,17 @@ def write_coco(study: Study, folder: Path) -> list[str]:
 
     Raises `ValueError` where the study has a problem that cocopp has no suite for.
     """
-    runs = told_runs(study)
-    _refuse_foreign(runs)
-    told = [run for run in runs if run.row["charged"]]
-    names = file_names(sorted({run.algorithm for run in told}))
-    entries: dict[tuple[str, int, int], list[ToldRun]] = defaultdict(list)
-    for run in told:
+    runs = run_records(study)
+    foreign = sorted({_name(run) for run in runs if not _is_in_suite(run)})
+    if foreign:
+        raise ValueError(
+            f"export coco: cocopp has no suite for {listed(foreign, 5)}; it reads bbob, functions 1 to 24 in "
+            "dimensions 2, 3, 5, 10, 20 and 40; ioh takes any problem"
+        )
+    begun = [run for run in runs if run.row["charged"]]
+    names = file_names(sorted({run.algorithm for run in begun}))
+    entries: dict[tuple[str, int, int], list[RunRecord]] = defaultdict(list)
+    for run in begun:
         entries[run.algorithm, int(run.options["function"]), int(run.row["dimension"])].append(run)
     lines: dict[Path, list[str]] = defaultdict(list)
     for (algorithm, function, dimension), mine in sorted(entries.items()):
@@ -63,26 +71,14 @@ def write_coco(study: Study, folder: Path) -> list[str]:
         lines[home / f"bbobexp_f{function}.info"].append(_entry(names[algorithm], function, dimension, data, mine))
     for path, entry in lines.items():
         path.write_text("\n".join(entry) + "\n", encoding="utf-8")
-    said = [
-        f"{counted(len(told), 'run')} of {counted(len(names), 'algorithm')}: cocopp reads {', '.join(names.values())}"
-    ]
-    if len(told) < len(runs):
-        said.append(
-            f"{counted(len(runs) - len(told), 'run')} without an evaluation left out: COCO has no place for them"
-        )
-    return said
+    done = (
+        f"{counted(len(begun), 'run')} of {counted(len(names), 'algorithm')}: cocopp reads {', '.join(names.values())}"
+    )
+    lost = f"{counted(len(runs) - len(begun), 'run')} without an evaluation left out: COCO has no place for them"
+    return [done, lost] if len(begun) < len(runs) else [done]
 
 
-def _refuse_foreign(runs: Sequence[ToldRun]) -> None:
-    foreign = sorted({_called(run) for run in runs if not _is_known(run)})
-    if foreign:
-        raise ValueError(
-            f"export coco: cocopp has no suite for {listed(foreign, 5)}; it reads bbob, functions 1 to 24 in "
-            "dimensions 2, 3, 5, 10, 20 and 40; ioh takes any problem"
-        )
-
-
-def _is_known(run: ToldRun) -> bool:
+def _is_in_suite(run: RunRecord) -> bool:
     functions, dimensions = SUITES.get(run.row["problem"], ((), ()))
     return (
         run.options.get("function") in functions
@@ -92,13 +88,13 @@ def _is_known(run: ToldRun) -> bool:
     )
 
 
-def _called(run: ToldRun) -> str:
+def _name(run: RunRecord) -> str:
     if run.row["problem"] not in SUITES:
         return str(run.row["problem"])
     return f"{run.row['problem']} function={run.options.get('function')} dimension={run.row['dimension']}"
 
 
-def _improvements(run: ToldRun) -> str:
+def _improvements(run: RunRecord) -> str:
     """Return the lines of a run, the first at evaluation 1 and the last at its end, as COCO has them."""
     minimum = run.minimum or 0.0
     rows = [(point.charged, gap_of_value(point.value, minimum, point.reached), point.value) for point in run.course]
@@ -111,41 +107,26 @@ def _improvements(run: ToldRun) -> str:
     )
 
 
-def _entry(name: str, function: int, dimension: int, data: str, runs: Sequence[ToldRun]) -> str:
+def _entry(name: str, function: int, dimension: int, data: str, runs: Sequence[RunRecord]) -> str:
     header = {
         "suite": repr("bbob"), "funcId": function, "DIM": dimension, "Precision": f"{PRECISION:.3e}",
         "algId": repr(name), "coco_version": repr("2.8"), "logger": repr("bbob"), "data_format": repr("bbob-new2"),
     }  # fmt: skip
-    results = [f"{run.options['instance']}:{run.row['charged']}|{_final(run):.16e}" for run in runs]
+    results = []
+    for run in runs:
+        last = run.course[-1] if run.course else None
+        final = NOT_FINITE if last is None else gap_of_value(last.value, run.minimum or 0.0, last.reached)
+        results.append(f"{run.options['instance']}:{run.row['charged']}|{final:.16e}")
+    # what the runs of an entry share and for which COCO has no field
+    names = ("optimizer", "optimizer_options", "library", "library_version", "start", "budget")
+    shared = {name: runs[0].row[name] for name in names if len({run.row[name] for run in runs}) == 1}
     return "\n".join(
         [
             ", ".join(f"{key} = {value}" for key, value in header.items()),
-            TOLD + json.dumps(_dominant(runs), sort_keys=True),
+            COMMENT + json.dumps(shared, sort_keys=True),
             ", ".join([f"{data}.dat", *results]),
         ]
     )
-
-
-def _final(run: ToldRun) -> float:
-    if not run.course:
-        return NOT_FINITE
-    last = run.course[-1]
-    return gap_of_value(last.value, run.minimum or 0.0, last.reached)
-
-
-def _dominant(runs: Sequence[ToldRun]) -> dict[str, Any]:
-    """Return the facts that the runs of an entry share and for which COCO has no field."""
-    return {
-        name: runs[0].row[name]
-        for name in ("optimizer", "optimizer_options", "library", "library_version", "start", "budget")
-        if len({run.row[name] for run in runs}) == 1
-    }
-
-
-_PAIR = re.compile(r"\s*([^,=]+?)\s*=\s*(\".*?\"|'.*?'|[^,]+)\s*(?=,|$)")
-_RUN = re.compile(r"(\d+):(\d+)\|(\S+)")
-_MINIMUM = re.compile(r"Fopt \(([^)]+)\)")
-_NOISY_FROM = 101  # function numbers of the noisy suite, where no suite is named
 
 
 def read_coco(folder: Path) -> list[PublishedRun]:
@@ -153,45 +134,38 @@ def read_coco(folder: Path) -> list[PublishedRun]:
 
     Raises `ValueError` where there is no ``.info`` file, one cannot be read, or a suite has several objectives.
     """
-    found = sorted(folder.rglob("*.info"))
-    if not found:
+    paths = sorted(folder.rglob("*.info"))
+    if not paths:
         raise ValueError(f"import coco: {folder} has no .info file; name the folder of unpacked COCO data")
     runs: list[PublishedRun] = []
-    for path in found:
+    for path in paths:
         lines = [line for line in text_of_file("coco", path).splitlines() if line.strip()]
         header: dict[str, str] = {}
-        told: dict[str, Any] = {}
+        columns: dict[str, Any] = {}
         for line in lines:
-            if line.startswith(TOLD):
-                told = _info_fields(line, path)
+            if line.startswith(COMMENT):
+                try:
+                    comment = json_of(line.removeprefix(COMMENT))
+                except ValueError:
+                    raise ValueError(f"import coco: {path}: its comment {line[:40]!r} is damaged") from None
+                columns = comment if isinstance(comment, dict) else {}
             elif line.startswith("%"):
                 continue
             elif ".dat" in line and "funcId" not in line and "function =" not in line:
-                runs += _read_entry(path, header, told, line)
+                runs += _read_entry(path, header, columns, line)
             else:
-                header, told = {key: value.strip("'\" ") for key, value in _PAIR.findall(line)}, {}
+                header, columns = {key: value.strip("'\" ") for key, value in _PAIR.findall(line)}, {}
     if not runs:
         raise ValueError(f"import coco: no run is listed in the .info files of {folder}")
     return runs
 
 
-def _info_fields(line: str, path: Path) -> dict[str, Any]:
-    try:
-        told = json_of(line.removeprefix(TOLD))
-    except ValueError:
-        raise ValueError(f"import coco: {path}: its comment {line[:40]!r} is damaged") from None
-    return told if isinstance(told, dict) else {}
-
-
-def _read_entry(path: Path, header: dict[str, str], told: dict[str, Any], line: str) -> Iterator[PublishedRun]:
-    """Yield the runs of one function in one dimension."""
+def _read_entry(path: Path, header: dict[str, str], columns: dict[str, Any], line: str) -> Iterator[PublishedRun]:
     if "indicator" in header:
         raise ValueError(f"import coco: {path}: has several objectives ({header['indicator']}); there is no one value")
     try:
-        function, dimension = (
-            int(header.get("funcId", header.get("function", ""))),
-            int(header.get("DIM", header.get("dim", ""))),
-        )
+        function = int(header.get("funcId", header.get("function", "")))
+        dimension = int(header.get("DIM", header.get("dim", "")))
     except ValueError:
         raise ValueError(f"import coco: {path}: an entry names no function and dimension") from None
     suite = header.get("suite") or ("bbob" if function < _NOISY_FROM else "bbob-noisy")
@@ -204,10 +178,14 @@ def _read_entry(path: Path, header: dict[str, str], told: dict[str, Any], line: 
         raise ValueError(f"import coco: {data}: has {len(curves)} runs, {path.name} lists {len(listed)}")
     for (instance, count), (minimum, points) in zip(listed, curves, strict=True):
         named = of_coco(suite, function, dimension, instance)
+        improving: list[tuple[int, float]] = []
+        for evaluation, gap in points:
+            if isfinite(gap) and gap < min(NOT_FINITE, improving[-1][1] if improving else inf):
+                improving.append((evaluation, gap))
         ours = named.minimum  # has all digits; data tell thirteen
         if ours is not None and abs(ours - minimum) > 1e-9 * max(1.0, abs(ours)):
-            said = f"the minimum of f{function} in dimension {dimension}, instance {instance}"
-            raise ValueError(f"import coco: {data}: {said}, is {minimum:g}; that of our problem is {ours:g}")
+            what = f"the minimum of f{function} in dimension {dimension}, instance {instance}"
+            raise ValueError(f"import coco: {data}: {what}, is {minimum:g}; that of our problem is {ours:g}")
         yield PublishedRun(
             algorithm=algorithm,
             problem=named.problem,
@@ -216,13 +194,11 @@ def _read_entry(path: Path, header: dict[str, str], told: dict[str, Any], line: 
             dimension=dimension,
             minimum=minimum if ours is None else ours,
             evaluations=max(count, points[-1][0] if points else 0),
-            improvements=_improving_points(points),
+            improvements=improving,
             targets=None,
             best=None,  # the index rounds it to two digits
             best_x=None,
-            told={
-                key: value for key, value in told.items() if key in ("start", "budget", "library", "library_version")
-            },
+            columns={key: value for key, value in columns.items() if key in _KEPT},
         )
 
 
@@ -244,8 +220,8 @@ def _read(path: Path, header: dict[str, str]) -> list[tuple[float, list[tuple[in
     for number, line in enumerate(text_of_file("coco", path).splitlines(), 1):
         if line.startswith("%"):
             if not begun:
-                said = _MINIMUM.search(line)
-                curves.append((float(said[1] if said else header.get("Fopt", "0")), []))
+                minimum = _MINIMUM.search(line)
+                curves.append((float(minimum[1] if minimum else header.get("Fopt", "0")), []))
             begun = True
             continue
         begun = False
@@ -257,13 +233,3 @@ def _read(path: Path, header: dict[str, str]) -> list[tuple[float, list[tuple[in
         except (ValueError, IndexError):
             raise ValueError(f"import coco: {path}, line {number}: is no line of COCO data") from None
     return curves
-
-
-def _improving_points(points: list[tuple[int, float]]) -> list[tuple[int, float]]:
-    found: list[tuple[int, float]] = []
-    best = inf
-    for evaluation, gap in points:
-        if gap < best and isfinite(gap) and gap < NOT_FINITE:
-            found.append((evaluation, gap))
-            best = gap
-    return found

@@ -67,7 +67,8 @@ def write_csv(study: Study, folder: Path) -> list[str]:
     }
     for name, table in tables.items():
         table.to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
-    (folder / "README.md").write_text(_README.format(runs=_column_lines()), encoding="utf-8")
+    lines = "\n".join(f"| {column.name} | {column.parquet} | {column.meaning} |" for column in COLUMNS)
+    (folder / "README.md").write_text(_README.format(runs=lines), encoding="utf-8")
     return [", ".join(f"{name}.csv ({counted(len(table), 'row')})" for name, table in tables.items())]
 
 
@@ -75,23 +76,15 @@ def hits(runs: pd.DataFrame) -> pd.DataFrame:
     """Return a row a run and target: run_id, target, evaluations, charged; null where it was never reached."""
     rows: list[tuple[Any, ...]] = []
     columns = (runs[name] for name in ("run_id", "targets", "hits", "hits_charged"))
-    for run_id, targets, found, charged in zip(*columns, strict=True):
-        rows += [(run_id, *row) for row in zip(targets, found, charged, strict=True)]
+    for run_id, targets, evaluations, charged in zip(*columns, strict=True):
+        rows += [(run_id, *row) for row in zip(targets, evaluations, charged, strict=True)]
     table = pd.DataFrame(rows, columns=["run_id", "target", "evaluations", "charged"])
     return table.astype({"target": float, "evaluations": "Int64", "charged": "Int64"})
 
 
 def _flat(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows with lists as JSON."""
     flat = runs.copy()
     for name in _LISTS:
-        flat[name] = pd.Series([_json(value) for value in runs[name]], index=runs.index, dtype=object)
+        texts = [None if value is None or value is pd.NA else json.dumps(list(value)) for value in runs[name]]
+        flat[name] = pd.Series(texts, index=runs.index, dtype=object)
     return flat
-
-
-def _json(value: Any) -> str | None:
-    return None if value is None or value is pd.NA else json.dumps(list(value))
-
-
-def _column_lines() -> str:
-    return "\n".join(f"| {column.name} | {column.parquet} | {column.meaning} |" for column in COLUMNS)

@@ -1,16 +1,12 @@
-"""IOHprofiler's folders, as IOHexperimenter logs them and iohinspector and IOHanalyzer read them.
+"""IOHprofiler's folders, as IOHexperimenter logs them and iohinspector and IOHanalyzer read them, written and read.
 
 A folder an algorithm, in it ``IOHprofiler_f1_Sphere.json`` for each function, which lists dimensions and runs, and
 ``data_f1_Sphere/IOHprofiler_f1_DIM2.dat`` with a line an improvement. Source: IOHexperimenter 0.3.22 and
 `iohinspector.data`. ``raw_y`` is the value above the minimum where the problem declares one, as IOHexperimenter has it,
-else the value. What counts as an evaluation is what was charged.
+else the value; what this package wrote says itself which problem it is, and whether its minimum is known. What counts
+as an evaluation is what was charged.
 
 A run begins in the data where the evaluation is 1; so a run that made none stands last in its list, and has no lines.
-
-Published IOHprofiler folders, read: the JSON descriptions and the data files that they name.
-
-``raw_y`` is the value above the minimum, as IOHexperimenter logs it. What this package wrote says itself which problem
-it is, and whether its minimum is known.
 """
 
 from __future__ import annotations
@@ -26,7 +22,7 @@ from typing import Any
 import pandas as pd
 
 from calibench.bench.exchange.published import Named, PublishedRun, of_ioh, text_of_file
-from calibench.bench.exchange.studies import Study, ToldRun, file_name, file_names, gap_of_value, told_runs
+from calibench.bench.exchange.studies import RunRecord, Study, file_name, file_names, gap_of_value, run_records
 from calibench.bench.provenance.environment import library_version
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.statistics.names import problem_titles
@@ -36,14 +32,15 @@ from calibench.core.words import counted
 KEY = "calibench"  # of a description: what IOHprofiler has no place for
 _OF_A_PROBLEM = ("dimension", "instance")  # IOHprofiler has places of its own for them
 _FORMAT = "0.3.22"
+_KEPT = ("start", "budget", "library", "library_version", "unit")  # of what a description of ours says
 
 
 def write_ioh(study: Study, folder: Path) -> list[str]:
     """Write the runs of `study` into `folder`; return remarks, a line each."""
-    runs = told_runs(study)
+    runs = run_records(study)
     names = file_names(sorted({run.algorithm for run in runs}))
     functions = _functions(runs, problem_titles(study.runs, but=_OF_A_PROBLEM))
-    groups: dict[tuple[str, str], list[ToldRun]] = defaultdict(list)
+    groups: dict[tuple[str, str], list[RunRecord]] = defaultdict(list)
     for run in runs:
         groups[run.algorithm, _key(run)].append(run)
     for (algorithm, key), mine in groups.items():
@@ -54,18 +51,18 @@ def write_ioh(study: Study, folder: Path) -> list[str]:
     ]
 
 
-def _key(run: ToldRun) -> str:
-    own = {key: value for key, value in run.options.items() if key not in _OF_A_PROBLEM}
-    return canonical({"problem": run.row["problem"], "options": own})
+def _key(run: RunRecord) -> str:
+    options = {key: value for key, value in run.options.items() if key not in _OF_A_PROBLEM}
+    return canonical({"problem": run.row["problem"], "options": options})
 
 
-def _functions(runs: Sequence[ToldRun], titles: pd.Series) -> dict[str, tuple[int, str]]:
+def _functions(runs: Sequence[RunRecord], titles: pd.Series) -> dict[str, tuple[int, str]]:
     """Return for each problem, whatever its dimension and instance, a number of its own and a name.
 
     The name is made of its title, of which `titles` has one for each run. The number is its option `function` where no
     other problem here has it, else the next that is free.
     """
-    first: dict[str, ToldRun] = {}
+    first: dict[str, RunRecord] = {}
     names: dict[str, str] = {}
     for run, title in zip(runs, titles, strict=True):
         first.setdefault(_key(run), run)
@@ -81,8 +78,8 @@ def _functions(runs: Sequence[ToldRun], titles: pd.Series) -> dict[str, tuple[in
     return {key: (number, names[key]) for key, number in numbers.items()}
 
 
-def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Sequence[ToldRun]) -> None:
-    by_dimension: dict[int, list[ToldRun]] = defaultdict(list)
+def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Sequence[RunRecord]) -> None:
+    by_dimension: dict[int, list[RunRecord]] = defaultdict(list)
     for run in sorted(runs, key=lambda run: (not run.row["charged"], _instance(run), run.row["repetition"])):
         by_dimension[int(run.row["dimension"])].append(run)
     (home / f"data_f{number}_{name}").mkdir(parents=True, exist_ok=True)
@@ -102,18 +99,18 @@ def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Se
         "algorithm": {"name": algorithm, "info": library or "unknown"},
         "attributes": ["evaluations", "raw_y"],
         "scenarios": scenarios,
-        KEY: _told(runs),
+        KEY: _origin(runs),
     }
     text = json.dumps(description, indent=1, allow_nan=False)
     (home / f"IOHprofiler_f{number}_{name}.json").write_text(text + "\n", encoding="utf-8")
 
 
-def _instance(run: ToldRun) -> int:
-    found = run.options.get("instance")
-    return found if isinstance(found, int) else 1
+def _instance(run: RunRecord) -> int:
+    instance = run.options.get("instance")
+    return instance if isinstance(instance, int) else 1
 
 
-def _improvements(run: ToldRun) -> str:
+def _improvements(run: RunRecord) -> str:
     """Return the lines of a run, an infinite one first where it failed or its first values were not finite."""
     rows = [(point.charged, _raw(run, point.value, point.reached)) for point in run.course]
     if run.row["charged"] and (not rows or rows[0][0] > 1):
@@ -121,11 +118,11 @@ def _improvements(run: ToldRun) -> str:
     return "".join(f"{n} {value!r}\n" for n, value in rows)
 
 
-def _raw(run: ToldRun, value: float, reached: float | None) -> float:
+def _raw(run: RunRecord, value: float, reached: float | None) -> float:
     return value if run.minimum is None else gap_of_value(value, run.minimum, reached)
 
 
-def _run(run: ToldRun) -> dict[str, Any]:
+def _run(run: RunRecord) -> dict[str, Any]:
     """Return a run of the list. A value that is not finite is null, which JSON has a word for."""
     best = float(run.row["best_value"])
     x = run.row["best_x"]
@@ -143,7 +140,7 @@ def _run(run: ToldRun) -> dict[str, Any]:
     }
 
 
-def _told(runs: Sequence[ToldRun]) -> dict[str, Any]:
+def _origin(runs: Sequence[RunRecord]) -> dict[str, Any]:
     """Return the facts that all runs of a function share, and those that runs of a dimension and instance share."""
     shared = ("problem", "optimizer", "optimizer_options", "library", "library_version", "start", "budget", "unit")
     instances: dict[str, Mapping[str, Any]] = {}
@@ -160,9 +157,6 @@ def _told(runs: Sequence[ToldRun]) -> dict[str, Any]:
     values = {name: {None if pd.isna(run.row[name]) else run.row[name] for run in runs} for name in shared}
     common = {name: next(iter(value)) for name, value in values.items() if len(value) == 1}
     return {"version": library_version("calibench"), **common, "instances": instances}
-
-
-_KEPT = ("start", "budget", "library", "library_version", "unit")  # of what a description of ours says
 
 
 def read_ioh(folder: Path) -> list[PublishedRun]:
@@ -206,7 +200,13 @@ def _runs(path: Path, description: Mapping[str, Any]) -> Iterator[PublishedRun]:
         for run, points in zip([*begun, *empty], [*curves, *([] for _ in empty)], strict=True):
             instance = int(run["instance"])
             known: Mapping[str, Any] = ours.get("instances", {}).get(f"{dimension}.{instance}", {})
-            named = _named(ours, known) or _published(description, dimension, instance)
+            if "problem" in ours and known:  # as this package wrote it
+                named = Named(ours["problem"], known["problem_options"], known["data_id"], known["minimum"])
+            else:  # data of others: where the minimum is not known, values above it are data of their own
+                function, name = int(description["function_id"]), str(description["function_name"])
+                named = of_ioh(str(description["suite"]), function, name, dimension, instance)
+                if named.minimum is None:
+                    named = replace(named, minimum=0.0, data_id=f"{named.data_id}_gap")
             yield PublishedRun(
                 algorithm=str(description["algorithm"]["name"]),
                 problem=named.problem,
@@ -219,27 +219,8 @@ def _runs(path: Path, description: Mapping[str, Any]) -> Iterator[PublishedRun]:
                 targets=known.get("targets"),
                 best=run["best"]["y"],
                 best_x=[float(value) for value in run["best"].get("x") or []] or None,
-                told=_options_of(ours, known),
+                columns={key: value for key, value in {**ours, **known}.items() if key in _KEPT},
             )
-
-
-def _named(ours: Mapping[str, Any], known: Mapping[str, Any]) -> Named | None:
-    """Return the problem as this package wrote it; None where it did not."""
-    if "problem" not in ours or not known:
-        return None
-    return Named(ours["problem"], known["problem_options"], known["data_id"], known["minimum"])
-
-
-def _published(description: Mapping[str, Any], dimension: int, instance: int) -> Named:
-    """Return the problem of others' data: where its minimum is not known, values above it are data of their own."""
-    function, name = int(description["function_id"]), str(description["function_name"])
-    found = of_ioh(str(description["suite"]), function, name, dimension, instance)
-    return replace(found, minimum=0.0, data_id=f"{found.data_id}_gap") if found.minimum is None else found
-
-
-def _options_of(ours: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any]:
-    said = {**ours, **known}
-    return {key: said[key] for key in _KEPT if key in said}
 
 
 def _curves(path: Path) -> list[list[tuple[int, float]]]:

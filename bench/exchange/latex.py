@@ -9,7 +9,6 @@ import json
 import unicodedata
 from math import isfinite
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -64,12 +63,12 @@ def escaped(text: str) -> str:
     >>> print(escaped("Δx in mm⁴"))
     \ensuremath{\Delta}x in mm\textsuperscript{4}
     """
-    return "".join(_SPECIAL.get(sign) or _of_unicode(sign) for sign in " ".join(text.split()))
-
-
-def _of_unicode(sign: str) -> str:
-    where, _, base = unicodedata.decomposition(sign).partition(" ")
-    return rf"\{_RAISED[where]}{{{chr(int(base, 16))}}}" if where in _RAISED and " " not in base else sign
+    signs = []
+    for sign in " ".join(text.split()):
+        where, _, base = unicodedata.decomposition(sign).partition(" ")
+        raised = rf"\{_RAISED[where]}{{{chr(int(base, 16))}}}" if where in _RAISED and " " not in base else sign
+        signs.append(_SPECIAL.get(sign, raised))
+    return "".join(signs)
 
 
 def number(value: float, digits: int = 4) -> str:
@@ -99,7 +98,7 @@ def shown(cells: pd.DataFrame) -> pd.DataFrame:
         "method": [escaped(name) for name in cells["method"]],
     }
     for name in several(cells):
-        columns[name] = [_setting(value) for value in cells[name]]
+        columns[name] = [escaped(v) if isinstance(v, str) else number(float(v), 6) for v in cells[name]]
     if cells["goal"].notna().any():
         rows = zip(cells["reached"], cells["runs"], cells["goal"], strict=True)
         columns["reached"] = [f"{won}/{runs}" if goal == goal else "--" for won, runs, goal in rows]
@@ -111,8 +110,8 @@ def shown(cells: pd.DataFrame) -> pd.DataFrame:
     if above:
         columns["$f^*$"] = [number(value) for value in least]
     for name in ("best_q1", "best_median", "best_q3"):
-        told = cells[name] - least.fillna(0.0)
-        columns[f"{escaped(name.replace('_', ' '))}{above}"] = [number(value) for value in told]
+        values = cells[name] - least.fillna(0.0)
+        columns[f"{escaped(name.replace('_', ' '))}{above}"] = [number(value) for value in values]
     if (cells["unit"] != "").any():
         columns["unit"] = [escaped(unit) or "--" for unit in cells["unit"]]
     return pd.DataFrame(columns)
@@ -131,7 +130,3 @@ def latex_table(table: pd.DataFrame) -> str:
         begin = [rf"\begin{{tabular}}{{{layout}}}", r"\toprule", head, r"\midrule"]
         end = [r"\bottomrule", r"\end{tabular}"]
     return "\n".join([*begin, *body, *end]) + "\n"
-
-
-def _setting(value: Any) -> str:
-    return escaped(value) if isinstance(value, str) else number(float(value), 6)

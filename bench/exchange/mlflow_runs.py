@@ -26,12 +26,13 @@ _STATUS = {"ok": "FINISHED", "timeout": "KILLED"}  # MLflow's words; any other r
 _BATCH = 900  # metrics in a request; MLflow takes 1000 entities
 _LONGEST = 5000  # characters of a parameter or tag; MLflow's limits are 6000 and more
 _ASKED = ("problem", "optimizer", "dimension", "start", "budget", "target", "repetition", "seed", "data_id")
-_FOUND = (
+_OF_A_RUN = ("repetition", "seed")
+_MEASURED = (
     "best_value", "evaluations", "jacobian_evaluations", "charged", "non_finite", "non_finite_slopes",
     "restarts", "wall_s", "cpu_s", "kmrmse", "kmrmse_aligned", "parameter_error_mm", "parameter_error_rad",
     "parameter_error_mm_aligned", "parameter_error_rad_aligned", "judged_value",
 )  # fmt: skip
-_SAID = (
+_TAGS = (
     "status", "stop_reason", "error_type", "error", "library", "library_version", "code_digest", "git_commit", "unit",
     "platform",
 )  # fmt: skip
@@ -44,9 +45,10 @@ def write_mlflow(study: Study, to: str) -> list[str]:
     """
     client, address = _client(to)
     runs = study.runs
-    experiment = _experiment(client, study.store.study)
+    there = client.get_experiment_by_name(study.store.study)
+    experiment = str(client.create_experiment(study.store.study) if there is None else there.experiment_id)
     began = {row["run_id"]: _milliseconds(row["started_at"]) for row in records(runs[["run_id", "started_at"]])}
-    known, parents, replaced = _known(client, experiment, began)
+    known, parents, replaced = _clean_up(client, experiment, began)
     names, titles = algorithm_names(runs), problem_titles(runs)
     traces = traces_by_run(study.traces)
     added = 0
@@ -59,24 +61,23 @@ def write_mlflow(study: Study, to: str) -> list[str]:
         mark = digest(*[None if part != part else part for part in key])
         if mark not in parents:
             parents[mark] = _create(client, experiment, name, {_CELL: mark, _DONE: "true"})
-            _log(client, parents[mark], _asked(new[0], own=False), [], {})
+            _log(client, parents[mark], _asked(new[0], of_run=False), [], {})
             client.set_terminated(parents[mark])
         for row in new:
             tags = {_RUN: row["run_id"], _PARENT: parents[mark]}
             number = _create(client, experiment, f"{name} #{row['repetition']}", tags, row["started_at"])
-            trace = traces.get(row["run_id"])
-            points = [(p.charged, p.value) for p in course_of(row, trace)]
-            _log(client, number, _asked(row, own=True), list(_metrics(row, points)), _said(row))
+            points = [(p.charged, p.value) for p in course_of(row, traces.get(row["run_id"]))]
+            tags = {f"calibench.{n}": str(row[n])[:_LONGEST] for n in _TAGS if _is_known(row[n]) and row[n] != ""}
+            _log(client, number, _asked(row, of_run=True), list(_metrics(row, points)), tags)
             client.set_tag(number, _DONE, "true")
             client.set_terminated(number, status=_STATUS.get(row["status"], "FAILED"))
             added += 1
-    there = len(runs) - added
     again = f", {replaced} of them done again since the last export" if replaced else ""
-    return [f"{counted(added, 'run')} added to {address}, experiment {study.store.study}{again}; {there} stood there"]
+    where = f"{address}, experiment {study.store.study}"
+    return [f"{counted(added, 'run')} added to {where}{again}; {len(runs) - added} stood there"]
 
 
 def _client(to: str) -> tuple[Any, str]:
-    """Return MLflow's client and the address it writes to."""
     try:
         from mlflow.exceptions import MlflowException
         from mlflow.tracking import MlflowClient
@@ -94,12 +95,7 @@ def _client(to: str) -> tuple[Any, str]:
         raise ValueError(f"--to {to}: mlflow does not take it: {str(error).splitlines()[0]}") from None
 
 
-def _experiment(client: Any, study: str) -> str:
-    found = client.get_experiment_by_name(study)
-    return str(found.experiment_id) if found is not None else str(client.create_experiment(study))
-
-
-def _known(client: Any, experiment: str, began: Mapping[str, int | None]) -> tuple[set[str], dict[str, str], int]:
+def _clean_up(client: Any, experiment: str, began: Mapping[str, int | None]) -> tuple[set[str], dict[str, str], int]:
     """Return the ids of our runs that stand in the experiment, its parents by cell, and how many were done again.
 
     Half-written ones go, and those that began at another time than `began` says: {run_id: milliseconds, None: nobody
@@ -150,16 +146,13 @@ def _log(
         client.log_batch(number, metrics=[Metric(key, value, 0, step) for key, value, step in some])
 
 
-def _asked(row: Mapping[str, Any], *, own: bool) -> dict[str, str]:
-    """Return the parameters: what was asked, the options one by one; those of the run alone where it is its `own`."""
-    params = {name: str(row[name]) for name in _ASKED if _is_told(row[name]) and (own or name not in _OF_A_RUN)}
+def _asked(row: Mapping[str, Any], *, of_run: bool) -> dict[str, str]:
+    """Return the parameters: what was asked, the options one by one; those of the run alone where `of_run`."""
+    params = {name: str(row[name]) for name in _ASKED if _is_known(row[name]) and (of_run or name not in _OF_A_RUN)}
     for of in ("problem", "optimizer"):
         for key, value in json.loads(row[f"{of}_options"]).items():
             params[f"{of}.{key}"] = json.dumps(value) if isinstance(value, list | dict) else str(value)
     return {key: value[:_LONGEST] for key, value in params.items()}
-
-
-_OF_A_RUN = ("repetition", "seed")
 
 
 def _metrics(row: Mapping[str, Any], points: list[tuple[int, float]]) -> Iterator[tuple[str, float, int]]:
@@ -169,10 +162,10 @@ def _metrics(row: Mapping[str, Any], points: list[tuple[int, float]]) -> Iterato
         yield "best", value, charged
     if points and points[-1][0] < end:
         yield "best", points[-1][1], end
-    for name in _FOUND:
-        found: Any = row.get(name)
-        if _is_told(found) and isfinite(found):
-            yield name, float(found), end
+    for name in _MEASURED:
+        measured: Any = row.get(name)
+        if _is_known(measured) and isfinite(measured):
+            yield name, float(measured), end
     if row["status"] == "failed":  # it reached nothing: it has no answer that was judged
         return
     names = _names_of_targets(row)
@@ -188,17 +181,13 @@ def _names_of_targets(row: Mapping[str, Any]) -> dict[float, str]:
     targets apart, all digits are told. MLflow takes no plus sign: 1e+06 is written 1e06.
     """
     levels, minimum = [float(level) for level in row["targets"]], row["minimum"]
-    gaps = _is_told(minimum) and minimum != 0
-    told = [gap_of_level(level, float(minimum)) if gaps else level for level in levels]
-    short = [f"{number:.6g}" for number in told]
-    texts = short if len(set(short)) == len(set(levels)) else [repr(number) for number in told]
+    gaps = _is_known(minimum) and minimum != 0
+    numbers = [gap_of_level(level, float(minimum)) if gaps else level for level in levels]
+    short = [f"{number:.6g}" for number in numbers]
+    texts = short if len(set(short)) == len(set(levels)) else [repr(number) for number in numbers]
     prefix = "charged_to_gap_" if gaps else "charged_to_"
     return {level: prefix + text.replace("+", "") for level, text in zip(levels, texts, strict=True)}
 
 
-def _said(row: Mapping[str, Any]) -> dict[str, str]:
-    return {f"calibench.{name}": str(row[name])[:_LONGEST] for name in _SAID if _is_told(row[name]) and row[name] != ""}
-
-
-def _is_told(value: Any) -> bool:
+def _is_known(value: Any) -> bool:
     return value is not None and bool(value == value)

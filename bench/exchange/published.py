@@ -1,14 +1,11 @@
-"""What others publish, read: folders of COCO and IOHprofiler as a study beside ours.
-
-A study of ours made of published results: rows of what is known of them, null for the rest.
+"""What others publish, as a study of ours: rows of what is known of the runs, null for the rest.
 
 An imported study is read, reported, compared and merged as any other. Its manifest says what it is and where it comes
 from, and `bench run` does not add to it: what was not measured here stays apart until somebody merges it.
 
-The names of other suites' functions here: our own problem where we have it, so that rows are compared.
-
-COCO's suite `bbob` is our problem `bbob`, IOHexperimenter's suites are our problem `ioh` (its instances are numbered in
-another way). Ids of the data are those that COCO and IOHexperimenter give their problems.
+A function of another suite is our own problem where we have it, so that rows are compared: COCO's suite `bbob` is our
+`bbob`, IOHexperimenter's suites are our `ioh` (its instances are numbered in another way). Ids of the data are those
+that COCO and IOHexperimenter give their problems.
 """
 
 from __future__ import annotations
@@ -33,6 +30,15 @@ from calibench.core.seeds import digest
 from calibench.core.tables.data_file import LARGEST_TEXT, read_whole, text_of
 from calibench.problems.suites.black_box import COCO_GAPS
 
+_BBOB = (
+    "Sphere", "Ellipsoid", "Rastrigin", "BuecheRastrigin", "LinearSlope", "AttractiveSector", "StepEllipsoid",
+    "Rosenbrock", "RosenbrockRotated", "EllipsoidRotated", "Discus", "BentCigar", "SharpRidge", "DifferentPowers",
+    "RastriginRotated", "Weierstrass", "Schaffers10", "Schaffers1000", "GriewankRosenbrock", "Schwefel", "Gallagher101",
+    "Gallagher21", "Katsuura", "LunacekBiRastrigin",
+)  # fmt: skip
+
+_CEC, _CEC_BEFORE = "CEC2022", 1000
+
 
 def text_of_file(of: str, path: Path) -> str:
     """Return the text of one file of a published folder. Raises `ValueError` for what is no such file."""
@@ -43,13 +49,13 @@ def text_of_file(of: str, path: Path) -> str:
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PublishedRun:
     """A run as it was published: evaluations made, and its improvements, (evaluation, value above the minimum) each.
 
     `problem_options` is JSON; `minimum` is added to the gaps, None: they are the values themselves. `targets` are
     levels, None: COCO's 51 gaps. `best` is the last gap in all its digits where the improvements have fewer; `best_x`
-    its place. `told` has further columns that are known.
+    its place. `columns` has further ones that are known.
     """
 
     algorithm: str
@@ -63,7 +69,7 @@ class PublishedRun:
     targets: Sequence[float] | None
     best: float | None
     best_x: list[float] | None
-    told: dict[str, Any]
+    columns: dict[str, Any]
 
 
 def write_study(runs: Sequence[PublishedRun], format_name: str, source: Path, target: Path) -> Path:
@@ -72,7 +78,7 @@ def write_study(runs: Sequence[PublishedRun], format_name: str, source: Path, ta
     rows, traces = [], []
     read_at = datetime.now(UTC)
     for run in runs:
-        key = (run.algorithm, str(run.told.get("optimizer_options")), run.problem, run.problem_options)
+        key = (run.algorithm, str(run.columns.get("optimizer_options")), run.problem, run.problem_options)
         row, trace = _row(run, format_name, repetitions[key], read_at)
         repetitions[key] += 1
         rows.append(row)
@@ -95,10 +101,9 @@ def _row(
     levels = [minimum + gap for gap in COCO_GAPS] if run.targets is None else sorted(run.targets, reverse=True)
     gaps = [level if run.minimum is None else gap_of_level(level, minimum) for level in levels]
     hits = _hits(run.improvements, gaps)
-    options = canonical({"published": format_name})
-    number = digest("published", format_name, run.algorithm, run.told, run.problem, run.problem_options, repetition)
+    number = digest("published", format_name, run.algorithm, run.columns, run.problem, run.problem_options, repetition)
     last = run.improvements[-1] if run.improvements else (0, inf)
-    nothing = not run.improvements  # as the data of a failed run are written
+    empty = not run.improvements  # as the data of a failed run are written
     known = {
         "run_id": number,
         "problem": run.problem,
@@ -106,15 +111,15 @@ def _row(
         "data_id": run.data_id,
         "dimension": run.dimension,
         "optimizer": run.algorithm,
-        "optimizer_options": options,
+        "optimizer_options": canonical({"published": format_name}),
         "library": run.algorithm,
         "library_version": "",
         "repetition": repetition,
         "evaluations": run.evaluations,
         "charged": run.evaluations,
-        "status": "failed" if nothing else "ok",
-        "error_type": "NoFiniteValue" if nothing else None,
-        "error": "its data hold no finite value: it failed" if nothing else None,
+        "status": "failed" if empty else "ok",
+        "error_type": "NoFiniteValue" if empty else None,
+        "error": "its data hold no finite value: it failed" if empty else None,
         "best_value": minimum + (last[1] if run.best is None else run.best),
         "best_evaluation": last[0],
         "best_x": run.best_x,
@@ -125,7 +130,7 @@ def _row(
         **provenance(),
         "started_at": read_at,
         "schema_version": SCHEMA_VERSION,
-    } | run.told
+    } | run.columns
     points = [(1, inf)] if run.evaluations and (not last[0] or run.improvements[0][0] > 1) else []
     points += run.improvements
     if points and points[-1][0] < run.evaluations:
@@ -143,16 +148,6 @@ def _hits(improvements: Sequence[tuple[int, float]], gaps: Sequence[float]) -> l
             i += 1
         hits.append(improvements[i][0] if i < len(improvements) else None)
     return hits
-
-
-_BBOB = (
-    "Sphere", "Ellipsoid", "Rastrigin", "BuecheRastrigin", "LinearSlope", "AttractiveSector", "StepEllipsoid",
-    "Rosenbrock", "RosenbrockRotated", "EllipsoidRotated", "Discus", "BentCigar", "SharpRidge", "DifferentPowers",
-    "RastriginRotated", "Weierstrass", "Schaffers10", "Schaffers1000", "GriewankRosenbrock", "Schwefel", "Gallagher101",
-    "Gallagher21", "Katsuura", "LunacekBiRastrigin",
-)  # fmt: skip
-
-_CEC, _CEC_BEFORE = "CEC2022", 1000
 
 
 @final

@@ -1,21 +1,16 @@
-"""The study that is to be written elsewhere: its rows, their courses, and one name for each algorithm.
+"""The study that is to be written elsewhere: its rows, their courses, one name for each algorithm, the output folder.
 
 Elsewhere an algorithm is a name, and all its runs on a problem are repetitions. So what our cells tell apart on one
 problem (start, budget, target) goes into the name; a budget that differs from problem to problem does not.
 
-What a run had reached at which cost: each improvement that is known, from its trace and the hits of its targets.
-
-A trace keeps every improvement among the first 64 evaluations; later only those of a tenth and the value at sixteen
-counts a decade. The evaluation at which a target of the run was reached is exact all the same: its row says so. So a
-course is exact at every target that the run had. At another level it is at most one mark late: 10 ** (1/16), 15.5 %.
-
-Levels of a value and how far they stand above a minimum, free of the rounding that adding the minimum brings.
+A course is each improvement that is known of a run, from its trace and the hits of its targets. A trace keeps every
+improvement among the first 64 evaluations; later only those of a tenth and the value at sixteen counts a decade. The
+evaluation at which a target of the run was reached is exact all the same: its row says so. At another level a course is
+at most one mark late: 10 ** (1/16), 15.5 %.
 
 A level is stored as the number nearest to minimum + gap. Where the minimum is large that sum has lost digits of the
-gap: 394.48 + 1e-8 is a level 1.00044e-8 above 394.48. A reader who works with gaps, as COCO does, must be told the gap
-that was meant, or a run that just reaches the level misses the gap.
-
-An output folder that appears whole or not at all: filled under a temporary name beside it, then renamed.
+gap: 394.48 + 1e-8 is a level 1.00044e-8 above 394.48. A reader who works with gaps, as COCO does, is given the gap that
+was meant (`gap_of_level`), or a run that just reaches the level misses the gap.
 """
 
 from __future__ import annotations
@@ -43,6 +38,15 @@ from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
 from calibench.core.seeds import digest
 
+_COLUMNS = [
+    "run_id", "dimension", "repetition", "start", "budget", "target", "evaluations", "charged", "restarts", "status",
+    "best_value", "best_evaluation", "best_x", "targets", "hits_charged", "unit", "minimum", "judged_evaluations",
+    "library", "library_version", "jacobian_evaluations",
+]  # fmt: skip
+_PER_DECADE = 5  # gaps of COCO's grid
+_NOT_PLAIN = re.compile(r"[^A-Za-z0-9_.=+-]+")
+_LONGEST = 120  # characters of a name; a file system takes 255 bytes, of which the formats add some
+
 
 @final
 @dataclass(frozen=True)
@@ -56,8 +60,8 @@ class Study:
 
 @final
 @dataclass(frozen=True)
-class ToldRun:
-    """A run as other formats tell it: its row, the name of its algorithm, its problem's options, its improvements.
+class RunRecord:
+    """A run as other formats have it: its row, the name of its algorithm, its problem's options, its improvements.
 
     A failed run reached nothing, whatever it passed, and is charged all the same: it has no improvements.
     """
@@ -70,8 +74,8 @@ class ToldRun:
     @property
     def minimum(self) -> float | None:
         """Return the least value that the problem declares; None where it declares none."""
-        found = self.row["minimum"]
-        return None if found is None or found != found else float(found)
+        minimum = self.row["minimum"]
+        return None if minimum is None or minimum != minimum else float(minimum)
 
 
 def read_study(folder: str | Path) -> Study:
@@ -84,29 +88,20 @@ def read_study(folder: str | Path) -> Study:
     return Study(store, runs, store.traces())
 
 
-def told_runs(study: Study) -> list[ToldRun]:
-    """Return the runs of a study as other formats tell them, in the order of its table."""
-    names = algorithm_names(study.runs)
+def run_records(study: Study) -> list[RunRecord]:
+    """Return the runs of a study as other formats have them, in the order of its table."""
     traces = traces_by_run(study.traces)
-    wanted = [*METHOD, *PROBLEM, *_COLUMNS]
-    rows = records(study.runs[wanted])
+    rows = records(study.runs[[*METHOD, *PROBLEM, *_COLUMNS]])
     options: dict[str, Mapping[str, Any]] = {text: json.loads(text) for text in study.runs["problem_options"].unique()}
     return [
-        ToldRun(
+        RunRecord(
             row,
             name,
             options[row["problem_options"]],
             course_of(row, traces.get(row["run_id"])) if row["status"] != "failed" else [],
         )
-        for row, name in zip(rows, names, strict=True)
+        for row, name in zip(rows, algorithm_names(study.runs), strict=True)
     ]
-
-
-_COLUMNS = [
-    "run_id", "dimension", "repetition", "start", "budget", "target", "evaluations", "charged", "restarts", "status",
-    "best_value", "best_evaluation", "best_x", "targets", "hits_charged", "unit", "minimum", "judged_evaluations",
-    "library", "library_version", "jacobian_evaluations",
-]  # fmt: skip
 
 
 def records(runs: pd.DataFrame) -> list[dict[str, Any]]:
@@ -118,10 +113,10 @@ def algorithm_names(runs: pd.DataFrame) -> pd.Series:
     """Return what each row's algorithm is called: its method, and what else differs between its runs on one problem."""
     names = method_names(runs)
     for _, mine in runs.groupby(METHOD, sort=False):
-        told = sorted({column for _, same in mine.groupby(PROBLEM, sort=False) for column in several(same)})
-        for key, same in mine.groupby(told, dropna=False) if told else ():
-            said = [setting_text(column, value) for column, value in zip(told, key, strict=True)]
-            names.loc[same.index] = [", ".join([name, *said]) for name in names.loc[same.index]]
+        columns = sorted({column for _, same in mine.groupby(PROBLEM, sort=False) for column in several(same)})
+        for key, same in mine.groupby(columns, dropna=False) if columns else ():
+            texts = [setting_text(column, value) for column, value in zip(columns, key, strict=True)]
+            names.loc[same.index] = [", ".join([name, *texts]) for name in names.loc[same.index]]
     return names
 
 
@@ -156,7 +151,12 @@ def course_of(run: Mapping[str, Any], trace: tuple[NDArray[np.int64], NDArray[np
     if run["best_evaluation"] and run["charged"] == run["evaluations"]:  # without Jacobians its cost is known too
         at = int(run["best_evaluation"])
         known[at] = min(float(run["best_value"]), known.get(at, inf))
-    hits = {} if _is_noisy(run) else _lowest_hits(run)
+    hits: dict[int, float] = {}  # the lowest target that was reached at each charged evaluation which reached one
+    judged = run["judged_evaluations"]
+    noisy = judged is not None and judged == judged
+    for level, hit in () if noisy else zip(run["targets"], run["hits_charged"], strict=True):
+        if hit is not None and hit == hit:
+            hits[int(hit)] = min(float(level), hits.get(int(hit), inf))
     course: list[Improvement] = []
     best = inf
     for charged in sorted(known.keys() | hits.keys()):
@@ -166,23 +166,6 @@ def course_of(run: Mapping[str, Any], trace: tuple[NDArray[np.int64], NDArray[np
             course.append(Improvement(charged, value, level))
             best = value
     return course
-
-
-def _lowest_hits(run: Mapping[str, Any]) -> dict[int, float]:
-    """Return the lowest target that was reached at each charged evaluation which reached one."""
-    hits: dict[int, float] = {}
-    for level, hit in zip(run["targets"], run["hits_charged"], strict=True):
-        if hit is not None and hit == hit:
-            hits[int(hit)] = min(float(level), hits.get(int(hit), inf))
-    return hits
-
-
-def _is_noisy(run: Mapping[str, Any]) -> bool:
-    judged = run["judged_evaluations"]
-    return judged is not None and judged == judged
-
-
-_PER_DECADE = 5
 
 
 def gap_of_level(level: float, minimum: float) -> float:
@@ -205,10 +188,6 @@ def gap_of_value(value: float, minimum: float, reached: float | None) -> float:
     """Return how far `value` stands above `minimum`; at most the gap of the level that it has just `reached`."""
     gap = value - minimum
     return gap if reached is None else min(gap, gap_of_level(reached, minimum))
-
-
-_NOT_PLAIN = re.compile(r"[^A-Za-z0-9_.=+-]+")
-_LONGEST = 120  # characters of a name; a file system takes 255 bytes, of which the formats add some
 
 
 def require_free(target: Path) -> None:

@@ -11,7 +11,6 @@ from calibench.bench.report.study.additions import Addition
 
 
 def _ledger_beside(folder: Path) -> Mapping[str, str]:
-    """Return the link to the ledger, where it was written beside the studies."""
     there = (folder.parent / "paper" / "ledger.html").exists()
     return {"the ledger of the papers": "../paper/ledger.html"} if there else {}
 

@@ -24,8 +24,8 @@ _SHOWN = 6  # keys of a group
 def read_ledger(path: Path) -> pd.DataFrame:
     """Return a ledger by what its rows are: paper and key, of an erratum place and quantity."""
     table = pd.read_parquet(BytesIO(path.read_bytes())) if path.suffix == ".parquet" else pd.read_csv(path)
-    said = table["place"] + ": " + table["quantity"]
-    name = said.where(table["key"].str.startswith("erratum."), table["key"])
+    place = table["place"] + ": " + table["quantity"]
+    name = place.where(table["key"].str.startswith("erratum."), table["key"])
     return table.assign(name=table["paper"] + " " + name).set_index("name")
 
 
@@ -47,16 +47,16 @@ def changes(before: pd.DataFrame, after: pd.DataFrame) -> list[tuple[str, str, s
     groups: dict[tuple[str, str, str], list[str]] = {}
     for name in dict.fromkeys([*before.index, *after.index]):
         if name not in after.index:
-            found = (str(before.at[name, "verdict"]), "", "dropped")
+            change = (str(before.at[name, "verdict"]), "", "dropped")
         elif name not in before.index:
-            found = ("", str(after.at[name, "verdict"]), "new")
+            change = ("", str(after.at[name, "verdict"]), "new")
         else:
             was, now = (str(table.at[name, "verdict"]) for table in (before, after))
             if was == now:
                 continue
-            found = (was, now, reason(before.loc[name], after.loc[name]))
-        groups.setdefault(found, []).append(str(name))
-    return sorted(((*found, names) for found, names in groups.items()), key=lambda group: -len(group[3]))
+            change = (was, now, reason(before.loc[name], after.loc[name]))
+        groups.setdefault(change, []).append(str(name))
+    return sorted(((*change, names) for change, names in groups.items()), key=lambda group: -len(group[3]))
 
 
 def reason(before: pd.Series, after: pd.Series) -> str:

@@ -32,15 +32,16 @@ LEDGER_SCHEMA = pa.schema(
 
 
 def to_table(rows: Sequence[Row]) -> pa.Table:
-    """Return the rows as an Arrow table; a number that there is not is null."""
-    return pa.Table.from_pylist([_cells(row) for row in rows], LEDGER_SCHEMA)
+    """Return the rows as an Arrow table; a number that there is not (NaN) is null."""
+    lines = [asdict(row) | {"schema_version": SCHEMA_VERSION} for row in rows]
+    return pa.Table.from_pylist([{k: None if v != v else v for k, v in line.items()} for line in lines], LEDGER_SCHEMA)
 
 
 def write_parquet(rows: Sequence[Row], path: Path) -> Path:
     """Write the ledger whole, with versions and commit in the file's metadata, and return the path."""
-    told = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
+    metadata = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
     path.parent.mkdir(parents=True, exist_ok=True)
-    table = to_table(rows).replace_schema_metadata(told)
+    table = to_table(rows).replace_schema_metadata(metadata)
     return write_whole(path, lambda file: pq.write_table(table, file, compression="zstd"))
 
 
@@ -67,10 +68,3 @@ def kept(name: str) -> Path | None:
     """
     path = Path(__file__).resolve().parents[2] / "results" / "reference" / name
     return path if path.exists() else None
-
-
-def _cells(row: Row) -> dict[str, object]:
-    cells: dict[str, object] = {"schema_version": SCHEMA_VERSION}
-    for name, value in asdict(row).items():
-        cells[name] = None if isinstance(value, float) and value != value else value
-    return cells

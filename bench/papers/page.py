@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Any, final
+from typing import final
 
 from calibench.bench.papers.files import kept, read_rows
 from calibench.bench.papers.row import KINDS, VERDICTS, Row, Verdict
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.report.shared.page import Head, Inline, Table, drawing_inside, macros, render
+from calibench.bench.report.shared.page import Head, Inline, Macros, Table, drawing_inside, macros, render
 from calibench.problems.constants import document
 
 _MARKS = {
@@ -46,7 +46,8 @@ _HEADS = [
     Head("why and how", "told"),
 ]
 NONE = "–"
-KINDS_TOLD = (
+_BELOW = ("kmrmse", "iterations", "rms", "average", "residual")  # what stands below the values, or after them
+KIND_MEANINGS = (
     "Input: the paper is given it. Setting: it chooses it. Result: it finds it, and it is computed here anew. "
     "Consistency: it finds it, and only other numbers that it found can be held against it: the print agrees with "
     "itself, or does not. Claim: a sentence. Erratum: a slip of the print. An input that is reproduced agrees with "
@@ -88,10 +89,7 @@ def write_page(
 
 
 def page(
-    rows: Sequence[Row],
-    budget: str,
-    drawings: Mapping[str, Sequence[Path]] | None = None,
-    known: Kept | None = None,
+    rows: Sequence[Row], budget: str, drawings: Mapping[str, Sequence[Path]] | None = None, known: Kept | None = None
 ) -> str:
     """Return the page's HTML: no script, and nothing fetched from anywhere."""
     papers = dict.fromkeys(row.paper for row in rows)
@@ -103,8 +101,15 @@ def page(
         budget=budget,
         commit=provenance()["git_commit"][:10] or "unknown",
         verdicts=[_Tag(verdict, sum(row.verdict == verdict for row in rows)) for verdict in VERDICTS],
-        kinds=_by_kind(rows),
-        kinds_told=KINDS_TOLD,
+        # a given number that agrees with itself is no finding
+        kinds=Table(
+            [Head(""), *(Head(kind, "n") for kind in KINDS)],
+            [
+                [_cell().tag(_Tag(verdict)), *(str(count or NONE) for count in counts.values())]
+                for verdict, counts in by_kind(rows).items()
+            ],
+        ),
+        kind_meanings=KIND_MEANINGS,
         kept=known.address if known else "",
         papers=[_paper(key, [row for row in rows if row.paper == key], figures[key], known) for key in papers],
     )
@@ -134,8 +139,6 @@ class _Tag:
 @final
 @dataclass(frozen=True)
 class _Group:
-    """Rows that stand together, under a title."""
-
     title: str
     rows: Sequence[Row]
     known: Kept | None = None
@@ -172,12 +175,12 @@ class _Finding:
 @final
 @dataclass(frozen=True)
 class _Claim:
-    told: str
+    sentence: str
     reason: str
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Paper:
     """The part of one paper."""
 
@@ -192,14 +195,20 @@ class _Paper:
 
 def _paper(key: str, rows: Sequence[Row], figures: Sequence[Inline], known: Kept | None) -> _Paper:
     about = document(key)["paper"]
+    claims = [row for row in rows if row.kind == "claim"]
+    findings = [  # as sentences, what does not hold first
+        _Finding(_Tag(verdict), title, mine, verdict == "not reproduced")
+        for verdict, title in _CLAIMS.items()
+        if (mine := [_Claim(_sentence(row), row.reason) for row in claims if row.verdict == verdict])
+    ]
     return _Paper(
-        about["title"],
-        ", ".join(about["authors"]),
-        about["year"],
-        _Group("", rows),
-        _findings([row for row in rows if row.kind == "claim"]),
-        figures,
-        [_Group(title, group, known) for title, group in _groups(rows).items()],
+        title=about["title"],
+        authors=", ".join(about["authors"]),
+        year=about["year"],
+        all=_Group("", rows),
+        findings=findings,
+        figures=figures,
+        groups=[_Group(title, group, known) for title, group in _groups(rows).items()],
     )
 
 
@@ -212,18 +221,8 @@ def number(value: float, digits: int = 7) -> str:
     return f"{value:.{digits}g}" if isfinite(value) else "–"
 
 
-def _cell() -> Any:
-    """Return the macros of cells that are more than text."""
+def _cell() -> Macros:
     return macros("papers/templates/cells.html.j2")
-
-
-def _by_kind(rows: Sequence[Row]) -> Table:
-    """Return how many rows of each kind have each verdict: a given number that agrees with itself is no finding."""
-    lines = [
-        [_cell().tag(_Tag(verdict)), *(str(count or NONE) for count in counts.values())]
-        for verdict, counts in by_kind(rows).items()
-    ]
-    return Table([Head(""), *(Head(kind, "n") for kind in KINDS)], lines)
 
 
 def by_kind(rows: Sequence[Row]) -> dict[Verdict, dict[str, int]]:
@@ -231,19 +230,10 @@ def by_kind(rows: Sequence[Row]) -> dict[Verdict, dict[str, int]]:
     return {v: {k: sum(row.verdict == v and row.kind == k for row in rows) for k in KINDS} for v in VERDICTS}
 
 
-def _findings(claims: Sequence[Row]) -> list[_Finding]:
-    """Return the claims as sentences, what does not hold first."""
-    return [
-        _Finding(_Tag(verdict), title, mine, verdict == "not reproduced")
-        for verdict, title in _CLAIMS.items()
-        if (mine := [_Claim(_sentence(row), row.reason) for row in claims if row.verdict == verdict])
-    ]
-
-
 def _sentence(row: Row) -> str:
     unit = "" if row.unit == "1" else f" {row.unit}"
-    said = f"printed {number(row.printed)}{unit}, " if isfinite(row.printed) else ""
-    return f"“{row.quantity}” ({row.place}). {row.method}: {said}ours {number(row.ours_median, 4)}{unit}."
+    printed = f"printed {number(row.printed)}{unit}, " if isfinite(row.printed) else ""
+    return f"“{row.quantity}” ({row.place}). {row.method}: {printed}ours {number(row.ours_median, 4)}{unit}."
 
 
 def _groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
@@ -265,9 +255,13 @@ def _groups(rows: Sequence[Row]) -> dict[str, list[Row]]:
 
 def _as_printed(rows: Sequence[Row], known: Kept | None) -> Table:
     """Return a table in the print's form: the places are its columns, or its rows where the print calls them so."""
-    cells = {
-        (row.place, row.quantity): _cell().printed(row, _Tag(row.verdict), *_at_length(row, known)) for row in rows
-    }
+    cells = {}
+    for row in rows:  # with what the kept run gives where this one is too short to say, and its verdict
+        other = known.rows.get((row.paper, row.key)) if known else None
+        longer: tuple[str, _Tag | None] = ("", None)
+        if other is not None and row.verdict == "open at this budget" and other.verdict != row.verdict:
+            longer = number(other.ours_median, 4), _Tag(other.verdict)
+        cells[row.place, row.quantity] = _cell().printed(row, _Tag(row.verdict), *longer)
     units: dict[str, dict[str, None]] = {}
     for row in rows:
         units.setdefault(row.quantity, {})[row.unit] = None
@@ -279,17 +273,6 @@ def _as_printed(rows: Sequence[Row], known: Kept | None) -> Table:
         return Table([Head(""), *(Head(named[q], "n") for q in quantities)], lines, kind="printed")
     lines = [[named[q], *(cells.get((place, q), "") for place in places)] for q in quantities]
     return Table([Head(""), *(Head(short, "n") for short in places.values())], lines, kind="printed")
-
-
-_BELOW = ("kmrmse", "iterations", "rms", "average", "residual")  # what stands below the values, or after them
-
-
-def _at_length(row: Row, known: Kept | None) -> tuple[str, _Tag | None]:
-    """Return what the kept run gives where this one is too short to say, and its verdict."""
-    other = known.rows.get((row.paper, row.key)) if known else None
-    if other is None or row.verdict != "open at this budget" or other.verdict == row.verdict:
-        return "", None
-    return number(other.ours_median, 4), _Tag(other.verdict)
 
 
 def _short_place(place: str) -> str:

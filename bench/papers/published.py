@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cache
 from importlib.resources import files
@@ -17,20 +17,36 @@ from calibench.problems.constants import Column, Constant, column
 
 def quantities(paper: str) -> dict[str, Constant]:
     """Return every printed number of `paper` by its key, such as ``table3.j1.la3``, in printed order."""
-    found: dict[str, Constant] = {}
+    numbers: dict[str, Constant] = {}
 
     def walk(node: Any, path: str) -> None:
         if not isinstance(node, dict):
             return
         if "place" in node:
             for name, constant in column(paper, path).entries.items():
-                found[f"{path}.{name}"] = constant
+                numbers[f"{path}.{name}"] = constant
         for name, below in node.items():
             if isinstance(below, dict) and "value" not in below:
                 walk(below, f"{path}.{name}".lstrip("."))
 
     walk(_exact(paper), "")
-    return found
+    return numbers
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """What a computation shows of an erratum: a `quantity` as `printed`, as it is to be `read`, and ours."""
+
+    quantity: str
+    unit: str
+    printed: float
+    read: float
+    ours: Iterable[float] | float
+    tolerance: Tolerance
+    method: str
+    ruling: Ruling | None = None
+    differs: str = ""
 
 
 @final
@@ -58,6 +74,7 @@ class Printed:
         ours: Ours | Iterable[float] | float,
         tolerance: Tolerance,
         method: str,
+        *,
         reason: str = "",
         ruling: Ruling | None = None,
         of_print: bool = False,
@@ -67,27 +84,40 @@ class Printed:
         With `of_print` ours is made of other numbers that the paper found: the row tests the print against itself.
         """
         name, _, quantity = key.rpartition(".")
-        found = column(self.paper, name).entries[quantity]
+        entry = column(self.paper, name).entries[quantity]
         result = ours if isinstance(ours, Ours) else Ours.of(ours)
-        inferred = "" if found.certain else " (inferred, not seen in another print)"
-        said = "; ".join(text for text in (reason, found.why.strip() + inferred, found.doubt) if text)
-        kind: Kind = "consistency" if of_print else found.kind  # type: ignore[assignment]
+        inferred = "" if entry.certain else " (inferred, not seen in another print)"
+        kind: Kind = "consistency" if of_print else entry.kind  # type: ignore[assignment]
         about, differs = one_print(self.paper).get(key, (key, ""))
         return make_row(
-            self.paper, key, kind, about, found.place, quantity, found.unit,
-            found.printed, found.value, result, tolerance,
-            ruling or judge_near(found.printed, found.value, result.median, tolerance), said, method, differs,
-        )  # fmt: skip
+            paper=self.paper,
+            key=key,
+            kind=kind,
+            about=about,
+            place=entry.place,
+            quantity=quantity,
+            unit=entry.unit,
+            printed=entry.printed,
+            read=entry.value,
+            ours=result,
+            tolerance=tolerance,
+            ruling=ruling or judge_near(entry.printed, entry.value, result.median, tolerance),
+            reason="; ".join(text for text in (reason, entry.why.strip() + inferred, entry.doubt) if text),
+            method=method,
+            differs=differs,
+        )
 
     def unknown(self, key: str, reason: str) -> Row:
         """Return the row of a cell about which nothing can be computed: its data are not published."""
-        return self.cell(key, NOTHING, Tolerance(nan, "nothing to compare with"), "none: data not published", reason)
+        nothing = Tolerance(nan, "nothing to compare with")
+        return self.cell(key, NOTHING, nothing, "none: data not published", reason=reason)
 
     def claim(
         self,
         key: str,
         place: str,
         sentence: str,
+        *,
         ours: Ours | Iterable[float] | float,
         ruling: Ruling,
         rule: str,
@@ -106,43 +136,54 @@ class Printed:
         """
         result = ours if isinstance(ours, Ours) else Ours.of(ours)
         return make_row(
-            self.paper, f"claim.{key}", "claim", about, place, sentence, unit, printed,
-            printed if read is None else read, result,
-            Tolerance(ruling.limit, rule), ruling if result.n else replace(ruling, verdict="not checkable"), reason,
-            method, differs,
-        )  # fmt: skip
+            paper=self.paper,
+            key=f"claim.{key}",
+            kind="claim",
+            about=about,
+            place=place,
+            quantity=sentence,
+            unit=unit,
+            printed=printed,
+            read=printed if read is None else read,
+            ours=result,
+            tolerance=Tolerance(ruling.limit, rule),
+            ruling=ruling if result.n else replace(ruling, verdict="not checkable"),
+            reason=reason,
+            method=method,
+            differs=differs,
+        )
 
-    def erratum(
-        self,
-        number: int,
-        quantity: str,
-        unit: str,
-        printed: float,
-        read: float,
-        ours: Ours | Iterable[float] | float,
-        tolerance: Tolerance,
-        method: str,
-        ruling: Ruling | None = None,
-        differs: str = "",
-    ) -> Row:
-        """Return the row of the erratum `number` of the data file; `quantity` is what the computation measures."""
+    def erratum(self, place: str, shown: Shown) -> Row:
+        """Return the row of the erratum at `place` in the data file, of which a computation has `shown` this."""
+        number = self.errata().index(place)
         entry = _exact(self.paper)["erratum"][number]
-        result = ours if isinstance(ours, Ours) else Ours.of(ours)
         inferred = "" if entry["certain"] else " (inferred)"
+        ours = Ours.of(shown.ours)
         return make_row(
-            self.paper, f"erratum.{number + 1}", "erratum", " ".join(entry.get("about", ())), entry["place"], quantity,
-            unit, printed, read, result, tolerance, ruling or judge_near(printed, read, result.median, tolerance),
-            f"printed: {entry['printed']}; read: {entry['read']}; {entry['why']}{inferred}", method, differs,
-        )  # fmt: skip
+            paper=self.paper,
+            key=f"erratum.{number + 1}",
+            kind="erratum",
+            about=" ".join(entry.get("about", ())),
+            place=place,
+            quantity=shown.quantity,
+            unit=shown.unit,
+            printed=shown.printed,
+            read=shown.read,
+            ours=ours,
+            tolerance=shown.tolerance,
+            ruling=shown.ruling or judge_near(shown.printed, shown.read, ours.median, shown.tolerance),
+            reason=f"printed: {entry['printed']}; read: {entry['read']}; {entry['why']}{inferred}",
+            method=shown.method,
+            differs=shown.differs,
+        )
 
-    def read(self, number: int) -> float:
-        """Return the number that the erratum `number` of the data file says is to be read."""
-        return float(_exact(self.paper)["erratum"][number]["value"])
+    def errata(self) -> list[str]:
+        """Return the places of the data file's errata, in its order."""
+        return [str(entry["place"]) for entry in _exact(self.paper)["erratum"]]
 
-    def errata(self) -> Iterator[tuple[int, str]]:
-        """Yield (number from 0, place) of the data file's errata."""
-        for number, entry in enumerate(_exact(self.paper)["erratum"]):
-            yield number, str(entry["place"])
+    def to_read(self, place: str) -> float:
+        """Return the number that the erratum at `place` says is to be read."""
+        return float(_exact(self.paper)["erratum"][self.errata().index(place)]["value"])
 
 
 def one_print(paper: str) -> dict[str, tuple[str, str]]:

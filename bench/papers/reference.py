@@ -64,11 +64,11 @@ def write_reference(rows: Sequence[Row], evidence: Sequence[Evidence], asked: As
         files.write_parquet(rows, folder / "ledger.parquet"),
         files.write_csv(rows, folder / "ledger.csv"),
     ]
-    counts, left = [], list(_FIGURES)
+    counts, to_draw = [], list(_FIGURES)
     for one in evidence:
         for study, runs in one.runs.groupby("study", sort=False) if "study" in one.runs else ():
             traces = one.traces[one.traces["run_id"].isin(runs["run_id"])]
-            written += _write_study(runs, thinned(traces), left, folder / str(study))
+            written += _write_study(runs, thinned(traces), to_draw, folder / str(study))
             counts.append(f"| `{study}` | {len(runs)} | {int(runs['budget'].max()):,} | {_ended(runs)} |")
     text = _readme(rows, counts, asked)
     (folder / "README.md").write_text(text, encoding="utf-8")
@@ -79,10 +79,10 @@ def write_printed(papers: Sequence[str], path: Path) -> Path:
     """Write every printed number of `papers`, with what to read and why where the print is wrong."""
     table = pd.DataFrame(
         {
-            "paper": paper, "key": key, "place": found.place, "unit": found.unit, "printed": found.printed,
-            "read": found.value, "certain": found.certain, "why": found.why.strip(), "doubt": found.doubt.strip(),
+            "paper": paper, "key": key, "place": entry.place, "unit": entry.unit, "printed": entry.printed,
+            "read": entry.value, "certain": entry.certain, "why": entry.why.strip(), "doubt": entry.doubt.strip(),
         }
-        for paper in papers for key, found in quantities(paper).items()
+        for paper in papers for key, entry in quantities(paper).items()
     )  # fmt: skip
     table.to_csv(path, index=False)
     return path
@@ -102,17 +102,17 @@ def study_tables(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     return {"summary": summary} | {name: table for name, table in tables.items() if not table.empty}
 
 
-def _write_study(runs: pd.DataFrame, traces: pd.DataFrame, left: list[str], folder: Path) -> list[Path]:
-    """Write a study's files, and of the figures those that are `left` to draw."""
+def _write_study(runs: pd.DataFrame, traces: pd.DataFrame, to_draw: list[str], folder: Path) -> list[Path]:
+    """Write a study's files, and its figures that are still `to_draw`."""
     quiet = runs.assign(**dict.fromkeys(_NOISE)).reset_index(drop=True)
     written = ResultStore(folder).fill(quiet, traces)
     for name, table in study_tables(runs).items():
         written.append(folder / f"{name}.csv")
         table.to_csv(written[-1], index=False)
-    wanted = {name: name for name in left} | {f"{name}_{_OWN_GAUGE}": name for name in left}
-    for found, drawing in list(figures.study_figures(runs, traces, list(wanted), ADDITIONS)) if left else ():
-        name = wanted[found]
-        left.remove(name)
+    wanted = {name: name for name in to_draw} | {f"{name}_{_OWN_GAUGE}": name for name in to_draw}
+    for full_name, drawing in list(figures.study_figures(runs, traces, list(wanted), ADDITIONS)) if to_draw else ():
+        name = wanted[full_name]
+        to_draw.remove(name)
         svg, png, numbers = save(name, drawing, folder / "figures")
         svg.unlink()  # it is larger than all the rest, and drawn again from the rows
         numbers.unlink()
@@ -126,15 +126,15 @@ def _ended(runs: pd.DataFrame) -> str:
 
 
 def _readme(rows: Sequence[Row], counts: Sequence[str], asked: Asked) -> str:
-    said = provenance()
+    origin = provenance()
     verdicts = "\n".join(
         f"| {v} | {' | '.join(map(str, [sum(of.values()), *of.values()]))} |" for v, of in by_kind(rows).items()
     )
-    commit = (said["git_commit"][:10] or "unknown") + (" with changes" if said["git_dirty"] else "")
+    commit = (origin["git_commit"][:10] or "unknown") + (" with changes" if origin["git_dirty"] else "")
     return f"""# Reference: one run of both papers, kept
 
 Written by `make reference`, whose last step is `bench paper budget={asked.budget} seeds={asked.seeds} to=...`,
-at commit {commit}, on {said["platform"]}; the versions of all packages are in the rows.
+at commit {commit}, on {origin["platform"]}; the versions of all packages are in the rows.
 Do not edit: a test holds these files to the papers' data files and to each other.
 
 - `{PRINTED}`: every printed number, what to read, and why where the print is wrong.

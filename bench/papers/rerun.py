@@ -1,9 +1,7 @@
 """Rerun the papers: carry out their studies (what is done is skipped), make the rows, write the ledger.
 
-One print, one verdict: rows that pass judgement on the same printed number agree, or say why they do not.
-
-A row's `about` names the printed numbers it is about. A cell that repeats another, a sentence that repeats a cell, an
-erratum of a cell: each is compared with the row of the key it names.
+One print, one verdict: a row's `about` names the printed numbers it is about (a cell that repeats another, a sentence
+that repeats a cell, an erratum of a cell). Rows that pass judgement on the same print agree, or say why they do not.
 """
 
 from __future__ import annotations
@@ -20,8 +18,8 @@ import pandas as pd
 from calibench.bench.gate.processes import at_once
 from calibench.bench.papers import cong2008, files, page, pashkevich2008, reference
 from calibench.bench.papers.cong2008 import figures as printed_figures
-from calibench.bench.papers.cong2008 import stopping as cong2008_stopping_claims
-from calibench.bench.papers.pashkevich2008 import experiments as orthoglide_page
+from calibench.bench.papers.cong2008 import stopping
+from calibench.bench.papers.pashkevich2008 import experiments as orthoglide
 from calibench.bench.papers.row import VERDICTS, Evidence, Row
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import Report, carry_out
@@ -103,26 +101,29 @@ def run_paper(
 
 
 def _rows_and_pages(evidence: Mapping[str, Evidence], folder: Path) -> tuple[list[Row], list[Path]]:
-    """Return the rows of every paper, and the paths of the two pages beside the ledger; papers are told at once."""
+    """Return the rows of every paper, and the paths of the two pages beside the ledger; papers are computed at once."""
 
-    def told(paper: Paper) -> tuple[list[Row], list[Path]]:
+    def of_paper(paper: Paper) -> tuple[list[Row], list[Path]]:
         rows = list(paper.rows(evidence[paper.KEY]))
         if paper is not cong2008:
             return rows, []
-        return rows, [cong2008_stopping_claims.write_table(folder / "cong2008-stopping.md")]  # of what is computed now
+        return rows, [stopping.write_table(folder / "cong2008-stopping.md")]  # of what is computed now
 
     def experiments() -> tuple[list[Row], list[Path]]:
-        return [], [orthoglide_page.write_page(folder / "orthoglide-experiments.md")]
+        return [], [orthoglide.write_page(folder / "orthoglide-experiments.md")]
 
-    calls: list[Callable[[], tuple[list[Row], list[Path]]]] = [*(partial(told, paper) for paper in PAPERS), experiments]
+    calls: list[Callable[[], tuple[list[Row], list[Path]]]] = [
+        *(partial(of_paper, paper) for paper in PAPERS),
+        experiments,
+    ]
     made = at_once(calls)
     return agreed([row for rows, _ in made for row in rows]), [path for _, pages in made for path in pages]
 
 
 def _request(study: str, budget: str | int, seeds: str, results: str | Path, execution: str) -> Request:
     limit = (study_preset(study) or {}).get("budget")  # a study with a budget of its own is only made smaller
-    own = isinstance(limit, int) and (isinstance(budget, str) or budget >= limit)
-    given = [] if own else [f"budget={budget}", f"seeds={seeds}"]
+    keeps_its_own = isinstance(limit, int) and (isinstance(budget, str) or budget >= limit)
+    given = [] if keeps_its_own else [f"budget={budget}", f"seeds={seeds}"]
     return read_request([f"study={study}", *given, f"results={results}", f"execution={execution}"], multirun=False)
 
 

@@ -1,9 +1,7 @@
-"""A row of the ledger, and the functions of numbers that give it its verdict.
+"""A row of the ledger, the functions of numbers that give it its verdict, and the runs that are its evidence.
 
 A verdict is never written by hand: a row is made from what is printed, what to read, what a rerun or recomputation
 gave, and a tolerance with its reason; the functions here say what follows.
-
-The evidence for the rows of a paper: the runs that were asked for, by name, options and budget.
 """
 
 from __future__ import annotations
@@ -21,6 +19,7 @@ from scipy.optimize import least_squares
 
 from calibench import problems
 
+Array = NDArray[np.float64]
 Verdict = Literal[
     "reproduced",
     "reproduced in kind",
@@ -121,7 +120,7 @@ class Ruling:
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Row:
     """A row of the ledger. Its fields are the columns of ``ledger.parquet``.
 
@@ -158,6 +157,7 @@ class Row:
 
 
 def make_row(
+    *,
     paper: str,
     key: str,
     kind: Kind,
@@ -176,11 +176,32 @@ def make_row(
 ) -> Row:
     """Return the row of these parts: the numbers of the limits are the ruling's, the words the tolerance's."""
     return Row(
-        paper, key, kind, about, place, quantity, unit, float(printed), float(read), ours.median, ours.q1, ours.q3,
-        ours.n, float(ruling.judged), ruling.rule, float(ruling.limit), float(ruling.in_kind), ruling.decades,
-        float(tolerance.origin), float(ruling.share), tolerance.why, ruling.verdict, " ".join(reason.split()),
-        differs, method,
-    )  # fmt: skip
+        paper=paper,
+        key=key,
+        kind=kind,
+        about=about,
+        place=place,
+        quantity=quantity,
+        unit=unit,
+        printed=float(printed),
+        read=float(read),
+        ours_median=ours.median,
+        ours_q1=ours.q1,
+        ours_q3=ours.q3,
+        n=ours.n,
+        judged=float(ruling.judged),
+        rule=ruling.rule,
+        tolerance=float(ruling.limit),
+        tolerance_in_kind=float(ruling.in_kind),
+        tolerance_in_decades=ruling.decades,
+        tolerance_origin=float(tolerance.origin),
+        share=float(ruling.share),
+        why_tolerance=tolerance.why,
+        verdict=ruling.verdict,
+        reason=" ".join(reason.split()),
+        differs=differs,
+        method=method,
+    )
 
 
 def judge(printed: float, read: float, ours: float, tolerance: Tolerance) -> Verdict:
@@ -244,9 +265,9 @@ def judge_either(printed: float, values: Sequence[float], tolerance: Tolerance) 
     """
     nearest = min(values, key=lambda value: abs(value - printed), default=nan)
     agree = sum(tolerance.same(value, printed) for value in values)
-    verdict: Verdict = "not checkable" if not len(values) else "reproduced in kind" if agree else "not reproduced"
-    if values and agree == len(values):
-        verdict = "reproduced"
+    verdict: Verdict = "reproduced in kind" if agree else "not reproduced"
+    if agree == len(values):
+        verdict = "reproduced" if values else "not checkable"
     return Ruling(verdict, nearest, "near", tolerance.exact)
 
 
@@ -306,9 +327,6 @@ def decades_between(a: float, b: float) -> float:
     return abs(log10(a / b)) if a > 0 and b > 0 else inf
 
 
-Array = NDArray[np.float64]
-
-
 @final
 @dataclass(frozen=True, eq=False)
 class Evidence:
@@ -352,18 +370,13 @@ def solved_for(misfit: Callable[[float], Array], start: float, scale: float = 1.
     return float(fit.x[0]), np.asarray(fit.jac[:, 0])
 
 
-def found(runs: pd.DataFrame, quantity: str) -> Array:
+def values_of(runs: pd.DataFrame, quantity: str) -> Array:
     """Return a calibrated parameter, or a column of the runs, one number for each run."""
     if quantity in runs.columns:
         return runs[quantity].to_numpy(dtype=float)
     kept = runs[runs["parameter_values"].notna()]
-    return np.array(
-        [
-            list(values)[list(names).index(quantity)]
-            for names, values in zip(kept["parameter_names"], kept["parameter_values"], strict=True)
-            if quantity in list(names)
-        ]
-    )
+    pairs = zip(kept["parameter_names"], kept["parameter_values"], strict=True)
+    return np.array([list(values)[list(names).index(quantity)] for names, values in pairs if quantity in list(names)])
 
 
 def _has(text: str, wanted: Mapping[str, Any]) -> bool:

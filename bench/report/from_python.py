@@ -36,11 +36,11 @@ def answer(source: Source, *, traces: pd.DataFrame | None = None) -> Answer:
     sentences. Of a store, also what is planned and not done is known: then nothing is decided yet. `traces` are
     needed beside a table of runs that does not know its folder.
     """
-    found = read_source(source, traces=traces)
-    store = found.of if isinstance(found.of, ResultStore) and not isinstance(source, pd.DataFrame) else None
+    chosen = read_source(source, traces=traces)
+    store = chosen.of if isinstance(chosen.of, ResultStore) and not isinstance(source, pd.DataFrame) else None
     manifest = store.manifest() if store is not None and store.is_begun else None
-    every = found.traces()
-    return answer_of(found.runs, every[every["run_id"].isin(found.runs["run_id"])], manifest)
+    every = chosen.traces()
+    return answer_of(chosen.runs, every[every["run_id"].isin(chosen.runs["run_id"])], manifest)
 
 
 @final
@@ -75,10 +75,10 @@ class Runs:
         mine = traces[traces["run_id"].isin(place)]
         mine = mine.iloc[mine["run_id"].map(place).argsort(kind="stable")]
         rows = _arrow(self.runs, pa.schema([RUNS_SCHEMA.field(name) for name in names]))
-        found = list(hit_tables(rows, [_arrow(mine, TRACES_SCHEMA)], levels))
-        return to_pandas(pa.concat_tables([HITS_SCHEMA.empty_table(), *found]))
+        tables = list(hit_tables(rows, [_arrow(mine, TRACES_SCHEMA)], levels))
+        return to_pandas(pa.concat_tables([HITS_SCHEMA.empty_table(), *tables]))
 
-    def told(self) -> str:
+    def title(self) -> str:
         titles = problem_titles(self.runs).unique()
         return str(titles[0]) if len(titles) == 1 else counted(len(titles), "problem")
 
@@ -92,37 +92,36 @@ def read_source(source: Source, problem: str | None = None, traces: pd.DataFrame
     """Return the runs of `source`, or those on `problem`. Raises `ValueError` where there are none."""
     if isinstance(source, str | Path):
         source = ResultStore(source)
-    found: pd.DataFrame
+    runs: pd.DataFrame
     of: ResultStore | pd.DataFrame | None
     if isinstance(source, ResultStore):
-        found, of = source.runs(), source
+        runs, of = source.runs(), source
     elif isinstance(source, pd.DataFrame):
         missing = [name for name in RUNS_SCHEMA.names if name not in source]
         if missing:
             raise ValueError(f"this is no table of runs: it has no column {missing[0]!r}; store.runs() returns one")
-        found, of = source, ResultStore(source.attrs[FOLDER_OF]) if FOLDER_OF in source.attrs else None
+        runs, of = source, ResultStore(source.attrs[FOLDER_OF]) if FOLDER_OF in source.attrs else None
     else:
         several = [source] if isinstance(source, Run) else list(source)
         wrong = next((one for one in several if not isinstance(one, Run)), None)
         if wrong is not None:
             raise TypeError(f"a store, its path, a table of runs or runs are needed, not {type(wrong).__name__}")
-        found = to_pandas(pa.Table.from_pylist([one.row | {"study": ""} for one in several], RUNS_SCHEMA))
+        runs = to_pandas(pa.Table.from_pylist([one.row | {"study": ""} for one in several], RUNS_SCHEMA))
         of = pd.concat([one.trace.assign(run_id=one.run_id) for one in several]) if several else None
-    if found.empty:
+    if runs.empty:
         raise ValueError(
             f"{source.folder if isinstance(source, ResultStore) else 'the table'}: there is no run to draw"
         )
-    found = found.reset_index(drop=True)
-    every = found
+    every = runs = runs.reset_index(drop=True)
     if problem is not None:
-        titles = problem_titles(found)
-        names = found["problem"]  # of a class of the user's own also without its file
+        titles = problem_titles(runs)
+        names = runs["problem"]  # of a class of the user's own also without its file
         ways = (titles == problem, names == problem, names.str.rpartition(":")[2] == problem)
         mine = next((way for way in ways if way.any()), None)  # what the page calls it comes before shorter names
         if mine is None:
             raise ValueError(f"problem={problem!r}: there is none; {choice_of(titles, problem)}")
-        found = found[mine]
-    return Runs(found, every, of if traces is None else traces)
+        runs = runs[mine]
+    return Runs(runs, every, of if traces is None else traces)
 
 
 def choice_of(titles: pd.Series, name: str = "") -> str:

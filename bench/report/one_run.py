@@ -1,15 +1,8 @@
-"""One run in a terminal: `found` looks it up, `story` describes it, `curve` draws it, `again` repeats it.
+"""One run in a terminal: `find_run` looks it up, `show_run` describes it, `again_command` repeats it.
 
-One run on one page: the request, its course, its end, its answer and how well that is known.
-
-A run, looked up by the first digits of its id.
-
-A convergence curve in a terminal: one line of blocks over the logarithm of the cost, and a table below it.
-
-The height is the logarithm of the value above the least that is possible: the declared minimum, or zero where no value
-is below it. Where neither holds it is the value itself. A run that has come down to rounding ends at the bottom.
-
-The command that runs one run again by hand, from its row alone.
+Its curve is one line of blocks over the logarithm of the cost, and a table below it. The height is the logarithm of the
+value above the least that is possible: the declared minimum, or zero where no value is below it. Where neither holds it
+is the value itself. A run that has come down to rounding ends at the bottom.
 """
 
 from __future__ import annotations
@@ -31,21 +24,30 @@ from calibench.bench.provenance.run_id import UNSEEN, chosen_options, given_opti
 from calibench.bench.statistics.tables import parameters_in, problem_of
 from calibench.bench.store.manifest import StoreError, studies_in
 from calibench.bench.store.runs import ResultStore
-from calibench.core.registry import MissingFile, NotImported, Registry, names_of_files
+from calibench.core.registry import MissingFile, NotImported, names_of_files
 from calibench.core.words import listed, plain
 from calibench.problems.base import Parameter, parameters_of
 
+Array = NDArray[np.float64]
 _TARGETS = 12  # that are listed
+_NAMED = ("problem", "optimizer", "repetition", "status")  # of a candidate
+_LISTED = 8  # candidates that are named
+_BLOCKS = "█▇▆▅▄▃▂▁"  # the worst value first
+_WIDTH = 60
+_ROWS = 9
+_PLAIN = re.compile(r"[A-Za-z_][\w./:+-]*")
+_BEFORE_QUOTE = re.compile(r"\\+(?='|\Z)")  # where Hydra takes two backslashes for one; elsewhere each is itself
+_WORDS = {"true", "false", "null", "nan", "inf"}
 
 
-def show_run(found: Found) -> str:
+def show_run(run: Found) -> str:
     """Return the run as text."""
-    row = found.row
-    lines = [f"run {row['run_id']}  (study {row['study']}, {found.folder})", *_asked(row)]
+    row = run.row
+    lines = [f"run {row['run_id']}  (study {row['study']}, {run.folder})", *_asked(row)]
     lines += [*_ended(row), *_answer(row)]
-    if (curve := curve_of(found.trace)) is not None:
+    if (curve := curve_of(run.trace)) is not None:
         lines += ["", "curve, over the logarithm of what was charged:"]
-        lines += curve_lines(curve, float(row["minimum"]) if _is_told(row["minimum"]) else None, _unit(row))
+        lines += curve_lines(curve, float(row["minimum"]) if _is_known(row["minimum"]) else None, _unit(row))
     lines += _targets(row)
     if isinstance(row["traceback"], str) and row["traceback"]:
         lines += ["", "the last frames:", row["traceback"].rstrip()]
@@ -62,7 +64,7 @@ def show_run(found: Found) -> str:
 def _asked(row: Mapping[str, Any]) -> list[str]:
     library = " ".join(str(row[name]) for name in ("library", "library_version") if isinstance(row[name], str))
     budget = _whole(row["budget"])
-    target = f", target {row['target']:g}" if _is_told(row["target"]) else ""
+    target = f", target {row['target']:g}" if _is_known(row["target"]) else ""
     return [
         f"problem    {row['problem']} {_readable(row['problem_options'])}",
         f"optimizer  {row['optimizer']} {_readable(row['optimizer_options'])}  ({library.rstrip()})",
@@ -74,7 +76,7 @@ def _asked(row: Mapping[str, Any]) -> list[str]:
 def _ended(row: Mapping[str, Any]) -> list[str]:
     ended = ", ".join(dict.fromkeys(_text(row[name]) for name in ("status", "stop_reason")))
     error = " ".join(str(row[name]) for name in ("error_type", "error") if isinstance(row[name], str))
-    seconds = f", {plain(row['wall_s'], 3)} s" if _is_told(row["wall_s"]) else ""
+    seconds = f", {plain(row['wall_s'], 3)} s" if _is_known(row["wall_s"]) else ""
     lines = [
         f"ended      {ended} {error}".rstrip(),
         f"cost       {row['evaluations']} evaluations, {_whole(row['jacobian_evaluations'])} Jacobians: "
@@ -83,11 +85,11 @@ def _ended(row: Mapping[str, Any]) -> list[str]:
     changes = row.get("process_changes")
     if changes is not None and len(changes):
         lines.append(f"process    {', '.join(changes)}: changed by the run, put back after it")
-    if _is_told(row["restarts"]) and row["restarts"]:
+    if _is_known(row["restarts"]) and row["restarts"]:
         lines.append(f"restarts   {_whole(row['restarts'])}")
-    if _is_told(row["non_finite"]) and row["non_finite"]:
+    if _is_known(row["non_finite"]) and row["non_finite"]:
         lines.append(f"not finite {_whole(row['non_finite'])} of the values")
-    if _is_told(row["non_finite_slopes"]) and row["non_finite_slopes"]:
+    if _is_known(row["non_finite_slopes"]) and row["non_finite_slopes"]:
         lines.append(f"not finite {_whole(row['non_finite_slopes'])} entries of gradients and Jacobians, read as 0")
     return lines
 
@@ -99,22 +101,22 @@ def _answer(row: Mapping[str, Any]) -> list[str]:
         if row["best_evaluation"]
         else "best       no finite value was found"
     ]
-    if _is_told(row["judged_evaluations"]):
+    if _is_known(row["judged_evaluations"]):
         fresh = int(row["judged_evaluations"])
         how = f"mean of {fresh} fresh evaluations" if fresh else "without noise"
         lines.append(f"judged     {row['judged_value']:.6g}{unit} ({how})")
-    if _is_told(row["minimum"]):
+    if _is_known(row["minimum"]):
         gap = f": {plain(row['best_value'] - row['minimum'], 4)} above it" if row["best_evaluation"] else ""
         lines.append(f"minimum    {row['minimum']:.6g}{unit}, as the problem declares{gap}")
-    if _is_told(row["kmrmse"]):
+    if _is_known(row["kmrmse"]):
         lines.append(
             f"merit      kmrmse {plain(row['kmrmse'], 4)} mm, modulo the gauge {plain(row['kmrmse_aligned'], 4)} mm, "
             f"phi {plain(row['gauge_phi'], 4)} rad"
         )
     if isinstance(row["merit"], str):
-        told = json.loads(row["merit"]).items()
-        lines.append("merit      " + ", ".join(f"{k} {v:.6g}" if type(v) is float else f"{k} {v}" for k, v in told))
-    if row["best_evaluation"] and _is_told(row["inside_box"]):
+        merits = json.loads(row["merit"]).items()
+        lines.append("merit      " + ", ".join(f"{k} {v:.6g}" if type(v) is float else f"{k} {v}" for k, v in merits))
+    if row["best_evaluation"] and _is_known(row["inside_box"]):
         bounds = ", ".join(row["at_bound"]) or "none"
         lines.append(f"box        {'inside' if row['inside_box'] else 'outside'}; at a bound: {bounds}")
     return lines
@@ -126,7 +128,6 @@ def _readable(options: str) -> str:
 
 
 def _targets(row: Mapping[str, Any]) -> list[str]:
-    """Return the targets that were reached, at most so many of them, and the first that was not."""
     levels = [float(level) for level in row["targets"]]
     if not levels:
         return []
@@ -148,7 +149,7 @@ def _parameters(row: Mapping[str, Any]) -> list[str]:
     """Return the physical parameters, with unit, truth and standard error where the problem knows them."""
     if row["parameter_values"] is None:
         return []
-    parameters, errors, said = _known(row)
+    parameters, errors, notes = _parameters_and_errors(row)
     lines = [""]
     names = list(row["parameter_names"])
     widest = max(6, *map(len, names))
@@ -161,7 +162,7 @@ def _parameters(row: Mapping[str, Any]) -> list[str]:
         unit = f" {units.get(name, '')}".ljust(room) if room else ""
         true = "" if known is None else f"   true {_fixed(known):>12s}"
         lines.append(f"  {name:{widest}s} {_fixed(value):>14s}{unit}{spread}{true}".rstrip())
-    return [*lines, *said]
+    return [*lines, *notes]
 
 
 def _fixed(value: float) -> str:
@@ -169,7 +170,7 @@ def _fixed(value: float) -> str:
     return f"{value:.6f}" if not value or 1e-4 <= abs(value) < 1e7 else f"{value:.6e}"
 
 
-def _known(row: Mapping[str, Any]) -> tuple[dict[str, Parameter], dict[str, float | None], list[str]]:
+def _parameters_and_errors(row: Mapping[str, Any]) -> tuple[dict[str, Parameter], dict[str, float | None], list[str]]:
     """Return parameters by name, standard errors at the answer (None: the data do not tell it), and what is said."""
     try:
         problem = problem_of(row)
@@ -177,17 +178,17 @@ def _known(row: Mapping[str, Any]) -> tuple[dict[str, Parameter], dict[str, floa
     except (ValueError, AttributeError):  # somebody's own, or without parameters
         return {p.name: p for p in parameters_in(row)}, {}, []
     try:
-        found = problems.identify(problem, np.array(row["best_x"], dtype=float))
+        known = problems.identify(problem, np.array(row["best_x"], dtype=float))
     except (ValueError, AttributeError, ArithmeticError):  # without a Jacobian nothing is said
         return parameters, {}, []
-    errors = found.to_dict()["standard_errors"]
-    said = (
-        f"  ±: one standard error at this answer, for independent noise of {found.noise:g} {found.noise_unit} a reading"
+    errors = known.to_dict()["standard_errors"]
+    note = (
+        f"  ±: one standard error at this answer, for independent noise of {known.noise:g} {known.noise_unit} a reading"
     )
-    return parameters, errors, [said, f"  {found.sentence()}"]
+    return parameters, errors, [note, f"  {known.sentence()}"]
 
 
-def _is_told(value: Any) -> bool:
+def _is_known(value: Any) -> bool:
     return value is not None and bool(value == value)
 
 
@@ -196,15 +197,11 @@ def _text(value: Any) -> str:
 
 
 def _whole(value: Any) -> str:
-    return str(int(value)) if _is_told(value) else "?"
+    return str(int(value)) if _is_known(value) else "?"
 
 
 def _unit(row: Mapping[str, Any]) -> str:
     return f" {row['unit']}" if isinstance(row["unit"], str) and row["unit"] else ""
-
-
-_TOLD = ("problem", "optimizer", "repetition", "status")  # of a candidate
-_LISTED = 8  # candidates that are named
 
 
 @final
@@ -225,35 +222,23 @@ def find_run(parent: Path, prefix: str) -> Found:
     """
     if not parent.is_dir():
         raise StoreError(f"{parent}: there is no such results folder; name one with results=DIR")
-    found: dict[str, tuple[dict[str, Any], Path]] = {}
+    candidates: dict[str, tuple[dict[str, Any], Path]] = {}
     here = parent.resolve()
     for folder in studies_in(parent) or [one for one in studies_in(here.parent) if one == here]:
         runs = ResultStore(folder).runs()
         for row in runs[runs["run_id"].str.startswith(prefix)].to_dict("records"):
-            found[str(row["run_id"])] = {str(name): value for name, value in row.items()}, folder
-    if not found:
+            candidates[str(row["run_id"])] = {str(name): value for name, value in row.items()}, folder
+    if not candidates:
         raise StoreError(f"{prefix}: no run under {parent} has an id that begins so")
-    if len(found) > 1:
-        names = _candidates([row for row, _ in found.values()])
-        raise StoreError(f"{prefix}: {len(found)} runs begin so: {names}; give more digits")
-    [(run_id, (told, home))] = found.items()
+    if len(candidates) > 1:  # by as many digits as tell them apart, each with what it is
+        ids = sorted(candidates)
+        digits = next(n for n in range(1, len(ids[0]) + 1) if len({name[:n] for name in ids}) == len(ids))
+        names = [f"{i[:digits]} ({', '.join(str(candidates[i][0][name]) for name in _NAMED)})" for i in ids]
+        some = listed(names, _LISTED)
+        raise StoreError(f"{prefix}: {len(candidates)} runs begin so: {some}; give more digits")
+    [(run_id, (only, home))] = candidates.items()
     traces = ResultStore(home).traces()
-    return Found(told, traces[traces["run_id"] == run_id].reset_index(drop=True), home)
-
-
-def _candidates(rows: list[dict[str, Any]]) -> str:
-    """Return the runs by as many digits as tell them apart, each with what it is."""
-    rows = sorted(rows, key=lambda row: str(row["run_id"]))
-    ids = [str(row["run_id"]) for row in rows]
-    digits = next(n for n in range(1, len(ids[0]) + 1) if len({name[:n] for name in ids}) == len(ids))
-    said = [f"{row['run_id'][:digits]} ({', '.join(str(row[name]) for name in _TOLD)})" for row in rows]
-    return listed(said, _LISTED)
-
-
-Array = NDArray[np.float64]
-_BLOCKS = "█▇▆▅▄▃▂▁"  # the worst value first
-_WIDTH = 60
-_ROWS = 9
+    return Found(only, traces[traces["run_id"] == run_id].reset_index(drop=True), home)
 
 
 @final
@@ -283,8 +268,8 @@ def curve_lines(curve: Curve, minimum: float | None, unit: str) -> list[str]:
     lines.append(f"  {'charged':>9s}  {'best value':>12s}" + ("  restarts" if again else ""))
     marks: Array = np.unique(np.round(np.geomspace(max(first, 1.0), max(last, 1.0), _ROWS)))
     for at, i in zip(marks, _steps(curve, marks), strict=True):
-        told = f"  {at:9.0f}  {curve.values[i]:12.6g}"
-        lines.append(told + (f"  {curve.restarts[i]:8.0f}" if again else ""))
+        restarts = f"  {curve.restarts[i]:8.0f}" if again else ""
+        lines.append(f"  {at:9.0f}  {curve.values[i]:12.6g}{restarts}")
     return lines
 
 
@@ -295,7 +280,10 @@ def sparkline(curve: Curve, minimum: float | None) -> str:
     '███▄▄▄'
     """
     marks: Array = np.geomspace(max(curve.charged[0], 1.0), max(curve.charged[-1], 1.0), _WIDTH)
-    heights = _heights(curve.values, minimum)
+    heights = curve.values
+    gaps = heights - (0.0 if minimum is None else minimum)
+    if (gaps >= 0).all() and (gaps > 0).any():
+        heights = np.log10(np.maximum(gaps, gaps[gaps > 0].min() / 10))
     top, bottom = heights.max(), heights.min()
     share = (top - heights) / (top - bottom) if top > bottom else np.zeros(len(heights))
     blocks = np.round(share * (len(_BLOCKS) - 1)).astype(int)
@@ -304,21 +292,7 @@ def sparkline(curve: Curve, minimum: float | None) -> str:
 
 def _steps(curve: Curve, marks: Array) -> NDArray[np.int64]:
     """Return which point holds at each count: the last that is not later."""
-    found: NDArray[np.int64] = np.maximum(np.searchsorted(curve.charged, marks * (1 + 1e-12), side="right") - 1, 0)
-    return found
-
-
-def _heights(values: Array, minimum: float | None) -> Array:
-    gaps: Array = values - (0.0 if minimum is None else minimum)
-    if (gaps < 0).any() or not (gaps > 0).any():
-        return values
-    heights: Array = np.log10(np.maximum(gaps, gaps[gaps > 0].min() / 10))
-    return heights
-
-
-_PLAIN = re.compile(r"[A-Za-z_][\w./:+-]*")
-_BEFORE_QUOTE = re.compile(r"\\+(?='|\Z)")  # where Hydra takes two backslashes for one; elsewhere each is itself
-_WORDS = {"true", "false", "null", "nan", "inf"}
+    return np.maximum(np.searchsorted(curve.charged, marks * (1 + 1e-12), side="right") - 1, 0)
 
 
 def again_command(row: Mapping[str, Any]) -> str | None:
@@ -333,7 +307,10 @@ def again_command(row: Mapping[str, Any]) -> str | None:
         return None
     words = ["bench", "run"]
     for of, registry in (("problem", problems.registry), ("optimizer", optimizers.registry)):
-        if not _is_named(row[of], registry) or any(UNSEEN in str(value) for value in options[of].values()):
+        name = row[of]
+        # the command line finds this: by the registry, or in a file or module by its path
+        by_path = ":" in name and "<" not in name and not name.startswith("__main__")
+        if not (name in registry or by_path) or any(UNSEEN in str(value) for value in options[of].values()):
             return None
         words.append(f"{of}={row[of]}")
         try:
@@ -370,8 +347,3 @@ def value_text(value: Any) -> str:
         doubled = _BEFORE_QUOTE.sub(r"\g<0>\g<0>", value)
         return value if is_plain else "'" + doubled.replace("'", "\\'") + "'"
     return repr(value)
-
-
-def _is_named(name: str, registry: Registry[Any]) -> bool:
-    """Tell whether the command line finds this: by the registry, or in a file or module by its path."""
-    return name in registry or (":" in name and "<" not in name and not name.startswith("__main__"))

@@ -16,8 +16,6 @@ studies (``python -m benchmarks statistics`` simulates it).
 
 Sources: Stouffer et al., The American Soldier 1, 1949; Holm, Scand. J. Statistics 6 (1979); Hall, The Bootstrap and
 Edgeworth Expansion, 1992, section 3 (the interval of the ratio).
-
-The best values of cells as a terminal has them: what is above f*, or themselves, all of one precision.
 """
 
 from __future__ import annotations
@@ -110,36 +108,36 @@ class _Tails:
 
 def against_each(runs: pd.DataFrame, cells: pd.DataFrame, first: Method, rivals: Sequence[Method]) -> list[Rival]:
     """Return of each of `rivals` what the `runs` say of it beside `first`, the best; `cells` is their summary."""
-    return rivals_of(list(_tasks(runs)), _places(cells), first, rivals)
+    task = cells.groupby(TASK, dropna=False, sort=False).ngroup()
+    places = cells.assign(place=ranking.places(cells), task=task).pivot_table(
+        index="task", columns=METHOD, values="place"
+    )
+    return rivals_of(list(_tasks(runs)), places, first, rivals)
 
 
 def rivals_of(
     tasks: Sequence[Mapping[Method, Side]], places: pd.DataFrame, first: Method, rivals: Sequence[Method]
 ) -> list[Rival]:
     """Return the same from the sides on each task and the `places` of the methods (columns) on the tasks (rows)."""
-    found = [_against(tasks, places, first, rival) for rival in rivals]
+    uncorrected = [_against(tasks, places, first, rival) for rival in rivals]
     methods = [first, *rivals]
     drawn = [m for m in methods if any(m in sides and sides[m].chance for sides in tasks)]
-    many = any(rival.tasks >= MANY for rival in found)
+    many = any(rival.tasks >= MANY for rival in uncorrected)
     candidates = len(methods) if many else len(drawn)
     fixed = not many and first not in drawn
     both_kinds = not many and 0 < len(drawn) < len(methods)
     price = (2 if both_kinds else 1) * (1 if fixed else max(candidates, 1))
-    adjusted = np.minimum(holm([rival.p for rival in found]) * price, 1.0)
-    tested = sum(rival.chance for rival in found)
+    adjusted = np.minimum(holm([rival.p for rival in uncorrected]) * price, 1.0)
+    tested = sum(rival.chance for rival in uncorrected)
     return [
         replace(
             rival,
             p_adjusted=float(p),
-            verdict=_verdict(rival, float(p)),
+            verdict="worse" if rival.verdict == "open" and rival.chance and p <= LEVEL else rival.verdict,
             enough=_enough(rival, tasks, places, first, price * tested),
         )
-        for rival, p in zip(found, adjusted, strict=True)
+        for rival, p in zip(uncorrected, adjusted, strict=True)
     ]
-
-
-def _verdict(rival: Rival, p: float) -> Verdict:
-    return "worse" if rival.verdict == "open" and rival.chance and p <= LEVEL else rival.verdict
 
 
 def _against(tasks: Sequence[Mapping[Method, Side]], places: pd.DataFrame, first: Method, rival: Method) -> Rival:
@@ -153,22 +151,18 @@ def _against(tasks: Sequence[Mapping[Method, Side]], places: pd.DataFrame, first
         better, _ = signed_rank_tails(place[:, 1] - place[:, 0])
         least = 0.5 ** len(place)
         return Rival(method=rival, verdict="open", tasks=len(both), p=better, p_least=least, chance=True, ratio=ratio)
-    facts = [_sign_of_facts(a, b) for a, b in both if not (a.chance or b.chance)]
+    # 1 where the one value of the first is better, -1 where worse, else 0
+    ranks = [order_of(np.stack([a.scores[0], b.scores[0]])) for a, b in both if not (a.chance or b.chance)]
+    facts = [int(np.sign(rank[1] - rank[0])) for rank in ranks]
     tested = [_tails(a, b) for a, b in both if a.chance or b.chance]
-    told = [one for one in tested if not one.better == one.worse == 1.0]  # runs that are alike tell nothing
-    behind = any(fact < 0 for fact in facts) or any(one.worse <= LEVEL / 2 for one in told)
+    unlike = [one for one in tested if not one.better == one.worse == 1.0]  # runs that are alike tell nothing
+    behind = any(fact < 0 for fact in facts) or any(one.worse <= LEVEL / 2 for one in unlike)
     if behind or not tested:
         ahead = not behind and any(fact > 0 for fact in facts)
         verdict: Verdict = "better somewhere" if behind else "worse" if ahead else "open"
         return Rival(method=rival, verdict=verdict, tasks=len(both), fact=not tested, ratio=ratio)
-    p, least = (_stouffer(some) if some else 1.0 for some in ([t.better for t in told], [t.least for t in tested]))
+    p, least = (_stouffer(some) if some else 1.0 for some in ([t.better for t in unlike], [t.least for t in tested]))
     return Rival(method=rival, verdict="open", tasks=len(both), p=p, p_least=least, chance=True, ratio=ratio)
-
-
-def _sign_of_facts(a: Side, b: Side) -> int:
-    """Return 1 where the one value of `a` is better than that of `b`, -1 where worse, else 0."""
-    ranks = order_of(np.stack([a.scores[0], b.scores[0]]))
-    return int(np.sign(ranks[1] - ranks[0]))
 
 
 def _tails(a: Side, b: Side) -> _Tails:
@@ -177,12 +171,10 @@ def _tails(a: Side, b: Side) -> _Tails:
         signs = beside_fixed(a.scores, b.scores) if b.chance else -beside_fixed(b.scores, a.scores)
         n, k = int((signs != 0).sum()), int((signs > 0).sum())
         return _Tails(_binomial_tail(n, k), _binomial_tail(n, n - k), 0.5 ** len(signs))
-    if a.shared and a.repetitions == b.repetitions and len(set(a.repetitions)) == len(a.repetitions):
-        ranks = order_of(np.concatenate([a.scores, b.scores]))
-        n = len(a.scores)
-        return _Tails(*signed_rank_tails(ranks[n:] - ranks[:n]), 0.5**n)
     ranks = order_of(np.concatenate([a.scores, b.scores]))
     n, m = len(a.scores), len(b.scores)
+    if a.shared and a.repetitions == b.repetitions and len(set(a.repetitions)) == len(a.repetitions):
+        return _Tails(*signed_rank_tails(ranks[n:] - ranks[:n]), 0.5**n)
     return _Tails(*rank_sum_tails(ranks[:n], ranks[n:]), 1 / comb(n + m, n))
 
 
@@ -252,9 +244,7 @@ def ratio_of(both: Sequence[tuple[Side, Side]]) -> Ratio:
     with np.errstate(over="ignore"):
         low, high = np.exp(value - ends * error * sqrt((fewest - 1) / (fewest - 2))).tolist()
     return replace(
-        ratio,
-        low=low if low > ratio.value / _BOUNDED else 0.0,
-        high=high if high < ratio.value * _BOUNDED else inf,
+        ratio, low=low if low > ratio.value / _BOUNDED else 0.0, high=high if high < ratio.value * _BOUNDED else inf
     )
 
 
@@ -286,16 +276,7 @@ def _log_ert(side: Side) -> float:
     return log(float(side.paid.sum()) / float(side.won.sum()))
 
 
-def _places(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return the places of the methods (columns) on the tasks (rows)."""
-    task = cells.groupby(TASK, dropna=False, sort=False).ngroup()
-    return cells.assign(place=ranking.places(cells), task=task).pivot_table(
-        index="task", columns=METHOD, values="place"
-    )
-
-
 def _tasks(runs: pd.DataFrame) -> Iterator[dict[Method, Side]]:
-    """Yield the methods on each task."""
     ordered = runs.assign(goal=goals_of(runs)).sort_values("repetition", kind="stable").reset_index(drop=True)
     every, hits = scores(ordered), goal_hits(ordered)
     won = np.isfinite(hits)

@@ -3,14 +3,8 @@
 A problem is its name with its options and data, a method an optimiser with its options; a cell is both under one start,
 budget and target. A task is what methods are compared on: a problem under one start, budget and goal.
 
-Numbers of every cell at once: a study of thousands of cells is sorted once, not sliced cell by cell.
-
-A cell here is any group of rows. Each statistic is computed from the rows of its own cell alone, and is the same to the
-last bit whatever other cells there are.
-
-The values of the answers of runs: as they were seen, or as they were judged afterwards where values are noisy.
-
-`bench.execution.stochastic` judges an answer.
+`ByCell` computes numbers of every cell at once: a study of thousands of cells is sorted once, not sliced cell by cell.
+Each number comes from the rows of its own cell alone, the same to the last bit whatever other cells there are.
 """
 
 from __future__ import annotations
@@ -21,7 +15,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from calibench.bench.store.columns import Array, Columns, Counts, Flags, floats, known, numbered, plain
+from calibench.bench.store.columns import Array, Columns, Counts, Flags, floats, known, numbered
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,12 +24,7 @@ PROBLEM = ["problem", "problem_options", "data_id"]
 METHOD = ["optimizer", "optimizer_options"]
 SETTING = ["start", "budget", "target"]
 CELL = [*PROBLEM, *METHOD, *SETTING]
-TASK = [
-    *PROBLEM,
-    "start",
-    "budget",
-    "goal",
-]  # the goal, not the target: who stops there is compared too
+TASK = [*PROBLEM, "start", "budget", "goal"]  # the goal, not the target: who stops there is compared too
 
 
 def mixed_code(runs: pd.DataFrame) -> str:
@@ -65,21 +54,19 @@ class ByCell:
     @property
     def number(self) -> Counts:
         """Return the number of each row's cell, shape (rows,), in the order of the rows."""
-        found = np.empty(len(self.order), dtype=np.int64)
-        found[self.order] = np.repeat(np.arange(len(self.count)), self.count)
-        return found
+        number = np.empty(len(self.order), dtype=np.int64)
+        number[self.order] = np.repeat(np.arange(len(self.count)), self.count)
+        return number
 
     @property
     def first(self) -> Counts:
         """Return the first row of each cell."""
-        found: Counts = self.order[self.begins]
-        return found
+        return np.asarray(self.order[self.begins])
 
     @property
     def last(self) -> Counts:
         """Return the last row of each cell."""
-        found: Counts = self.order[self.begins + self.count - 1]
-        return found
+        return np.asarray(self.order[self.begins + self.count - 1])
 
     def rows(self, cell: int) -> Counts:
         """Return the rows of one cell."""
@@ -87,18 +74,15 @@ class ByCell:
 
     def sums(self, values: Any) -> Counts:
         """Return the sum of whole numbers, or how many are true, in each cell."""
-        found: Counts = self._reduced(np.add, np.asarray(values).astype(np.int64))
-        return found
+        return np.asarray(self._reduced(np.add, np.asarray(values).astype(np.int64)))
 
     def least(self, values: Array) -> Array:
         """Return the least of each cell's values, those that are NaN left out; NaN of none."""
-        found: Array = self._reduced(np.fmin, values)
-        return found
+        return np.asarray(self._reduced(np.fmin, values))
 
     def most(self, values: Array) -> Array:
         """Return the largest of each cell's values, those that are NaN left out; NaN of none."""
-        found: Array = self._reduced(np.fmax, values)
-        return found
+        return np.asarray(self._reduced(np.fmax, values))
 
     def spreads(self, values: Array) -> Array:
         """Return the largest minus the least of each cell's values, those that are NaN left out; NaN of none."""
@@ -111,7 +95,7 @@ class ByCell:
         A value that is NaN is worse than all; a quantile on or beside it is infinite.
         """
         ordered = self._sorted(np.where(np.isnan(values), np.inf, values))
-        found = np.empty((len(at), len(self.begins)))
+        quantiles = np.empty((len(at), len(self.begins)))
         for i, q in enumerate(at):
             place = q * (self.count - 1)
             below = place.astype(np.int64)
@@ -120,8 +104,8 @@ class ByCell:
             high = ordered[self.begins + np.minimum(below + 1, self.count - 1)]
             with np.errstate(invalid="ignore"):
                 between = np.where(share == 0, low, (1 - share) * low + share * high)
-            found[i] = np.clip(between, low, high)
-        return found
+            quantiles[i] = np.clip(between, low, high)
+        return quantiles
 
     def medians(self, values: Array) -> Array:
         """Return the median of each cell's values, those that are NaN left out; NaN of none."""
@@ -135,8 +119,8 @@ class ByCell:
 
     def _sorted(self, values: Array) -> Array:
         """Return values cell by cell, in a cell in order, NaN last."""
-        found: Array = values[self.order]
-        return found[np.lexsort([found, np.repeat(np.arange(len(self.count)), self.count)])]
+        ordered = values[self.order]
+        return np.asarray(ordered[np.lexsort([ordered, np.repeat(np.arange(len(self.count)), self.count)])])
 
     def _reduced(self, how: np.ufunc, values: Any) -> Any:
         return how.reduceat(values[self.order], self.begins) if len(self.begins) else values[:0]
@@ -165,13 +149,3 @@ def judged(runs: Columns) -> Flags:
     if "judged_value" not in runs:
         return np.zeros(len(runs["best_value"]), dtype=bool)
     return known(runs["judged_evaluations"])
-
-
-def said_by_the_problem(cell: Columns) -> dict[str, Any]:
-    """Return `unit`, `minimum` (NaN where none is declared) and `noisy` of the runs of one cell."""
-    unit, minimum = (plain(cell[name])[-1] if name in cell else None for name in ("unit", "minimum"))
-    return {
-        "unit": unit if isinstance(unit, str) else "",
-        "minimum": float("nan") if minimum is None else float(minimum),
-        "noisy": bool(judged(cell).any()),
-    }

@@ -1,8 +1,6 @@
-"""The choice of one setting of a method from a sweep, and its value on instances that had no part in the choice.
+"""The choice of one setting of a method from a sweep, and its value on units that had no part in the choice.
 
-The settings of one method in a sweep, scored on each unit that may be left out: an instance, or weaker, a seed.
-
-An instance is a problem with its options and data. Two scores, the smaller the better:
+A unit is an instance (a problem with its options and data) or, weaker, a seed. Two scores, the smaller the better:
 
 - ``value``: the mean of log10 gap over the runs of an instance, then over instances. The gap is the answer's value
   above the declared minimum; of a problem that declares none, the value itself, which must be above 0 (never what is
@@ -11,12 +9,10 @@ An instance is a problem with its options and data. Two scores, the smaller the 
   that one, a setting that always fails would be tied with one that never does.
 - ``goal``: log10 ERT of the goal, all that the runs were charged until they reached it or in vain, over those that did.
 
-Nested selection: leave one unit out, choose the best setting on the others, score the choice on the one left out.
-
-The best score of a sweep is optimistic: the setting was chosen as it did well on just these instances. Each unit (an
-instance) is left out once; the setting that is best on the rest is scored on it, and these scores together are the
-nested score: what the act of choosing is worth on an instance that had no part in it, with one instance fewer to choose
-on. Optimism is the nested score less the apparent one, gain the default's score less the nested one.
+The best score of a sweep is optimistic: the setting was chosen as it did well on just these units. So each unit is left
+out once; the setting that is best on the rest is scored on it, and these scores together are the nested score: what the
+act of choosing is worth on a unit that had no part in it, with one unit fewer to choose on. Optimism is the nested
+score less the apparent one, gain the default's score less the nested one.
 
 Intervals: units are drawn with replacement, and in each resample all of the nested selection is done again, with every
 copy of a unit left out together, so that the interval knows that the choice itself could have been another. Folds share
@@ -48,6 +44,11 @@ from calibench.core.options import suggest
 from calibench.core.registry import names_of_files
 from calibench.core.words import counted
 
+Array = NDArray[np.float64]
+By = Literal["value", "goal"]
+Over = Literal["instances", "seeds"]
+_LEAST = 1e-16  # the gap below which values are tied, where neither a goal nor the minimum says so
+_FAILED = 1.0  # decades above the worst answer of an instance, for a run without one
 FEWEST = 6  # units: of 5 the sign of every one of them has a two-sided p of 1/16, above 5 %
 RESAMPLES = 1999
 LEVEL = 0.95
@@ -100,11 +101,6 @@ class Nested:
         """Tell whether the interval of the gain is above 0."""
         return self.gain_interval[0] > 0
 
-    @property
-    def is_told_apart(self) -> bool:
-        """Tell whether the interval of the gain excludes 0."""
-        return self.gain_interval[0] > 0 or self.gain_interval[1] < 0
-
 
 def nest(scored: Scored, default: int | None, resamples: int = RESAMPLES) -> Nested:
     """Return what choosing a setting is worth; of settings that are alike the first is chosen.
@@ -156,9 +152,10 @@ def _less(a: Array, b: Array) -> Array:
 
 
 def _intervals(scored: Scored, default: int | None, resamples: int) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the intervals of optimism and gain."""
     settings, units = scored.paid.shape
-    drawn = _draws(units, resamples)
+    rng = np.random.default_rng(np.random.SeedSequence([*_SEED, units]))
+    drawn = rng.multinomial(units, np.full(units, 1 / units), size=resamples).astype(float)
+    drawn = drawn[(drawn > 0).sum(axis=1) > 1]  # one unit alone leaves nothing to choose on
     each = max(1, _AT_ONCE // (settings * units))
     optimism, gain = [], []
     for first in range(0, len(drawn), each):
@@ -167,13 +164,6 @@ def _intervals(scored: Scored, default: int | None, resamples: int) -> tuple[tup
         gain.append(more)
     none = (float("nan"), float("nan"))
     return _ends(np.concatenate(optimism), units), none if default is None else _ends(np.concatenate(gain), units)
-
-
-def _draws(units: int, resamples: int) -> Array:
-    """Return how often each unit is drawn in each resample; one unit alone leaves nothing to choose on."""
-    rng = np.random.default_rng(np.random.SeedSequence([*_SEED, units]))
-    drawn = rng.multinomial(units, np.full(units, 1 / units), size=resamples).astype(float)
-    return np.asarray(drawn[(drawn > 0).sum(axis=1) > 1])
 
 
 def _ends(values: Array, units: int) -> tuple[float, float]:
@@ -188,11 +178,6 @@ def _ends(values: Array, units: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-Array = NDArray[np.float64]
-By = Literal["value", "goal"]
-Over = Literal["instances", "seeds"]
-_LEAST = 1e-16  # the gap below which values are tied, where neither a goal nor the minimum says so
-_FAILED = 1.0  # decades above the worst answer of an instance, for a run without one
 NEEDED = [
     "run_id", "repetition", *PROBLEM, "optimizer", "optimizer_options", *SETTING, "targets", "status", "minimum",
     "best_value", "inside_box", "judged_value", "judged_evaluations", "hits_charged", "charged", "tampering",
@@ -242,7 +227,11 @@ def choose(runs: pd.DataFrame, by: By = "value", over: Over = "instances") -> Ch
     _check_units(len(units), rows, over)
     paid, won, without = _scores(rows, by)
     kept, left_out = _complete(rows, unit, names, over)
-    order = _ordered(optimizer, [text for text in names if text in kept], names)
+    default = [text for text in kept if _is_default(optimizer, text, list(names))]
+    # the default first: of those that are alike the first is chosen
+    order = sorted(
+        (text for text in names if text in kept), key=lambda text: (text not in default, in_order(names[text]))
+    )
     if len(order) < 2:
         raise ValueError(
             f"{optimizer}: fewer than two settings ran on all of {counted(len(units), over[:-1])}; the same bench run "
@@ -258,7 +247,6 @@ def choose(runs: pd.DataFrame, by: By = "value", over: Over = "instances") -> Ch
     scored = Scored(sums[0] / sums[2], np.ones(shape), False) if by == "value" else Scored(sums[0], sums[1], True)
     if by == "goal" and not sums[1].any():
         raise ValueError(f"{optimizer}: no run reached the goal; an easier target=, or by=value")
-    default = order[0] if _is_default(optimizer, order[0], list(names)) else None
     return Chosen(
         optimizer=str(optimizer),
         by=by,
@@ -269,7 +257,7 @@ def choose(runs: pd.DataFrame, by: By = "value", over: Over = "instances") -> Ch
         runs=int(mine.sum()),
         without_answer=int(without[mine].sum()),
         left_out=left_out,
-        nested=nest(scored, None if default is None else 0),
+        nested=nest(scored, 0 if default else None),
     )
 
 
@@ -290,15 +278,14 @@ def default_of(optimizer: str, option: str) -> Any:
 
 
 def _check_one_setting(runs: pd.DataFrame) -> None:
-    """Raise `ValueError` where one instance ran under several starts, budgets or targets."""
     for _, mine in runs.groupby(PROBLEM, sort=False):
         for column in SETTING:
             values = mine[column].drop_duplicates().tolist()
             if len(values) > 1:
-                told = ", ".join(setting_text(column, value) for value in values)
+                settings = ", ".join(setting_text(column, value) for value in values)
                 which = f"{column}={values[0]}" if column != "target" else "one study for each target="
                 raise ValueError(
-                    f"{mine['problem'].iloc[0]}: ran with {told}; a setting is chosen under one of them, such as "
+                    f"{mine['problem'].iloc[0]}: ran with {settings}; a setting is chosen under one of them, such as "
                     f"{which}"
                 )
 
@@ -325,16 +312,17 @@ def _names(optimizer: str, texts: Iterable[str]) -> dict[str, str]:
     swept = _swept(list(read))
     for digits in (6, 17):
         names = {
-            text: ", ".join(_told(key, held[key], digits) for key in swept if key in held) or optimizer
+            text: ", ".join(
+                option_text(key, f"{held[key]:.{digits}g}" if isinstance(held[key], float) else held[key])
+                for key in swept
+                if key in held
+            )
+            or optimizer
             for text, held in read.items()
         }
         if len(set(names.values())) == len(names):
             break
     return names
-
-
-def _told(key: str, value: Any, digits: int) -> str:
-    return option_text(key, f"{value:.{digits}g}" if isinstance(value, float) else value)
 
 
 def _swept(texts: list[str]) -> list[str]:
@@ -361,11 +349,6 @@ def _own_defaults(optimizer: str) -> dict[str, str]:
     except (Exception, SystemExit):  # whatever its module raises
         return {}
     return {key: canonical({"": value}) for key, value in parts(plainly, classes=False).items()}
-
-
-def _ordered(optimizer: str, kept: list[str], names: dict[str, str]) -> list[str]:
-    """Return settings in the order of their names, the default first: of those that are alike the first is chosen."""
-    return sorted(kept, key=lambda text: (not _is_default(optimizer, text, list(names)), in_order(names[text])))
 
 
 def _complete(

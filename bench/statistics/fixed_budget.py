@@ -1,17 +1,14 @@
-"""Fixed budget: how good a method is after so many evaluations, and during the run.
-
-How far above the best value a method is at a budget: median and quartiles of log10 gap, at log-spaced budgets.
+"""Fixed budget: how good a method is after so many evaluations (`gaps`), and during the run (`anytime`).
 
 The gap of a run at a budget is its best value among the points of the trace that were charged no more, less the
 `references` of its problem. A trace is thinned, so a value may be up to a tenth too high between its points; never too
-low. A run that has ended keeps its last value; before its first point it has none, and its gap is infinite. Gaps are
-told down to a floor: the problem's last target, below which values are tied, or else a rounding of the reference.
+low. A run that has ended keeps its last value; before its first point it has none, and its gap is infinite. The least
+gap is a floor: the problem's last target, below which values are tied, or else a rounding of the reference.
 
-Anytime performance: the area over the convergence curve (AOCC) of log10 gap, between bounds that stand beside it.
-
-AOCC = 1 - mean over 1 .. B of (clip(log10 gap, lower, upper) - lower) / (upper - lower): 1 is at the lower bound from
-the first evaluation on, 0 never below the upper one. It depends on bounds and budget, so numbers with other ones are
-not comparable. The mean is over evaluations (`axis="linear"`) or over their logarithm ("log").
+AOCC, the area over the convergence curve, is 1 - mean over 1 .. B of (clip(log10 gap, lower, upper) - lower) / (upper -
+lower): 1 is at the lower bound from the first evaluation on, 0 never below the upper one. It depends on bounds and
+budget, so numbers with other ones are not comparable. The mean is over evaluations (`axis="linear"`) or over their
+logarithm ("log").
 
 Source: van Stein et al., GECCO 2024 (AOCC); Hansen et al., anytime assessment, 2022.
 """
@@ -27,15 +24,18 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from calibench.bench.statistics.cells import CELL, PROBLEM, said_by_the_problem
+from calibench.bench.statistics.cells import CELL, PROBLEM, judged
 from calibench.bench.statistics.summary import QUARTILES, goal, quantiles
 from calibench.bench.statistics.targets import references
 from calibench.bench.store.arrays import index_in
 from calibench.core.options import shown, suggest
 
+Array = NDArray[np.float64]
 BOUNDS = (-8.0, 2.0)  # of log10 gap, as COCO's targets
 Axis = Literal["linear", "log"]
 ANYTIME_COLUMNS = [*CELL, "q1", "median", "q3", "mean", "runs", "lower", "upper", "charged", "axis", "floor"]
+COLUMNS = [*CELL, "charged", "q1", "median", "q3", "runs", "reference", "floor"]
+_SMALLEST = float(np.spacing(0.0))
 
 
 def anytime(
@@ -58,18 +58,18 @@ def anytime(
         raise ValueError(f"axis={shown(axis)}: {suggest(str(axis), get_args(Axis))}")
     rows = []
     for cell in curves(runs, traces):
-        own = dict(zip(CELL, cell.key, strict=True))
-        whole = float(own["budget"]) if budget is None else float(budget)  # type: ignore[arg-type]
+        named = dict(zip(CELL, cell.key, strict=True))
+        whole = float(named["budget"]) if budget is None else float(budget)  # type: ignore[arg-type]
         areas = area(cell, lower, upper, axis, whole)
         q1, median, q3 = quantiles(areas, QUARTILES)
-        told = {"q1": q1, "median": median, "q3": q3, "mean": areas.mean(), "runs": len(areas)}
-        rows.append(own | told | {"lower": lower, "upper": upper, "charged": whole, "axis": axis, "floor": cell.floor})
+        named |= {"q1": q1, "median": median, "q3": q3, "mean": areas.mean(), "runs": len(areas)}
+        rows.append(named | {"lower": lower, "upper": upper, "charged": whole, "axis": axis, "floor": cell.floor})
     return pd.DataFrame(rows, columns=ANYTIME_COLUMNS)
 
 
 def area(cell: Curves, lower: float, upper: float, axis: Axis, budget: float) -> Array:
     """Return the AOCC of each run of a cell, shape (runs,)."""
-    found = np.empty(len(cell.counts))
+    areas = np.empty(len(cell.counts))
     ends = np.cumsum(cell.counts)
     for i, (end, count) in enumerate(zip(ends.tolist(), cell.counts.tolist(), strict=True)):
         mine = slice(end - count, end)
@@ -77,13 +77,8 @@ def area(cell: Curves, lower: float, upper: float, axis: Axis, budget: float) ->
         with np.errstate(divide="ignore"):
             height = 1 - (np.clip(np.log10(cell.gap[mine]), lower, upper) - lower) / (upper - lower)
         place = np.log(steps) if axis == "log" else steps
-        found[i] = float((height * np.diff(place)).sum()) / (np.log(budget + 1) if axis == "log" else budget)
-    return found
-
-
-Array = NDArray[np.float64]
-COLUMNS = [*CELL, "charged", "q1", "median", "q3", "runs", "reference", "floor"]
-_SMALLEST = float(np.spacing(0.0))
+        areas[i] = float((height * np.diff(place)).sum()) / (np.log(budget + 1) if axis == "log" else budget)
+    return areas
 
 
 @final
@@ -103,13 +98,13 @@ class Curves:
 
     def at(self, budgets: Array) -> Array:
         """Return the gap of each run after each of `budgets`, shape (runs, budgets); infinite before it has one."""
-        found = np.full((len(self.counts), len(budgets)), np.inf)
+        gaps = np.full((len(self.counts), len(budgets)), np.inf)
         ends = np.cumsum(self.counts)
         for i, (end, count) in enumerate(zip(ends.tolist(), self.counts.tolist(), strict=True)):
             mine = slice(end - count, end)
             place = np.searchsorted(self.charged[mine], budgets, side="right") - 1
-            found[i, place >= 0] = self.gap[mine][place[place >= 0]]
-        return found
+            gaps[i, place >= 0] = self.gap[mine][place[place >= 0]]
+        return gaps
 
 
 def gaps(runs: pd.DataFrame, traces: pd.DataFrame, budgets: Sequence[float] | None = None) -> pd.DataFrame:
@@ -121,12 +116,12 @@ def gaps(runs: pd.DataFrame, traces: pd.DataFrame, budgets: Sequence[float] | No
     """
     tables = []
     for cell in curves(runs, traces):
-        budget = float(dict(zip(CELL, cell.key, strict=True))["budget"])  # type: ignore[arg-type]
-        at = np.asarray(log_spaced(budget) if budgets is None else budgets, dtype=float)
+        named = dict(zip(CELL, cell.key, strict=True))
+        at = np.asarray(log_spaced(float(named["budget"])) if budgets is None else budgets, dtype=float)  # type: ignore[arg-type]
         low, middle, high = quantiles(np.log10(cell.at(at)), QUARTILES)
         tables.append(
             pd.DataFrame(
-                dict(zip(CELL, cell.key, strict=True))
+                named
                 | {"charged": at, "q1": low, "median": middle, "q3": high, "runs": len(cell.counts)}
                 | {"reference": cell.reference, "floor": cell.floor}
             )
@@ -151,7 +146,7 @@ def curves(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[Curves]:
     and only the answer is judged.
     """
     rows = runs.reset_index(drop=True)
-    told = {tuple(row[:3]): float(row[3]) for row in references(rows).itertuples(index=False)}
+    least = {tuple(row[:3]): float(row[3]) for row in references(rows).itertuples(index=False)}
     place = index_in(pa.array(traces["run_id"], pa.string()), pa.array(rows["run_id"], pa.string())).to_numpy(
         zero_copy_only=False
     )
@@ -163,16 +158,13 @@ def curves(runs: pd.DataFrame, traces: pd.DataFrame) -> Iterator[Curves]:
     counts = np.bincount(row, minlength=len(rows))
     first = np.cumsum(counts) - counts
     for key, mine in rows.groupby(CELL, sort=False, dropna=False):
-        reference = told[tuple(key[: len(PROBLEM)])]
-        if reference != reference or said_by_the_problem(mine)["noisy"]:
+        reference = least[tuple(key[: len(PROBLEM)])]
+        if reference != reference or judged(mine).any():
             continue
         at = mine.index.to_numpy()
         where = np.concatenate([np.arange(first[i], first[i] + counts[i]) for i in at])
-        floor = _floor(goal(mine["target"].iloc[0], list(mine["targets"].iloc[0])), reference)
+        # the gap below which gaps are tied, above 0: its logarithm is taken
+        level = goal(mine["target"].iloc[0], list(mine["targets"].iloc[0]))
+        floor = max(level - reference if level == level else 0.0, float(np.spacing(abs(reference))) / 2, _SMALLEST)
         gap = np.where(np.isnan(values[where]), np.inf, np.maximum(values[where] - reference, floor))
         yield Curves(tuple(key), charged[where], gap, counts[at], reference, floor)
-
-
-def _floor(level: float, reference: float) -> float:
-    """Return the gap below which gaps are tied, above 0: its logarithm is taken."""
-    return max(level - reference if level == level else 0.0, float(np.spacing(abs(reference))) / 2, _SMALLEST)

@@ -3,40 +3,24 @@
 ERT = (sum over all runs of what each spent) / (number of runs that reached the target): a run that reached it spent
 until its hit, one that did not spent all that *it* was charged, not the budget and not the largest count of others. It
 is the expected cost of a method that begins again until it reaches the target. Where no run reached the target it is
-infinite and only a bound is known: `at_least`, all that was spent.
+infinite and only a bound is known: `at_least`, all that was spent. Simulated restarts (`restarted`) suppose that a run
+that did not arrive may be begun again from where another run began.
 
-Source: Hansen et al., COCO: Performance Assessment, 2016, section 4; Auger and Hansen, CEC 2005.
-
-Statistics of a fixed target besides ERT itself: its interval, simulated restarts, profiles.
-
-The interval of an ERT: a studentised bootstrap of log ERT over instances or runs, the same draws for every method.
-
-ERT is a ratio of two sums over the same units (a run, or an instance with its runs). Its logarithm has the standard
-error ``sqrt(n / (n - 1) * sum((paid / A - won / k)^2))``, with A and k the sums. Each resample of n units has a log ERT
-and a standard error of its own (that of all units where those drawn are equal); the quantiles of their studentised
-differences, turned over, give the interval,
-widened by ``sqrt((n - 1) / (n - 2))``, as two sums are estimated. Draws depend on n alone, and units stand in the order
-of instance and repetition: methods with the same units are resampled alike. At 15 runs a percentile interval covers
-the true ERT in .85 to .94 of studies in place of .95; ``python -m benchmarks statistics`` measures this one beside it.
-
-Source: Hall, The Bootstrap and Edgeworth Expansion, 1992, section 3.
-
-Restarts that are simulated: what a method would pay that begins again, by its runs, until it is there.
-
-Runs of a cell are drawn with replacement until one reached the target; the cost is what all of them spent. It supposes
-that a run that did not arrive may be begun again from where another run began; a cell none of whose runs arrived never
-does. Source: Hansen et al., COCO: Performance Assessment, 2016, section 5.
-
-When each run reached each target, problem by problem, as arrays: what ERT and runtime ECDF are computed from.
-
-Instances of one problem taken together: the same but for the options that choose the instance, and its data.
-
-Profiles: the share of problems that a method solves within so many times the best, or so many simplex gradients.
+The interval of an ERT is a studentised bootstrap of log ERT over units (a run, or an instance with its runs). The
+logarithm has the standard error ``sqrt(n / (n - 1) * sum((paid / A - won / k)^2))``, with A and k the sums. Each
+resample has a log ERT and a standard error of its own (that of all units where those drawn are equal); the quantiles of
+their studentised differences, turned over, give the interval, widened by ``sqrt((n - 1) / (n - 2))``, as two sums are
+estimated. Draws depend on n alone, and units stand in the order of instance and repetition: methods with the same units
+are resampled alike. At 15 runs a percentile interval covers the true ERT in .85 to .94 of studies in place of .95;
+``python -m benchmarks statistics`` measures this one beside it.
 
 A performance profile (Dolan and More, 2002) counts tasks whose ERT is within `ratio` times the least ERT of any method;
-a data profile (More and Wild, 2009) those whose ERT is within `groups` of dimension + 1 evaluations. A task is a
-problem under one start, budget and target; one that no method reached counts in the whole, as solved by none. Counted
-are the tasks on which all methods were run, and where there is none, of each method its own.
+a data profile (More and Wild, 2009) those whose ERT is within `groups` of dimension + 1 evaluations. A task that no
+method reached counts in the whole, as solved by none. Counted are the tasks on which all methods were run, and where
+there is none, of each method its own.
+
+Sources: Hansen et al., COCO: Performance Assessment, 2016, sections 4 and 5; Auger and Hansen, CEC 2005; Hall, The
+Bootstrap and Edgeworth Expansion, 1992, section 3.
 """
 
 from __future__ import annotations
@@ -60,6 +44,7 @@ from calibench.bench.store.arrays import index_in
 from calibench.bench.store.columns import PREFIXES
 from calibench.core.options import suggest
 
+Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 Currency = Literal["charged", "evaluations"]
 TARGET = ["quantity", "target"]
@@ -159,16 +144,15 @@ def _codes(pairs: pd.DataFrame) -> tuple[pd.DataFrame, NDArray[np.int64]]:
     names = list(different_names)
     level, values = pd.factorize(pairs["target"].to_numpy(dtype=float))
     code, different = pd.factorize(q.astype(np.int64) * max(len(values), 1) + level)
-    told = pd.DataFrame(
+    targets = pd.DataFrame(
         {
             "quantity": [names[i // max(len(values), 1)] for i in different],
             "target": values[different % max(len(values), 1)] if len(values) else [],
         }
     )
-    return told, code.astype(np.int64)
+    return targets, code.astype(np.int64)
 
 
-Array = NDArray[np.float64]
 _CELL = [*CELL[:-1], "target_value"]  # the run's own target, beside the target that is looked at
 
 
@@ -199,8 +183,8 @@ def ert(
     needed = runs[[name for name in columns if name in _NEEDED or name in swept]]  # cutting few columns is cheap
     whole = list(runtimes(hits, needed, currency, instances))
     if not whole:
-        return pd.DataFrame(columns=[*_CELL, *swept, "dimension", *TARGET, *_TOLD])
-    joined = _told(whole, intervals, swept)
+        return pd.DataFrame(columns=[*_CELL, *swept, "dimension", *TARGET, *_NUMBERS])
+    joined = _sums(whole, intervals, swept)
     low, high = success_intervals(joined["reached"], joined["runs"])
     chance = joined.pop("chance")
     joined |= {
@@ -215,10 +199,10 @@ def ert(
     joined["ert_low"] = np.maximum(joined["ert_low"], 1.0)  # nothing is reached without an evaluation
     unbounded = joined["ert_high"] > _BOUNDED * joined["ert"]
     joined["ert_high"] = np.where(unbounded, np.inf, joined["ert_high"])
-    return pd.DataFrame(joined)[[*_CELL, *swept, "dimension", *TARGET, *_TOLD]]
+    return pd.DataFrame(joined)[[*_CELL, *swept, "dimension", *TARGET, *_NUMBERS]]
 
 
-def _told(whole: Sequence[Runtimes], intervals: bool, swept: Sequence[str]) -> dict[str, Any]:
+def _sums(whole: Sequence[Runtimes], intervals: bool, swept: Sequence[str]) -> dict[str, Any]:
     """Return the columns of `ert`, problem by problem, in it cell by cell and there target by target."""
     runs, levels = whole[0].all_runs, whole[0].all_targets
     cells = by_cell(runs)
@@ -251,13 +235,13 @@ def _told(whole: Sequence[Runtimes], intervals: bool, swept: Sequence[str]) -> d
     low[column["runs"] < column["size"]] = high[column["runs"] < column["size"]] = np.nan
     known = column["runs"] > 0
     column, low, high, resampled = {n: v[known] for n, v in column.items()}, low[known], high[known], resampled[known]
-    own = dict(zip(_CELL, CELL, strict=True)) | {name: name for name in (*swept, "dimension")}
-    found: dict[str, Any] = {name: runs[source].to_numpy()[column["run"]] for name, source in own.items()}
-    found |= {name: levels[name].to_numpy()[column["level"]] for name in TARGET}
-    found |= {name: column[name] for name in ("runs", "reached", "spent", "chance")}
+    sources = dict(zip(_CELL, CELL, strict=True)) | {name: name for name in (*swept, "dimension")}
+    named: dict[str, Any] = {name: runs[source].to_numpy()[column["run"]] for name, source in sources.items()}
+    named |= {name: levels[name].to_numpy()[column["level"]] for name in TARGET}
+    named |= {name: column[name] for name in ("runs", "reached", "spent", "chance")}
     never = column["reached"] == 0
     one = np.maximum(column["reached"], 1)
-    return found | {
+    return named | {
         "ert": np.where(never, np.inf, column["spent"] / one), "ert_low": low, "ert_high": high,
         "at_least": np.where(never, column["spent"], np.nan),
         "ert_earliest": np.where(never, np.inf, column["least"] / one),
@@ -299,7 +283,7 @@ def _intervals(units: Sequence[Units | None], sizes: Sequence[int]) -> tuple[Arr
 
 
 _AT_ONCE = 4096  # targets, of which 999 resamples take some tens of megabytes
-_TOLD = [
+_NUMBERS = [
     "runs", "reached", "success", "success_low", "success_high", "spent", "ert", "ert_low", "ert_high", "at_least",
     "ert_earliest", "resampled",
 ]  # fmt: skip
@@ -314,8 +298,8 @@ _ENOUGH = 5  # instances: from so many on, instances are resampled instead of ru
 def success_intervals(successes: NDArray[np.int64], counts: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return Wilson's 95 % intervals of shares, shapes (n,): `scipy.stats.binomtest`, once for each pair of numbers."""
     pairs, where = np.unique(np.column_stack([successes, counts]), axis=0, return_inverse=True)
-    found = np.array([success_interval(int(k), int(n)) for k, n in pairs]).reshape(-1, 2)[where.ravel()]
-    return found[:, 0], found[:, 1]
+    intervals = np.array([success_interval(int(k), int(n)) for k, n in pairs]).reshape(-1, 2)[where.ravel()]
+    return intervals[:, 0], intervals[:, 1]
 
 
 def ecdf(
@@ -344,7 +328,7 @@ def ecdf(
     method = [*METHOD, *SETTING]
     runs = runs[list(dict.fromkeys(["run_id", *PROBLEM, *method, *by, "dimension", currency]))]  # few are cheap to cut
     methods = by_cell(runs, method)
-    told_of = list(runs[method].iloc[methods.first].itertuples(index=False, name=None))
+    keys_of_methods = list(runs[method].iloc[methods.first].itertuples(index=False, name=None))
     whole = list(runtimes(hits, runs.assign(_method=methods.number), currency))
     rows = whole[0].all_runs if whole else runs.iloc[:0].assign(_method=0)
     groups = list(rows[list(by)].itertuples(index=False, name=None)) if by else [()] * len(rows)
@@ -361,28 +345,24 @@ def ecdf(
     for place, (one, s) in enumerate(zip(whole, scale, strict=True)):
         names = quantity_of[one.level]
         for quantity in dict.fromkeys(names.tolist()):
-            group = (*(_missing_alike(value) for value in groups[one.at[0]]), quantity)
+            # one NaN for any missing value: different NaNs would be different keys
+            group = (*(np.nan if pd.isna(value) else value for value in groups[one.at[0]]), quantity)
             problems[group] = problems.get(group, 0) + 1
-            for number, found in _shares_within(
-                cost, one, s, method_of[one.at], np.flatnonzero(names == quantity), restarts
-            ):
-                told = tuple(np.nan if part != part else part for part in told_of[number])
-                shares.setdefault(group, {}).setdefault(told, {})[place] = found
+            columns = np.flatnonzero(names == quantity)
+            for number, share in _shares_within(cost, one, s, method_of[one.at], columns, restarts):
+                key = tuple(np.nan if part != part else part for part in keys_of_methods[number])
+                shares.setdefault(group, {}).setdefault(key, {})[place] = share
     keys = [*by, "quantity", *METHOD, "start", "budget", "target_value"]
     tables = [
         pd.DataFrame(
-            dict(zip(keys, (*group, *told), strict=True))
-            | {
-                "cost": cost,
-                "share": np.mean([found[place] for place in over], axis=0),
-                "problems": len(over),
-                "of_problems": problems[group],
-            }
+            dict(zip(keys, (*group, *key), strict=True))
+            | {"cost": cost, "share": np.mean([of_problem[place] for place in over], axis=0)}
+            | {"problems": len(over), "of_problems": problems[group]}
         )
         for group, of_group in shares.items()
         for shared in [set.intersection(*map(set, of_group.values()))]
-        for told, found in of_group.items()
-        for over in [shared or found.keys()]
+        for key, of_problem in of_group.items()
+        for over in [shared or of_problem.keys()]
     ]
     if not tables:
         return pd.DataFrame(columns=[*keys, "cost", "share", "problems", "of_problems"])
@@ -404,11 +384,6 @@ def _shares_within(
             times = restarted(times, one.spent[mine] / scale[mine], restarts)
         times = np.sort(times.ravel())
         yield number, np.searchsorted(times, cost, side="right") / len(times)
-
-
-def _missing_alike(value: object) -> object:
-    """Return the value, or the one NaN for any missing value: different NaNs would be different keys."""
-    return np.nan if pd.isna(value) else value  # type: ignore[call-overload]
 
 
 RESAMPLES = 999
@@ -508,9 +483,9 @@ def pooled(runs: pd.DataFrame, options: Sequence[str]) -> pd.DataFrame:
         text: canonical({key: value for key, value in held.items() if key not in options})
         for text, held in texts.items()
     }
-    own = {text: canonical({key: held[key] for key in options if key in held}) for text, held in texts.items()}
-    has = runs["problem_options"].map({text: bool(own[text] != "{}") for text in texts}).to_numpy(dtype=bool)
-    instance = runs["problem_options"].map(own).astype(str) + " " + runs["data_id"].astype(str)
+    chosen = {text: canonical({key: held[key] for key in options if key in held}) for text, held in texts.items()}
+    has = runs["problem_options"].map({text: bool(chosen[text] != "{}") for text in texts}).to_numpy(dtype=bool)
+    instance = runs["problem_options"].map(chosen).astype(str) + " " + runs["data_id"].astype(str)
     return runs.assign(
         problem_options=runs["problem_options"].map(rest),
         data_id=runs["data_id"].where(~has, ""),
@@ -544,16 +519,16 @@ def data_profile(table: pd.DataFrame) -> pd.DataFrame:
 
 def _steps(table: pd.DataFrame, by: str) -> pd.DataFrame:
     table = table.assign(task=table.groupby(_TASK, dropna=False, sort=False).ngroup())
-    tasks_of = {key: set(own["task"]) for key, own in table.groupby(METHOD, sort=False)}
+    tasks_of = {key: set(mine["task"]) for key, mine in table.groupby(METHOD, sort=False)}
     shared = set.intersection(*tasks_of.values()) if tasks_of else set()
-    found = []
-    for key, own in table.groupby(METHOD, sort=False):
+    profiles = []
+    for key, mine in table.groupby(METHOD, sort=False):
         over = shared or tasks_of[key]
-        costs = np.sort(own.loc[own["task"].isin(over), by].to_numpy(dtype=float))
+        costs = np.sort(mine.loc[mine["task"].isin(over), by].to_numpy(dtype=float))
         at, counts = np.unique(costs[np.isfinite(costs)], return_counts=True)
         share = np.cumsum(counts) / len(over)
         steps = pd.DataFrame({by: at, "share": share}) if len(at) else pd.DataFrame({by: [np.inf], "share": [0.0]})
         named = pd.DataFrame([key] * len(steps), columns=METHOD)
-        found.append(pd.concat([named, steps.assign(tasks=len(over), of_tasks=table["task"].nunique())], axis=1))
+        profiles.append(pd.concat([named, steps.assign(tasks=len(over), of_tasks=table["task"].nunique())], axis=1))
     columns = [*METHOD, by, "share", "tasks", "of_tasks"]
-    return pd.concat(found, ignore_index=True)[columns] if found else pd.DataFrame(columns=columns)
+    return pd.concat(profiles, ignore_index=True)[columns] if profiles else pd.DataFrame(columns=columns)

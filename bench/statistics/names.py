@@ -1,6 +1,6 @@
-"""Names of problems, cells and methods, and their order.
+"""What problems, methods and cells are called beside each other, and the order of names.
 
-Names of problems and cells beside each other: different ones have different names, none longer than needed.
+Different ones have different names, and none is longer than needed.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibench import optimizers, problems
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
-from calibench.bench.statistics.summary import MOST_TOLD, method_name, method_names, option_text, problem_name
+from calibench.bench.statistics.summary import MOST_OPTIONS, method_name, method_names, option_text, problem_name
 from calibench.bench.store.columns import Columns, parts, plain
 
 if TYPE_CHECKING:
@@ -34,9 +34,9 @@ def titles_of_problems(named: Iterable[tuple[str, str, str]], but: Sequence[str]
     """Return what each problem (name, options, data) is called beside the others, the options in `but` left unsaid.
 
     That is its name, the options chosen, and those in which the problems of its name differ here, also where its own is
-    the default. Of a class of one's own nobody here knows the defaults: of up to `MOST_TOLD` options all are told, of
-    more those that differ. Where two problems would share that, also what is not told of an option else, and where only
-    their data differ, the start of the data's digest.
+    the default. Of a class of one's own nobody here knows the defaults: of up to `MOST_OPTIONS` options all are said,
+    of more those that differ. Where two problems would share that, also what is not said of an option else, and where
+    only their data differ, the start of the data's digest.
     """
     sharing: dict[str, list[tuple[str, str, str]]] = {}
     asked = list(named)
@@ -44,19 +44,19 @@ def titles_of_problems(named: Iterable[tuple[str, str, str]], but: Sequence[str]
     varied = _varied(every)
     ours = problems.registry
     for name, options, data in every:
-        told = parts(json.loads(options))
-        same = {*told} - varied[name] if name not in ours and len(told) > MOST_TOLD else set()
+        keys = {*parts(json.loads(options))}
+        same = keys - varied[name] if name not in ours and len(keys) > MOST_OPTIONS else set()
         title = problem_name(name, options, (*but, *same), varied[name])
         sharing.setdefault(title, []).append((name, options, data))
     titles: dict[tuple[str, str, str], str] = {}
-    for title, keys in sharing.items():
-        have = [{k: v for k, v in parts(json.loads(options)).items() if k not in but} for _, options, _ in keys]
-        apart = [option for option in sorted({k for h in have for k in h}) if _differ([h.get(option) for h in have])]
-        for key, chosen in zip(keys, have, strict=True):
+    for title, alike in sharing.items():
+        have = [{k: v for k, v in parts(json.loads(options)).items() if k not in but} for _, options, _ in alike]
+        apart = [k for k in sorted({k for h in have for k in h}) if any(h.get(k) != have[0].get(k) for h in have)]
+        for key, chosen in zip(alike, have, strict=True):
             titles[key] = " ".join([title, *(option_text(option, chosen.get(option), short=False) for option in apart)])
-    alike = Counter((name, options) for name, options, _ in every)
+    count = Counter((name, options) for name, options, _ in every)
     for key in titles:
-        if alike[key[:2]] > 1:
+        if count[key[:2]] > 1:
             titles[key] += f" data={key[2][:6]}"
     return [titles[key] for key in asked]
 
@@ -101,10 +101,9 @@ def method_titles(table: pd.DataFrame) -> pd.Series:
     import pandas as pd
 
     ours = optimizers.registry
-    beside = method_names(table)
-    pairs = zip(table["optimizer"], table["optimizer_options"], beside, strict=True)
-    told = [method_name(name, options) if name in ours else other for name, options, other in pairs]
-    return pd.Series(told, index=table.index, dtype=str)
+    rows = zip(table["optimizer"], table["optimizer_options"], method_names(table), strict=True)
+    titles = [method_name(name, options) if name in ours else beside for name, options, beside in rows]
+    return pd.Series(titles, index=table.index, dtype=str)
 
 
 def several(table: Columns) -> list[str]:
@@ -112,7 +111,7 @@ def several(table: Columns) -> list[str]:
     return [column for column in SETTING if len(set(plain(table[column]))) > 1]
 
 
-def settings_told(mine: pd.DataFrame) -> list[str]:
+def settings_that_vary(mine: pd.DataFrame) -> list[str]:
     """Return which of start, budget and target differ on one problem: what a problem itself decides is no choice."""
     named = [column for column in PROBLEM if column in mine]  # a table that names none is of one
     problems_here = len(mine[named].drop_duplicates()) if named else 1
@@ -126,10 +125,10 @@ def method_labels(table: pd.DataFrame) -> pd.Series:
     """
     labels = method_names(table)
     for _, mine in table.groupby(METHOD, sort=False):
-        told = settings_told(mine)
-        for key, same in mine.groupby(told, dropna=False) if told else [((), mine)]:
-            said = [setting_text(column, value) for column, value in zip(told, key, strict=True)]
-            labels.loc[same.index] = [", ".join([name, *said]) for name in labels.loc[same.index]]
+        columns = settings_that_vary(mine)
+        for key, same in mine.groupby(columns, dropna=False) if columns else [((), mine)]:
+            texts = [setting_text(column, value) for column, value in zip(columns, key, strict=True)]
+            labels.loc[same.index] = [", ".join([name, *texts]) for name in labels.loc[same.index]]
     return labels
 
 
@@ -144,7 +143,3 @@ def setting_text(column: str, value: Any) -> str:
     if column == "target":
         return f"target {value:g}" if value is not None and value == value else "no target"
     return f"{column} {value:.0f}"
-
-
-def _differ(values: Sequence[Any]) -> bool:
-    return any(value != values[0] for value in values[1:])

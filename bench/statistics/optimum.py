@@ -63,12 +63,8 @@ class Optimum:
 
     def above(self, values: Any) -> NDArray[np.float64]:
         """Return values as they are drawn: as they are, or above f*, where half a rounding of f* stands for 0."""
-        found = np.asarray(values, dtype=float)
-        return np.maximum(found - self.least, np.spacing(abs(self.least)) / 2) if self.is_gap else found
-
-    @property
-    def _ends_at_zero(self) -> bool:
-        return self.below is None and not self.noisy and (self.rounding is not None or self.minimum == 0)
+        drawn = np.asarray(values, dtype=float)
+        return np.maximum(drawn - self.least, np.spacing(abs(self.least)) / 2) if self.is_gap else drawn
 
     def scale(self, drawn: NDArray[np.float64]) -> str:
         """Return the axis for what is `drawn`: log where nothing is below 0, else linear, or symlog if wide."""
@@ -102,7 +98,8 @@ class Optimum:
     @property
     def digits(self) -> int:
         """Return how many digits of a value are told: two where the least value is 0, otherwise six."""
-        return 2 if self.is_gap or self._ends_at_zero else 6
+        ends_at_zero = self.below is None and not self.noisy and (self.rounding is not None or self.minimum == 0)
+        return 2 if self.is_gap or ends_at_zero else 6
 
     def text(self, value: float) -> str:
         """Return a value for a table under `heading`; a dash where there is none."""
@@ -111,7 +108,7 @@ class Optimum:
         under = self.is_gap and value < self.least - SAME * abs(self.least)  # of an answer outside the box
         return f"{value - self.least if under else self.above(value):.{self.digits}g}"
 
-    def told(self, value: float) -> str:
+    def sentence(self, value: float) -> str:
         """Return a value in a sentence, with what it is and its unit: ``f - f* 1.2e-09 V``."""
         return f"{self.quantity} {self.text(value)}{f' {self.unit}' if self.unit else ''}"
 
@@ -177,10 +174,10 @@ def _of_rows(runs: pd.DataFrame, column: str) -> Any:
     known = runs[column].notna().to_numpy()
     if not known.any():
         return None
-    said = runs[column].to_numpy()[known]
-    if (said == said[0]).all():
-        return said[0]
-    return said[np.argsort(runs["started_at"].to_numpy()[known], kind="stable")[-1]]
+    values = runs[column].to_numpy()[known]
+    if (values == values[0]).all():
+        return values[0]
+    return values[np.argsort(runs["started_at"].to_numpy()[known], kind="stable")[-1]]
 
 
 def _floor(problem: Any) -> tuple[float | None, float | None]:

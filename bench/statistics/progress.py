@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, final
@@ -33,7 +32,7 @@ class Reason:
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SweepProgress:
     """Counts of runs: `left` by what a cell is called, `mixed` cells hold two codes.
 
@@ -76,32 +75,34 @@ def sweep_progress(store: ResultStore) -> SweepProgress:
     codes: dict[str, set[str]] = {}
     for run_id, state in states.items():
         codes.setdefault(planned.get(run_id, ""), set()).add(state.code_digest)
-    mixed = sum(len(found) > 1 for label, found in codes.items() if label)
     ended = Counter(state.status for state in states.values())
-    reasons = reasons_of(store.rows_not_ok(_ROW)) if len(states) > ended["ok"] else ()
+    names = manifest.get("called") or {}
+    count = Counter(names.get(label, label) for label in set(planned.values()))
     return SweepProgress(
-        len(planned), len(states), ended["failed"], ended["timeout"],
-        _by_name(left, manifest.get("called") or {}, set(planned.values())), reasons, survey.pace, mixed,
-        survey.damaged, len(in_other_shards(manifest, states)), survey.hosts | hosts_at_work(store.folder),
-        (manifest.get("commands") or [""])[-1],
-    )  # fmt: skip
-
-
-def _by_name(left: Mapping[str, int], called: Mapping[str, str], labels: Collection[str]) -> dict[str, int]:
-    """Return what is left by the names of cells; by its label where another sweep of the study took the same name."""
-    count = Counter(called.get(label, label) for label in labels)
-    names = {label: called.get(label, label) for label in left}
-    return {name if count[name] == 1 else label: left[label] for label, name in names.items()}
+        planned=len(planned),
+        done=len(states),
+        failed=ended["failed"],
+        timeouts=ended["timeout"],
+        # by its label where another sweep of the study took the same name
+        left={n if count[n] == 1 else label: k for label, k in left.items() for n in [names.get(label, label)]},
+        reasons=reasons_of(store.rows_not_ok(_ROW)) if len(states) > ended["ok"] else (),
+        pace=survey.pace,
+        mixed=sum(len(digests) > 1 for label, digests in codes.items() if label),
+        damaged=survey.damaged,
+        in_other_shards=len(in_other_shards(manifest, states)),
+        hosts=survey.hosts | hosts_at_work(store.folder),
+        command=(manifest.get("commands") or [""])[-1],
+    )
 
 
 def reasons_of(rows: pd.DataFrame) -> tuple[Reason, ...]:
     """Return why runs of `rows` did not end well, the most frequent reason first."""
-    found: dict[tuple[str, str], list[tuple[str, str]]] = {}  # (run_id, text) by status and what texts have in common
+    groups: dict[tuple[str, str], list[tuple[str, str]]] = {}  # (run_id, text) by status and what texts have in common
     for row in rows.to_dict("records"):
         text = " ".join(f"{row['error_type'] or ''}: {row['error'] or 'no reason is known'}".split()).removeprefix(": ")
         text = text if len(text) <= _LONG else f"{text[: _LONG - 1]}…"
-        found.setdefault((str(row["status"]), without_numbers(text)), []).append((str(row["run_id"]), text))
-    ordered = sorted(found.items(), key=lambda item: (-len(item[1]), item[0]))
+        groups.setdefault((str(row["status"]), without_numbers(text)), []).append((str(row["run_id"]), text))
+    ordered = sorted(groups.items(), key=lambda item: (-len(item[1]), item[0]))
     firsts = [(status, min(runs), len(runs)) for (status, _), runs in ordered]
     return tuple(Reason(status, text, count, run_id) for status, (run_id, text), count in firsts)
 

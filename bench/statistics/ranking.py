@@ -1,34 +1,26 @@
-"""Ranking of methods: their places within the tasks, with ties, and their mean. Unsolved tasks count.
+"""The order of runs, of the methods on a task, and of methods over many tasks.
 
-Medians of different problems have no common scale, and a sum over solved problems would favour a method that solves
-few; places have neither fault. Values at the floor are tied, because below it they differ by rounding.
+Runs (`scores`): first those that reached the goal, then those that paid less, then those with the lower value. All
+tests compare runs by this order alone, so no scale is needed, and no cost is invented for a run that never reached the
+goal; without a goal, runs are ordered by value.
 
-Many methods on many problems: Friedman's test, and whose mean ranks differ (Nemenyi, or Holm against the best).
+Methods on a task take places, with ties; over tasks, the mean of the places counts, unsolved tasks too. Medians of
+different problems have no common scale, and a sum over solved problems would favour a method that solves few. Values at
+the floor are tied, because below it they differ by rounding. Colours and lists of a report follow this order.
 
-A block is a task: a problem (with its instance) under one start, budget and goal. Repetitions are never blocks: they
-tell nothing of other problems, so a block has the median over them of each run's rank among all runs of the task.
-Below `FEWEST` blocks there is no test, and it says why not.
+Many methods on many problems: Friedman's test, and whose mean ranks differ (Nemenyi, or Holm against the best). A block
+is a task, and has the median over repetitions of each run's rank among all runs of the task; repetitions are never
+blocks: they tell nothing of other problems. Below `FEWEST` blocks there is no test, and it says why not.
 
-Source: Demsar, J. Machine Learning Research 7 (2006).
-
-The order of runs: first those that reached the goal, then those that paid less, then those with the lower value.
-
-All tests compare runs by this order alone, so no scale is needed, and no cost must be invented for a run that never
-reached the goal. The goal is that of `bench.statistics.summary.goal`; without one, runs are ordered by value.
-
-The order of a study's methods, the best over all problems first; lists of the page and colours follow it.
-
-A method has one colour and one line style in a report, whatever it is compared with in a drawing.
-
-Holm's step-down correction of several tests: none of all true hypotheses is refused with more than the level.
-
-Source: Holm, Scand. J. Statistics 6 (1979). SciPy 1.17 has false-discovery control, which promises less, and no Holm.
+Sources: Demsar, J. Machine Learning Research 7 (2006); Holm, Scand. J. Statistics 6 (1979): SciPy 1.17 has
+false-discovery control, which promises less, and no Holm.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import nan
 from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
@@ -41,6 +33,11 @@ from calibench.bench.store.columns import Columns, Counts, floats, numbered, pla
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Array = NDArray[np.float64]
+By = Literal["goal", "value", "charged"]
+FEWEST = 10  # blocks, below which chi squared is far from Friedman's statistic and ranks say little
+LOOK = "look"  # the column of runs that holds the number of a method's colour and line style
 
 
 def places(cells: Columns) -> Array:
@@ -57,13 +54,13 @@ def places(cells: Columns) -> Array:
             np.maximum(floats(cells["best_median"]), floats(cells["floor"])),
         ]
     )
-    tasks, found = by_number(_tasks(cells)), np.empty(len(keys))
+    tasks, places = by_number(_tasks(cells)), np.empty(len(keys))
     for task in range(len(tasks.count)):
         mine = tasks.rows(task)
         keys[mine, 2] = alike(keys[mine, 2])
         _, place, ties = np.unique(keys[mine], axis=0, return_inverse=True, return_counts=True)
-        found[mine] = (np.cumsum(ties) - (ties - 1) / 2)[place.ravel()]
-    return found
+        places[mine] = (np.cumsum(ties) - (ties - 1) / 2)[place.ravel()]
+    return places
 
 
 def best_first(cells: pd.DataFrame) -> pd.DataFrame:
@@ -107,40 +104,29 @@ def methods(cells: pd.DataFrame) -> pd.DataFrame:
     placed = cells.assign(place=places(cells), task=_tasks(cells))
     total = placed["task"].nunique()
     rows = []
-    for pair, own in placed.groupby(METHOD, sort=False):
-        place, solved = _means(own, "place"), _means(own[own["goal"].notna()], "success")
-        rows.append(
-            dict(zip(METHOD, pair, strict=True))
-            | {
-                "solved": sum(solved.values()) / len(solved) if solved else np.nan,
-                "place": sum(place.values()) / len(place),
-                "tasks": len(place),
-                "of_tasks": total,
-            }
-        )
+    for pair, mine in placed.groupby(METHOD, sort=False):
+        place, solved = _means(mine, "place"), _means(mine[mine["goal"].notna()], "success")
+        share = sum(solved.values()) / len(solved) if solved else np.nan
+        means = {"solved": share, "place": sum(place.values()) / len(place)}
+        rows.append(dict(zip(METHOD, pair, strict=True)) | means | {"tasks": len(place), "of_tasks": total})
     order = ["tasks", "solved", "place"]
-    found = pd.DataFrame(rows).sort_values(order, ascending=[False, False, True], kind="stable")
-    alike = found[order].fillna(0.0).round(12).apply(tuple, axis=1).tolist()
-    found.insert(0, "rank", [1 + alike.index(triple) for triple in alike])  # in order: the first of those alike
-    return found.reset_index(drop=True)
+    table = pd.DataFrame(rows).sort_values(order, ascending=[False, False, True], kind="stable")
+    alike = table[order].fillna(0.0).round(12).apply(tuple, axis=1).tolist()
+    table.insert(0, "rank", [1 + alike.index(triple) for triple in alike])  # in order: the first of those alike
+    return table.reset_index(drop=True)
 
 
 def _means(cells: pd.DataFrame, column: str) -> dict[int, float]:
-    """Return task -> the mean of its values."""
     import pandas as pd
 
     values: dict[int, list[float]] = {}
     for task, value in zip(cells["task"].tolist(), cells[column].tolist(), strict=True):
         values.setdefault(task, []).append(value)
-    return {task: found[0] if len(found) == 1 else float(pd.Series(found).mean()) for task, found in values.items()}
+    return {task: mine[0] if len(mine) == 1 else float(pd.Series(mine).mean()) for task, mine in values.items()}
 
 
 def _tasks(cells: Columns) -> Counts:
-    """Return the number of each cell's task."""
     return numbered(cells[name] for name in TASK)
-
-
-By = Literal["goal", "value", "charged"]
 
 
 def scores(runs: pd.DataFrame, by: By = "goal") -> Array:
@@ -174,13 +160,7 @@ def order_of_scores(pairs: Array) -> Array:
     from scipy.stats import rankdata
 
     pairs = np.column_stack([pairs[:, 0], alike(pairs[:, 1])])
-    different = np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
-    ranks: Array = rankdata(different)
-    return ranks
-
-
-Array = NDArray[np.float64]
-FEWEST = 10  # blocks, below which chi squared is far from Friedman's statistic and ranks say little
+    return np.asarray(rankdata(np.unique(pairs, axis=0, return_inverse=True)[1].ravel()))
 
 
 @final
@@ -200,12 +180,11 @@ class Blocks:
         """Return the ranks within each block, shape (blocks, methods): 1 is best, ties share their mean."""
         from scipy.stats import rankdata
 
-        found: Array = rankdata(self.medians, axis=1)
-        return found
+        return np.asarray(rankdata(self.medians, axis=1))
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Ranked:
     """Friedman's test of some methods, and their mean ranks, best first.
 
@@ -217,9 +196,9 @@ class Ranked:
     methods: tuple[str, ...]
     mean_ranks: Array
     blocks: int
-    statistic: float
-    p: float
-    critical_difference: float
+    statistic: float = nan
+    p: float = nan
+    critical_difference: float = nan
     nemenyi: Array
     against_best: Array
     level: float
@@ -228,12 +207,12 @@ class Ranked:
 
     def groups(self) -> list[tuple[int, int]]:
         """Return the longest spans (first, last) of methods whose mean ranks differ by less than the difference."""
-        found: list[tuple[int, int]] = []
+        spans: list[tuple[int, int]] = []
         for i, rank in enumerate(self.mean_ranks):
             last = int(np.flatnonzero(self.mean_ranks - rank < self.critical_difference).max(initial=i))
-            if last > i and (not found or last > found[-1][1]):
-                found.append((i, last))
-        return found
+            if last > i and (not spans or last > spans[-1][1]):
+                spans.append((i, last))
+        return spans
 
 
 def blocks_of(runs: pd.DataFrame, by: By = "goal") -> Blocks:
@@ -244,18 +223,16 @@ def blocks_of(runs: pd.DataFrame, by: By = "goal") -> Blocks:
     rows["_method"], score = method_names(rows), scores(rows, by)
     number, listed = pd.factorize(rows["_method"])
     names = tuple(str(name) for name in listed)
-    found, incomplete = [], 0
+    medians, incomplete = [], 0
     tasks = by_cell(rows, TASK)
     for task in range(len(tasks.count)):
         at = tasks.rows(task)
         if len(np.unique(number[at])) == len(names):
-            found.append(
-                by_number(number[at].astype(np.int64)).medians(np.asarray(order_of_scores(score[at]), dtype=float))
-            )
+            medians.append(by_number(number[at].astype(np.int64)).medians(order_of_scores(score[at])))
         else:
             incomplete += 1
-    told = f"{incomplete} tasks, on which not all {len(names)} methods were run, are left out" if incomplete else ""
-    return Blocks(names, np.array(found, dtype=np.float64).reshape(len(found), len(names)), told)
+    left_out = f"{incomplete} tasks, on which not all {len(names)} methods were run, are left out" if incomplete else ""
+    return Blocks(names, np.array(medians, dtype=np.float64).reshape(len(medians), len(names)), left_out)
 
 
 def friedman(blocks: Blocks, level: float = 0.05) -> Ranked:
@@ -272,28 +249,27 @@ def friedman(blocks: Blocks, level: float = 0.05) -> Ranked:
             f"Friedman's test needs {FEWEST} blocks (a problem with its instance; repetitions are none), and there are "
             f"{n}{': ' + blocks.left_out if blocks.left_out else ''}"
         )
+    ranked = Ranked(
+        methods=methods, mean_ranks=mean, blocks=n, level=level, refused=refused, left_out=blocks.left_out,
+        nemenyi=np.full((k, k), np.nan), against_best=np.full(k, np.nan),
+    )  # fmt: skip
     if refused:
-        nothing = float("nan")
-        table, row = np.full((k, k), nothing), np.full(k, nothing)
-        return Ranked(methods, mean, n, nothing, nothing, nothing, table, row, level, refused, blocks.left_out)
+        return ranked
     from scipy.stats import friedmanchisquare, norm, studentized_range  # half a second: only where there is a test
 
     if (blocks.ranks == blocks.ranks[:, :1]).all():  # alike everywhere
         statistic, p = 0.0, 1.0
     else:
-        found = friedmanchisquare(*blocks.medians.T)
-        statistic, p = float(found.statistic), float(found.pvalue)
+        statistic, p = (float(value) for value in friedmanchisquare(*blocks.medians.T))
     error = np.sqrt(k * (k + 1) / (6 * n))
     apart = np.abs(mean[:, None] - mean[None, :]) / error
     nemenyi = np.asarray(studentized_range.sf(apart * np.sqrt(2), k, np.inf), dtype=float)
     np.fill_diagonal(nemenyi, 1.0)
-    against = np.full(k, np.nan)
-    against[1:] = holm(2 * norm.sf(apart[0, 1:]))
+    against = np.concatenate([[np.nan], holm(2 * norm.sf(apart[0, 1:]))])
     difference = float(studentized_range.ppf(1 - level, k, np.inf)) / np.sqrt(2) * error
-    return Ranked(methods, mean, n, statistic, p, float(difference), nemenyi, against, level, "", blocks.left_out)
-
-
-LOOK = "look"  # the column of runs that holds the number of a method's colour and line style
+    return replace(
+        ranked, statistic=statistic, p=p, critical_difference=float(difference), nemenyi=nemenyi, against_best=against
+    )
 
 
 def methods_in_order(runs: pd.DataFrame, summary: pd.DataFrame) -> list[str]:

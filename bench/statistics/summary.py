@@ -1,14 +1,11 @@
-"""Statistics of the runs of each cell: quartiles, success rate with its interval, convergence bands.
+"""Statistics of the runs of each cell, and what methods and problems are called in tables.
 
-How a method ends: it stops by its own test, begins again where it would have stopped, or spends the whole budget.
-
-A method that stops with budget left cannot be compared with one that spends all of it. So a field of methods has each
-local method in both kinds, and marks the kind.
-
-What a method is called that a user chose by the name of a preset, ``optimizer=fmincon_matlab``: by that name.
-
-A preset is a file of ``conf/optimizer/``: a registered optimiser, or another preset, with other options. Rows hold the
-optimiser and its options; tables, figures and pages say the shorter name that stands for both.
+A cell's row has quartiles, the success rate with its interval, and what failed. A name says only what sets a method
+apart here; options that are just those of a preset (a file of ``conf/optimizer/``) are said by the preset's name.
+`endings` tells how a method ends: a field has each local method in two kinds, one that stops by its own test and one
+that begins again there, as a method that stops with budget left cannot be compared with one that spends it all.
+The seconds that the objective takes (`priced`) are a second currency: counts of calls times the costs of
+`bench.sweep.costs`, records with the columns of `PROBLEM` and of `KINDS` in seconds.
 """
 
 from __future__ import annotations
@@ -28,7 +25,6 @@ from calibench.bench.execution.answer import PREFIX
 from calibench.bench.execution.request import repetitions_of
 from calibench.bench.provenance.run_id import canonical, chosen_options, given_options, options_of
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, ByCell, answers, by_cell, by_number, judged
-from calibench.bench.statistics.priced import priced
 from calibench.bench.store.arrays import lists_of
 from calibench.bench.store.columns import Columns, floats, known, numbered, parts, plain, true, typed
 from calibench.core.registry import NotImported, names_of_files
@@ -40,7 +36,8 @@ Array = NDArray[np.float64]
 SAME = 1e-9  # of a value: what is closer to it is the same value
 QUARTILES = (0.25, 0.5, 0.75)
 _NORMAL_975 = 1.959963984540054  # the normal distribution's quantile at .975
-MOST_TOLD = 3  # options of a user's class, up to which all of them are told
+KINDS = ("value_s", "batch_s", "residuals_s", "jacobian_s", "gradient_s", "joint_s")  # of calls, columns of costs
+MOST_OPTIONS = 3  # of a user's class, up to which all of them are in its name
 
 
 def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.DataFrame:
@@ -73,12 +70,42 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
     return pd.concat([first, pd.DataFrame(columns)], axis=1)
 
 
+def priced(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]]) -> pd.Series:
+    """Return for each run the seconds that its calls of the objective take: counts by kind times `costs`.
+
+    NaN where a kind that it called has no known cost, and where the kinds were not counted.
+    """
+    import pandas as pd
+
+    known = {key_of_costs(record): record for record in costs}
+    records = [known.get(key, {}) for key in zip(*(runs[column] for column in PROBLEM), strict=True)]
+    batched, residuals = runs["batch_evaluations"], runs["residual_evaluations"]
+    gradients, joint = (
+        runs[name].fillna(0) if name in runs else 0 for name in ("gradient_evaluations", "joint_evaluations")
+    )  # no run from before these columns had any
+    singles, slopes = runs["evaluations"] - batched - residuals - joint, runs["jacobian_evaluations"] - gradients
+    alone = gradients - joint + 0 * slopes
+    counts = (singles, batched, residuals, slopes, alone, joint + 0 * slopes)
+    total = pd.Series(0.0, index=runs.index)
+    for kind, column in zip(KINDS, counts, strict=True):
+        count = column.astype(float)
+        seconds = pd.Series([record.get(kind) for record in records], index=runs.index, dtype=float)
+        total += (count * seconds).mask(count == 0, 0.0)
+    total[[not record for record in records]] = np.nan
+    return total
+
+
+def key_of_costs(record: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return the problem that a record of costs is of."""
+    return tuple(record.get(column) for column in PROBLEM)
+
+
 def summary_columns(runs: Columns) -> dict[str, list[Any]]:
     """Return the columns of `summary` that every study has, without pandas."""
     cells = by_cell(runs)
     named = {name: plain(runs[name]) for name in CELL if name != "target"} | {"target": floats(runs["target"]).tolist()}
-    found = {name: [column[i] for i in cells.first] for name, column in named.items()}
-    return found | {name: np.asarray(column).tolist() for name, column in _statistics(runs, cells).items()}
+    first = {name: [column[i] for i in cells.first] for name, column in named.items()}
+    return first | {name: np.asarray(column).tolist() for name, column in _statistics(runs, cells).items()}
 
 
 def _statistics(runs: Columns, cells: ByCell) -> dict[str, Any]:
@@ -102,7 +129,7 @@ def _statistics(runs: Columns, cells: ByCell) -> dict[str, Any]:
         "success": np.where(level == level, won / count, np.nan),
         "success_low": low,
         "success_high": high,
-        "floor": [floor_of(each) for each in level.tolist()],
+        "floor": np.where(level == level, level, -np.inf),  # at and below it values are tied
         "best_q1": q1,
         "best_median": median,
         "best_q3": q3,
@@ -125,8 +152,8 @@ def _statistics(runs: Columns, cells: ByCell) -> dict[str, Any]:
 
 def outside_box(runs: Columns) -> NDArray[np.bool_]:
     """Return whether each run has an answer that lies outside the box; of published runs nobody knows, so not."""
-    left = known(runs["inside_box"]) & ~true(runs["inside_box"])
-    return np.asarray(left & np.isfinite(floats(runs["best_value"])))
+    outside = known(runs["inside_box"]) & ~true(runs["inside_box"])
+    return np.asarray(outside & np.isfinite(floats(runs["best_value"])))
 
 
 def _minima(runs: Columns, cells: ByCell) -> Array:
@@ -158,15 +185,15 @@ def _merits(runs: pd.DataFrame, cells: ByCell) -> dict[str, Array]:
     """Return of each ``merit.KEY`` the medians (``_median``), or of flags the shares (``_share``)."""
     import pandas as pd
 
-    found = {}
+    merits = {}
     for key in (str(key) for key in runs.columns if str(key).startswith(PREFIX)):
         if pd.api.types.is_bool_dtype(runs[key]):
             counted = cells.sums(runs[key].notna())
             with np.errstate(invalid="ignore"):
-                found[f"{key}_share"] = cells.sums(runs[key].fillna(False)) / counted
+                merits[f"{key}_share"] = cells.sums(runs[key].fillna(False)) / counted
         elif pd.api.types.is_float_dtype(runs[key]):
-            found[f"{key}_median"] = cells.medians(floats(runs[key]))
-    return found
+            merits[f"{key}_median"] = cells.medians(floats(runs[key]))
+    return merits
 
 
 def lowest_below(runs: Columns, minimum: float) -> float | None:
@@ -178,11 +205,11 @@ def lowest_below(runs: Columns, minimum: float) -> float | None:
 
 
 def _lowest_below(values: Array, minimum: float) -> float | None:
-    found = values[~np.isnan(values)]
-    if minimum != minimum or not found.size:
+    known_values = values[~np.isnan(values)]
+    if minimum != minimum or not known_values.size:
         return None
-    allowed = SAME * max(abs(minimum), float(np.median(np.abs(found))))
-    return float(found.min()) if found.min() < minimum - allowed else None
+    allowed = SAME * max(abs(minimum), float(np.median(np.abs(known_values))))
+    return float(known_values.min()) if known_values.min() < minimum - allowed else None
 
 
 def quantiles(values: Array, at: Sequence[float]) -> Array:
@@ -194,15 +221,15 @@ def quantiles(values: Array, at: Sequence[float]) -> Array:
     [1.75, 3.0, inf]
     """
     ordered = np.sort(np.where(np.isnan(values), np.inf, values), axis=0)
-    found = []
+    levels = []
     for q in at:
         place = q * (len(ordered) - 1)
         below = int(place)
         share = place - below
         low, high = ordered[below], ordered[min(below + 1, len(ordered) - 1)]
         between = low if share == 0 else (1 - share) * low + share * high
-        found.append(np.clip(between, low, high))  # of two equal values their value, to the last bit
-    return np.array(found)
+        levels.append(np.clip(between, low, high))  # of two equal values their value, to the last bit
+    return np.array(levels)
 
 
 def median_of_reached(values: Array) -> float:
@@ -228,15 +255,15 @@ def chances(runs: Columns, cells: ByCell) -> NDArray[np.bool_]:
 
     A deterministic method from one start gives one answer, however often it is run: nothing there is uncertain.
     """
-    found = _noisy(runs, cells)  # of a noisy value even one run is a draw
+    by_results = _noisy(runs, cells)  # of a noisy value even one run is a draw
     for name in ("best_value", "charged"):
         values = floats(runs[name])
         unlike = cells.sums(np.isnan(values)) > 0  # a run without a value is like no other
-        found |= (cells.count > 1) & (unlike | (cells.least(values) < cells.most(values)))
+        by_results |= (cells.count > 1) & (unlike | (cells.least(values) < cells.most(values)))
     names = [plain(runs[name]) for name in (*METHOD, "start")]
-    said = plain(runs["chance"]) if "chance" in runs else [None] * len(names[0])
-    return found | [
-        not runs_once(*(str(column[i]) for column in names)) if said[i] is None else bool(said[i])
+    stated = plain(runs["chance"]) if "chance" in runs else [None] * len(names[0])
+    return by_results | [
+        not runs_once(*(str(column[i]) for column in names)) if stated[i] is None else bool(stated[i])
         for i in cells.first.tolist()
     ]
 
@@ -282,14 +309,9 @@ def alike(values: Array) -> Array:
     with np.errstate(invalid="ignore"):
         apart = ~(np.diff(ordered) <= SAME * np.minimum(np.abs(ordered[1:]), np.abs(ordered[:-1])))
     first = np.concatenate([[0], np.cumsum(apart)]).astype(np.int64)[: len(values)]
-    found = np.empty(len(values))
-    found[order] = ordered[np.flatnonzero(np.concatenate([[True], apart]))[first]] if len(values) else ordered
-    return found
-
-
-def floor_of(goal: float) -> float:
-    """Return the level at and below which values are tied: the goal, where there is one; else none is known (-inf)."""
-    return goal if goal == goal else -np.inf
+    joined = np.empty(len(values))
+    joined[order] = ordered[np.flatnonzero(np.concatenate([[True], apart]))[first]] if len(values) else ordered
+    return joined
 
 
 def method_names(table: pd.DataFrame) -> pd.Series:
@@ -309,19 +331,16 @@ def names_of_methods(methods: Iterable[tuple[str, str]]) -> list[str]:
     asked = list(methods)
     pairs = list(dict.fromkeys(asked))
     names: dict[tuple[str, str], str] = {}
-    ours = optimizers.registry
     for optimizer, text in pairs:
-        told = chosen_options(optimizers.registry, optimizer, parts(json.loads(text), classes=False))
+        options = chosen_options(optimizers.registry, optimizer, parts(json.loads(text), classes=False))
         others = [parts(json.loads(its)) for name, its in pairs if name == optimizer]
+        if optimizer not in optimizers.registry and len(options) > MOST_OPTIONS:
+            # nobody here knows its defaults: what its variants differ in
+            options = {key: value for key, value in options.items() if any(each.get(key) != value for each in others)}
+        texts = [option_text(*option) for option in options.items()]
+        preset = preset_names().get((optimizer, text)) if len(texts) > 1 else None
         alone = len(others) == 1
-        if (
-            optimizer not in ours and len(told) > MOST_TOLD
-        ):  # nobody here knows its defaults: what its variants differ in
-            told = {key: value for key, value in told.items() if any(each.get(key) != value for each in others)}
-        said = [option_text(*option) for option in told.items()]
-        preset = preset_names().get((optimizer, text)) if len(said) > 1 else None
-        plain = optimizer if alone or not said else f"{optimizer} ({', '.join(said)})"
-        names[optimizer, text] = preset or plain
+        names[optimizer, text] = preset or (optimizer if alone or not texts else f"{optimizer} ({', '.join(texts)})")
     short = {pair: name.partition(",")[0] + ", …)" if "," in name else name for pair, name in names.items()}
     chosen = short if len(set(short.values())) == len(pairs) else names
     return [chosen[pair] for pair in asked]
@@ -329,8 +348,8 @@ def names_of_methods(methods: Iterable[tuple[str, str]]) -> list[str]:
 
 def method_name(optimizer: str, options: str) -> str:
     """Return an optimiser alone: its name and the options that are not the declared default."""
-    said = chosen_options(optimizers.registry, optimizer, parts(json.loads(options), classes=False))
-    return " ".join([optimizer, *(option_text(*option) for option in sorted(said.items()))])
+    chosen = chosen_options(optimizers.registry, optimizer, parts(json.loads(options), classes=False))
+    return " ".join([optimizer, *(option_text(*option) for option in sorted(chosen.items()))])
 
 
 def option_text(key: str, value: Any, short: bool = True) -> str:
@@ -350,38 +369,15 @@ def problem_name(problem: str, options: str, but: Sequence[str] = (), also: Coll
     declared = problems.registry.options(problem) if problem in problems.registry else {}
     have = parts(json.loads(options))
     named = parts(json.loads(options), classes=False)
-    told = chosen_options(problems.registry, problem, named) | {key: have[key] for key in also if key in have}
-    said = [
+    chosen = chosen_options(problems.registry, problem, named) | {key: have[key] for key in also if key in have}
+    texts = [
         option_text(key, value)
-        for key, value in sorted(told.items())
+        for key, value in sorted(chosen.items())
         if key not in but
         and not (key == "n" and key in declared and declared[key].default is None)
         and not (value is None and declared)  # a problem of ours says so of what does not apply to its data
     ]
-    return " ".join([problem, *said])
-
-
-def convergence(traces: Iterable[pd.DataFrame], at: Array) -> pd.DataFrame:
-    """Return median and quartiles of the best value after `at` charged evaluations, over runs.
-
-    A run that has ended keeps its last value; before its first evaluation it has none, and the band begins where all
-    runs have begun. A run that ended without an evaluation, whose trace is empty, is infinite throughout.
-    """
-    import pandas as pd
-
-    curves = []
-    for trace in traces:
-        charged = trace["charged"].to_numpy()
-        if not len(charged):
-            curves.append(np.full(len(at), np.inf))
-            continue
-        index = np.searchsorted(charged, at, side="right") - 1
-        values = trace["best_value"].to_numpy(dtype=float)[np.maximum(index, 0)]
-        curves.append(np.where(index >= 0, values, np.nan))
-    stack = np.array(curves)
-    begun = ~np.isnan(stack).any(axis=0)
-    low, middle, high = quantiles(stack[:, begun], QUARTILES)
-    return pd.DataFrame({"charged": at[begun], "q1": low, "median": middle, "q3": high, "runs": len(curves)})
+    return " ".join([problem, *texts])
 
 
 def goal(target: float | None, targets: Sequence[float]) -> float:
@@ -394,8 +390,8 @@ def goal(target: float | None, targets: Sequence[float]) -> float:
 
 def goals_of(runs: Columns) -> Array:
     """Return the `goal` of each run, shape (runs,)."""
-    own = floats(runs["target"])
-    return np.where(np.isnan(own), lists_of(runs["targets"]).last, own)
+    target = floats(runs["target"])
+    return np.where(np.isnan(target), lists_of(runs["targets"]).last, target)
 
 
 def goal_hits(runs: Columns) -> Array:
@@ -405,13 +401,13 @@ def goal_hits(runs: Columns) -> Array:
     limit keeps what it reached before.
     """
     levels, hits = lists_of(runs["targets"]), lists_of(runs["hits_charged"])
-    found = np.full(len(levels.count), np.nan)
+    charged = np.full(len(levels.count), np.nan)
     at_goal = np.flatnonzero(levels.flat == np.repeat(goals_of(runs), levels.count))
     rows, first = np.unique(levels.row[at_goal], return_index=True)
     place = at_goal[first] - levels.begins[rows]
-    found[rows] = hits.flat[hits.begins[rows] + place]
-    found[[status == "failed" for status in plain(runs["status"])]] = np.nan
-    return found
+    charged[rows] = hits.flat[hits.begins[rows] + place]
+    charged[[status == "failed" for status in plain(runs["status"])]] = np.nan
+    return charged
 
 
 def endings(table: pd.DataFrame) -> pd.Series:
@@ -424,12 +420,11 @@ def endings(table: pd.DataFrame) -> pd.Series:
 
 @cache
 def _ending(optimizer: str, options: str) -> str:
-    said = json.loads(options)
-    if said.get("restarts"):
+    if json.loads(options).get("restarts"):
         return "restarts"
     if optimizer not in optimizers.registry:
         return ""
-    chosen = given_options(optimizers.registry, optimizer, said)
+    chosen = given_options(optimizers.registry, optimizer, json.loads(options))
     try:
         return "stops" if optimizers.make(optimizer, **chosen).traits.self_terminating else ""
     except (ValueError, AttributeError):  # options of another version, or a class without traits
@@ -442,12 +437,12 @@ CONF = Path(conf.__file__).resolve().parent
 @cache
 def preset_names() -> dict[tuple[str, str], str]:
     """Return (optimiser, its options as canonical JSON) -> the preset that has just these options."""
-    found: dict[tuple[str, str], str] = {}
+    names: dict[tuple[str, str], str] = {}
     for path in sorted((CONF / "optimizer").glob("*.yaml")):
         name, options = _resolved(path.stem)
         if name in optimizers.registry:
-            found.setdefault((name, canonical(options_of(optimizers.make(name, **options)))), path.stem)
-    return found
+            names.setdefault((name, canonical(options_of(optimizers.make(name, **options)))), path.stem)
+    return names
 
 
 def _resolved(preset: str) -> tuple[str, dict[str, Any]]:
@@ -457,7 +452,7 @@ def _resolved(preset: str) -> tuple[str, dict[str, Any]]:
     path = CONF / "optimizer" / f"{preset}.yaml"
     if not path.is_file():
         return preset, {}
-    said: Any = OmegaConf.to_container(OmegaConf.load(path))
-    base = next((entry for entry in said.pop("defaults", []) if entry != "_self_"), said.pop("name", preset))
+    content: Any = OmegaConf.to_container(OmegaConf.load(path))
+    base = next((entry for entry in content.pop("defaults", []) if entry != "_self_"), content.pop("name", preset))
     name, options = _resolved(str(base))
-    return name, options | said
+    return name, options | content

@@ -61,11 +61,7 @@ def problem_of(row: Mapping[str, Any] | pd.Series, leaves_out: str = _OF_THE_DAT
 _OF_PARAMETERS = ("parameter_names", "parameter_units", "parameter_starts", "parameter_truths")
 
 
-def _nothing_printed(name: str, problem: Any) -> Mapping[str, float]:
-    return {}
-
-
-def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = _nothing_printed) -> pd.DataFrame:
+def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = lambda name, problem: {}) -> pd.DataFrame:
     """Return calibrated values against the truth: a row for each cell (`bench.statistics.cells`) and parameter.
 
     Columns: those of a cell, parameter, unit, true, start_value, printed (a published result for this problem, by
@@ -74,8 +70,8 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = _nothing_prin
     """
     rows = []
     known: dict[tuple[str, str], tuple[Sequence[Parameter], Mapping[str, float]]] = {}
-    told = [name for name in _OF_PARAMETERS if name in runs]
-    answered = runs[[*CELL, "parameter_values", *told]][runs["parameter_values"].notna()]
+    columns = [*CELL, "parameter_values", *(name for name in _OF_PARAMETERS if name in runs)]
+    answered = runs[columns][runs["parameter_values"].notna()]
     cells = by_cell(answered)
     keys = answered.iloc[cells.first][CELL].itertuples(index=False)
     listed = answered["parameter_values"].tolist()  # one by one each is a new array
@@ -120,13 +116,13 @@ def _parameters(
 
 
 def parameters_in(row: Mapping[str, Any] | pd.Series) -> tuple[Parameter, ...]:
-    """Return the parameters that a row tells of: those that its problem declares; none of an earlier version's row."""
-    told = [row.get(name) for name in _OF_PARAMETERS]
-    if any(not isinstance(column, Iterable) for column in told):
+    """Return the parameters that a row tells of: those that its problem declares."""
+    columns = [row.get(name) for name in _OF_PARAMETERS]
+    if any(not isinstance(column, Iterable) for column in columns):  # of a problem without parameters
         return ()
     return tuple(
         Parameter(name, unit, start, float("-inf"), float("inf"), None if true is None or true != true else true)
-        for name, unit, start, true in zip(*told, strict=True)
+        for name, unit, start, true in zip(*columns, strict=True)
     )
 
 
@@ -144,13 +140,13 @@ def overview(
     """
     cells = summary(runs, costs) if cells is None else cells.copy()
     cells["place"] = ranking.places(cells)
-    own = by_cell(runs)
-    first = runs.iloc[own.first]
+    rows = by_cell(runs)
+    first = runs.iloc[rows.first]
     more = {
         "error": [json.loads(text).get("error", "") for text in first["problem_options"]],
         "dimension": first["dimension"].to_numpy(dtype=np.int64),
-        "parameter_error_mm": own.medians(floats(runs["parameter_error_mm_aligned"])),
-        "cpu_s": own.medians(floats(runs["cpu_s"])),
+        "parameter_error_mm": rows.medians(floats(runs["parameter_error_mm_aligned"])),
+        "cpu_s": rows.medians(floats(runs["cpu_s"])),
     }
     methods = ranking.methods(cells).rename(columns={"place": "mean_place"})
     table = pd.concat([cells, pd.DataFrame(more)], axis=1).merge(methods, on=METHOD)
@@ -179,22 +175,22 @@ def identifiability(runs: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for name, options, data in runs[PROBLEM].drop_duplicates().itertuples(index=False):
         try:
-            found = problems.identify(problem_of({"problem": name, "problem_options": options}))
+            known = problems.identify(problem_of({"problem": name, "problem_options": options}))
         except (ValueError, AttributeError):  # not built from names, or without a Jacobian
             continue
-        errors = found.to_dict()["standard_errors"]
+        errors = known.to_dict()["standard_errors"]
         worst = {
             f"worst_standard_error_{unit}": max(
-                (errors[n] for n, u in zip(found.names, found.units, strict=True) if u == unit and errors[n]),
+                (errors[n] for n, u in zip(known.names, known.units, strict=True) if u == unit and errors[n]),
                 default=np.nan,
             )
             for unit in ("mm", "rad")
         }
         rows.append(
             {
-                "problem": name, "problem_options": options, "data_id": data, "dimension": found.dimension,
-                "rank": found.rank, "condition": found.condition, "finding": found.sentence(), "noise": found.noise,
-                "noise_unit": found.noise_unit, **worst,
+                "problem": name, "problem_options": options, "data_id": data, "dimension": known.dimension,
+                "rank": known.rank, "condition": known.condition, "finding": known.sentence(), "noise": known.noise,
+                "noise_unit": known.noise_unit, **worst,
             }
         )  # fmt: skip
     return pd.DataFrame(rows)

@@ -82,33 +82,33 @@ def levels_of(runs: pd.DataFrame, wanted: Mapping[str, Sequence[float]] | None =
     answer lies in the box can reach it. `wanted` is {quantity: targets} in place of the defaults. The largest target
     stands first. Raises `ValueError` for a quantity that the runs do not have.
     """
-    asked_of = runs
-    if "merit" in runs and any(name.startswith(PREFIX) and name not in runs for name in wanted or ()):
-        asked_of = offered(runs[["merit"]])
+    unread = "merit" in runs and any(name.startswith(PREFIX) and name not in runs for name in wanted or ())
+    merits = offered(runs[["merit"]]) if unread else runs
     for quantity in wanted or ():
-        _check_quantity(quantity, runs if quantity in runs else asked_of)
-    found = []
+        _check_quantity(quantity, runs if quantity in runs else merits)
+    levels = []
     asked: Mapping[str, Sequence[float] | None] = dict.fromkeys(["value", "gap", "noise", *OF_THE_ANSWER])
     asked = asked if wanted is None else wanted
-    told = references(runs) if "gap" in asked else pd.DataFrame(columns=[*PROBLEM, "reference", "declared"])
-    known = {tuple(row[:3]): (float(row[3]), bool(row[4])) for row in told.itertuples(index=False)}
-    own: dict[tuple[Any, ...], list[float]] = {}
+    least = references(runs).itertuples(index=False) if "gap" in asked else ()
+    known = {tuple(row[:3]): (float(row[3]), bool(row[4])) for row in least}
+    declared_of: dict[tuple[Any, ...], list[float]] = {}
     for *names, level in declared_levels(runs)[[*PROBLEM, "target"]].itertuples(index=False):
-        own.setdefault(tuple(names), []).append(float(level))
+        declared_of.setdefault(tuple(names), []).append(float(level))
     cells = by_cell(runs, PROBLEM)
     measured = {name: cells.sums(runs[name].notna()) > 0 for name in asked if name in runs}
     for i, key in enumerate(runs[PROBLEM].iloc[cells.first].itertuples(index=False, name=None)):
         reference, declared = known.get(key, (float("nan"), True))
         for quantity, targets in asked.items():
             if quantity == "value":
-                rows = _values(own.get(key, []) if targets is None else targets)
+                values = declared_of.get(key, []) if targets is None else targets
+                rows = [(float(t), float(t)) for t in sorted(set(values), reverse=True)]
             elif targets is None and quantity in OF_THE_ANSWER and not (quantity in measured and measured[quantity][i]):
                 rows = []
             else:
                 rows = _levels(quantity, targets, dict(zip(PROBLEM, key, strict=True)), reference)
             inside = quantity == "gap" and not declared
-            found += [(*key, quantity, target, level, inside) for target, level in rows]
-    return pd.DataFrame(found, columns=LEVELS).astype({"target": float, "level": float, "inside": bool})
+            levels += [(*key, quantity, target, level, inside) for target, level in rows]
+    return pd.DataFrame(levels, columns=LEVELS).astype({"target": float, "level": float, "inside": bool})
 
 
 def _check_quantity(quantity: str, runs: pd.DataFrame) -> None:
@@ -137,8 +137,8 @@ def references(runs: pd.DataFrame) -> pd.DataFrame:
     for i in np.flatnonzero(below).tolist():
         declared[i] = lowest_below(runs.iloc[cells.rows(i)], float(minimum[i])) is None
     lowest = cells.least(np.where(inside & np.isfinite(values), values, np.nan))
-    told = runs[PROBLEM].iloc[cells.first].reset_index(drop=True)
-    return told.assign(reference=np.where(declared, minimum, lowest), declared=declared)
+    problems = runs[PROBLEM].iloc[cells.first].reset_index(drop=True)
+    return problems.assign(reference=np.where(declared, minimum, lowest), declared=declared)
 
 
 def _noise_level(row: Mapping[str, Any] | pd.Series) -> float:
@@ -154,23 +154,15 @@ def _noise_level(row: Mapping[str, Any] | pd.Series) -> float:
         return float("nan")
     if getattr(problem, "as_good_as_noise", None) is not None:  # an instance: the value at its truth, not the mean
         return float(problem.as_good_as_noise)
-    truth, noise = getattr(problem, "truth", None), _declared_noise(problem)
-    if truth is None or not noise > 0:
+    truth = getattr(problem, "truth", None)
+    noise = extra_of(problem, "options", {}).get("noise", getattr(problem, "noise", None))
+    if truth is None or not isinstance(noise, int | float) or not noise > 0:
         return float("nan")
     if getattr(problem, "residual_covariance", None) is not None:
         return noise**2 * float(np.trace(problem.residual_covariance(truth)))
     if getattr(problem, "residual_noise", None) is not None:
         return noise**2 * float(np.sum(np.asarray(problem.residual_noise(truth)) ** 2))
     return float("nan")
-
-
-def _declared_noise(problem: Any) -> float:
-    told = extra_of(problem, "options", {}).get("noise", getattr(problem, "noise", None))
-    return float(told) if isinstance(told, int | float) else float("nan")
-
-
-def _values(listed: Sequence[float]) -> list[tuple[float, float]]:
-    return [(float(t), float(t)) for t in sorted(set(listed), reverse=True)]
 
 
 def _levels(
@@ -204,8 +196,8 @@ def with_lowest_seen(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
     begun = traces.drop_duplicates("run_id").set_index("run_id")["best_value"]  # traces stand in order
     lists = {name: runs[name].to_list() for name in ("targets", "hits_charged")}
     for _, problem in runs[open_].groupby([*PROBLEM, "budget"], sort=False, dropna=False):
-        found = (problem["status"] != "failed") & np.isfinite(problem["best_value"])
-        inside = problem.loc[problem["inside_box"] & found, "best_value"]
+        answered = (problem["status"] != "failed") & np.isfinite(problem["best_value"])
+        inside = problem.loc[problem["inside_box"] & answered, "best_value"]
         scale = begun.reindex(problem["run_id"]).abs()
         scale = scale[np.isfinite(scale)].median()
         if inside.empty or not scale > 0:
@@ -213,7 +205,7 @@ def with_lowest_seen(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
         declared = problem["minimum"].iloc[0]
         lowest = inside.min() if pd.isna(declared) else float(declared)
         level = lowest + max(EPS * scale, SAME * abs(lowest))
-        reached = found & problem["inside_box"] & (problem["best_value"] <= level)
+        reached = answered & problem["inside_box"] & (problem["best_value"] <= level)
         if reached.sum() < 2 or reached.groupby([problem[name] for name in METHOD]).mean().max() < _SHARE:
             continue
         mine = traces[traces["run_id"].isin(problem.loc[reached, "run_id"]) & (traces["best_value"] <= level)]

@@ -2,16 +2,13 @@
 
 Pairs (the same repetition of the same problem: the same data and start) are tested by Wilcoxon's signed-rank test on
 the differences of their ranks among all runs of both: where nothing differs, a pair may be exchanged, which only turns
-the sign of its difference. Runs without partners are tested by Mann and Whitney's test. Both look at the order of runs
-alone (`score`). The p-values are exact, ties and all, of up to 60 pairs and of up to 80 runs without partners; beyond
-they are by SciPy's normal approximation with its correction for ties. Where one side has no chance in it, its one value
-is beside the runs of the other: that is the sign test.
+the sign of its difference. Runs without partners are tested by Mann and Whitney's test, and the runs of one side beside
+the one value of a side without chance by the sign test. All look at the order of runs alone (`scores`). The p-values
+are exact, ties and all, of up to 60 pairs and of up to 80 runs without partners; beyond they are by SciPy's normal
+approximation with its correction for ties.
 
-How often a run of one method beats a run of another: A12 = P(first better) + P(alike) / 2, with its interval.
-
-0.5: none is better; 1: every run of the first beats every run of the second. The interval is Brunner and Munzel's
-(2000) of unpaired runs, Munzel and Brunner's (2002) of pairs, on the logistic scale with Student's t; where all runs of
-one beat all of the other their variance is 0, and the bound is that of Wilson for so many of so many runs.
+How much is A12 = P(first better) + P(alike) / 2. Its interval is Brunner and Munzel's (2000) of unpaired runs, Munzel
+and Brunner's (2002) of pairs, on the logistic scale with Student's t.
 
 Source: Vargha and Delaney, J. Educ. Behav. Stat. 25 (2000).
 """
@@ -19,13 +16,18 @@ Source: Vargha and Delaney, J. Educ. Behav. Stat. 25 (2000).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import comb
+from math import comb, nan
 from typing import Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibench.bench.statistics.ranking import order_of_scores as order_of
+
+Array = NDArray[np.float64]
+_MOST_PAIRS = 60  # whose exchanges are all counted
+_MOST_RUNS = 80  # of both sides, whose exchanges are all counted
+Test = Literal["signed-rank", "Mann-Whitney", "sign", "equal", "fact", "none"]
 
 
 @final
@@ -43,13 +45,13 @@ def a12(first: Array, second: Array, paired: bool = False, level: float = 0.95) 
 
     `paired`: the i-th of both belong together. The interval is (0, 1) of fewer than two runs of either.
     """
-    from scipy.stats import t
+    from scipy.stats import norm, t
 
     n, m = len(first), len(second)
     ranks = order_of(np.concatenate([first, second]))
-    own = [order_of(first), order_of(second)]
-    of_first = 1 - (ranks[:n] - own[0]) / m  # the share of the second that each run of the first beats
-    of_second = (ranks[n:] - own[1]) / n  # the share of the first that beats each run of the second
+    within = [order_of(first), order_of(second)]
+    of_first = 1 - (ranks[:n] - within[0]) / m  # the share of the second that each run of the first beats
+    of_second = (ranks[n:] - within[1]) / n  # the share of the first that beats each run of the second
     effect = float(of_first.mean())
     if n < 2 or m < 2:
         return Effect(effect, 0.0, 1.0)
@@ -61,32 +63,19 @@ def a12(first: Array, second: Array, paired: bool = False, level: float = 0.95) 
         variance = sum(parts)
         below = parts[0] ** 2 / (n - 1) + parts[1] ** 2 / (m - 1)
         freedom = variance**2 / below if below else float(min(n, m) - 1)
-    if not 0 < effect < 1 or variance <= 0:
-        return _by_wilson(effect, min(n, m), level)
+    if not 0 < effect < 1 or variance <= 0:  # what complete separation of n runs still allows: Wilson's interval
+        k, z2 = min(n, m), float(norm.ppf((1 + level) / 2)) ** 2
+        middle = (effect + z2 / (2 * k)) / (1 + z2 / k)
+        reach = np.sqrt(z2 * (effect * (1 - effect) / k + z2 / (4 * k * k))) / (1 + z2 / k)
+        return Effect(effect, max(0.0, float(middle - reach)), min(1.0, float(middle + reach)))
     middle = np.log(effect / (1 - effect))
     reach = float(t.ppf((1 + level) / 2, freedom)) * np.sqrt(variance) / (effect * (1 - effect))
     low, high = (1 / (1 + np.exp(-(middle + side * reach))) for side in (-1, 1))
     return Effect(effect, float(low), float(high))
 
 
-def _by_wilson(effect: float, n: int, level: float) -> Effect:
-    """Return Wilson's interval for a share `effect` of `n`: what complete separation of n runs still allows."""
-    from scipy.stats import norm
-
-    z2 = float(norm.ppf((1 + level) / 2)) ** 2
-    middle = (effect + z2 / (2 * n)) / (1 + z2 / n)
-    reach = np.sqrt(z2 * (effect * (1 - effect) / n + z2 / (4 * n * n))) / (1 + z2 / n)
-    return Effect(effect, max(0.0, float(middle - reach)), min(1.0, float(middle + reach)))
-
-
-Array = NDArray[np.float64]
-_MOST_PAIRS = 60  # whose exchanges are all counted
-_MOST_RUNS = 80  # of both sides, whose exchanges are all counted
-Test = Literal["signed-rank", "Mann-Whitney", "sign", "equal", "fact", "none"]
-
-
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Tested:
     """What a test of two sets of runs says: `p` two-sided, `sign_p` of the sign test (of pairs, else NaN).
 
@@ -99,12 +88,12 @@ class Tested:
 
     test: Test
     runs: tuple[int, int]
-    pairs: int
-    p: float
-    p_least: float
-    sign_p: float
     effect: Effect
-    ahead: int
+    pairs: int = 0
+    p: float = nan
+    p_least: float = nan
+    sign_p: float = nan
+    ahead: int = 0
 
 
 def two_methods(first: Array, second: Array, paired: bool, chance: tuple[bool, bool] = (True, True)) -> Tested:
@@ -113,32 +102,37 @@ def two_methods(first: Array, second: Array, paired: bool, chance: tuple[bool, b
     `paired`: the i-th of both belong together. `chance` tells of both whether it has a part: where it has none in
     either, a difference is a fact, and not tested.
     """
-    n, m = len(first), len(second)
+    n, m = runs = len(first), len(second)
     pairs = n if paired else 0
-    effect = a12(second, first, paired) if n and m else Effect(float("nan"), 0.0, 1.0)
-    nothing = float("nan")
     if not n or not m:
-        return Tested("none", (n, m), pairs, nothing, nothing, nothing, effect, 0)
+        return Tested(test="none", runs=runs, pairs=pairs, effect=Effect(nan, 0.0, 1.0))
+    effect = a12(second, first, paired)
     ahead = int(np.sign(effect.a12 - 0.5))
     alike = first == second if paired else np.sort(first, axis=0) == np.sort(second, axis=0) if n == m else False
     if np.all(alike):
-        return Tested("equal", (n, m), pairs, nothing, nothing, nothing, effect, 0)
+        return Tested(test="equal", runs=runs, pairs=pairs, effect=effect)
     if not any(chance):
-        return Tested("fact", (n, m), pairs, nothing, nothing, nothing, effect, ahead)
+        return Tested(test="fact", runs=runs, pairs=pairs, effect=effect, ahead=ahead)
     if not all(chance):
         signs = beside_fixed(first, second) if chance[1] else -beside_fixed(second, first)
-        p, count = _sign(signs), len(signs)
-        return Tested("sign", (n, m), 0, p, min(1.0, 2.0 ** (1 - count)), p, effect, ahead)
+        p, least = _sign(signs), min(1.0, 2.0 ** (1 - len(signs)))
+        return Tested(test="sign", runs=runs, p=p, p_least=least, sign_p=p, effect=effect, ahead=ahead)
     ranks = order_of(np.concatenate([first, second]))
-    if paired:
-        difference = ranks[n:] - ranks[:n]
-        above, below = signed_rank_tails(difference)
-        ahead = ahead if ahead == int(np.sign(above - below)) else 0  # a higher rank is behind
-        p = min(1.0, 2 * min(above, below))
-        return Tested("signed-rank", (n, m), pairs, p, min(1.0, 2.0 ** (1 - n)), _sign(difference), effect, ahead)
-    least = min(1.0, 2.0 / comb(n + m, n))
-    p = min(1.0, 2 * min(rank_sum_tails(ranks[:n], ranks[n:])))
-    return Tested("Mann-Whitney", (n, m), 0, p, least, nothing, effect, ahead)
+    if not paired:
+        p, least = min(1.0, 2 * min(rank_sum_tails(ranks[:n], ranks[n:]))), min(1.0, 2.0 / comb(n + m, n))
+        return Tested(test="Mann-Whitney", runs=runs, p=p, p_least=least, effect=effect, ahead=ahead)
+    difference = ranks[n:] - ranks[:n]
+    above, below = signed_rank_tails(difference)
+    return Tested(
+        test="signed-rank",
+        runs=runs,
+        pairs=n,
+        p=min(1.0, 2 * min(above, below)),
+        p_least=min(1.0, 2.0 ** (1 - n)),
+        sign_p=_sign(difference),
+        effect=effect,
+        ahead=ahead if ahead == int(np.sign(above - below)) else 0,  # a higher rank is behind
+    )
 
 
 def signed_rank_tails(difference: Array) -> tuple[float, float]:
@@ -200,7 +194,6 @@ def beside_fixed(fixed: Array, drawn: Array) -> Array:
 
 
 def _sign(difference: Array) -> float:
-    """Return the two-sided p of the sign test."""
     from scipy.stats import binomtest
 
     apart = difference[difference != 0]

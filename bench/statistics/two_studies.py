@@ -78,11 +78,12 @@ def compare(
     """
     matched, only = _matched(first, second, methods)
     sides = [partners(pair.first, pair.second) for pair in matched]
-    results = [_tested(*side, by) for side in sides]
-    told = verdicts(results, by)
+    results = [
+        two_methods(scores(a, by), scores(b, by), paired, (has_chance(a), has_chance(b))) for a, b, paired in sides
+    ]
     rows = [
         _row(pair, side, result, p, *_of_runs(side, result, verdict, why, by))
-        for pair, side, result, (p, verdict, why) in zip(matched, sides, results, told, strict=True)
+        for pair, side, result, (p, verdict, why) in zip(matched, sides, results, verdicts(results, by), strict=True)
     ]
     return Compared(pd.DataFrame(rows), *only)
 
@@ -98,19 +99,18 @@ def _matched(
 ) -> tuple[list[Shared], tuple[int, int]]:
     """Return the shared cells, and how many cells only the first and only the second has."""
     sides = [_cells(runs, methods is not None) for runs in (first, second)]
-    found: list[Shared] = []
-    left = [0, 0]
+    shared: list[Shared] = []
+    only = [0, 0]
     for key in dict.fromkeys([*sides[0], *sides[1]]):
         a, b = (side.get(key, {}) for side in sides)
         same = [options for options in a if options in b]
-        found += [Shared(a[options], b[options], "") for options in same]
+        shared += [Shared(a[options], b[options], "") for options in same]
         rest = [[options for options in side if options not in same] for side in (a, b)]
         if len(rest[0]) == len(rest[1]) == 1:
-            found.append(Shared(a[rest[0][0]], b[rest[1][0]], _told(rest[0][0], rest[1][0])))
+            shared.append(Shared(a[rest[0][0]], b[rest[1][0]], _difference(rest[0][0], rest[1][0])))
         else:
-            left[0] += len(rest[0])
-            left[1] += len(rest[1])
-    return found, (left[0], left[1])
+            only = [count + len(more) for count, more in zip(only, rest, strict=True)]
+    return shared, (only[0], only[1])
 
 
 def _cells(runs: pd.DataFrame, any_method: bool) -> dict[tuple[Any, ...], dict[str, pd.DataFrame]]:
@@ -118,8 +118,10 @@ def _cells(runs: pd.DataFrame, any_method: bool) -> dict[tuple[Any, ...], dict[s
     cells: dict[tuple[Any, ...], dict[str, pd.DataFrame]] = {}
     for key, mine in runs.groupby([*PROBLEM, *METHOD, *SETTING], sort=False, dropna=False):
         named: dict[str, Any] = dict(zip([*PROBLEM, *METHOD, *SETTING], key, strict=True))
-        problem = _chosen(problems.registry, named["problem"], named["problem_options"])
-        method = _chosen(optimizers.registry, named["optimizer"], named["optimizer_options"])
+        problem, method = (
+            canonical(chosen_options(registry, named[kind], json.loads(named[f"{kind}_options"])))
+            for registry, kind in ((problems.registry, "problem"), (optimizers.registry, "optimizer"))
+        )
         setting = tuple(None if named[name] != named[name] else named[name] for name in _SHARED)
         what = (named["problem"], problem, *setting, *([] if any_method else [named["optimizer"]]))
         options = f"{named['optimizer']} {method}" if any_method else method
@@ -128,22 +130,15 @@ def _cells(runs: pd.DataFrame, any_method: bool) -> dict[tuple[Any, ...], dict[s
     return cells
 
 
-def _chosen(registry: Any, name: str, options: str) -> str:
-    return canonical(chosen_options(registry, name, json.loads(options)))
-
-
-def _told(first: str, second: str) -> str:
+def _difference(first: str, second: str) -> str:
     """Return how two sets of chosen options differ, in the form of the command line."""
     try:
         a, b = (parts(json.loads(text), classes=False) for text in (first, second))
     except ValueError:  # two methods, each with its name
         return second
     keys = [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key)]
-    return ", ".join(f"{option_text(key, a.get(key, _UNSAID))} -> {_value(key, b.get(key, _UNSAID))}" for key in keys)
-
-
-def _value(key: str, value: Any) -> str:
-    return option_text(key, value).removeprefix(f"{key}=")
+    others = {key: option_text(key, b.get(key, _UNSAID)).removeprefix(f"{key}=") for key in keys}
+    return ", ".join(f"{option_text(key, a.get(key, _UNSAID))} -> {others[key]}" for key in keys)
 
 
 Sides = tuple[pd.DataFrame, pd.DataFrame, bool]  # the runs of both that are compared, and whether they are pairs
@@ -162,11 +157,6 @@ def partners(first: pd.DataFrame, second: pd.DataFrame) -> Sides:
     return first, second, False
 
 
-def _tested(first: pd.DataFrame, second: pd.DataFrame, paired: bool, by: By) -> Tested:
-    chance = has_chance(first), has_chance(second)
-    return two_methods(scores(first, by), scores(second, by), paired, chance)
-
-
 def _of_runs(side: Sides, result: Tested, verdict: Verdict, why: str, by: By) -> tuple[Verdict, str]:
     """Return verdict and reason with what the scores alone do not tell: that nothing ended, that all is at the goal."""
     first, second, _ = side
@@ -181,18 +171,13 @@ def _of_runs(side: Sides, result: Tested, verdict: Verdict, why: str, by: By) ->
     return verdict, why
 
 
-def _minimum(runs: pd.DataFrame) -> float:
-    """Return the least value that the problem of these runs declares; NaN where there is none, or values are noisy."""
-    known = runs["minimum"].iloc[0] if "minimum" in runs and runs["judged_value"].isna().all() else None
-    return float("nan") if known is None else float(known)
-
-
 def _row(pair: Shared, side: Sides, result: Tested, p: float, verdict: Verdict, why: str) -> dict[str, Any]:
     row: dict[str, Any] = {name: pair.first[name].iloc[0] for name in (*PROBLEM, *METHOD)}
     row |= {"other_options": pair.other_options} | {name: pair.first[name].iloc[0] for name in SETTING}
     unit = pair.first["unit"].iloc[0]
     row |= {"goal": float(goals_of(pair.first)[0]), "unit": unit if isinstance(unit, str) else ""}
-    row |= {"minimum": _minimum(pair.first)}
+    least = pair.first["minimum"].iloc[0] if pair.first["judged_value"].isna().all() else None
+    row |= {"minimum": float("nan") if least is None else float(least)}  # of noisy values there is none
     row |= {"runs_a": result.runs[0], "runs_b": result.runs[1], "pairs": result.pairs}
     row |= {"alone_a": len(pair.first) - len(side[0]), "alone_b": len(pair.second) - len(side[1]), "test": result.test}
     row |= {"p": result.p, "p_holm": p, "p_sign": result.sign_p}
@@ -224,13 +209,7 @@ def _verdict(result: Tested, p: float, by: By) -> tuple[Verdict, str]:
     if p <= LEVEL:
         return "undecided", f"Holm's p {p:.2g}, but of all couples as many or more say the opposite"
     if result.p_least > LEVEL:
-        of = f"{result.runs[0]} and {result.runs[1]} runs"
-        of = (
-            counted(result.pairs, "pair")
-            if result.pairs
-            else f"{of}, of one side without chance,"
-            if result.test == "sign"
-            else of
-        )
+        of = counted(result.pairs, "pair") if result.pairs else f"{result.runs[0]} and {result.runs[1]} runs"
+        of += ", of one side without chance," if result.test == "sign" else ""
         return "undecided", f"{of} cannot give a p below {result.p_least:.2g}"
     return "undecided", f"Holm's p {p:.2g}"

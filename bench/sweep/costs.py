@@ -25,7 +25,7 @@ from calibench.bench.gate.processes import CAN_FORK, Receiver, Sender, forked
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, name_of, options_of
 from calibench.bench.statistics.cells import PROBLEM
-from calibench.bench.statistics.priced import KINDS, key_of_costs
+from calibench.bench.statistics.summary import KINDS, key_of_costs
 from calibench.bench.workers.processes import nothing_printed
 from calibench.core.own_state import kept
 from calibench.problems.base import extra_of

@@ -7,7 +7,7 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from calibench.bench.statistics.cells import PROBLEM
-from calibench.bench.statistics.priced import key_of_costs
+from calibench.bench.statistics.summary import key_of_costs
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import carry_out, tell_of_costs
 from calibench.bench.sweep.progress import progress as shown_progress

@@ -14,7 +14,7 @@ returns the numbers as a DataFrame. Neither pyplot nor your rcParams are touched
 from __future__ import annotations
 
 from calibench.core.lazy import public_names
-from calibench.plot.found import calibration, discovery
+from calibench.plot.reports import calibration, discovery
 from calibench.plot.studies import convergence, ecdf, heatmap, profile, ranks
 
 __all__ = ["calibration", "convergence", "discovery", "ecdf", "heatmap", "profile", "ranks"]

@@ -19,9 +19,7 @@ class _Drawing(Protocol, Generic[Draw, Data]):
     data: Callable[Data, pd.DataFrame]
 
 
-def with_data(
-    data: Callable[Data, pd.DataFrame],
-) -> Callable[[Callable[Draw, Axes]], _Drawing[Draw, Data]]:
+def with_data(data: Callable[Data, pd.DataFrame]) -> Callable[[Callable[Draw, Axes]], _Drawing[Draw, Data]]:
     """Let a function that draws have the numbers of its drawing as the attribute `data`."""
 
     def give(draw: Callable[Draw, Axes]) -> _Drawing[Draw, Data]:

@@ -19,11 +19,11 @@ from calibench.plot.numbers import with_data
 
 def _convergence(source: Source, *, problem: str | None = None, traces: pd.DataFrame | None = None) -> pd.DataFrame:
     """Return the bands of each method on each problem: problem, method, charged, q1, median, q3, runs."""
-    found = read_source(source, problem, traces)
-    titles = problem_titles(found.runs)
-    named = found.runs.assign(method=method_labels(found.runs))
+    chosen = read_source(source, problem, traces)
+    titles = problem_titles(chosen.runs)
+    named = chosen.runs.assign(method=method_labels(chosen.runs))
     drawn = [
-        figures.convergence_bands(mine, found.traces()).assign(problem=title)
+        figures.convergence_bands(mine, chosen.traces()).assign(problem=title)
         for title, mine in named.groupby(titles, sort=False)
     ]
     return pd.concat(drawn, ignore_index=True)[["problem", "method", "charged", "q1", "median", "q3", "runs"]]
@@ -38,23 +38,23 @@ def convergence(
     `problem` chooses one of several, by its name or as the page calls it. `traces` are needed beside a table of runs
     that does not know its folder. Raises `ValueError` where there are several problems and none is chosen.
     """
-    found = read_source(source, problem, traces)
-    titles = problem_titles(found.runs)
+    chosen = read_source(source, problem, traces)
+    titles = problem_titles(chosen.runs)
     if titles.nunique() > 1:
         raise ValueError(f"convergence draws one problem, and there are {titles.nunique()}: {choice_of(titles)}")
-    runs = found.with_looks().assign(method=method_labels(found.runs))
+    runs = chosen.with_looks().assign(method=method_labels(chosen.runs))
     named = figures.named_methods(runs)
-    drawn = figures.convergence_bands(runs, found.traces())
+    drawn = figures.convergence_bands(runs, chosen.traces())
     with axes_in(ax, 4.4 + 0.068 * max(map(len, named)), 3.7) as axes:
         figures.draw_convergence(axes, drawn, optimum_of(runs), named, looks_of(runs, named))
-        _finish(axes, ax, f"{titles.iloc[0]}: {figures.spread_told(runs)}")
+        _finish(axes, ax, f"{titles.iloc[0]}: {figures.spread_text(runs)}")
     return axes
 
 
 def _ecdf(source: Source, *, problem: str | None = None, traces: pd.DataFrame | None = None) -> pd.DataFrame:
     """Return the runtime ECDF: the columns of `bench.statistics.fixed_target.ecdf`, and method."""
-    found = read_source(source, problem, traces)
-    return runtime_figure.ecdf_of(found.runs, found.hits())
+    chosen = read_source(source, problem, traces)
+    return runtime_figure.ecdf_of(chosen.runs, chosen.hits())
 
 
 @with_data(_ecdf)
@@ -65,19 +65,19 @@ def ecdf(
 
     Of all problems together, each counts the same, or of one `problem`. Targets are COCO's 51 above the best value.
     """
-    found = read_source(source, problem, traces)
-    hits = found.hits()
-    numbers = runtime_figure.ecdf_of(found.runs, hits)
+    chosen = read_source(source, problem, traces)
+    hits = chosen.hits()
+    numbers = runtime_figure.ecdf_of(chosen.runs, hits)
     with axes_in(ax, runtime_figure.share_width(numbers), 3.7) as axes:
-        runtime_figure.draw_ecdf(axes, numbers, found.with_looks())
-        _finish(axes, ax, f"{found.told()}: {counted(hits['target'].nunique(), 'target')} above the best value")
+        runtime_figure.draw_ecdf(axes, numbers, chosen.with_looks())
+        _finish(axes, ax, f"{chosen.title()}: {counted(hits['target'].nunique(), 'target')} above the best value")
     return axes
 
 
 def _profile(source: Source, *, problem: str | None = None, traces: pd.DataFrame | None = None) -> pd.DataFrame:
     """Return the steps of the performance profile: method, optimizer, optimizer_options, ratio, share, tasks."""
-    found = read_source(source, problem, traces)
-    return runtime_figure.profile_of(found.runs, found.hits())
+    chosen = read_source(source, problem, traces)
+    return runtime_figure.profile_of(chosen.runs, chosen.hits())
 
 
 @with_data(_profile)
@@ -88,11 +88,11 @@ def profile(
 
     The performance profile of Dolan and More (2002), of expected running times (ERT) to the targets of `ecdf`.
     """
-    found = read_source(source, problem, traces)
-    numbers = runtime_figure.profile_of(found.runs, found.hits())
+    chosen = read_source(source, problem, traces)
+    numbers = runtime_figure.profile_of(chosen.runs, chosen.hits())
     with axes_in(ax, runtime_figure.share_width(numbers), 3.7) as axes:
-        runtime_figure.draw_profile(axes, numbers, found.with_looks())
-        _finish(axes, ax, f"{found.told()}: {counted(int(numbers['tasks'].max()), 'pair')}")
+        runtime_figure.draw_profile(axes, numbers, chosen.with_looks())
+        _finish(axes, ax, f"{chosen.title()}: {counted(int(numbers['tasks'].max()), 'pair')}")
     return axes
 
 

@@ -19,10 +19,10 @@ Law = Callable[..., None]
 Checks = list[tuple[str, Callable[[], None]]]
 
 
-def require(kept: object, law: str, found: object, remedy: str) -> None:
+def require(kept: object, law: str, finding: object, remedy: str) -> None:
     """Raise `AssertionError` of one line unless the law is kept."""
     if not kept:
-        raise AssertionError(" ".join(f"{law}; found {found}; {remedy}".split()))
+        raise AssertionError(" ".join(f"{law}; found {finding}; {remedy}".split()))
 
 
 def checks_of(laws: Sequence[Law], *subject: Any) -> Checks:
@@ -48,11 +48,11 @@ def keep_all(checks: Callable[[], Checks], time_limit: float) -> None:
                 theirs.send(("law", name, None))
                 check()
         except BaseException as error:  # whatever foreign code raises, SystemExit too
-            said = str(error) if isinstance(error, AssertionError) else f"{type(error).__name__}: {error}"
+            message = str(error) if isinstance(error, AssertionError) else f"{type(error).__name__}: {error}"
             try:
-                theirs.send(("broken", said, error.__context__))
+                theirs.send(("broken", message, error.__context__))
             except Exception:  # it cannot be pickled
-                theirs.send(("broken", said, None))
+                theirs.send(("broken", message, None))
         else:
             theirs.send(("kept", "", None))
 
@@ -60,17 +60,17 @@ def keep_all(checks: Callable[[], Checks], time_limit: float) -> None:
     with forked(work) as (child, ours):
         while ours.poll(max(0.0, end - perf_counter())):
             try:
-                what, said, raised = ours.recv()
+                what, message, raised = ours.recv()
             except EOFError:
                 remedy = "call the law alone to see where"
                 require(False, law, f"its process ended with {exit_of(child.exitcode)}", remedy)
             if what == "broken":
-                broken = AssertionError(said)
+                broken = AssertionError(message)
                 broken.__context__ = raised
                 raise broken
             if what == "kept":
                 return
-            law = said
+            law = message
     require(
         False, f"the laws are tried within {time_limit:g} s", f"{law} not at its end",
         "take a smaller or a faster object, or give time_limit=SECONDS",
@@ -95,5 +95,7 @@ def _check(law: Law, *subject: Any) -> None:
     except Exception as error:
         asked = (law.__doc__ or law.__name__).partition("\n")[0].rstrip(".")
         place = extract_tb(error.__traceback__)[-1]
-        found = f"{type(error).__name__}: {error}"
-        require(False, asked, found, f"it was raised in {Path(place.filename).name}, line {place.lineno}: {place.line}")
+        finding = f"{type(error).__name__}: {error}"
+        require(
+            False, asked, finding, f"it was raised in {Path(place.filename).name}, line {place.lineno}: {place.line}"
+        )

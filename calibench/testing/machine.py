@@ -58,7 +58,7 @@ def a_missing_column_is_no_crash(machine: Machine, data: MeasuredData) -> None:
     for column in machine.formulate(data).readings:
         rest = {key: values for key, values in data.columns.items() if key != column}
         try:
-            left = machine.formulate(MeasuredData(rest, data.machine, data.metadata, data.name))
+            fewer = machine.formulate(MeasuredData(rest, data.machine, data.metadata, data.name))
         except DataError:
             continue
         except Exception as error:
@@ -66,7 +66,7 @@ def a_missing_column_is_no_crash(machine: Machine, data: MeasuredData) -> None:
                 False, f"without column {column} the data are refused by a DataError",
                 f"{type(error).__name__}: {error}", "take columns by data[name], or ask `name in data` before",
             )  # fmt: skip
-        there = column not in left.readings or column in left.data  # it may be computed from others
+        there = column not in fewer.readings or column in fewer.data  # it may be computed from others
         require(there, "readings are columns of the data", f"no {column}", "leave it out")
 
 
@@ -110,9 +110,12 @@ def declared_units_agree(machine: Machine, data: MeasuredData) -> None:
     for name, unit in units.items():
         known = described.quantity(name)
         require(known is not None, "what is used is declared", f"no {name}", f"add Quantity({name!r}, {unit!r})")
-        told = known.unit if known else ""
+        unit_of = known.unit if known else ""
         require(
-            told == unit, f"{name} has one unit", f"{told!r} declared, {unit!r} used", "declare the unit that is used"
+            unit_of == unit,
+            f"{name} has one unit",
+            f"{unit_of!r} declared, {unit!r} used",
+            "declare the unit that is used",
         )
 
 
@@ -254,8 +257,10 @@ def effect_checks(effect: Effect | EffectFamily, machine: Machine, data: Measure
 def it_is_named_and_has_units(effect: Effect, formulation: Formulation) -> None:
     """Family, target, formula and unit are text; every coefficient has a name of its own and a unit."""
     for key in ("family", "target", "formula", "unit"):
-        said = getattr(effect, key, None)
-        require(isinstance(said, str) and (said or key == "unit"), f"an effect states its {key}", repr(said), "say it")
+        stated = getattr(effect, key, None)
+        require(
+            isinstance(stated, str) and (stated or key == "unit"), f"an effect states its {key}", repr(stated), "say it"
+        )
     names, units = effect.coefficients, effect.units
     once = len(names) > 0 and len(set(names)) == len(names) == len(units)
     require(once, f"{name_of(effect)}: every coefficient has its unit", f"{names} and {units}", "list as many units")
@@ -338,7 +343,7 @@ def basis_is_the_derivative_of_shift(effect: Effect, formulation: Formulation) -
 def signature_is_the_derivative_of_the_residuals(effect: Effect, formulation: Formulation) -> None:
     """What the model takes for the trace of a coefficient is the difference that it makes in the residuals."""
     model = Model(formulation).with_effects(effect)
-    x, own, k = model.start, len(formulation.parameters), len(effect.coefficients)
+    x, parameters, k = model.start, len(formulation.parameters), len(effect.coefficients)
     q, slopes = _quantities(formulation), formulation.slopes(_quantities(formulation))
     trace = signature(effect, np.zeros(k), q, slopes, formulation)
     rounding = 1e-12 * max(float(np.abs(slope).max()) for slope in slopes.values())
@@ -346,7 +351,7 @@ def signature_is_the_derivative_of_the_residuals(effect: Effect, formulation: Fo
         basis = effect.basis(q, formulation.data, np.zeros(k))
         whole = max(float(np.abs(slopes[name] * part[:, [j]]).max()) for name, part in basis.items())
         size = min(1.0, 1e-4 / max(whole, 1e-300))  # of the coefficient: the residuals change by 1e-4 of their unit
-        step = size * np.eye(model.size)[own + j]
+        step = size * np.eye(model.size)[parameters + j]
         slope = (model.residuals(x + step) - model.residuals(x - step)) / (2 * size)
         gap = float(np.abs(trace[:, :, j] - slope).max())
         require(
@@ -359,21 +364,21 @@ def signature_is_the_derivative_of_the_residuals(effect: Effect, formulation: Fo
 def the_family_is_named(family: EffectFamily, machine: Machine, data: MeasuredData) -> None:
     """A family states its name, machine, cause, formula and targets; its candidates bear its name and targets."""
     for key in ("name", "machine", "cause", "formula"):
-        said = getattr(family, key)
-        require(isinstance(said, str) and said, f"a family states its {key}", repr(said), "say it")
+        stated = getattr(family, key)
+        require(isinstance(stated, str) and stated, f"a family states its {key}", repr(stated), "say it")
     require(family.targets, f"{family.name}: it has targets", "none", "list them, such as ('joint 1',)")
     formulation = machine.formulate(data)
     targets = family.names_in(formulation)
-    found = family.candidates(formulation)
-    wrong = [name_of(e) for e in found.candidates if e.family != family.name or e.target not in targets]
+    tested = family.candidates(formulation)
+    wrong = [name_of(e) for e in tested.candidates if e.family != family.name or e.target not in targets]
     require(not wrong, f"{family.name}: candidates bear its name and targets", wrong, "take both from the family")
 
 
 def the_data_can_test_some_of_it(family: EffectFamily, machine: Machine, data: MeasuredData) -> None:
     """There is something to check: the family has a candidate in these data (one of noise has none in any)."""
-    found = family.candidates(machine.formulate(data))
-    reasons = "; ".join(f"{gap.target}: {gap.reason}" for gap in found.untestable)
-    some = found.candidates or found.alternatives or family.channel == "noise"
+    tested = family.candidates(machine.formulate(data))
+    reasons = "; ".join(f"{gap.target}: {gap.reason}" for gap in tested.untestable)
+    some = tested.candidates or tested.alternatives or family.channel == "noise"
     require(some, f"{family.name}: the data can test some of it", reasons or "no candidate", "check it on other data")
 
 
@@ -388,13 +393,13 @@ def a_missing_column_makes_it_not_testable(family: EffectFamily, machine: Machin
         except DataError:
             continue  # no machine without it
         try:
-            found = family.candidates(less)
+            tested = family.candidates(less)
         except Exception as error:
             raise AssertionError(f"{law}; found {type(error).__name__}: {error}; {remedy}") from error
-        left = [name_of(e) for e in found.candidates if column in e.columns and column not in less.data]
-        require(not left, law, f"candidates {left}", remedy)
-        told = found.candidates or any(column in gap.reason for gap in found.untestable)
-        require(told, law, "no reason that names it", remedy)
+        remaining = [name_of(e) for e in tested.candidates if column in e.columns and column not in less.data]
+        require(not remaining, law, f"candidates {remaining}", remedy)
+        explained = tested.candidates or any(column in gap.reason for gap in tested.untestable)
+        require(explained, law, "no reason that names it", remedy)
 
 
 EFFECT_LAWS = (
@@ -405,7 +410,6 @@ FAMILY_LAWS = (the_family_is_named, the_data_can_test_some_of_it, a_missing_colu
 
 
 def _quantities(formulation: Formulation) -> Quantities:
-    """Return the quantities of the nominal machine."""
     model = Model(formulation)
     q: Mapping[str, Array] = model.quantities(model.start)[0]
     return q

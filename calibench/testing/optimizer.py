@@ -247,14 +247,14 @@ def it_has_minimize_and_traits(make: Make) -> None:
 def budget_is_a_wall(make: Make, budgets: tuple[int, ...] = BUDGETS, dimension: int = 12) -> None:
     """Nothing is evaluated above the budget, and what the gate counted is what the problem saw."""
     for budget in budgets:
-        told = _account(make, budget, dimension=dimension)
-        _ended_well(told, budget)
-        evaluations, jacobians = told.tags.count(b"e"), told.tags.count(b"j")
-        charged = evaluations + told.points.shape[1] * jacobians
+        account = _account(make, budget, dimension=dimension)
+        _ended_well(account, budget)
+        evaluations, jacobians = account.tags.count(b"e"), account.tags.count(b"j")
+        charged = evaluations + account.points.shape[1] * jacobians
         require(
-            (told.run.evaluations, told.run.row["jacobian_evaluations"]) == (evaluations, jacobians),
+            (account.run.evaluations, account.run.row["jacobian_evaluations"]) == (evaluations, jacobians),
             "every evaluation passes the objective",
-            f"{evaluations} evaluations and {jacobians} Jacobians, counted {told.run.evaluations}",
+            f"{evaluations} evaluations and {jacobians} Jacobians, counted {account.run.evaluations}",
             "call nothing but the objective that minimize was given",
         )
         require(
@@ -267,20 +267,20 @@ def only_the_self_terminating_leave_a_rest(make: Make, budgets: tuple[int, ...] 
     """Who is not `self_terminating` spends the whole budget, but for the rest that its next step would exceed."""
     traits = _traits(make)
     for budget in budgets:
-        told = _account(make, budget, dimension=dimension)
-        _ended_well(told, budget)
-        dear = told.points.shape[1] if traits.uses_residuals else 1  # what is refused: a Jacobian, or an evaluation
-        spent = told.run.charged > budget - dear
-        reason = told.run.stop_reason
+        account = _account(make, budget, dimension=dimension)
+        _ended_well(account, budget)
+        dear = account.points.shape[1] if traits.uses_residuals else 1  # what is refused: a Jacobian, or an evaluation
+        spent = account.run.charged > budget - dear
+        reason = account.run.stop_reason
         require(
             spent or traits.self_terminating,
-            "only the self_terminating leave a rest", f"{told.run.charged} of {budget} spent",
+            "only the self_terminating leave a rest", f"{account.run.charged} of {budget} spent",
             "go on until the objective stops you, or state self_terminating=True",
         )  # fmt: skip
         right = reason == "converged" or spent if reason != "budget" else True
         require(
-            right and (reason == "budget" or told.run.charged < budget), "the reason is that of the books",
-            f"{reason} with {told.run.charged} of {budget} spent", "return 'converged', or let the Stop pass",
+            right and (reason == "budget" or account.run.charged < budget), "the reason is that of the books",
+            f"{reason} with {account.run.charged} of {budget} spent", "return 'converged', or let the Stop pass",
         )  # fmt: skip
 
 
@@ -341,8 +341,8 @@ def minimum_budget_is_enough(make: Make) -> None:
     traits = _traits(make)
     dimension = taken(traits, 2)
     budget = traits.minimum_budget + traits.minimum_budget_per_dimension * dimension
-    told = _account(make, budget, dimension=dimension)
-    run = told.run
+    account = _account(make, budget, dimension=dimension)
+    run = account.run
     require(
         run.status == "ok" and run.charged <= budget, "the stated minimum_budget is enough",
         f"{run.status} {run.row['error']!r} at {budget}", "state the evaluations of the first step",
@@ -353,11 +353,11 @@ def an_open_box_is_searched_or_refused(make: Make, budget: int = 50) -> None:
     """In a box without ends every point that is asked for is finite, or the trait `needs_finite_bounds` refuses it."""
     if _traits(make).needs_finite_bounds:
         return
-    told = _account(make, budget, dimension=2, bound=np.inf)
-    astray = ~np.isfinite(told.points).all(axis=1)
+    account = _account(make, budget, dimension=2, bound=np.inf)
+    astray = ~np.isfinite(account.points).all(axis=1)
     require(
-        told.run.status == "ok" and not astray.any(), "an open box is searched, or needs_finite_bounds refuses it",
-        f"{told.run.status}, {astray.sum()} of {astray.size} points not finite where the bounds are infinite",
+        account.run.status == "ok" and not astray.any(), "an open box is searched, or needs_finite_bounds refuses it",
+        f"{account.run.status}, {astray.sum()} of {astray.size} points not finite where the bounds are infinite",
         "state needs_finite_bounds=True",
     )  # fmt: skip
 
@@ -384,11 +384,11 @@ def _account(make: Make, budget: int, **options: Any) -> Account:
         ) from None
 
 
-def _ended_well(told: Account, budget: int) -> None:
+def _ended_well(account: Account, budget: int) -> None:
     """Raise unless the run is ok: one that failed says nothing of a law."""
     require(
-        told.run.status == "ok", "a run ends well at any budget",
-        f"{told.run.status} at budget {budget}: {told.run.row['error_type']} {told.run.row['error']}",
+        account.run.status == "ok", "a run ends well at any budget",
+        f"{account.run.status} at budget {budget}: {account.run.row['error_type']} {account.run.row['error']}",
         "mend what raised; a first step above the budget is stopped by the objective",
     )  # fmt: skip
 

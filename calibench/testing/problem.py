@@ -145,8 +145,8 @@ def batch_has_the_bits_of_single_calls(problem: Any, sizes: tuple[int, ...] = BA
     wide = np.repeat(np.repeat(X, 2, axis=0), 3, axis=1)
     layouts = {"strided": wide[::2, ::3], "columns first": np.asfortranarray(X), "backwards": X[::-1].copy()[::-1]}
     for name, stored in layouts.items():
-        found = np.asarray(problem.batch(stored))
-        require(np.array_equal(found, expected, equal_nan=True), "the layout of X changes no bit", name, do)
+        values = np.asarray(problem.batch(stored))
+        require(np.array_equal(values, expected, equal_nan=True), "the layout of X changes no bit", name, do)
         alone = [problem(stored[i]) for i in (0, 31, 63, 64, 65)]
         same = np.array_equal(alone, expected[[0, 31, 63, 64, 65]], equal_nan=True)
         require(same, "the layout of x changes no bit", name, do)
@@ -184,11 +184,11 @@ def _batch(problem: Any, X: Array, limits: Array | None = None) -> Array:
     It is asked for a point at a time, with its noise begun anew: who gives up a point draws less for the next one.
     """
     step = 1 if is_stochastic(problem) else len(X)
-    found = []
+    parts = []
     for k in range(0, len(X), step):
         part, still = slice(k, k + step), _still(problem)
-        found.append(still.batch(X[part]) if limits is None else still.batch_below(X[part], limits[part]))
-    return np.concatenate(found)
+        parts.append(still.batch(X[part]) if limits is None else still.batch_below(X[part], limits[part]))
+    return np.concatenate(parts)
 
 
 def jacobian_agrees_with_differences(problem: Any, tolerance: float = 1e-7) -> None:
@@ -222,14 +222,14 @@ def gradient_agrees_with_differences(problem: Any, tolerance: float = 1e-7) -> N
         if getattr(problem, way, None) is None:
             continue
         for x in inner_points(problem, 3, seed=10):
-            value, told = float(problem(x)), getattr(problem, way)(x.copy())
+            value, returned = float(problem(x)), getattr(problem, way)(x.copy())
             if way == "value_and_gradient":
-                pair = isinstance(told, tuple | list) and len(told) == 2
-                require(pair, f"{way} returns a value and an array", type(told).__name__, "return value, slopes")
-                same = abs(float(told[0]) - value) <= 1e-12 * abs(value)
-                require(same, f"the value of {way} is the value", f"{told[0]!r} and {value!r}", "compute it alike")
-                told = told[1]
-            slopes = _copied(told)
+                pair = isinstance(returned, tuple | list) and len(returned) == 2
+                require(pair, f"{way} returns a value and an array", type(returned).__name__, "return value, slopes")
+                same = abs(float(returned[0]) - value) <= 1e-12 * abs(value)
+                require(same, f"the value of {way} is the value", f"{returned[0]!r} and {value!r}", "compute it alike")
+                returned = returned[1]
+            slopes = _copied(returned)
             require(slopes.shape == x.shape, f"{way} has shape (dim,)", slopes.shape, "return a slope for each of x")
             scales = _scales(problem, x)
             for c in _compared(x.size):
@@ -282,14 +282,12 @@ def no_value_lies_below_the_minimum(problem: Any) -> None:
     minimum = minimum_of(problem)
     if minimum is None or value is None:
         return
-    truth, said = getattr(problem, "truth", None), f"no value is below minimum={minimum:g}"
-    found = min(float(value(x)) for x in [_start(problem), *inner_points(problem, 50, seed=12)])
-    require(found >= minimum, said, f"{found:g}", "lower it, or leave it out")
+    truth, law = getattr(problem, "truth", None), f"no value is below minimum={minimum:g}"
+    least = min(float(value(x)) for x in [_start(problem), *inner_points(problem, 50, seed=12)])
+    require(least >= minimum, law, f"{least:g}", "lower it, or leave it out")
     if truth is not None:
-        found = float(value(np.array(truth, dtype=float)))
-        require(
-            found >= minimum - _PRINTED * abs(minimum), said, f"{found:g} at the truth", "lower it, or leave it out"
-        )
+        least = float(value(np.array(truth, dtype=float)))
+        require(least >= minimum - _PRINTED * abs(minimum), law, f"{least:g} at the truth", "lower it, or leave it out")
 
 
 PROBLEM_LAWS = (

@@ -14,7 +14,7 @@ from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.time_limit import Mirror
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics.priced import KINDS, priced
+from calibench.bench.statistics.summary import KINDS, priced
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
 

@@ -18,7 +18,7 @@ def test_the_page_names_which_methods_differ(three):
     assert rows["worst"][4] == "all others"
     assert rows["one"][4:] == ["worst", "other"]
     assert rows["other"][4:] == ["worst", "one"]
-    assert "Of 3 pairs of methods 2 differ" in found.told
+    assert "Of 3 pairs of methods 2 differ" in found.sentence
 
 
 def test_the_p_values_of_the_page_are_those_of_scikit_posthocs(three):
@@ -32,4 +32,4 @@ def test_the_p_values_of_the_page_are_those_of_scikit_posthocs(three):
 
 def test_where_ranks_tell_nothing_the_page_says_so():
     alike = friedman(Blocks(("a", "b", "c"), np.zeros((12, 3))))
-    assert "do not tell the methods apart" in differing(alike).told
+    assert "do not tell the methods apart" in differing(alike).sentence

@@ -16,7 +16,7 @@ from calibench import bench, optimizers
 from calibench.bench.commands.compare import _why_none
 from calibench.bench.exchange import latex
 from calibench.bench.exchange.coco import NOT_FINITE
-from calibench.bench.exchange.mlflow_runs import _FOUND, _metrics
+from calibench.bench.exchange.mlflow_runs import _MEASURED, _metrics
 from calibench.bench.exchange.studies import (
     algorithm_names,
     course_of,
@@ -406,7 +406,7 @@ def test_names_of_folders_are_plain_and_differ():
 
 
 def metrics_of_targets(**row):
-    told = dict.fromkeys(_FOUND) | {"charged": 90, "status": "ok", "minimum": None} | row
+    told = dict.fromkeys(_MEASURED) | {"charged": 90, "status": "ok", "minimum": None} | row
     return {name: value for name, value, _ in _metrics(told, []) if name.startswith("charged_to_")}
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from calibench import bench, optimizers
 from calibench.bench.gate.evaluator import BudgetExhausted, Evaluator
-from calibench.bench.statistics.priced import priced
+from calibench.bench.statistics.summary import priced
 from tests.few import one_of_each
 
 METHODS = [

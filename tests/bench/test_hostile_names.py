@@ -71,7 +71,8 @@ def test_a_studys_page_trusts_no_name(runs, tmp_path):
     drawing.write_text('<svg width="9pt"><g id="a"/></svg>')
     manifest = {"commands": [f"bench run problem={EVIL}"], "planned": {EVIL: EVIL}}
     html = StudyPage(
-        tmp_path / EVIL.replace("/", "∕"), evil, manifest=manifest, about=EVIL, drawings={"overview": drawing},
+        folder=tmp_path / EVIL.replace("/", "∕"), runs=evil, manifest=manifest, about=EVIL,
+        drawings={"overview": drawing},
         beside={EVIL: f"{EVIL}.html"},
     ).html()  # fmt: skip
     page = sound(html)

@@ -145,8 +145,8 @@ def test_an_erratum_of_the_second_paper_is_corrected_unless_it_is_none_or_of_no_
 def test_two_data_sets_would_be_one_if_the_fit_said_so(monkeypatch, key, data, name):
     from calibench.bench.papers.pashkevich2008 import errata as numbers
 
-    number = 11 if key == "exp3" else 12
-    assert numbers.two_sets(key, data, name)(Printed("pashkevich2008"), number).verdict == "reproduced"
+    printed, place = Printed("pashkevich2008"), f"Tables 1 and 2, Experiment {key[-1]}"
+    assert printed.erratum(place, numbers.two_sets(printed, key, data, name)).verdict == "reproduced"
     six = fitted("exp1", "rho")
     honest, at = numbers.table1, six.labels.index(name)
 
@@ -158,7 +158,7 @@ def test_two_data_sets_would_be_one_if_the_fit_said_so(monkeypatch, key, data, n
         return values
 
     monkeypatch.setattr(numbers, "table1", from_table2)
-    row = numbers.two_sets(key, data, name)(Printed("pashkevich2008"), number)
+    row = printed.erratum(place, numbers.two_sets(printed, key, data, name))
     assert abs(row.ours_median - row.read) < abs(row.ours_median - row.printed)
     assert (row.verdict == "misprint, corrected") == (key == "exp3")  # .02 mm apart, both are within the rounding
 

@@ -188,7 +188,10 @@ def test_what_is_planned_and_not_done_is_said(paper):
     store, page = paper
     assert "not done yet" not in page
     manifest = {"planned": {"none": "a run", "of": "these"}}
-    assert "<b>2</b><span>planned, not done yet" in StudyPage(store.folder, store.runs(), manifest=manifest).html()
+    assert (
+        "<b>2</b><span>planned, not done yet"
+        in StudyPage(folder=store.folder, runs=store.runs(), manifest=manifest).html()
+    )
 
 
 def test_methods_are_ranked_by_success_then_cost_and_the_failed_come_last(paper, own):

@@ -13,6 +13,7 @@ from calibench.bench.papers.additions import ADDITIONS
 from calibench.bench.papers.cong2008 import tables as paper_tables
 from calibench.bench.papers.cong2008.figures import gauge_points
 from calibench.bench.report.study import figures
+from calibench.bench.report.study.explored import bands
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics import tables
 from calibench.bench.store.runs import ResultStore
@@ -151,11 +152,13 @@ def test_variants_of_a_method_have_names_of_their_own(runs):
 
 def test_a_convergence_band_is_the_quartiles_of_the_traces():
     flat = [pd.DataFrame({"charged": [1, 10], "best_value": [8.0 * k, float(k)]}) for k in (1, 2, 3, 4, 5)]
-    band = stats.convergence(flat, np.array([1, 5, 10, 100])).set_index("charged")
-    assert band.loc[5, ["q1", "median", "q3"]].tolist() == [16.0, 24.0, 32.0]
-    assert band.loc[100, ["q1", "median", "q3"]].tolist() == [2.0, 3.0, 4.0]
-    late = [*flat, pd.DataFrame({"charged": [7], "best_value": [1.0]})]
-    assert stats.convergence(late, np.array([5, 7]))["charged"].tolist() == [7]
+    late = pd.DataFrame({"charged": [7], "best_value": [1.0]})
+    traces = pd.concat([trace.assign(run_id=str(i)) for i, trace in enumerate([*flat, late])], ignore_index=True)
+    runs = pd.DataFrame({"run_id": [str(i) for i in range(6)], "cell": 0})
+    band = bands(runs.iloc[:5], traces, np.array([1.0, 5.0, 10.0, 100.0]))[0]
+    assert band[:, 1].tolist() == [16.0, 24.0, 32.0]
+    assert band[:, 3].tolist() == [2.0, 3.0, 4.0]
+    assert np.isnan(bands(runs, traces, np.array([5.0, 7.0]))[0]).tolist() == [[True, False]] * 3
 
 
 def test_convergence_draws_what_its_numbers_say(runs, store):

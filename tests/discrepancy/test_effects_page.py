@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.tables import effects_table
 from calibench.discrepancy import machines
-from calibench.discrepancy.effects.table import table
 from calibench.discrepancy.registries import GENERAL, own_families
 
 PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
@@ -17,7 +17,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
 @pytest.mark.parametrize("machine", [GENERAL, *machines.names()])
 def test_the_page_holds_the_table_of_every_machine(machine: str) -> None:
     page = PAGE.read_text(encoding="utf-8")
-    assert f"## {machine}\n\n{table(machine)}\n" in page, "run: python -m calibench.discrepancy.effects.table"
+    assert f"## {machine}\n\n{effects_table(machine)}\n" in page, "run: python -m benchmarks.tables effects"
 
 
 def test_the_page_has_no_family_that_the_registry_has_not() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.tables import PAGE, filled
 from calibench import bench, optimizers, problems
-from calibench.bench.report.methods.page import PAGE, filled
 from calibench.optimizers.nlopt import ALGORITHMS, SETTING_OF, SETTINGS
 
 nlopt = pytest.importorskip("nlopt")

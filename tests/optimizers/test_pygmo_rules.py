@@ -7,10 +7,9 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.tables import PAGE, TABLES, filled, pygmo_table
 from calibench import bench, optimizers
 from calibench.bench.provenance.run_id import key_of_optimizer, options_of
-from calibench.bench.report.methods.page import PAGE, TABLES, filled
-from calibench.bench.report.methods.pygmo_table import pygmo_table
 from calibench.optimizers.pygmo import RULES
 
 pytest.importorskip("pygmo")

@@ -16,7 +16,17 @@ STUDIES = ("cong2008", "cong2008_plans", "cong2008_readings", "cong2008_circle")
 
 def rows(evidence: Evidence) -> Iterator[Row]:
     """Yield every row: a printed number, a claim or an erratum each."""
-    from calibench.bench.papers.cong2008.topics import TOPICS  # what a report of a study does without
+    from calibench.bench.papers.cong2008 import (
+        actual,
+        errata,
+        machine,
+        search,
+        stopping,
+        tracking,
+    )  # no report needs it
 
-    for topic in TOPICS:
+    for topic in (
+        machine.machine_rows, tracking.rows, actual.column_rows, actual.claim_rows, stopping.rows, machine.gauge_rows,
+        search.search_rows, search.reading_rows, actual.actual_rows, errata.rows,
+    ):  # fmt: skip
         yield from topic(Printed(KEY), evidence)

@@ -1,14 +1,9 @@
-"""Figures of Cong et al. 2008 that need no runs: the gauge curve, and what measurement plans can tell.
+"""What Cong et al. 2008 adds to a report: Tables 2 to 7 beside ours, Figs 3 to 5, the gauge curve, and the plans.
 
-What Cong et al. 2008 adds to a report: Tables 2 to 7 beside ours, Figs 3 to 5, two more, where the paper stopped.
-
-The printed 12-parameter columns of Cong et al. 2008 as points of the gauge curve, as a table to be drawn.
-
-Figs 3, 4 and 5 of Cong et al. 2008 drawn as they are printed: log10 of J over evaluations, of GA, PSO and DE.
-
-The curves of the print cannot be read from its text; what the text and Table 6 say of them, where each ends, can. That
-is a dotted line in the method's colour. One panel is of the runs at hand, the other of the kept run at the paper's own
-budget (``results/reference/``), where there is one and the runs at hand are shorter.
+Figs 3, 4 and 5 are drawn as they are printed: log10 of J over evaluations, of GA, PSO and DE. The curves of the print
+cannot be read from its text; what the text and Table 6 say of them, where each ends, can. That is a dotted line in the
+method's colour. One panel is of the runs at hand, the other of the kept run at the paper's own budget
+(``results/reference/``), where there is one and the runs at hand are shorter.
 """
 
 from __future__ import annotations
@@ -30,7 +25,7 @@ from calibench.bench.papers.files import kept
 from calibench.bench.papers.row import Evidence
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing, entitle, look_of, put_legend, save
 from calibench.bench.report.study.additions import AddedFigure, Addition, Mark, PrintedTable, TableSection
-from calibench.bench.report.study.figures import convergence_bands, spread_told
+from calibench.bench.report.study.figures import convergence_bands, spread_text
 from calibench.bench.statistics.names import options_seen
 from calibench.bench.statistics.summary import problem_name
 from calibench.bench.store.runs import ResultStore
@@ -105,11 +100,11 @@ def plans(noise: float = 1e-4) -> Drawing:
         figure = Figure(figsize=(7.6, 3.9), layout="constrained")
         axes = figure.subplots()
         for i, (plan, radius) in enumerate(_PLANS):
-            found = problems.identify(problems.make("full11", plan=plan, radius=radius), noise=noise)
-            lengths = [float(e) for e, unit in zip(found.standard_errors, found.units, strict=True) if unit == "mm"]
-            values = found.singular_values / found.singular_values[0]
+            known = problems.identify(problems.make("full11", plan=plan, radius=radius), noise=noise)
+            lengths = [float(e) for e, unit in zip(known.standard_errors, known.units, strict=True) if unit == "mm"]
+            values = known.singular_values / known.singular_values[0]
             label = (
-                f"{plan.replace('_', ' ')} R{radius:g}: condition {found.condition:.1e}, worst {max(lengths):.2g} mm"
+                f"{plan.replace('_', ' ')} R{radius:g}: condition {known.condition:.1e}, worst {max(lengths):.2g} mm"
             )
             axes.plot(
                 range(1, len(values) + 1), values, marker="o", ms=4, color=COLOURS[i], linestyle=DASHES[i], label=label
@@ -118,7 +113,7 @@ def plans(noise: float = 1e-4) -> Drawing:
                 pd.DataFrame(
                     {
                         "plan": plan, "radius": radius, "index": range(1, len(values) + 1), "singular_value": values,
-                        "condition": found.condition, "worst_length_error_mm": max(lengths), "noise_rad": noise,
+                        "condition": known.condition, "worst_length_error_mm": max(lengths), "noise_rad": noise,
                     }
                 )
             )  # fmt: skip
@@ -234,12 +229,11 @@ def _draw_panel(axes: Axes, runs: pd.DataFrame, traces: pd.DataFrame) -> pd.Data
         axes.plot(band["charged"], middle, label=f"{method.upper()}, ours", **look_of(i))
     axes.set(xlim=(0, budget), xlabel="evaluations")
     axes.locator_params(axis="x", nbins=5)
-    axes.set_title(f"{budget:,} evaluations: {spread_told(runs)}".replace(",", "\u202f"), fontsize=9)
+    axes.set_title(f"{budget:,} evaluations: {spread_text(runs)}".replace(",", "\u202f"), fontsize=9)
     return drawn
 
 
 def _of(error: str, runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs of a figure, by the three methods."""
     return runs_of(runs[runs["optimizer"].isin(_METHODS)], "full12", {"error": error, "gauge": "xa2"})
 
 
@@ -293,14 +287,6 @@ def where_searches_stopped(runs: pd.DataFrame) -> tuple[Mark, ...]:
     return (Mark(stop, "where the paper stopped its searches"),) if float(runs["budget"].max()) >= stop else ()
 
 
-def _draw_gauge(_: pd.DataFrame, __: pd.DataFrame) -> Drawing:
-    return gauge()
-
-
-def _draw_plans(_: pd.DataFrame, __: pd.DataFrame) -> Drawing:
-    return plans()
-
-
 ADDITION = Addition(
     sections=(
         TableSection(
@@ -316,25 +302,20 @@ ADDITION = Addition(
     ),
     figures=(
         *(
-            AddedFigure(
-                name,
-                caption(error),
-                partial(applies, error),
-                partial(draw, error),
-            )
+            AddedFigure(name, caption(error), partial(applies, error), partial(draw, error))
             for name, error in FIGURES.items()
         ),
         AddedFigure(
             "gauge",
             "The printed 12-parameter results on the curve along which no reading changes",
             lambda runs: bool(runs["problem"].eq("full12").any()),
-            _draw_gauge,
+            lambda runs, traces: gauge(),
         ),
         AddedFigure(
             "plans",
             "What sampling plans can tell of 11 parameters",
             lambda runs: len(options_seen(runs, "full11", "plan")) > 1,
-            _draw_plans,
+            lambda runs, traces: plans(),
         ),
     ),
     printed_values=printed_values,

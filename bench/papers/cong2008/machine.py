@@ -1,13 +1,12 @@
-"""Geometry, counts and starts of Cong et al. 2008: every given number, recomputed from another print of itself.
+"""Given numbers and the gauge of Cong et al. 2008: geometry, counts, starts, and the 12-parameter columns.
 
 The printed initial offsets follow from the machine, the home point and the point (210, 245): so each given length,
 coordinate and offset can be solved from them, and is not only taken over.
 
-The 12-parameter columns of Tables 4 and 7 of Cong et al. 2008 are points of a curve along which no reading changes.
-
-Each printed value is computed from the others: the gauge angle is fitted to all other sound lengths of the column, and
-the curve through the true machine then says what must stand in the cell. So a misprint shows, and so does that "all 12
-parameters" are eleven and a free choice.
+The 12-parameter columns of Tables 4 and 7 are points of a curve along which no reading changes. Each printed value is
+computed from the others: the gauge angle is fitted to all other sound lengths of the column, and the curve through the
+true machine then says what must stand in the cell. So a misprint shows, and so does that "all 12 parameters" are eleven
+and a free choice.
 """
 
 from __future__ import annotations
@@ -28,17 +27,19 @@ from calibench.bench.papers.row import (
     Ours,
     Row,
     Tolerance,
-    found,
     judge_at_least,
     judge_limit,
     judge_near,
     solved_for,
+    values_of,
 )
 from calibench.bench.papers.row import problem as make_problem
 from calibench.problems.planar.gpm2002 import NAMES, home, inverse_kinematics, makers_machine
 
 _Z = ("z1", "z2", "z3")
 _EXACT = Tolerance(0.0, "a given or counted number")
+_OFF = 7e-4  # mm: how far the sound lengths of both columns are from the curve, at most (measured)
+_METHOD = "the gauge curve through the actual machine, its angle fitted to the column's other lengths"
 
 
 def machine_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
@@ -155,7 +156,7 @@ def _counts(printed: Printed) -> Iterator[Row]:
     }
     for name, (value, method) in counted.items():
         reason = "right as a count; see the claims on section 3.1 for what can be seen" if value > 5 else ""
-        yield printed.cell(f"section31.{name}", value, _EXACT, method, reason)
+        yield printed.cell(f"section31.{name}", value, _EXACT, method, reason=reason)
     for name in ("e1", "e2"):
         each, besides = counted_closure(name)
         for what, number in (("equations", each[0]), ("variables", each[1])):
@@ -170,17 +171,17 @@ def _counts(printed: Printed) -> Iterator[Row]:
     twelve = problems.identify(make_problem("full12", gauge="ya2", error="J2", n=needed))
     yield printed.claim(
         "three_fixed_coordinates", "Section 3.1", "three base coordinates held leave one machine to be found",
-        twelve.dimension - twelve.rank, judge_limit(twelve.dimension - twelve.rank, 0.0),
-        "true where the Jacobian has no null direction", "null directions of full12 (gauge=ya2)",
-        f"angle readings cannot see a planar similarity, four numbers: {twelve.sentence()}", printed=0.0,
+        ours=twelve.dimension - twelve.rank, ruling=judge_limit(twelve.dimension - twelve.rank, 0.0),
+        rule="true where the Jacobian has no null direction", method="null directions of full12 (gauge=ya2)",
+        reason=f"angle readings cannot see a planar similarity, four numbers: {twelve.sentence()}", printed=0.0,
         about="section31.fixed_coordinates",
         differs="three is what the paper holds; whether that is enough is asked here",
     )  # fmt: skip
     yield printed.claim(
-        "twelve_equations_suffice", "Section 3.1", "12 configurations determine the 12 parameters", twelve.rank,
-        judge_near(unknowns, unknowns, twelve.rank, _EXACT), "true where the rank is 12",
-        f"rank of the Jacobian of full12 (gauge=ya2) at {needed} configurations",
-        "as many equations as unknowns, but they are not independent", printed=unknowns,
+        "twelve_equations_suffice", "Section 3.1", "12 configurations determine the 12 parameters",
+        ours=twelve.rank, ruling=judge_near(unknowns, unknowns, twelve.rank, _EXACT), rule="true where the rank is 12",
+        method=f"rank of the Jacobian of full12 (gauge=ya2) at {needed} configurations",
+        reason="as many equations as unknowns, but they are not independent", printed=unknowns,
         about="section31.configurations_needed", differs="the count is right; the equations are not independent",
     )  # fmt: skip
     sizes = {
@@ -193,10 +194,6 @@ def _counts(printed: Printed) -> Iterator[Row]:
         yield printed.cell(f"section33.{name}", len(problem.readings), _EXACT, f"readings of {problem.name}, as rerun")
     rank = problems.identify(full).rank
     yield printed.cell("section33.parameters_identified", rank, _EXACT, "rank of the Jacobian of full12 (gauge=ya2)")
-
-
-_OFF = 7e-4  # mm: how far the sound lengths of both columns are from the curve, at most (measured)
-_METHOD = "the gauge curve through the actual machine, its angle fitted to the column's other lengths"
 
 
 @final
@@ -233,9 +230,9 @@ class Column:
         slope = (self.problem.gauge_curve(1e-6) - self.problem.gauge_curve(-1e-6)) / 2e-6
         others = np.abs(slope[self.fit & np.array([n != name for n in self.names])])
         carried = abs(slope[self.names.index(name)]) * others.sum() / (others**2).sum()
-        own = _OFF / 244.0 if name[0] == "z" else _OFF
+        misfit = _OFF / 244.0 if name[0] == "z" else _OFF
         return Tolerance(
-            float(own + carried * _OFF + digit),
+            float(misfit + carried * _OFF + digit),
             f"a search stops near the curve, not on it: {_OFF:g} mm for each length (an offset: over a link), as far "
             "as the fitted angle carries it, and a printed digit, as digits are cut off and not rounded in places",
         )
@@ -270,8 +267,9 @@ def kmrmse_row(printed: Printed, cell: str, column: Column) -> Row:
     )
     reason = f"the whole kmrmse is the gauge: phi = {column.angle():.6f}, seen by no reading"
     return printed.cell(
-        cell, ours, tolerance, "displacement of the default plan by the column's similarity", reason, of_print=True
-    )
+        cell, ours, tolerance, "displacement of the default plan by the column's similarity", reason=reason,
+        of_print=True,
+    )  # fmt: skip
 
 
 def gauge_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
@@ -301,38 +299,37 @@ def _text(printed: Printed, seven: Column) -> Iterator[Row]:
     worst = max(lengths, key=lambda n: lengths[n])
     yield printed.cell(
         "text.largest_error", lengths[worst], Tolerance(5e-5, "half a printed digit"),
-        "largest difference of Table 7's columns, misprint corrected", f"it is that of {worst}", of_print=True,
+        "largest difference of Table 7's columns, misprint corrected", reason=f"it is that of {worst}", of_print=True,
     )  # fmt: skip
     limit = printed.column("text")["most_errors_below"]
     below = float(np.mean([g < limit for g in gaps.values()]))
     yield printed.cell(
         "text.most_errors_below", float(np.median(list(gaps.values()))),
         Tolerance(limit, "the claim is that most lie between 0 and the limit"),
-        "median difference of Table 7's columns",
-        f"{below:.0%} of the errors are below", judge_at_least(below, 0.5), of_print=True,
+        "median difference of Table 7's columns", reason=f"{below:.0%} of the errors are below",
+        ruling=judge_at_least(below, 0.5), of_print=True,
     )  # fmt: skip
     limit = printed.column("text")["z_errors_below"]
     angles = [g for n, g in gaps.items() if n[0] == "z"]
     yield printed.cell(
         "text.z_errors_below", angles, Tolerance(limit, "the claim is that all lie between 0 and the limit"),
-        "differences of Table 7's offsets", f"the largest is {max(angles):.2g}", judge_limit(max(angles), limit),
-        of_print=True,
+        "differences of Table 7's offsets", reason=f"the largest is {max(angles):.2g}",
+        ruling=judge_limit(max(angles), limit), of_print=True,
     )  # fmt: skip
     yield kmrmse_row(printed, "text.kmrmse", seven)
 
 
 def _several(printed: Printed, four: Column) -> Row:
-    """Return the row of 'several millimeter errors' in Table 4, misprints corrected by the curve."""
     actual = printed.column("table4.actual")
     errors = [abs(four.read[i] - actual[n]) for i, n in enumerate(four.names) if n[0] != "z"]
     return printed.claim(
         "table4_several_millimetres", "Section 3.3 C and Table 4, 12 values",
-        "there are several millimetre errors between the calibrated results and the actual values", Ours.of(errors),
-        judge_at_least(float(np.median(errors)), 2.0, 1.0),
-        "true where the median error of the nine lengths is 2 mm or more, in kind 1 mm",
-        "errors of the printed lengths, misprints corrected",
-        f"they are {min(errors):.1f} to {max(errors):.1f} mm, all of them the gauge's: how many is arbitrary",
-        "mm",
+        "there are several millimetre errors between the calibrated results and the actual values",
+        ours=Ours.of(errors), ruling=judge_at_least(float(np.median(errors)), 2.0, 1.0),
+        rule="true where the median error of the nine lengths is 2 mm or more, in kind 1 mm",
+        method="errors of the printed lengths, misprints corrected",
+        reason=f"they are {min(errors):.1f} to {max(errors):.1f} mm, all of them the gauge's: how many is arbitrary",
+        unit="mm",
     )  # fmt: skip
 
 
@@ -341,21 +338,21 @@ def _claims(printed: Printed, evidence: Evidence, four: Column, seven: Column) -
         off = np.abs((column.problem.gauge_curve(column.angle()) - column.read)[column.fit])
         yield printed.claim(
             f"on_the_gauge_{column.key.partition('.')[0]}", table,
-            "the printed result is one point of the gauge curve, not another machine", Ours.of(off),
-            judge_limit(float(off.max()), _OFF),
-            "true where the lengths printed right lie within 7e-4 mm of the curve",
-            "distance of the printed lengths from the curve through the actual machine",
-            f"phi = {column.angle():.6f} rad, where no reading differs from those of the actual machine",
-            "mm", printed=0.0,
+            "the printed result is one point of the gauge curve, not another machine",
+            ours=Ours.of(off), ruling=judge_limit(float(off.max()), _OFF),
+            rule="true where the lengths printed right lie within 7e-4 mm of the curve",
+            method="distance of the printed lengths from the curve through the actual machine",
+            reason=f"phi = {column.angle():.6f} rad, where no reading differs from those of the actual machine",
+            unit="mm", printed=0.0,
         )  # fmt: skip
     yield _several(printed, four)
     found_rank = problems.identify(seven.problem)
     yield printed.claim(
-        "de_calibrates_all_12", "abstract, sections 4.4 and 5", "DE calibrates all 12 parameters", found_rank.rank,
-        judge_at_least(found_rank.rank, 12.0), "true where the readings see 12 parameters",
-        "rank of the Jacobian of full12 (gauge=xa2)",
-        f"readings see 11; Table 7 is the point phi = {seven.angle():.6f} rad of a curve on which all are equally good",
-        printed=12.0, about="section43.parameters",
+        "de_calibrates_all_12", "abstract, sections 4.4 and 5", "DE calibrates all 12 parameters",
+        ours=found_rank.rank, ruling=judge_at_least(found_rank.rank, 12.0),
+        rule="true where the readings see 12 parameters", method="rank of the Jacobian of full12 (gauge=xa2)",
+        reason=f"readings see 11; Table 7 is the point phi = {seven.angle():.6f} rad of a curve on which all are "
+        "equally good", printed=12.0, about="section43.parameters",
         differs="twelve is what DE is given; how many of them the readings see is asked here",
     )  # fmt: skip
     reached = evidence.runs[
@@ -363,22 +360,22 @@ def _claims(printed: Printed, evidence: Evidence, four: Column, seven: Column) -
         & (evidence.runs["kmrmse_aligned"] < 1e-6) & (evidence.runs["start"] == "random")
         & (evidence.runs["optimizer"] != "lm")
     ]  # fmt: skip
-    raw, aligned = found(reached, "kmrmse"), found(reached, "kmrmse_aligned")
+    raw, aligned = values_of(reached, "kmrmse"), values_of(reached, "kmrmse_aligned")
     yield printed.claim(
         "global_search_helps", "section 5", "global optimisation finds what local optimisation could not: all 12",
-        Ours.of(raw), judge_limit(float(np.median(raw)) if len(raw) else float("nan"), 1e-3),
-        "true where runs that reach the floor end at the actual machine, kmrmse below 1e-3 mm",
-        "kmrmse of every bounded run on full12 that is exact modulo the gauge",
-        f"{len(raw)} such runs end anywhere on the curve in the box; modulo the gauge they are within "
-        f"{np.max(aligned) if len(aligned) else float('nan'):.1g} mm", "mm",
+        ours=Ours.of(raw), ruling=judge_limit(float(np.median(raw)) if len(raw) else float("nan"), 1e-3),
+        rule="true where runs that reach the floor end at the actual machine, kmrmse below 1e-3 mm",
+        method="kmrmse of every bounded run on full12 that is exact modulo the gauge",
+        reason=f"{len(raw)} such runs end anywhere on the curve in the box; modulo the gauge they are within "
+        f"{np.max(aligned) if len(aligned) else float('nan'):.1g} mm", unit="mm",
         printed=printed.column("table7.de_j3").entries["kmrmse"].printed, about="table7.de_j3.kmrmse",
         differs="the cell is a misprint; that so small a kmrmse shows the actual machine is asked here",
     )  # fmt: skip
-    spread = found(twelve(evidence), "gauge_phi")
+    spread = values_of(twelve(evidence), "gauge_phi")
     yield printed.claim(
         "twelve_depends_on_plan", "Table 4, 12 values", "where on the gauge curve a search ends is told by the data",
-        float(np.ptp(spread)) if len(spread) else float("nan"),
-        judge_limit(float(np.ptp(spread)) if len(spread) else float("nan"), 1e-6),
-        "true where searches from one start agree to 1e-6 rad", "range of phi over 5 plans, fmincon, one start",
-        unit="rad", printed=0.0,
+        ours=float(np.ptp(spread)) if len(spread) else float("nan"),
+        ruling=judge_limit(float(np.ptp(spread)) if len(spread) else float("nan"), 1e-6),
+        rule="true where searches from one start agree to 1e-6 rad",
+        method="range of phi over 5 plans, fmincon, one start", unit="rad", printed=0.0,
     )  # fmt: skip

@@ -3,12 +3,9 @@
 The paper stops at 5e7 evaluations. At a smaller budget a level can be refuted (ours is lower already by more than a
 decade); whatever else is said of a search is open there, and the verdict says so.
 
-Which reading of its ambiguous words brings GA and PSO nearest to Table 6 of Cong et al. 2008.
-
-A reading of the study cong2008_readings is named by the options that differ from the default. Its distance from a
-printed level is that of decimal logarithms; from a column of Table 6, the mean over J1, J2 and J3.
-
-What the operators of our GA and PSO do, seen from outside: candidates as they pass a gate that only looks on.
+Some of its words are ambiguous: the study cong2008_readings runs GA and PSO in each reading, named by the options that
+differ from the default. Its distance from a printed level is that of decimal logarithms; from a column of Table 6, the
+mean over J1, J2 and J3. What the operators of our GA and PSO do is seen from outside, by candidates at the gate.
 """
 
 from __future__ import annotations
@@ -34,16 +31,21 @@ from calibench.bench.papers.row import (
     Tolerance,
     at_budget,
     decades_between,
-    found,
     judge_at_least,
     judge_level,
     judge_limit,
     judge_near,
+    values_of,
 )
 from calibench.bench.papers.row import problem as make_problem
 from calibench.bench.provenance.run_id import options_of
 from calibench.bench.statistics.summary import goal_hits, median_of_reached
 
+_EXACT = Tolerance(0.0, "a given number")
+_METHODS = ("ga", "pso", "de")
+_ERRORS = ("J1", "J2", "J3")
+_FIGURES = {"J1": "Fig. 3", "J2": "Fig. 4", "J3": "Fig. 5"}
+_BITS, _DIMENSION = 10, 4
 _STUDY = "cong2008_readings"
 _SECTIONS = {"ga": "4.1", "pso": "4.2"}
 _DEFAULT = "as read by default"
@@ -62,17 +64,6 @@ class Reading:
         best = self.best[error]
         return decades_between(float(np.median(best)), printed) if len(best) else np.inf
 
-    def may_come_to(self, error: str, level: float) -> bool:
-        """Tell whether more evaluations may bring it within a decade of what is printed: it is not too low yet."""
-        return bool(len(self.best[error])) and float(np.median(self.best[error])) >= level / 10
-
-    def too_low(self, levels: Mapping[str, float]) -> float:
-        """Return by how many decades it is below what is printed, under the error where that is most; 0 if above."""
-        return max(
-            self.distance(error, level) if len(best) and np.median(best) < level else 0.0
-            for error, level in levels.items() for best in [self.best[error]]
-        )  # fmt: skip
-
 
 def reading_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     """Yield for each method the nearest reading over its column of Table 6, and for each of its cells."""
@@ -88,13 +79,14 @@ def readings_of(evidence: Evidence, method: str) -> list[Reading]:
     runs = evidence.runs[(evidence.runs["study"] == _STUDY) & (evidence.runs["optimizer"] == method)]
     default = json.loads(json.dumps(dict(options_of(optimizers.make(method)))))
     texts = sorted(set(runs["optimizer_options"]), key=lambda text: json.loads(text) != default)
-    return [_reading(evidence, method, json.loads(text), default) for text in texts]
-
-
-def _reading(evidence: Evidence, method: str, options: Mapping[str, object], default: Mapping[str, object]) -> Reading:
-    changed = [f"{key}={value}" for key, value in options.items() if value != default[key]]
-    best = {e: found(evidence.of(_STUDY, "full12", method, {"error": e}, options), "best_value") for e in _ERRORS}
-    return Reading(" ".join(changed).replace("False", "false") or _DEFAULT, best)
+    readings = []
+    for text in texts:
+        options = json.loads(text)
+        changed = [f"{key}={value}" for key, value in options.items() if value != default[key]]
+        mine = {error: evidence.of(_STUDY, "full12", method, {"error": error}, options) for error in _ERRORS}
+        best = {error: values_of(some, "best_value") for error, some in mine.items()}
+        readings.append(Reading(" ".join(changed).replace("False", "false") or _DEFAULT, best))
+    return readings
 
 
 def _column(printed: Printed, evidence: Evidence, method: str, readings: list[Reading]) -> Row:
@@ -102,21 +94,30 @@ def _column(printed: Printed, evidence: Evidence, method: str, readings: list[Re
     far = {r.name: float(np.mean([r.distance(error, levels[error]) for error in _ERRORS])) for r in readings}
     order = sorted(far, key=lambda name: far[name])
     nearest = far[order[0]] if order else np.nan
-    told = "; ".join(f"{name} {far[name]:.2f}" for name in order)
-    # more evaluations only lower a level: what a reading is too low by already is the least it can come to
-    least = min((r.too_low(levels) for r in readings), default=np.nan)
+    distances = "; ".join(f"{name} {far[name]:.2f}" for name in order)
+    # more evaluations only lower a level: what a reading is too low by already, under the error where that is most, is
+    # the least it can come to
+    too_low = [
+        max(
+            reading.distance(error, level) if len(best) and np.median(best) < level else 0.0
+            for error, level in levels.items()
+            for best in [reading.best[error]]
+        )
+        for reading in readings
+    ]
+    least = min(too_low, default=np.nan)
     ruling = judge_limit(nearest, 0.0, 1.0)
     if not least > 1.0:
         ruling = at_budget(ruling, _reading_budget(evidence), printed.column("section44")["evaluations"])
     return printed.claim(
         f"reading_{method}", f"Section {_SECTIONS[method]}, Table 6",
         f"some reading of the open words gives the printed levels of {method.upper()}",
-        nearest if np.isfinite(nearest) else NOTHING, ruling,
-        "true at no distance, in kind within a decade, over J1, J2 and J3; with less than the printed budget it is "
-        "open until each reading is a decade too low under one of them",
-        f"least mean distance of {len(readings)} readings from the column of Table 6, decades of medians",
-        f"nearest: {order[0] if order else 'none was run'}. Decades from it: {told}. The reading that is least too low "
-        f"is so by {least:.2f} decades under its worst error", "decades", printed=0.0,
+        ours=nearest if np.isfinite(nearest) else NOTHING, ruling=ruling,
+        rule="true at no distance, in kind within a decade, over J1, J2 and J3; with less than the printed budget it "
+        "is open until each reading is a decade too low under one of them",
+        method=f"least mean distance of {len(readings)} readings from the column of Table 6, decades of medians",
+        reason=f"nearest: {order[0] if order else 'none was run'}. Decades from it: {distances}. The reading that is "
+        f"least too low is so by {least:.2f} decades under its worst error", unit="decades", printed=0.0,
     )  # fmt: skip
 
 
@@ -127,17 +128,19 @@ def _cell(printed: Printed, evidence: Evidence, method: str, error: str, reading
     budget = _reading_budget(evidence)
     decade = Tolerance(0.0, "in kind within a decade", 1.0, decades=True)
     ruling = judge_level(level, ours, budget, printed.column("section44")["evaluations"], decade)
-    if any(reading.may_come_to(error, level) for reading in readings):
+    best = [reading.best[error] for reading in readings if len(reading.best[error])]
+    if any(np.median(values) >= level / 10 for values in best):  # one that is not too low yet may come to it
         ruling = at_budget(ruling, budget, printed.column("section44")["evaluations"])
     default = next((r.distance(error, level) for r in readings if r.name == _DEFAULT), np.nan)
     return printed.claim(
         f"reading_{method}_{error}", f"Table 6, {method.upper()} under {error}",
-        f"the reading of {method.upper()} that comes nearest under {error}", ours, ruling,
-        "in kind within a decade; with less than the printed budget not reproduced where all are lower, else open",
-        f"best {error}, the nearest of {len(readings)} readings, full12 (gauge=xa2), random plan",
-        f"nearest: {order[0].name}, {order[0].distance(error, level):.2f} decades after {budget:.3g} evaluations; "
-        f"{_DEFAULT} {default:.2f}; farthest: {order[-1].name}, {order[-1].distance(error, level):.2f}"
-        if order else "none was run", "mm^2" if error == "J1" else "mm^4", printed=level,
+        f"the reading of {method.upper()} that comes nearest under {error}",
+        ours=ours, ruling=ruling,
+        rule="in kind within a decade; with less than the printed budget not reproduced where all are lower, else open",
+        method=f"best {error}, the nearest of {len(readings)} readings, full12 (gauge=xa2), random plan",
+        reason=f"nearest: {order[0].name}, {order[0].distance(error, level):.2f} decades after {budget:.3g} "
+        f"evaluations; {_DEFAULT} {default:.2f}; farthest: {order[-1].name}, {order[-1].distance(error, level):.2f}"
+        if order else "none was run", unit="mm^2" if error == "J1" else "mm^4", printed=level,
         about=f"table6.{method}.{error.lower()}",
         differs="it is the nearest of all readings after its own budget, the cell the reading by default after another",
     )  # fmt: skip
@@ -148,10 +151,6 @@ def _reading_budget(evidence: Evidence) -> float:
     return float(budgets.max()) if len(budgets) else np.nan
 
 
-_EXACT = Tolerance(0.0, "a given number")
-_METHODS = ("ga", "pso", "de")
-_ERRORS = ("J1", "J2", "J3")
-_FIGURES = {"J1": "Fig. 3", "J2": "Fig. 4", "J3": "Fig. 5"}
 _SETTINGS = {
     "ga": {
         "population": "population", "precision": "precision", "crossover": "PCrossover", "mutation": "PMutation",
@@ -182,7 +181,9 @@ def _settings(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     """Yield the settings: what the rerun's rows say they were made with, or what its operators were seen to do."""
     for section in ("section41", "section42", "section43"):
         size = len(make_problem("full12").lower)
-        yield printed.cell(f"{section}.parameters", size, _EXACT, "unknowns of full12", "of which readings see 11")
+        yield printed.cell(
+            f"{section}.parameters", size, _EXACT, "unknowns of full12", reason="of which readings see 11"
+        )
     mutated, crossed = measured_operators()
     seen = "seen at the gate: children beside their parents, one operator at a time"
     yield printed.cell("section41.mutated_bits", mutated, _EXACT, seen)
@@ -201,7 +202,7 @@ def _settings(printed: Printed, evidence: Evidence) -> Iterator[Row]:
             limit = printed.column("section43")[f"{name}_{bound}"]
             yield printed.cell(
                 f"section43.{name}_{bound}", value, Tolerance(np.nan, "a range: true where the setting lies in it"),
-                f"{option} in the rows of de", "", judge_limit(sign * (limit - value), 0.0),
+                f"{option} in the rows of de", ruling=judge_limit(sign * (limit - value), 0.0),
             )  # fmt: skip
     ran = evidence.of("cong2008", "full12", "de", {"gauge": "xa2"})
     yield printed.cell("section44.samples", len(make_problem("full12").readings), _EXACT, "readings of full12")
@@ -209,8 +210,8 @@ def _settings(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     most = float(ran["charged"].max()) if len(ran) else np.nan
     yield printed.cell(
         "section44.evaluations", most if len(ran) else NOTHING, _EXACT, "evaluations in the rows of de",
-        f"the rerun stopped at {most:.3g}: only the paper budget checks this" if most < asked else "",
-        at_budget(judge_near(asked, asked, most, _EXACT), most, asked),
+        reason=f"the rerun stopped at {most:.3g}: only the paper budget checks this" if most < asked else "",
+        ruling=at_budget(judge_near(asked, asked, most, _EXACT), most, asked),
     )  # fmt: skip
     for method, options in _SETTINGS.items():
         for name, option in options.items():
@@ -224,7 +225,6 @@ def _settings(printed: Printed, evidence: Evidence) -> Iterator[Row]:
 
 
 def _table5(printed: Printed) -> Iterator[Row]:
-    """Yield Table 5 against independent prints: Tables 7 and 8, and the symmetry of the box."""
     column = {role: printed.column(f"table5.{role}") for role in ("nominal", "actual", "lower", "upper")}
     for name in column["nominal"]:
         nominal, low, high = (column[role][name] for role in ("nominal", "lower", "upper"))
@@ -240,7 +240,6 @@ def _table5(printed: Printed) -> Iterator[Row]:
 
 
 def _level(printed: Printed, evidence: Evidence, key: str, method: str, error: str) -> Row:
-    """Return the row of a level that a method is said to reach under an error function."""
     column, _, quantity = key.rpartition(".")
     entry = printed.column(column).entries[quantity]
     ours, budget = Ours.of(_best(evidence, method, error)), _budget(evidence)
@@ -253,7 +252,9 @@ def _level(printed: Printed, evidence: Evidence, key: str, method: str, error: s
     reason = f"{_decades(ours.median, entry.value):+.1f} decades from it {after}" if ours.n else ""
     figure = f"{_FIGURES[error]}: " if key.startswith("text") and reason else ""
     how = f"best {error} of {method}, paper's settings, full12 (gauge=xa2), random plan"
-    return printed.cell(key, ours, tolerance, how, figure + reason, ruling)
+    return printed.cell(
+        key, ours, tolerance, how, reason=figure + reason, ruling=ruling,
+    )  # fmt: skip
 
 
 def _claims(printed: Printed, evidence: Evidence) -> Iterator[Row]:
@@ -265,9 +266,9 @@ def _claims(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         share = float(wins.mean()) if len(wins) else np.nan
         yield printed.claim(
             f"ranking_{error}", f"Section 4.4, {_FIGURES[error]}", f"from worst to best: GA, PSO, DE ({error})",
-            share, at_budget(judge_at_least(share, 0.9, 0.5), budget, asked),
-            "true where nine tenths of the repetitions are in this order, in kind half; open at a smaller budget",
-            "share of repetitions in this order", after, printed=1.0,
+            ours=share, ruling=at_budget(judge_at_least(share, 0.9, 0.5), budget, asked),
+            rule="true where nine tenths of the repetitions are in this order, in kind half; open at a smaller budget",
+            method="share of repetitions in this order", reason=after, printed=1.0,
         )  # fmt: skip
     scale = 4.0 * printed.column("geometry")["link"] ** 2
     for method in _METHODS:
@@ -276,26 +277,27 @@ def _claims(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         yield printed.claim(
             f"j2_lower_than_j1_{method}", "Section 4.4, Fig. 4",
             f"under J2 the errors get lower than under J1 ({method})",
-            Ours.of(j2 / (scale * j1) if _paired(j1, j2) else []), _below(j2, scale * j1, budget, asked),
-            "true below 1/2, open at a smaller budget: J1 x 4 l_b^2 is what compares with J2",
-            "J2 over J1 x 238144, repetition by repetition", f"J1 and J2 have different units; {after}",
+            ours=Ours.of(j2 / (scale * j1) if _paired(j1, j2) else []), ruling=_below(j2, scale * j1, budget, asked),
+            rule="true below 1/2, open at a smaller budget: J1 x 4 l_b^2 is what compares with J2",
+            method="J2 over J1 x 238144, repetition by repetition", reason=f"J1 and J2 have different units; {after}",
             printed=column["j2"] / (scale * column["j1"]),
         )  # fmt: skip
         yield printed.claim(
             f"j3_improves_{method}", "Section 4.4, Fig. 5", f"under J3 the search results improve ({method})",
-            Ours.of(j3 / j2 if _paired(j2, j3) else []), _below(j3, j2, budget, asked),
-            "true below 1/2, open at a smaller budget",
-            "best J3 over best J2, repetition by repetition", after, printed=column["j3"] / column["j2"],
+            ours=Ours.of(j3 / j2 if _paired(j2, j3) else []), ruling=_below(j3, j2, budget, asked),
+            rule="true below 1/2, open at a smaller budget", method="best J3 over best J2, repetition by repetition",
+            reason=after, printed=column["j3"] / column["j2"],
         )  # fmt: skip
     yield _random_points(printed)
     yield _speed(printed, evidence)
     floor = [float(p(p.truth)) for seed in range(10) for p in [make_problem("full12", error="J3", data_seed=seed)]]
-    said = printed.column("table6.de")["j3"]
+    level = printed.column("table6.de")["j3"]
     yield printed.claim(
         "de_j3_is_rounding", "Table 6 and Fig. 5, DE under J3", "3.5946e-20 is as near to zero as doubles can tell",
-        Ours.of(floor), judge_limit(abs(_decades(float(np.median(floor)), said)), 1.0),
-        "true where J3 of the true machine is within a decade of it", "J3 at the truth over ten random plans",
-        "rounding, not a better answer: nothing below 1e-18 is ranked", "mm^4", printed=said,
+        ours=Ours.of(floor), ruling=judge_limit(abs(_decades(float(np.median(floor)), level)), 1.0),
+        rule="true where J3 of the true machine is within a decade of it",
+        method="J3 at the truth over ten random plans",
+        reason="rounding, not a better answer: nothing below 1e-18 is ranked", unit="mm^4", printed=level,
         about="table6.de.j3", differs="it asks what rounding leaves at the truth, the cell what DE reached",
     )  # fmt: skip
     yield _local_search(printed, evidence)
@@ -306,14 +308,15 @@ def _random_points(printed: Printed) -> Row:
     problem, rng = make_problem("full12", error="J1"), np.random.default_rng(0)
     points = problem.lower + rng.random((20_000, 12)) * (problem.upper - problem.lower)
     values = problem.batch(points)
-    said = printed.column("table6.ga")["j1"]
-    share = float((values <= said).mean())
+    level = printed.column("table6.ga")["j1"]
+    share = float((values <= level).mean())
     tries = 100 if share == 0 else np.log(0.5) / np.log1p(-share)
     return printed.claim(
-        "j1_of_random_points", "Table 6, GA under J1", "1.3447e3 takes a search of 5e7 evaluations", float(tries),
-        judge_at_least(float(tries), 1e5), "true where half of all sets of 1e5 random points hold none as good",
-        "random points of Table 5's box after which one is as good with even odds",
-        f"{share:.1%} of random points are as good", printed=printed.column("section44")["evaluations"],
+        "j1_of_random_points", "Table 6, GA under J1", "1.3447e3 takes a search of 5e7 evaluations",
+        ours=float(tries), ruling=judge_at_least(float(tries), 1e5),
+        rule="true where half of all sets of 1e5 random points hold none as good",
+        method="random points of Table 5's box after which one is as good with even odds",
+        reason=f"{share:.1%} of random points are as good", printed=printed.column("section44")["evaluations"],
         about="table6.ga.j1",
         differs="it asks whether the level takes a search at all, the cell whether ours ends there",
     )  # fmt: skip
@@ -333,11 +336,11 @@ def _speed(printed: Printed, evidence: Evidence) -> Row:
     median = float(np.median(shares)) if shares else np.nan
     return printed.claim(
         "de_is_fast", "Section 4.4, Fig. 3", "DE converges faster than PSO",
-        Ours.of(min(s, 2.0) for s in shares),
-        at_budget(judge_limit(median, 0.5, 1.0), budget, printed.column("section44")["evaluations"]),
-        "true where DE passes PSO's end value within half the budget, in kind within it; open at a smaller budget",
-        "evaluations at which DE passes the median end of PSO, over the budget (2: not reached)",
-        f"at a budget of {budget:.3g}",
+        ours=Ours.of(min(s, 2.0) for s in shares),
+        ruling=at_budget(judge_limit(median, 0.5, 1.0), budget, printed.column("section44")["evaluations"]),
+        rule="true where DE passes PSO's end value within half the budget, in kind within it; open at a smaller budget",
+        method="evaluations at which DE passes the median end of PSO, over the budget (2: not reached)",
+        reason=f"at a budget of {budget:.3g}",
     )  # fmt: skip
 
 
@@ -349,15 +352,15 @@ def _local_search(printed: Printed, evidence: Evidence) -> Row:
     won = [1.0] * len(cost) + [0.0] * (len(runs) - len(cost))
     return printed.claim(
         "local_methods_trapped", "Section 4", "deterministic methods are inappropriate: they stay in local minima",
-        Ours.of([1 - w for w in won]), judge_at_least(1 - float(np.mean(won)) if won else np.nan, 0.5, 0.1),
-        "true where they miss the floor in half of all runs, in kind in a tenth",
-        "share of runs of trf, random starts in Table 5's box, J1, J2 and J3, that miss the last target",
-        f"they reach it after {median_of_reached(cost):.0f} charged evaluations (median)",
+        ours=Ours.of([1 - w for w in won]), ruling=judge_at_least(1 - float(np.mean(won)) if won else np.nan, 0.5, 0.1),
+        rule="true where they miss the floor in half of all runs, in kind in a tenth",
+        method="share of runs of trf, random starts in Table 5's box, J1, J2 and J3, that miss the last target",
+        reason=f"they reach it after {median_of_reached(cost):.0f} charged evaluations (median)",
     )  # fmt: skip
 
 
 def _best(evidence: Evidence, method: str, error: str) -> Array:
-    return found(evidence.of("cong2008", "full12", method, {"error": error, "gauge": "xa2"}), "best_value")
+    return values_of(evidence.of("cong2008", "full12", method, {"error": error, "gauge": "xa2"}), "best_value")
 
 
 def _budget(evidence: Evidence) -> float:
@@ -383,9 +386,6 @@ def _paired(*columns: Array) -> bool:
 
 def _decades(a: float, b: float) -> float:
     return float(np.log10(a / b)) if a > 0 and b > 0 else np.nan
-
-
-_BITS, _DIMENSION = 10, 4
 
 
 class _Recorder:

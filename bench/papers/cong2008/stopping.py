@@ -1,15 +1,13 @@
 """Section 3.3 of Cong et al. 2008 under each variant of `fmincon`, because the paper does not print its release.
 
-A variant is a rule of the difference step (`optimizers.fmincon.options`) with a stopping test and its place
-(`optimizers.fmincon.options`). Some variants were a release of MATLAB, others never were. SciPy's SLSQP searches in the
-user's units, as MATLAB did. Two variants that differ in the stopping test alone pass the same points. So one search
-goes on until every stopping test has been met (or MATLAB's 100 n evaluations are spent), and the end of each variant is
-read off its path. A test compares these ends with searches that have the options of each variant.
+A variant is a rule of the difference step with a stopping test and its place (`optimizers.fmincon.options`). Some
+variants were a release of MATLAB, others never were. SciPy's SLSQP searches in the user's units, as MATLAB did. Two
+variants that differ in the stopping test alone pass the same points. So one search goes on until every stopping test
+has been met (or MATLAB's 100 n evaluations are spent), and the end of each variant is read off its path. A test
+compares these ends with searches that have the options of each variant.
 
-The sentences of section 3.3 about which J is more precise, judged in each variant of fmincon, and the table of it.
-
-Each is a ratio of two printed numbers. In a variant ours is the median over the plans, which are not printed either;
-the rule of `cong2008_stopping.verdict_of` makes the verdicts of the variants into one.
+Each sentence about which J is more precise is a ratio of two printed numbers, judged in each variant: ours is the
+median over the plans, which are not printed either, and `verdict_of` makes the verdicts of the variants into one.
 """
 
 from __future__ import annotations
@@ -35,6 +33,7 @@ STOPS: tuple[Stop, ...] = ("relative", "after_step", "next_gradient", "before_st
 STEPS = ("typical_x", "gradient")
 # its own plan and random ones: ratios of Table 2 differ more between plans
 PLANS = {"sensor_zero": 31, "link_length": 15, "full11": 7, "full12": 7}
+_MARK = {"true": "✓", "true in kind": "≈", "false": "✗", "open": "?"}
 _TOLERANCE = 1e-6  # TolX, TolFun and TolCon as they were by default
 _RELEASES: dict[tuple[str, Stop], str] = {
     ("gradient", "after_step"): "1998", ("gradient", "next_gradient"): "about 2002",
@@ -142,11 +141,6 @@ def verdict_of(judged: Sequence[Judged]) -> Verdict:
     return "reproduced" if {*releases, *controls} == {"true"} else "reproduced in kind"
 
 
-def _stepping(step: str) -> dict[str, Any]:
-    limits = {"DiffMinChange": 1e-8, "DiffMaxChange": 0.1}  # MATLAB's defaults until 2010
-    return {"FiniteDifferenceStepRule": step, "ScaleVariables": False, "MaxIterations": 400, **limits}
-
-
 @cache
 def ends(problem: str, options: tuple[tuple[str, Any], ...], step: str) -> Mapping[Stop, End]:
     """Return where each stop ends the search on a problem with these options from its printed start."""
@@ -154,8 +148,11 @@ def ends(problem: str, options: tuple[tuple[str, Any], ...], step: str) -> Mappi
     watch = _Watch()
     fmincon(
         built, built.start, lb=built.lower, ub=built.upper,
-        options={"OptimalityTolerance": 0.0, "StepTolerance": 0.0, "OutputFcn": watch, **_stepping(step)},
-    )  # fmt: skip
+        options={
+            "OptimalityTolerance": 0.0, "StepTolerance": 0.0, "OutputFcn": watch, "FiniteDifferenceStepRule": step,
+            "ScaleVariables": False, "MaxIterations": 400, "DiffMinChange": 1e-8, "DiffMaxChange": 0.1,
+        },
+    )  # fmt: skip  # the changes are MATLAB's defaults until 2010
     names = [p.name for p in built.parameters]
     return {
         stop: End(built.merit(x)["kmrmse"], iterations, dict(zip(names, map(float, built.physical(x)), strict=True)))
@@ -260,10 +257,6 @@ class Claim:
         """Return the printed ratio."""
         return printed.column(self.above)[self.quantity] / printed.column(self.below)[self.quantity]
 
-    def said(self) -> str:
-        """Return what is measured in a variant."""
-        return f"{self.quantity} of {self.above} over {self.below}"
-
 
 CLAIMS = (
     *(
@@ -290,7 +283,7 @@ CLAIMS = (
     ),
     Claim(
         "j3_iterations", "Section 3.3 B", "J3 takes fewer iterations than J2", "table3.j3", "table3.j2", "",
-        "iterations", (0.9, 1.0),
+        quantity="iterations", limits=(0.9, 1.0),
     ),
 )  # fmt: skip
 
@@ -302,16 +295,16 @@ def rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         ours = Ours.of([j.median for j in judged if j.variant.release])
         ruling = Ruling(verdict_of(judged), ours.median, "at most, in every release", *claim.limits)
         yield printed.claim(
-            claim.key, claim.place, claim.sentence, ours, ruling,
-            f"in a variant true below {claim.limits[0]:g}, in kind below {claim.limits[1]:g}, "
-            f"{_OVER_VARIANTS}",
-            f"{claim.said()}, the median of {len(judged[0].ratios)} plans, in four releases of fmincon",
-            "; ".join(text for text in (_sentence(judged), claim.why) if text), printed=claim.printed(printed),
+            claim.key, claim.place, claim.sentence,
+            ours=ours, ruling=ruling,
+            rule=f"in a variant true below {claim.limits[0]:g}, in kind below {claim.limits[1]:g}, {_OVER_VARIANTS}",
+            method=f"{claim.quantity} of {claim.above} over {claim.below}, the median of {len(judged[0].ratios)} "
+            "plans, in four releases of fmincon",
+            reason="; ".join(text for text in (_sentence(judged), claim.why) if text), printed=claim.printed(printed),
         )  # fmt: skip
 
 
 def _sentence(judged: Sequence[Judged]) -> str:
-    """Return what each release and each control gives."""
     releases = [f"{j.variant.release} {_cell(j)}" for j in judged if j.variant.release]
     controls = [f"{j.variant.step} {_cell(j)}" for j in judged if j.variant.stop == "relative"]
     return f"releases: {', '.join(releases)}; with a relative stop: {', '.join(controls)}"
@@ -320,15 +313,15 @@ def _sentence(judged: Sequence[Judged]) -> str:
 @cache
 def judge_claim(claim: Claim, variants: tuple[Variant, ...] = VARIANTS, most: int = 1000) -> tuple[Judged, ...]:
     """Return the claim under each variant, over its plans, of which at most `most`."""
-    found = []
+    judged = []
     for variant in variants:
         above, below = (column(key, variant, most) for key in (claim.above, claim.below))
         if claim.quantity == "iterations":
             ratios = tuple(a.iterations / b.iterations for a, b in zip(above, below, strict=True))
         else:
             ratios = tuple(a.kmrmse / b.kmrmse for a, b in zip(above, below, strict=True))
-        found.append(Judged(variant, ratios, claim.limits))
-    return tuple(found)
+        judged.append(Judged(variant, ratios, claim.limits))
+    return tuple(judged)
 
 
 def table(variants: tuple[Variant, ...] = VARIANTS, most: int = 1000) -> str:
@@ -349,12 +342,9 @@ def write_table(path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     asked = {COLUMNS[key][0] for claim in CLAIMS for key in (claim.above, claim.below)}
     counts = ", ".join(f"{count} plans of {problem}" for problem, count in PLANS.items() if problem in asked)
-    said = f"# Section 3.3 of Cong et al. 2008 over the variants of fmincon\n\nMedians (95 %) of {counts}. "
-    path.write_text(said + "What they are: docs/fmincon.md, Releases.\n\n" + table(), encoding="utf-8")
+    head = f"# Section 3.3 of Cong et al. 2008 over the variants of fmincon\n\nMedians (95 %) of {counts}. "
+    path.write_text(head + "What they are: docs/fmincon.md, Releases.\n\n" + table(), encoding="utf-8")
     return path
-
-
-_MARK = {"true": "✓", "true in kind": "≈", "false": "✗", "open": "?"}
 
 
 def _cell(judged: Judged) -> str:

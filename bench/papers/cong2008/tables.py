@@ -117,10 +117,12 @@ def _calibrations(runs: pd.DataFrame, cells: list[tuple[str, str, dict[str, Any]
 def _ours(cell: pd.DataFrame) -> dict[str, pd.Series]:
     """Return our values of the quantities that print may have; a row holds no such thing as iterations."""
     known = {"kmrmse": cell["kmrmse"]}
-    found = cell[cell["parameter_values"].notna()]
-    if found.empty:
+    answered = cell[cell["parameter_values"].notna()]
+    if answered.empty:
         return known
-    values = pd.DataFrame([list(each) for each in found["parameter_values"]], columns=found["parameter_names"].iloc[0])
+    values = pd.DataFrame(
+        [list(each) for each in answered["parameter_values"]], columns=answered["parameter_names"].iloc[0]
+    )
     return {str(name): values[name] for name in values} | known
 
 

@@ -65,7 +65,7 @@ def _procedure(printed: Printed) -> Iterator[Row]:
     limit = getattr(optimizers.make("nine_point"), "lower_limit", float("nan"))
     yield printed.cell(
         "section25.d_lower_limit", limit, _EXACT, "the option lower_limit of nine_point, as rerun",
-        f"from d = 1 the last pitches are {spans[-2]:g} and {spans[-1]:g} mm",
+        reason=f"from d = 1 the last pitches are {spans[-2]:g} and {spans[-1]:g} mm",
     )  # fmt: skip
     circle = make_problem("tracking_zero").points.mean(axis=0)
     near = Tolerance(1e-9, "rounding of a mean")
@@ -87,42 +87,41 @@ def _consistency(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     errors = np.array(ended).reshape(-1, 3)
     ours = float(np.ptp(errors, axis=0).max()) if len(errors) else float("nan")
     yield printed.claim(
-        "table1_identical", "Table 1 and the text below it", "three starts end at an identical value", spread,
-        judge_limit(spread, 1e-4, 0.1 * float(np.ptp(initial, axis=0).max())),
-        "true where the printed results agree to a printed digit; in kind where they agree ten times better than the "
-        "starts", "largest difference of the three printed results",
-        f"a rerun without noise differs by {ours:.2g} rad between the starts, its last pitch of 1/16 to 1/8 mm; the "
-        f"printed starts differ by {np.ptp(initial, axis=0).max():.2g} rad", "rad", printed=0.0,
+        "table1_identical", "Table 1 and the text below it", "three starts end at an identical value",
+        ours=spread, ruling=judge_limit(spread, 1e-4, 0.1 * float(np.ptp(initial, axis=0).max())),
+        rule="true where the printed results agree to a printed digit; in kind where they agree ten times better than "
+        "the starts", method="largest difference of the three printed results",
+        reason=f"a rerun without noise differs by {ours:.2g} rad between the starts, its last pitch of 1/16 to 1/8 "
+        f"mm; the printed starts differ by {np.ptp(initial, axis=0).max():.2g} rad", unit="rad", printed=0.0,
     )  # fmt: skip
     yield printed.claim(
         "table1_simulated", "Section 2.5", "the procedure converges from Table 1's three starts",
-        Ours.of(np.abs(errors).max(axis=1) if len(errors) else []),
-        judge_limit(float(np.abs(errors).max()) if len(errors) else float("nan"), 2e-4, 2e-3),
-        "true where the worst offset is within 2e-4 rad: half the last pitch over a link length",
-        "worst offset error of nine_point on tracking_zero, circle R80, n = 60, without noise",
-        "radius and number of points of the circle are ours, they are not printed", "rad", printed=0.0,
+        ours=Ours.of(np.abs(errors).max(axis=1) if len(errors) else []),
+        ruling=judge_limit(float(np.abs(errors).max()) if len(errors) else float("nan"), 2e-4, 2e-3),
+        rule="true where the worst offset is within 2e-4 rad: half the last pitch over a link length",
+        method="worst offset error of nine_point on tracking_zero, circle R80, n = 60, without noise",
+        reason="radius and number of points of the circle are ours, they are not printed", unit="rad", printed=0.0,
     )  # fmt: skip
     away = [float(np.hypot(*make_problem("tracking_zero", experiment=e).start)) for e in (1, 2, 3)]
     estimate = np.array([printed.column("geometry")[f"estimate_{axis}"] for axis in "xy"])
     yield printed.claim(
         "hand_moved_several_millimetres", "Section 2.1",
         "by hand there is always several millimetre error between the real and the predefined position",
-        Ours.of(away), judge_at_least(min(away), 2.0, 1.0),
-        "true where the hand was 2 mm or more off in each experiment, in kind 1 mm",
-        "displacement of the hand that takes Table 1's results to its initial estimations, by least squares",
-        ", ".join(f"{value:.1f}" for value in away) + " mm in the three experiments; section 3.3's estimate is "
-        f"{np.hypot(*(home() - estimate)):.1f} mm off",
-        "mm",
+        ours=Ours.of(away), ruling=judge_at_least(min(away), 2.0, 1.0),
+        rule="true where the hand was 2 mm or more off in each experiment, in kind 1 mm",
+        method="displacement of the hand that takes Table 1's results to its initial estimations, by least squares",
+        reason=", ".join(f"{value:.1f}" for value in away) + " mm in the three experiments; section 3.3's estimate is "
+        f"{np.hypot(*(home() - estimate)):.1f} mm off", unit="mm",
     )  # fmt: skip
     for experiment in (1, 2, 3):
         misfit = np.abs(make_problem("tracking_zero", experiment=experiment).start_misfit).max()
         yield printed.claim(
             f"table1_displacement_{experiment}", f"Table 1, Experiment{experiment}, and section 2.4, step 2",
-            "initial minus resulting zero positions are one displacement of the hand", float(misfit),
-            judge_limit(float(misfit), 1e-4, spread),
-            "true where three differences from two unknowns leave at most 1e-4 rad, two printed half digits; in kind "
-            "where they leave less than the results differ among themselves",
-            "least squares of the three differences over (dx, dy)", "", "rad", printed=0.0,
+            "initial minus resulting zero positions are one displacement of the hand",
+            ours=float(misfit), ruling=judge_limit(float(misfit), 1e-4, spread),
+            rule="true where three differences from two unknowns leave at most 1e-4 rad, two printed half digits; in "
+            "kind where they leave less than the results differ among themselves",
+            method="least squares of the three differences over (dx, dy)", unit="rad", printed=0.0,
         )  # fmt: skip
 
 
@@ -168,17 +167,21 @@ def _propositions(printed: Printed) -> Iterator[Row]:
     for key, place, sentence, draw, reason in cases:
         moved = [_moved(problem.with_reading_errors(draw())) for _ in range(5)]
         verdict = judge_limit(float(np.median(moved)), 1e-7)
-        yield printed.claim(key, place, sentence, Ours.of(moved), verdict, rule, method, reason, "mm", printed=0.0)
+        yield printed.claim(
+            key, place, sentence,
+            ours=Ours.of(moved), ruling=verdict, rule=rule, method=method, reason=reason, unit="mm", printed=0.0,
+        )  # fmt: skip
     errors, x = both(), np.array([3.0, -7.0])
     variance = float((errors**2).sum(axis=1).mean())
     wrong = problem.with_reading_errors(errors)
     gap = abs(wrong(x) - variance - problem(x)) / problem(x)
     yield printed.claim(
-        "equation28", "equation (28)", "E equals sigma^2 plus the norm of the projected error", gap,
-        judge_limit(gap, 1e-9, 0.1), "true where the two sides differ by rounding; in kind below a tenth",
-        "relative difference of the two sides 7.6 mm from the truth",
-        f"exact at the truth ({abs(wrong(problem.truth) / variance - 1):.0e}), elsewhere to first order only: d theta "
-        "is taken for a linear motion", printed=0.0,
+        "equation28", "equation (28)", "E equals sigma^2 plus the norm of the projected error",
+        ours=gap, ruling=judge_limit(gap, 1e-9, 0.1),
+        rule="true where the two sides differ by rounding; in kind below a tenth",
+        method="relative difference of the two sides 7.6 mm from the truth",
+        reason=f"exact at the truth ({abs(wrong(problem.truth) / variance - 1):.0e}), elsewhere to first order only: "
+        "d theta is taken for a linear motion", printed=0.0,
     )  # fmt: skip
 
 

@@ -16,7 +16,10 @@ STUDIES: tuple[str, ...] = ()
 
 def rows(evidence: Evidence) -> Iterator[Row]:
     """Yield every row: a printed number, a claim or an erratum each."""
-    from calibench.bench.papers.pashkevich2008.topics import TOPICS  # what a report of a study does without
+    from calibench.bench.papers.pashkevich2008 import claims, errata, figures, machine  # no report needs it
 
-    for topic in TOPICS:
+    for topic in (
+        machine.rows, claims.equation_rows, figures.rows, claims.text_rows, claims.identification_rows,
+        claims.improvement_rows, claims.assumption_rows, errata.rows,
+    ):  # fmt: skip
         yield from topic(Printed(KEY))

@@ -1,16 +1,11 @@
-"""What Pashkevich et al. 2008 say: what can be identified, how well, and how much better the machine became.
+"""What Pashkevich et al. 2008 say: their equations, the numbers of the running text, and what they conclude.
 
-What Pashkevich et al. 2008 conclude from residuals: of the noise, of the model's assumptions, of what is to blame.
+Equations (5) to (9) and (11), written as printed, stand against differences of the model (2): a row says how far the
+printed coefficients are from what the closed legs do when an offset or a leg length moves a little. Equation (11) is
+linear; how far its range goes is asked of the parameters that were identified with it.
 
 The chapter holds the residuals of Experiment 1 against the .01 mm of its indicators, finds them unrealistic, and blames
 the assumptions; it does not hold those of Experiment 2 against it. Here both are asked the same question.
-
-The numbers in the running text of Pashkevich et al. 2008, sections 3.4 to 5, from its tables and from (12).
-
-Equations (5) to (9) and (11) of Pashkevich et al. 2008, written as printed, against differences of the model (2).
-
-Each is a row: how far the printed coefficients are from what the closed legs do when an offset or a leg length moves a
-little. Equation (11) is linear; how far its range goes is asked of the parameters that were identified with it.
 """
 
 from __future__ import annotations
@@ -61,26 +56,18 @@ from calibench.problems.orthoglide.kinematics import (
 )
 
 
-def column_cosines() -> list[float]:
-    """Return the cosines of the angles between the columns drho and dL of (11), x y z."""
-    unit = calibration_matrix() / np.linalg.norm(calibration_matrix(), axis=0)
-    return [float(unit[:, i] @ unit[:, 3 + i]) for i in range(3)]
-
-
-def claim_rows(printed: Printed) -> Iterator[Row]:
-    """Yield the paper's findings."""
-    yield from _identification(printed)
-    yield from _improvement(printed)
-
-
-def _identification(printed: Printed) -> Iterator[Row]:
+def identification_rows(printed: Printed) -> Iterator[Row]:
+    """Yield what can be identified, and how well."""
     matrix = calibration_matrix()
+    unit = matrix / np.linalg.norm(matrix, axis=0)
+    cosine = min(float(unit[:, i] @ unit[:, 3 + i]) for i in range(3))  # of the columns drho and dL
     unknowns = printed.column("equation11")["unknowns"]
     rank = int(np.linalg.matrix_rank(matrix))
     yield printed.claim(
-        "six_identifiable", "Section 3.2", "the twelve equations (11) determine all six parameters", rank,
-        judge_near(unknowns, unknowns, rank, Tolerance(0.0, "a count")), "true where the rank of (11) is 6",
-        "rank of the matrix of (11)", f"its condition number is {np.linalg.cond(matrix):.1f}", printed=unknowns,
+        "six_identifiable", "Section 3.2", "the twelve equations (11) determine all six parameters",
+        ours=rank, ruling=judge_near(unknowns, unknowns, rank, Tolerance(0.0, "a count")),
+        rule="true where the rank of (11) is 6", method="rank of the matrix of (11)",
+        reason=f"its condition number is {np.linalg.cond(matrix):.1f}", printed=unknowns,
     )  # fmt: skip
     small, large = (make_problem("orthoglide6", data="exp2", free=free) for free in ("rho", "full"))
     for key, spread, how in (
@@ -89,31 +76,34 @@ def _identification(printed: Printed) -> Iterator[Row]:
     ):
         test = f_test(small, large, covariance=spread)
         yield printed.claim(
-            key, "Section 4.2, Experiment #2", "the method identifies both drho and dL simultaneously", test.p_value,
-            judge_limit(test.p_value, 0.05), "true where leg lengths on top of offsets have p below .05", how,
-            f"only rho - L is determined: {test.sentence()}; cosine of the columns {min(column_cosines()):.5f}; gauges "
-            f"of .01 mm see {_seen(printed)} of six directions to the printed .07 mm", "p",
+            key, "Section 4.2, Experiment #2", "the method identifies both drho and dL simultaneously",
+            ours=test.p_value, ruling=judge_limit(test.p_value, 0.05),
+            rule="true where leg lengths on top of offsets have p below .05", method=how,
+            reason=f"only rho - L is determined: {test.sentence()}; cosine of the columns "
+            f"{cosine:.5f}; gauges of .01 mm see {_seen(printed)} of six directions to the printed .07 "
+            "mm", unit="p",
         )  # fmt: skip
     full = make_problem("orthoglide6", data="exp2", free="full", model="linear")
-    found = estimate(full, sigma=printed.column("text.section34")["sigma"], covariance=covariance_of_plan())
-    alone = [found.of({f"drho_{axis}": 1.0, f"dL_{axis}": -1.0})[1] for axis in "xyz"]
-    said = printed.column("text.section34").entries["parameter_error"]
+    estimated = estimate(full, sigma=printed.column("text.section34")["sigma"], covariance=covariance_of_plan())
+    alone = [estimated.of({f"drho_{axis}": 1.0, f"dL_{axis}": -1.0})[1] for axis in "xyz"]
+    entry = printed.column("text.section34").entries["parameter_error"]
     digit = Tolerance(
         0.02, "what the printed angles, 11.0 and -18.7 degrees, are worth, and half a digit of what to read"
     )
     yield printed.claim(
         "accuracy_full", "Section 3.4", "the parameters are identified to about .07 mm with gauges of .01 mm",
-        Ours.of(found.standard_errors),
-        judge_near(said.printed, said.value, float(found.standard_errors.mean()), digit),
-        digit.why, "(12) with (14) at asin of the strokes, mean of the six parameters",
-        f"{accuracy(printed, True):.3f} mm at the printed angles", "mm", printed=said.printed,
-        about="text.section34.parameter_error", read=said.value,
+        ours=Ours.of(estimated.standard_errors),
+        ruling=judge_near(entry.printed, entry.value, float(estimated.standard_errors.mean()), digit), rule=digit.why,
+        method="(12) with (14) at asin of the strokes, mean of the six parameters",
+        reason=f"{accuracy(printed, True):.3f} mm at the printed angles", unit="mm", printed=entry.printed,
+        about="text.section34.parameter_error", read=entry.value,
     )  # fmt: skip
     yield printed.claim(
-        "accuracy_difference", "Section 3.4", "rho - L is identified to .07 mm with gauges of .01 mm", Ours.of(alone),
-        judge_limit(max(alone), said.printed), "true where no standard error of rho - L is above the printed one",
-        "(12) with (14) at asin of the strokes", unit="mm", printed=said.printed,
-        about="text.section34.parameter_error", read=said.value,
+        "accuracy_difference", "Section 3.4", "rho - L is identified to .07 mm with gauges of .01 mm",
+        ours=Ours.of(alone), ruling=judge_limit(max(alone), entry.printed),
+        rule="true where no standard error of rho - L is above the printed one",
+        method="(12) with (14) at asin of the strokes", unit="mm", printed=entry.printed,
+        about="text.section34.parameter_error", read=entry.value,
         differs="of the differences rho - L the printed number holds, of the six parameters it does not",
     )  # fmt: skip
     fit, column = fitted("exp2", "full"), printed.column("table3.exp2_full")
@@ -123,10 +113,11 @@ def _identification(printed: Printed) -> Iterator[Row]:
     weights = [float(np.abs(fit.solver[i] - fit.solver[3 + i]).sum()) for i in range(3)]
     within = 0.005 * (2 + max(weights))
     yield printed.claim(
-        "table3_differences", "Table 3, row '{Delta rho, Delta L}'", "the printed full set has the differences rho - L "
-        "of the best fit", Ours.of(np.abs(gaps)), judge_limit(float(np.abs(gaps).max()), within),
-        f"true within {within:.3f} mm: half a digit of both numbers and of each datum, as the fit carries it",
-        "distance of rho - L from that of the linear fit", unit="mm", printed=0.0,
+        "table3_differences", "Table 3, row '{Delta rho, Delta L}'",
+        "the printed full set has the differences rho - L of the best fit",
+        ours=Ours.of(np.abs(gaps)), ruling=judge_limit(float(np.abs(gaps).max()), within),
+        rule=f"true within {within:.3f} mm: half a digit of both numbers and of each datum, as the fit carries it",
+        method="distance of rho - L from that of the linear fit", unit="mm", printed=0.0,
     )  # fmt: skip
 
 
@@ -137,28 +128,32 @@ def _seen(printed: Printed) -> int:
     return int((noise <= column.entries["parameter_error"].printed).sum())
 
 
-def _improvement(printed: Printed) -> Iterator[Row]:
+def improvement_rows(printed: Printed) -> Iterator[Row]:
+    """Yield how much better the machine became."""
     size = [rms(table1(printed, key)) for key in ("exp1", "exp2", "exp3")]
     worst = max(after / before for before, after in pairwise(size))
     yield printed.claim(
-        "improves", "Section 4.2 and Table 1", "the deviations shrink from each experiment to the next", worst,
-        judge_limit(worst, 1.0), "true where each rms is below the one before", "larger ratio of successive rms",
+        "improves", "Section 4.2 and Table 1", "the deviations shrink from each experiment to the next",
+        ours=worst, ruling=judge_limit(worst, 1.0), rule="true where each rms is below the one before",
+        method="larger ratio of successive rms",
     )  # fmt: skip
     # nothing is left to gain: after the adjustment the offsets do not explain more than noise would
     twelve = fitted("exp3_t2", "rho")
-    left = twelve.data - twelve.predictor @ twelve.data
-    p = f_test_of_sums(float(twelve.data @ twelve.data), 0, float(left @ left), 3, len(left)).p_value
+    residuals = twelve.data - twelve.predictor @ twelve.data
+    p = f_test_of_sums(float(twelve.data @ twelve.data), 0, float(residuals @ residuals), 3, len(residuals)).p_value
     yield printed.claim(
-        "nothing_left", "Section 4.2, Experiment #3", "a further calibration would improve little", 1 - p,
-        judge_limit(1 - p, 0.95), "true where the offsets fitted to Experiment 3 have p above .05",
-        "1 - p of the F test of drho against no errors, Table 2, Experiment 3", unit="1 - p",
+        "nothing_left", "Section 4.2, Experiment #3", "a further calibration would improve little",
+        ours=1 - p, ruling=judge_limit(1 - p, 0.95),
+        rule="true where the offsets fitted to Experiment 3 have p above .05",
+        method="1 - p of the F test of drho against no errors, Table 2, Experiment 3", unit="1 - p",
     )  # fmt: skip
-    six, own = printed.column("table1.exp3"), table2_differences()["exp3_t2"]
-    gap = max(abs(six[name] - value) for name, value in own.items())
+    six, differences = printed.column("table1.exp3"), table2_differences()["exp3_t2"]
+    gap = max(abs(six[name] - value) for name, value in differences.items())
     yield printed.claim(
-        "one_experiment3", "Tables 1 and 2", "Experiment 3 of Table 1 is Experiment 3 of Table 2", gap,
-        judge_limit(gap, 0.015), "true within .015 mm, half a digit of three numbers",
-        "largest distance of Table 1's differences from those of Table 2", unit="mm", printed=0.0, about="erratum.12",
+        "one_experiment3", "Tables 1 and 2", "Experiment 3 of Table 1 is Experiment 3 of Table 2",
+        ours=gap, ruling=judge_limit(gap, 0.015), rule="true within .015 mm, half a digit of three numbers",
+        method="largest distance of Table 1's differences from those of Table 2", unit="mm", printed=0.0,
+        about="erratum.12",
         differs="each table prints what its own fit was made of; that both are one experiment does not hold",
     )  # fmt: skip
 
@@ -168,30 +163,35 @@ def assumption_rows(printed: Printed) -> Iterator[Row]:
     sigma = printed.column("text.section34")["sigma"]
     estimate, low = noise_of("exp1")
     yield printed.claim(
-        "sigma_unrealistic", "Section 4.2, Experiment #1", "the noise estimated from the residuals is unrealistic "
-        "beside .01 mm", low / sigma, judge_at_least(low / sigma, 1.0),
-        "true where sigma is above .01 mm with 97.5 % confidence", "lower end of sigma's 95 % interval over .01 mm: "
-        "residuals of the {rho} fit of Table 1, Measurements #1, each of two readings", f"sigma is {estimate:.2f} mm",
+        "sigma_unrealistic", "Section 4.2, Experiment #1",
+        "the noise estimated from the residuals is unrealistic beside .01 mm",
+        ours=low / sigma, ruling=judge_at_least(low / sigma, 1.0),
+        rule="true where sigma is above .01 mm with 97.5 % confidence",
+        method="lower end of sigma's 95 % interval over .01 mm: residuals of the {rho} fit of Table 1, Measurements "
+        "#1, each of two readings", reason=f"sigma is {estimate:.2f} mm",
     )  # fmt: skip
     estimate, low = noise_of("exp2_t1")
     twelve, low_twelve = noise_of("exp2")
     yield printed.claim(
-        "assumptions_valid", "Section 4.2, Experiment #2", "the expected residual of .20 mm justifies the modelling "
-        "assumptions", low / sigma, judge_limit(low / sigma, 1.0),
-        "true where sigma may be .01 mm: what refuted the assumptions in Experiment 1 must not refute them here",
-        "lower end of sigma's 95 % interval over .01 mm: residuals of the {rho} fit of Table 1, Measurements #2",
-        f"sigma is {estimate:.2f} mm; of the twelve deviations of Table 2 it is {twelve:.2f} mm, at least "
+        "assumptions_valid", "Section 4.2, Experiment #2",
+        "the expected residual of .20 mm justifies the modelling assumptions",
+        ours=low / sigma, ruling=judge_limit(low / sigma, 1.0),
+        rule="true where sigma may be .01 mm: what refuted the assumptions in Experiment 1 must not refute them here",
+        method="lower end of sigma's 95 % interval over .01 mm: residuals of the {rho} fit of Table 1, Measurements #2",
+        reason=f"sigma is {estimate:.2f} mm; of the twelve deviations of Table 2 it is {twelve:.2f} mm, at least "
         f"{low_twelve:.2f}",
     )  # fmt: skip
     for number, data in ((1, "exp1"), (2, "exp2")):
-        found = orientation(data)
+        supported = orientation(data)
         yield printed.claim(
             f"orientation_blamed_{number}", f"Section 4.2, Experiment #{'1' if number == 1 else '1 and Resume'}",
-            f"the orientation of the linear axes is what the model lacks (Experiment {number})", found.p,
-            judge_limit(found.p, 0.05), "true where leaning axes beside the joint offsets have p below .05",
-            f"F test of {ORIENTATION}, about a common point, {'Table 1' if number == 1 else 'Table 2'}, least squares",
-            f"F = {found.F:.2f}, p = {found.p:.2f}: they explain {found.share:.0%} of the misfit; axes that lean and "
-            "still intersect in a point, as the model with angles alone would have them", "p",
+            f"the orientation of the linear axes is what the model lacks (Experiment {number})",
+            ours=supported.p, ruling=judge_limit(supported.p, 0.05),
+            rule="true where leaning axes beside the joint offsets have p below .05",
+            method=f"F test of {ORIENTATION}, about a common point, {'Table 1' if number == 1 else 'Table 2'}, least "
+            "squares",
+            reason=f"F = {supported.F:.2f}, p = {supported.p:.2f}: they explain {supported.share:.0%} of the misfit; "
+            "axes that lean and still intersect in a point, as the model with angles alone would have them", unit="p",
         )  # fmt: skip
     yield _alteration(printed)
 
@@ -202,8 +202,8 @@ def noise_of(data: str) -> tuple[float, float]:
     Each deviation is a difference of two readings; that + and - readings share their Zero is left out of account.
     """
     fit = fitted(data, "rho")
-    left = fit.data - fit.predictor @ fit.data
-    squares, free = float(left @ left) / 2, len(left) - fit.matrix.shape[1]
+    residuals = fit.data - fit.predictor @ fit.data
+    squares, free = float(residuals @ residuals) / 2, len(residuals) - fit.matrix.shape[1]
     return float(np.sqrt(squares / free)), float(np.sqrt(squares / chi2.ppf(0.975, free)))
 
 
@@ -219,11 +219,12 @@ def _alteration(printed: Printed) -> Row:
     shares = [rms(fitted(after, "rho").x) / rms(fitted(before, "rho").x) for after, before in pairs]
     moved = [float(np.abs(fitted(after, "rho").x).max()) for after, _ in pairs]
     return printed.claim(
-        "small_alteration", "Section 4.2, Experiment #3", "a fit to the third data set alters the parameters very "
-        "little", Ours.of(shares), judge_limit(max(shares), 0.1, 0.25),
-        "true where in both prints of Experiment 3 the further offsets are a tenth of the first, in kind a quarter",
-        "rms of the offsets fitted to Experiment 3 over that of the offsets fitted to Experiment 2",
-        f"Table 2 {shares[0]:.2f} (up to {moved[0]:.2f} mm), Table 1 {shares[1]:.2f} (up to {moved[1]:.2f} mm)",
+        "small_alteration", "Section 4.2, Experiment #3",
+        "a fit to the third data set alters the parameters very little",
+        ours=Ours.of(shares), ruling=judge_limit(max(shares), 0.1, 0.25),
+        rule="true where in both prints of Experiment 3 the further offsets are a tenth of the first, in kind a "
+        "quarter", method="rms of the offsets fitted to Experiment 3 over that of the offsets fitted to Experiment 2",
+        reason=f"Table 2 {shares[0]:.2f} (up to {moved[0]:.2f} mm), Table 1 {shares[1]:.2f} (up to {moved[1]:.2f} mm)",
     )  # fmt: skip
 
 
@@ -245,14 +246,14 @@ def _divided(printed: Printed) -> Row:
     """Return the row of 'dividing the residual root-mean-square by three', which does not say of which table."""
     pairs = [(table(printed, "exp2"), table(printed, "exp3")) for table in (table1, table2)]
     one, two = (rms(before) / rms(after) for before, after in pairs)
-    said = printed.column("text.section5")["rms_divided_by"]
+    ratio = printed.column("text.section5")["rms_divided_by"]
     half = Tolerance(0.5, "half a printed digit; in kind where one of the two tables gives it")
-    ruling = judge_either(said, [one, two], half)
+    ruling = judge_either(ratio, [one, two], half)
     return printed.cell(
         "text.section5.rms_divided_by", ruling.judged, half,
         "rms of Experiment 2 over that of Experiment 3, six differences of Table 1 or twelve deviations of Table 2",
-        f"{one:.2f} in Table 1, {two:.2f} in Table 2: the sentence does not say which, and holds for the first",
-        ruling,
+        reason=f"{one:.2f} in Table 1, {two:.2f} in Table 2: the sentence does not say which, and holds for the first",
+        ruling=ruling,
     )  # fmt: skip
 
 
@@ -264,7 +265,7 @@ def _section34(printed: Printed) -> Iterator[Row]:
     yield printed.cell(
         "text.section34.parameter_error", accuracy(printed, True), Tolerance(0.005, "half a printed digit"),
         "(12) with (14) at the printed angles, mean of the three offsets",
-        f"{accuracy(printed, False):.3f} mm at asin of the strokes",
+        reason=f"{accuracy(printed, False):.3f} mm at asin of the strokes",
     )  # fmt: skip
 
 
@@ -285,9 +286,10 @@ def _experiment1(printed: Printed) -> Iterator[Row]:
     yield printed.cell(
         f"{key}.rms_before", rms(values), rms_tolerance(values, 1, fit.slip), "rms of Table 1, Measurements #1"
     )
-    left = np.eye(6) - fit.predictor
+    residual_maker = np.eye(6) - fit.predictor
     yield printed.cell(
-        f"{key}.rms_after", rms(left @ fit.data), rms_tolerance(left @ fit.data, 1, left @ fit.slip),
+        f"{key}.rms_after", rms(residual_maker @ fit.data),
+        rms_tolerance(residual_maker @ fit.data, 1, residual_maker @ fit.slip),
         "rms left by the {rho} fit of Table 1, Measurements #1",
     )  # fmt: skip
     resolution = printed.column("text.section41")["indicator_resolution"] / 1000
@@ -302,16 +304,17 @@ def _experiment2(printed: Printed) -> Iterator[Row]:
     yield printed.cell(
         f"{key}.deviations_below", largest, Tolerance(1e-9, "a number of the table"),
         "largest of the six deviations of Table 1, Measurements #2",
-        f"the largest of the twelve of Table 2 is {np.abs(twelve).max():.2f}",
+        reason=f"the largest of the twelve of Table 2 is {np.abs(twelve).max():.2f}",
     )  # fmt: skip
     ratio = rms(table1(printed, "exp1")) / rms(six)
     yield printed.cell(
-        f"{key}.times_better", ratio, Tolerance(0.5, "half a printed digit"),
-        "rms of Table 1, Measurements #1 over #2",
+        f"{key}.times_better", ratio, Tolerance(0.5, "half a printed digit"), "rms of Table 1, Measurements #1 over #2",
     )  # fmt: skip
     fit = fitted("exp2_t1", "rho")
-    left = fit.data - fit.predictor @ fit.data
-    yield printed.cell(f"{key}.expected", rms(left), rms_tolerance(left), "rms left by the {rho} fit of Table 1")
+    residuals = fit.data - fit.predictor @ fit.data
+    yield printed.cell(
+        f"{key}.expected", rms(residuals), rms_tolerance(residuals), "rms left by the {rho} fit of Table 1"
+    )
     table = constants.document("pashkevich2008")["table3"]
     yield printed.cell(f"{key}.parameter_sets", len(table), _EXACT, "rows of Table 3")
     yield printed.cell(f"{key}.rms_before", rms(twelve), rms_tolerance(twelve), "rms of Table 2, Experiment 2")
@@ -329,16 +332,18 @@ def _experiment3(printed: Printed) -> Iterator[Row]:
         ordered = np.sort(np.abs(values))[::-1]
         yield printed.cell(
             f"{key}.largest_{name}", float(ordered[0]), Tolerance(1e-9, "a number of the table"),
-            f"largest of the twelve deviations of Table 2, Experiment {number}", f"the second is {ordered[1]:.2f}",
+            f"largest of the twelve deviations of Table 2, Experiment {number}",
+            reason=f"the second is {ordered[1]:.2f}",
         )  # fmt: skip
     yield printed.cell(f"{key}.rms_before", rms(before), rms_tolerance(before), "rms of Table 2, Experiment 2")
     fit = fitted("exp3_t2", "rho")
     yield printed.cell(
         f"{key}.rms_after", rms(after), rms_tolerance(after, 1, fit.slip), "rms of Table 2, Experiment 3"
     )
-    left = np.eye(12) - fit.predictor
+    residual_maker = np.eye(12) - fit.predictor
     yield printed.cell(
-        f"{key}.rms_expected", rms(left @ fit.data), rms_tolerance(left @ fit.data, 1, left @ fit.slip),
+        f"{key}.rms_expected", rms(residual_maker @ fit.data),
+        rms_tolerance(residual_maker @ fit.data, 1, residual_maker @ fit.slip),
         "rms left by the {rho} fit of Table 2, Experiment 3",
     )  # fmt: skip
 
@@ -365,14 +370,14 @@ def equation_rows(printed: Printed) -> Iterator[Row]:
     for number, sentence, pairs, where in cases:
         gap = max(float(np.abs(matrix - differences(position)).max()) for matrix, position in pairs)
         yield printed.claim(
-            f"equation{number}", f"equation ({number})", sentence, gap, judge_limit(gap, _CLOSE), _RULE,
-            f"{_HOW}, {where}", printed=0.0,
+            f"equation{number}", f"equation ({number})", sentence,
+            ours=gap, ruling=judge_limit(gap, _CLOSE), rule=_RULE, method=f"{_HOW}, {where}", printed=0.0,
         )  # fmt: skip
     gap = equation_11_gap()
     yield printed.claim(
-        "equation11_rest", "equation (11)", "eleven of the twelve rows are those of the legs' deviations", gap,
-        judge_limit(gap, 1e-9), "true where no coefficient is off by more than rounding",
-        "printed rows beside the exact model's Jacobian; the first right-hand side is an erratum", printed=0.0,
+        "equation11_rest", "equation (11)", "eleven of the twelve rows are those of the legs' deviations",
+        ours=gap, ruling=judge_limit(gap, 1e-9), rule="true where no coefficient is off by more than rounding",
+        method="printed rows beside the exact model's Jacobian; the first right-hand side is an erratum", printed=0.0,
     )  # fmt: skip
     yield from _range(printed)
 
@@ -387,9 +392,9 @@ def differences(position: Array, step: float = 0.01) -> Array:
 def equation_5(p: Array) -> Array:
     """Return [J_rho; J_L] of (5) as printed, shape (3, 6): two inverses."""
     rho, length = inverse_kinematics(p[None])[0], geometry().length
-    own = p - rho
-    over_own = np.array([[1.0 if i == j else p[j] / own[i] for j in range(3)] for i in range(3)])
-    over_length = np.array([[(own[i] if i == j else p[j]) / length for j in range(3)] for i in range(3)])
+    along = p - rho
+    over_own = np.array([[1.0 if i == j else p[j] / along[i] for j in range(3)] for i in range(3)])
+    over_length = np.array([[(along[i] if i == j else p[j]) / length for j in range(3)] for i in range(3)])
     return np.hstack([np.linalg.inv(over_own), np.linalg.inv(over_length)])
 
 
@@ -478,10 +483,10 @@ def _range(printed: Printed) -> Iterator[Row]:
         off = linear_error(x)
         yield printed.claim(
             f"linearisation_{free}", "Section 3.2, below (11)",
-            f"(11) is valid for small values: for the {words} identified in Experiment 2", off,
-            judge_limit(off, sigma / 2, sigma),
-            "true within half a printed digit, .005 mm, in kind within sigma = .01 mm",
-            f"largest distance of (11) from the exact model at row {words} of Table 3",
-            f"the largest value is {np.abs(x).max():.2f} mm; parameters up to {reach:.2f} mm, whatever their signs, "
-            "are within sigma", "mm", printed=0.0,
+            f"(11) is valid for small values: for the {words} identified in Experiment 2",
+            ours=off, ruling=judge_limit(off, sigma / 2, sigma),
+            rule="true within half a printed digit, .005 mm, in kind within sigma = .01 mm",
+            method=f"largest distance of (11) from the exact model at row {words} of Table 3",
+            reason=f"the largest value is {np.abs(x).max():.2f} mm; parameters up to {reach:.2f} mm, whatever their "
+            "signs, are within sigma", unit="mm", printed=0.0,
         )  # fmt: skip

@@ -1,15 +1,7 @@
 """What the measured experiments of Pashkevich et al. 2008 support: the page docs/orthoglide-experiments.md.
 
-The page `docs/orthoglide-experiments.md`, every number computed: `python -m
-bench.papers.pashkevich2008.experiments FILE`.
-
-`bench paper` writes it too, beside the ledger.
-
-What the page on the Orthoglide's experiments claims: in short, against the chapter, and what would decide.
-
-The tables of the page on the Orthoglide's experiments: candidates of a set, and errors of a prediction.
-
-What the page on the Orthoglide's experiments says of the family that entered the catalogue after the fits.
+Every number is computed: ``python -m calibench.bench.papers.pashkevich2008.experiments FILE``. `bench paper` writes it
+too, beside the ledger.
 """
 
 from __future__ import annotations
@@ -39,14 +31,14 @@ from calibench.problems.orthoglide.kinematics import PAPER
 from calibench.problems.orthoglide.plans import named_plan
 
 
-def in_short(found: Experiments) -> Iterable[str]:
+def in_short(results: Experiments) -> Iterable[str]:
     """Yield the claims, each with the numbers it rests on."""
-    two, weighted = found.sets["exp2", False], found.sets["exp2", True]
+    two, weighted = results.sets["exp2", False], results.sets["exp2", True]
     best, turned, lone = two[HANDED], two[ORIENTATION], two[LONE]
-    one, other = found.predictions["exp3_t1", False], found.predictions["exp3_t2", False]
-    w_one, w_other = found.predictions["exp3_t1", True], found.predictions["exp3_t2", True]
+    one, other = results.predictions["exp3_t1", False], results.predictions["exp3_t2", False]
+    w_one, w_other = results.predictions["exp3_t1", True], results.predictions["exp3_t2", True]
     repeat = constants.column(PAPER, "text.section41")["dissimilarity_below"] / 1000
-    rms = [found.sets[name, False].rms for name in SETS]
+    rms = [results.sets[name, False].rms for name in SETS]
     first, first_weighted = two.candidates[0], weighted.candidates[0]
     yield "## In short"
     yield bullets(
@@ -57,9 +49,9 @@ def in_short(found: Experiments) -> Iterable[str]:
         p; that the best of as many does as well where nothing is missing has p = {first.p_tried:.2f} by least squares
         and {first_weighted.p_tried:.2f} (`{first_weighted.name}`) weighted by eq. (14); a name needs .01.
         `{ADDED_LATER}` entered the catalogue after these experiments had been fitted: with that choice paid for they
-        are {found.prices["exp2", False][0].right:.2f} and {found.prices["exp2", True][0].right:.2f} (below). One
+        are {results.prices["exp2", False][0].right:.2f} and {results.prices["exp2", True][0].right:.2f} (below). One
         coefficient would have to explain {two.needed:.0%} of the twelve numbers to come below .05,
-        {found.sets["exp2_t1", False].needed:.1%} of six.""",
+        {results.sets["exp2_t1", False].needed:.1%} of six.""",
         f"""**Two accounts lead, and the data cannot separate them.** *All three alike*, one number: a handed pattern in
         which each axis passes the next one on the same side, `{HANDED}` {size_of(best)} mm (mirrored is its exact
         twin), or each guide leans about its middle, `{LEAN}` {size_of(two[LEAN], 1e3)} mrad, or the bars of each leg
@@ -89,10 +81,10 @@ def in_short(found: Experiments) -> Iterable[str]:
     )
 
 
-def against_the_chapter(found: Experiments) -> Iterable[str]:
+def against_the_chapter(results: Experiments) -> Iterable[str]:
     """Yield what the chapter says beside what its numbers say."""
-    two, weighted = found.sets["exp2", False], found.sets["exp2", True]
-    three, lengths = found.likenesses["exp2_t1", "exp3_t1"], found.lengths
+    two, weighted = results.sets["exp2", False], results.sets["exp2", True]
+    three, lengths = results.likenesses["exp2_t1", "exp3_t1"], results.lengths
     yield "## Against the chapter, and the tables against each other"
     yield bullets(
         f"""*Orientation of the axes* (section 4.2 on Experiment 1, and the Resume): axes that lean and still meet
@@ -110,19 +102,20 @@ def against_the_chapter(found: Experiments) -> Iterable[str]:
     )
 
 
-def what_would_decide(found: Experiments) -> Iterable[str]:
+def what_would_decide(results: Experiments) -> Iterable[str]:
     """Yield how far further readings would separate the rivals, and which to take."""
-    own = found.sets["exp2", False]
-    left = own.rms * (1 - own[HANDED].share) ** 0.5
+    sample = results.sets["exp2", False]
+    residual = sample.rms * (1 - sample[HANDED].share) ** 0.5
     yield "## What would decide"
     yield text(
         f"""How far each rival, fitted at its best, stays from the handed pattern at its size in Experiment 2: root of
         chi2 in gauge noise of .01 mm, all six parameters calibrated. 3 is a hint, 6 decides, if nothing else is
-        wrong; the {left:.2f} mm that the pattern itself leaves on Experiment 2 say that something else is. 0: never."""
+        wrong; the {residual:.2f} mm that the pattern itself leaves on Experiment 2 say that something else is. 0:
+        never."""
     )
     yield table(
         ("plan", "readings", *RIVALS),
-        [(plan, str(len(named_plan(plan))), *(f"{found.rivals[plan, r]:.0f}" for r in RIVALS)) for plan in PLANS],
+        [(plan, str(len(named_plan(plan))), *(f"{results.rivals[plan, r]:.0f}" for r in RIVALS)) for plan in PLANS],
     )
     yield bullets(
         """The twelve readings of Experiment 3 once more, every repeat printed: are the z rows of Table 2 the machine or
@@ -140,10 +133,10 @@ LEAN, LONE = "guide_lean cyclic", "guide_lean axis z"
 _SHOWN = 3  # candidates of a set in the table
 
 
-def candidates_table(own: SmallSample) -> str:
+def candidates_table(sample: SmallSample) -> str:
     """Return the best candidates of a set, and those that are discussed."""
-    chosen = list(own.candidates[:_SHOWN])
-    chosen += [c for c in own.candidates[_SHOWN:] if c.name in (ORIENTATION, "axis_intersection all", LEAN)]
+    chosen = list(sample.candidates[:_SHOWN])
+    chosen += [c for c in sample.candidates[_SHOWN:] if c.name in (ORIENTATION, "axis_intersection all", LEAN)]
     rows = []
     for c in chosen:
         numbers = (f"{c.share:.0%}", f"{c.F:.2f}", f"{c.p:.4f}", f"{c.p_tried:.2f}")
@@ -152,13 +145,15 @@ def candidates_table(own: SmallSample) -> str:
     return table(("candidate", "rank", "explains", "F", "p", "p of all", "AICc", "loo", "size"), rows)
 
 
-def errors_table(own: Prediction) -> str:
+def errors_table(prediction: Prediction) -> str:
     """Return the rms errors of each model's prediction, in all and by direction."""
     rows = []
     for model in (*MODELS, WHOLE):
-        rms = (f"{own.rms(model, where):.3f}" for where in ("", "xy", "z"))
-        like = own.like.get(model)
-        rows.append((model, *rms, f"{like.p:.4f}" if like else "", str(len(own.refusing(model))) if like else ""))
+        rms = (f"{prediction.rms(model, where):.3f}" for where in ("", "xy", "z"))
+        like = prediction.like.get(model)
+        rows.append(
+            (model, *rms, f"{like.p:.4f}" if like else "", str(len(prediction.refusing(model))) if like else "")
+        )
     return table(
         ("model of Experiment 2", "rms [mm]", "along x, y", "along z", "p, one-sided", "rows that refuse"), rows
     )
@@ -173,27 +168,27 @@ def size_of(candidate: Supported, scale: float = 1.0) -> str:
     return ", ".join(f"{c:+.{d}f} ± {s:.{d}f}" for (c, s), d in zip(pairs, digits))
 
 
-def added_later(found: Experiments) -> Iterable[str]:
+def added_later(results: Experiments) -> Iterable[str]:
     """Yield when the family was added, and what that costs."""
-    late, _ = found.prices["exp2", False]
+    late, _ = results.prices["exp2", False]
     yield f"## `{ADDED_LATER}` was added afterwards"
     yield text(
         f"""`{ADDED_LATER}` entered the catalogue (commit d6cdf45) after the sets had been fitted (8faa0e2), by who had
         seen what the fits leave. So its p has to pay for that choice. *As it stands*: the chance that the best of the
-        present catalogue does as well on noise ({found.draws} turns of the misfit). *Right*: what was taken out in the
-        same commit is counted too, and for `{ADDED_LATER}` that one of {late.others} further families of the same
+        present catalogue does as well on noise ({results.draws} turns of the misfit). *Right*: what was taken out in
+        the same commit is counted too, and for `{ADDED_LATER}` that one of {late.others} further families of the same
         shape might have been written, as many as the catalogue has others; that is a lower bound."""
     )
     rows = []
     for name in SETS:
-        for weighted in [w for w in (False, True) if (name, w) in found.prices]:
-            for one in found.prices[name, weighted]:
+        for weighted in [w for w in (False, True) if (name, w) in results.prices]:
+            for one in results.prices[name, weighted]:
                 numbers = (f"{one.p:.4f}", f"{one.now:.2f}", f"**{one.right:.2f}**")
                 rows.append((name, WEIGHTING[weighted], one.name, *numbers))
     yield table(("set", "", "candidate", "p", "as it stands", "right"), rows)
     yield text(
         f"""No price makes a name: .01 is asked for, and the least is
-        {min(one.right for pair in found.prices.values() for one in pair):.2f}. Only new readings can test
+        {min(one.right for pair in results.prices.values() for one in pair):.2f}. Only new readings can test
         `{ADDED_LATER}` at its plain p."""
     )
 
@@ -205,14 +200,14 @@ bench discover machine=orthoglide data=exp2                  # the verdict on on
 ```"""
 
 
-def write_page(path: Path, found: Experiments | None = None) -> Path:
+def write_page(path: Path, results: Experiments | None = None) -> Path:
     """Write the page and return its path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page(found or experiments()), encoding="utf-8")
+    path.write_text(page(results or experiments()), encoding="utf-8")
     return path
 
 
-def page(found: Experiments) -> str:
+def page(results: Experiments) -> str:
     """Return the page in Markdown."""
     parts = [
         "# What the Orthoglide's experiments support",
@@ -222,39 +217,39 @@ def page(found: Experiments) -> str:
             drives were re-tuned, 2 after it, 3 after the joint offsets of 2 went into the control software. All numbers
             below come from the command. What the candidates mean: `bench list effects`."""
         ),
-        *in_short(found),
-        *_each_set(found),
-        *added_later(found),
-        *_pattern(found),
-        *_third(found),
-        *against_the_chapter(found),
-        *what_would_decide(found),
+        *in_short(results),
+        *_each_set(results),
+        *added_later(results),
+        *_pattern(results),
+        *_third(results),
+        *against_the_chapter(results),
+        *what_would_decide(results),
     ]
     return "\n\n".join(parts) + "\n"
 
 
-def _each_set(found: Experiments) -> Iterable[str]:
+def _each_set(results: Experiments) -> Iterable[str]:
     yield "## Each set alone"
     yield text(
         f"""Calibrated are the three joint offsets. F and p hold for few numbers and an unknown variance. "p of all" is
-        the chance that the best of all candidates tried does as well where nothing is missing ({found.draws} turns of
+        the chance that the best of all candidates tried does as well where nothing is missing ({results.draws} turns of
         the misfit). AICc is relative to the joint offsets alone (below 0 is better). "loo" is the rms error of each
         number predicted from the others [mm], empty where one cannot be. Sizes in mm, rad or mm a move, with standard
         errors; *impossible* marks those beyond what such a machine can have. Gauges that lean or stand elsewhere are
         not among those tried where the largest fault of a stand (.1 rad, 10 mm) would not show."""
     )
     for name in SETS:
-        for weighted in [w for w in (False, True) if (name, w) in found.sets]:
-            own = found.sets[name, weighted]
-            best = own.candidates[0]
+        for weighted in [w for w in (False, True) if (name, w) in results.sets]:
+            sample = results.sets[name, weighted]
+            best = sample.candidates[0]
             yield text(
-                f"""**{name}**, {WEIGHTING[weighted]}: {own.rows} numbers, {own.degrees} degrees of freedom,
-                {own.tried} candidates; the joint offsets alone leave {own.rms:.3f} mm, loo {own.loo:.3f}. Best:
-                `{best.name}`, p {best.p:.4f}, p of all {best.p_tried:.2f}, loo {best.loo:.3f}."""
+                f"""**{name}**, {WEIGHTING[weighted]}: {sample.rows} numbers, {sample.degrees} degrees of freedom,
+                {sample.tried} candidates; the joint offsets alone leave {sample.rms:.3f} mm, loo {sample.loo:.3f}.
+                Best: `{best.name}`, p {best.p:.4f}, p of all {best.p_tried:.2f}, loo {best.loo:.3f}."""
             )
-            if own.rows > 6:
-                yield candidates_table(own)
-    plain, weighted_ = (found.beyond[w].candidates[0] for w in (False, True))
+            if sample.rows > 6:
+                yield candidates_table(sample)
+    plain, weighted_ = (results.beyond[w].candidates[0] for w in (False, True))
     yield text(
         f"""Six numbers weighted by eq. (14) give the same tests: each has a pair of readings of its own. A second
         effect beside the handed pattern is not supported on exp2: the best is `{plain.name}`, p of all
@@ -263,28 +258,28 @@ def _each_set(found: Experiments) -> Iterable[str]:
     )
 
 
-def _pattern(found: Experiments) -> Iterable[str]:
+def _pattern(results: Experiments) -> Iterable[str]:
     yield "## The same misfit, set after set"
     effects = {HANDED: 1.0, "bar_skew cyclic": 1.0, LEAN: 1e3, LONE: 1e3}
     yield table(
         ("set", f"{HANDED} [mm]", "bar_skew cyclic [mm]", f"{LEAN} [mrad]", f"{LONE} [mrad]"),
-        [(n, *(size_of(found.sets[n, False][e], scale) for e, scale in effects.items())) for n in SETS],
+        [(n, *(size_of(results.sets[n, False][e], scale) for e, scale in effects.items())) for n in SETS],
     )
     yield text(
         f"""Without any candidate: does what one set leaves point where the next one's does? The p is that of a vector
-        without direction; three dimensions are few, and these are {len(found.likenesses)} tests."""
+        without direction; three dimensions are few, and these are {len(results.likenesses)} tests."""
     )
     yield table(
         ("misfit of", "followed by that of", "cosine", "slope", "dimensions", "p, one-sided"),
         [
             (a, b, f"{v.cosine:.3f}", f"{v.slope:.2f}", f"{v.degrees}", f"{v.p:.4f}")
-            for (a, b), v in found.likenesses.items()
+            for (a, b), v in results.likenesses.items()
         ],
     )
-    one, three = found.corrected["exp1"].cosine, found.corrected["exp3_t2"].cosine
+    one, three = results.corrected["exp1"].cosine, results.corrected["exp3_t2"].cosine
     yield text(
         f"""Re-tuning the drives kept the direction and took the size to
-        {found.likenesses["exp1", "exp2_t1"].slope:.2f} of what it was: a hint at the drives, and no more. Two data
+        {results.likenesses["exp1", "exp2_t1"].slope:.2f} of what it was: a hint at the drives, and no more. Two data
         are believed misprinted and used as printed (exp1 x_z, exp3_t2 x_z-); read as the ledger's errata have
         them, the cosines are {one:.3f} (exp1, exp2_t1) and {three:.3f} (exp2, exp3_t2)."""
     )
@@ -292,14 +287,14 @@ def _pattern(found: Experiments) -> Iterable[str]:
         """Readings under wrong labels are no explanation. The rms [mm] that the joint offsets leave if the readings
         were other ones, the same mix-up in all sets:"""
     )
-    hows = list(dict.fromkeys(how for _, how in found.mixed_up))
+    hows = list(dict.fromkeys(how for _, how in results.mixed_up))
     yield table(
-        ("readings", *(name for name in SETS if (name, hows[0]) in found.mixed_up)),
-        [(how, *(f"{v:.2f}" for (_, other), v in found.mixed_up.items() if other == how)) for how in hows],
+        ("readings", *(name for name in SETS if (name, hows[0]) in results.mixed_up)),
+        [(how, *(f"{v:.2f}" for (_, other), v in results.mixed_up.items() if other == how)) for how in hows],
     )
 
 
-def _third(found: Experiments) -> Iterable[str]:
+def _third(results: Experiments) -> Iterable[str]:
     yield "## Experiment 3, predicted"
     yield text(
         """Fitted to Experiment 2 (least squares), moved by the printed update of the joint offsets, nothing fitted to
@@ -309,8 +304,8 @@ def _third(found: Experiments) -> Iterable[str]:
     )
     for name in ("exp3_t1", "exp3_t2"):
         yield f"**{name}** [mm]"
-        yield errors_table(found.predictions[name, False])
-    other = found.predictions["exp3_t2", True]
+        yield errors_table(results.predictions[name, False])
+    other = results.predictions["exp3_t2", True]
     yield text(
         f"""Weighted by eq. (14) the same: for exp3_t2 `{HANDED}` gives {other.rms(HANDED):.3f} mm,
         {other.rms(HANDED, "xy"):.3f} along x and y, {other.rms(HANDED, "z"):.3f} along z."""

@@ -1,8 +1,6 @@
-"""The figure of Pashkevich et al. 2008 that needs no runs: what calibration leaves of the measured deviations.
+"""Tables 1 to 3 of Pashkevich et al. 2008, and the figure of what calibration leaves of the measured deviations.
 
-What Pashkevich et al. 2008 adds to a report: its measured deviations before and after calibration.
-
-Tables 1 to 3 of Pashkevich et al. 2008: what was measured cannot be checked, what follows from it is recomputed.
+What was measured cannot be checked; what follows from it is recomputed.
 """
 
 from __future__ import annotations
@@ -37,8 +35,8 @@ def orthoglide_residuals(data_sets: Sequence[str] = tuple(DATA)) -> Drawing:
     for data in data_sets:
         for free in ("full", "rho", "L"):
             p: Any = problems.make("orthoglide6", data=data, free=free)
-            before, left = p.deviations, -p.residuals(p.best)  # residuals are modelled minus measured
-            for reading, old, new in zip(p.plan, before, left, strict=True):
+            before, residuals = p.deviations, -p.residuals(p.best)  # residuals are modelled minus measured
+            for reading, old, new in zip(p.plan, before, residuals, strict=True):
                 rows.append({"data": data, "free": free, "row": reading.label, "before": old, "left": new})
     table = pd.DataFrame(rows)
     with rc_context(STYLE):
@@ -94,15 +92,15 @@ def _table1(printed: Printed, key: str, data: str) -> Iterator[Row]:
         yield printed.cell(
             f"table1.{key}.rms", rms(values), rms_tolerance(values, 1, fit.slip), "rms of the six deviations above"
         )
-    left = np.eye(len(fit.data)) - fit.predictor
+    residual_maker = np.eye(len(fit.data)) - fit.predictor
     for name in printed.column(f"table1.{key}_expected"):
         cell = f"table1.{key}_expected.{name}"
         if name == "rms":
-            values = left @ fit.data
-            tolerance = rms_tolerance(values, 1, left @ fit.slip)
+            values = residual_maker @ fit.data
+            tolerance = rms_tolerance(values, 1, residual_maker @ fit.slip)
             yield printed.cell(cell, rms(values), tolerance, "rms left by the {rho} fit of the six deviations")
             continue
-        row = left[fit.labels.index(name)]
+        row = residual_maker[fit.labels.index(name)]
         yield printed.cell(
             cell, float(row @ fit.data), fit.tolerance(row, "the cell"), "residual of the {rho} fit, data - model"
         )
@@ -123,16 +121,12 @@ def _table2(printed: Printed, key: str, data: str) -> Iterator[Row]:
         for name in printed.column(f"table2.{key}_{free}"):
             cell = f"table2.{key}_{free}.{name}"
             if name == "average":
-                left = taken - table2(printed, f"{key}_{free}")
+                residuals = taken - table2(printed, f"{key}_{free}")
                 reason = f"the fit itself leaves {rms(fit.data - fit.predictor @ fit.data):.4f}"
                 yield printed.cell(
-                    cell,
-                    rms(left),
-                    rms_tolerance(left, 2, fit.slip),
-                    "rms of data - column, as read",
-                    reason,
-                    of_print=True,
-                )
+                    cell, rms(residuals), rms_tolerance(residuals, 2, fit.slip), "rms of data - column, as read",
+                    reason=reason, of_print=True,
+                )  # fmt: skip
                 continue
             row = fit.predictor[fit.labels.index(name)]
             yield printed.cell(
@@ -148,8 +142,10 @@ def _table3(printed: Printed, free: str) -> Iterator[Row]:
     column = printed.column(key)
     for name in column:
         if name == "residual":
-            left = fit.data - fit.predictor @ fit.data
-            yield printed.cell(f"{key}.residual", rms(left), rms_tolerance(left), "rms left by the linear fit")
+            residuals = fit.data - fit.predictor @ fit.data
+            yield printed.cell(
+                f"{key}.residual", rms(residuals), rms_tolerance(residuals), "rms left by the linear fit"
+            )
             continue
         at = names.index(name)
         method, reason = "parameter of the linear fit to Experiment 2", ""
@@ -164,9 +160,11 @@ def _table3(printed: Printed, free: str) -> Iterator[Row]:
             axis = name[-1]
             rho, long = (names.index(f"{n}_{axis}") for n in ("drho", "dL"))
             ours = float(fit.x[rho] - fit.x[long])
-            said = column[f"drho_{axis}"] - column[f"dL_{axis}"]
-            reason = f"only rho - L is determined: {said:.2f} printed, {ours:.3f} ours, {ours - said:+.3f} apart"
-        yield printed.cell(f"{key}.{name}", float(fit.x[at]), tolerance, method, reason)
+            difference = column[f"drho_{axis}"] - column[f"dL_{axis}"]
+            reason = (
+                f"only rho - L is determined: {difference:.2f} printed, {ours:.3f} ours, {ours - difference:+.3f} apart"
+            )
+        yield printed.cell(f"{key}.{name}", float(fit.x[at]), tolerance, method, reason=reason)
 
 
 def _experiments(runs: pd.DataFrame) -> list[str]:
@@ -175,17 +173,13 @@ def _experiments(runs: pd.DataFrame) -> list[str]:
     return [name for name in DATA if name in seen]
 
 
-def _draw(runs: pd.DataFrame, _: pd.DataFrame) -> Drawing:
-    return orthoglide_residuals(_experiments(runs))
-
-
 ADDITION = Addition(
     figures=(
         AddedFigure(
             "orthoglide_residuals",
             "The Orthoglide's measured deviations before and after calibration",
             lambda runs: bool(_experiments(runs)),
-            _draw,
+            lambda runs, traces: orthoglide_residuals(_experiments(runs)),
         ),
     )
 )

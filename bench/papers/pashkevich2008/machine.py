@@ -70,8 +70,8 @@ def workspace_side() -> float:
 def transmission(position: Array) -> Array:
     """Return the velocity transmission factors, shape (3,): singular values of dp / drho."""
     joints = inverse_kinematics(position[None])[0]
-    left = np.tile(position, (3, 1)) - np.diag(joints)
-    return np.asarray(np.linalg.svd(np.linalg.solve(left, np.diag(position - joints)), compute_uv=False))
+    legs = np.tile(position, (3, 1)) - np.diag(joints)
+    return np.asarray(np.linalg.svd(np.linalg.solve(legs, np.diag(position - joints)), compute_uv=False))
 
 
 def _bounds() -> tuple[float, float]:
@@ -97,10 +97,10 @@ def closure(position: Array, rho: Array) -> float:
 
 def _geometry(printed: Printed) -> Iterator[Row]:
     length, side = printed.column("geometry")["L"], workspace_side()
-    said = printed.column("text.section21")["workspace_x"]
+    workspace = printed.column("text.section21")["workspace_x"]
     yield printed.cell(
-        "geometry.L", length * said / side,
-        Tolerance(0.5 * length / said, "what half of the last digit, 1 mm, of the printed workspace is worth"),
+        "geometry.L", length * workspace / side,
+        Tolerance(0.5 * length / workspace, "what half of the last digit, 1 mm, of the printed workspace is worth"),
         "solved from the workspace: the length that gives a cube of 200 mm for factors between 1/2 and 2",
     )  # fmt: skip
     for name in ("d", "r"):
@@ -190,7 +190,9 @@ def _equation11(printed: Printed) -> Iterator[Row]:
     matrix = calibration_matrix()
     yield printed.cell("equation11.equations", matrix.shape[0], _EXACT, "rows of the matrix of (11)")
     rank = int(np.linalg.matrix_rank(matrix))
-    yield printed.cell("equation11.unknowns", rank, _EXACT, "rank of the matrix of (11)", f"of {len(NAMES)} columns")
+    yield printed.cell(
+        "equation11.unknowns", rank, _EXACT, "rank of the matrix of (11)", reason=f"of {len(NAMES)} columns"
+    )
     alpha = geometry().alpha_plus
     exact = make_problem("orthoglide6", data="exp2", free="full", model="exact")
     slope = float(exact.jacobian(np.zeros(6))[0, NAMES.index("drho_y")])  # x_y+, b_1 = (mu + sin) tan
@@ -218,7 +220,11 @@ def _equation14(printed: Printed) -> Iterator[Row]:
     yield printed.cell("equation14.size", len(spread), _EXACT, how)
     pairs = len({frozenset((r.leg, r.direction)) for r in plan})
     yield printed.cell(
-        "equation14.blocks", pairs, _EXACT, "pairs of a leg and a direction", f"the {gauges} gauges are independent"
+        "equation14.blocks",
+        pairs,
+        _EXACT,
+        "pairs of a leg and a direction",
+        reason=f"the {gauges} gauges are independent",
     )
     yield printed.cell("equation14.g_diagonal", np.diag(spread), _EXACT, how)
     yield printed.cell("equation14.g_same_gauge", same, _EXACT, how)
@@ -332,12 +338,12 @@ def table2(printed: Printed, key: str) -> Array:
 
 def table2_differences() -> dict[str, dict[str, float]]:
     """Return the six differences, Max minus Min, of Table 2's experiments by x_y and so on."""
-    found = {}
+    differences = {}
     for name in ("exp2", "exp3_t2"):
         fit = fitted(name, "full")
         by = {r.label: float(v) for r, v in zip(fit.problem.plan, fit.data, strict=True)}
-        found[name] = {label[:-1]: by[label] - by[f"{label[:-1]}-"] for label in by if label.endswith("+")}
-    return found
+        differences[name] = {label[:-1]: by[label] - by[f"{label[:-1]}-"] for label in by if label.endswith("+")}
+    return differences
 
 
 def accuracy(printed: Printed, printed_angles: bool) -> float:
@@ -345,8 +351,8 @@ def accuracy(printed: Printed, printed_angles: bool) -> float:
     column = printed.column("geometry")
     angles = (geometry().alpha_plus, geometry().alpha_minus)
     if printed_angles:
-        said = column.entries
-        angles = (float(np.radians(said["alpha_plus"].printed)), float(np.radians(said["alpha_minus"].printed)))
+        entries = column.entries
+        angles = (float(np.radians(entries["alpha_plus"].printed)), float(np.radians(entries["alpha_minus"].printed)))
     inverse = np.linalg.pinv(calibration_matrix(*angles))
     spread = inverse @ covariance_of_plan() @ inverse.T
     return float(printed.column("text.section34")["sigma"] * np.sqrt(np.diag(spread))[:3].mean())

@@ -1,13 +1,8 @@
 """What all drawings share: colours, line styles, and how a drawing and its numbers are written side by side.
 
 Colours are Okabe and Ito's, then four of Tol's muted ones, told apart by colour-blind readers too; line styles differ
-as well.
-
-The minor ticks of logarithmic axes as one artist an axis: Matplotlib makes five for every tick, forty ticks an axis.
-
-They stand where Matplotlib's own locator sets them, in the size, width and colour of its style.
-
-Drawings that are made beside the rest of a report: a figure takes half a second, and no figure waits for another.
+as well. The minor ticks of a logarithmic axis are one artist: Matplotlib makes five a tick, forty ticks an axis.
+`Drawings` are made beside the rest of a report: a figure takes half a second, and no figure waits for another.
 """
 
 from __future__ import annotations
@@ -126,7 +121,11 @@ def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
     with rc_context(STYLE):
         FigureCanvasAgg(figure)  # one for layout and PNG: a new one would measure all texts anew
         join_minor_ticks(figure)
-        _lay_out_once(figure)
+        engine = figure.get_layout_engine()
+        if engine is not None:  # the layout once for both files: each `savefig` would draw twice to compute it
+            figure.set_dpi(_DPI)  # letters fit their pixels: at another resolution words are some percent wider
+            engine.execute(figure)
+            figure.set_layout_engine(None)
         figure.savefig(paths[1], dpi=_DPI, pil_kwargs={"compress_level": _PACKED})
         figure.savefig(paths[0], metadata={"Date": None})
     numbers.to_csv(paths[2], index=False)
@@ -152,15 +151,6 @@ def _as_text(formula: str) -> str:
     """
     inside = re.sub(r"^\$\\mathdefault\{(.*)\}\$$", r"\1", formula).replace(r"\times", "×")
     return re.sub(r"\^\{(-?\d+)\}", lambda power: power[1].translate(_RAISED), inside).replace("-", "−")
-
-
-def _lay_out_once(figure: Figure) -> None:
-    """Compute the layout once for both files, because each `savefig` would draw twice to compute it."""
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        figure.set_dpi(_DPI)  # letters fit their pixels: at another resolution words are some percent wider
-        engine.execute(figure)
-        figure.set_layout_engine(None)
 
 
 def _write_powers_as_text(figure: Figure) -> None:
@@ -218,7 +208,7 @@ def join_minor_ticks(figure: Figure) -> None:
 
     The view of the axes must be final.
     """
-    found: list[tuple[Any, Any]] = []  # all before the first is changed: panels of one axis share their locator
+    plain: list[tuple[Any, Any]] = []  # all before the first is changed: panels of one axis share their locator
     for axes in figure.axes:
         axis: Any
         for axis, side in ((axes.xaxis, "bottom"), (axes.yaxis, "left")):
@@ -226,8 +216,8 @@ def join_minor_ticks(figure: Figure) -> None:
                 continue
             places = axis.get_minorticklocs()
             if len(places) and not any(axis.get_minor_formatter().format_ticks(places)):
-                found.append((axis, axis.get_minor_locator()))
-    for axis, locator in found:
+                plain.append((axis, axis.get_minor_locator()))
+    for axis, locator in plain:
         _MinorTicks(axis, locator)
         axis.set_minor_locator(NullLocator())
 

@@ -1,13 +1,8 @@
-"""What goes into a page of any kind: tables that scroll by themselves, and drawings that stand inside it.
+"""The parts of pages of any kind: tables that scroll by themselves, drawings that stand inside, and Markdown.
 
-`bench.report.shared.page` sets them, by the macros of ``templates/parts.html.j2``.
-
-The one Jinja2 environment of all pages: text is escaped wherever it stands, and a value that is missing is an error.
-
-A template is named by its path below the package ``calibench.bench``. `render` makes a whole page; `macros` gives the
+One Jinja2 environment makes all pages: text is escaped wherever it stands, and a value that is missing is an error. A
+template is named by its path below the package ``calibench.bench``. `render` makes a whole page; `macros` gives the
 macros of a template to who builds the cells of a table. No HTML is put together anywhere else.
-
-Paragraphs, lists and tables of a page in Markdown, filled to the width of the documents.
 """
 
 from __future__ import annotations
@@ -15,12 +10,12 @@ from __future__ import annotations
 import base64
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, final
+from typing import Any, Protocol, cast, final
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
@@ -108,10 +103,16 @@ def render(template: str, **values: Any) -> str:
     return _environment().get_template(template).render(values)
 
 
+class Macros(Protocol):
+    """The macros of a template as functions: text in, safe `Markup` out."""
+
+    def __getattr__(self, name: str) -> Callable[..., str]: ...
+
+
 @cache
-def macros(template: str) -> Any:
-    """Return the macros of `template` as functions, by name: text in, safe `Markup` out."""
-    return _environment().get_template(template).module
+def macros(template: str) -> Macros:
+    """Return the macros of `template`."""
+    return cast(Macros, _environment().get_template(template).module)
 
 
 @cache
@@ -119,13 +120,8 @@ def _environment() -> Environment:
     environment = Environment(
         loader=FunctionLoader(_source), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.globals["css"] = _css
+    environment.globals["css"] = lambda name: Markup(_source(name))  # a style sheet of ours as it is
     return environment
-
-
-def _css(name: str) -> Markup:
-    """Return a style sheet of ours as it is."""
-    return Markup(_source(name))
 
 
 def _source(name: str) -> str:
@@ -135,24 +131,17 @@ def _source(name: str) -> str:
 _WIDTH = 118
 
 
-def text(paragraph: str) -> str:
-    """Return a paragraph, its white space made even."""
-    return textwrap.fill(" ".join(paragraph.split()), _WIDTH, break_long_words=False, break_on_hyphens=False)
+def text(paragraph: str, first: str = "", rest: str = "") -> str:
+    """Return a paragraph, its white space made even, with these words before its first line and each other one."""
+    return textwrap.fill(
+        " ".join(paragraph.split()), _WIDTH, initial_indent=first, subsequent_indent=rest, break_long_words=False,
+        break_on_hyphens=False,
+    )  # fmt: skip
 
 
 def bullets(*items: str) -> str:
     """Return a list, an item an argument."""
-    return "\n".join(
-        textwrap.fill(
-            " ".join(item.split()),
-            _WIDTH,
-            initial_indent="- ",
-            subsequent_indent="  ",
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-        for item in items
-    )
+    return "\n".join(text(item, "- ", "  ") for item in items)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

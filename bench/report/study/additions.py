@@ -7,7 +7,7 @@ applies.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -65,18 +65,6 @@ class Mark:
     label: str
 
 
-def _no_values(name: str, problem: Any) -> Mapping[str, float]:
-    return {}
-
-
-def _no_marks(runs: pd.DataFrame) -> Sequence[Mark]:
-    return ()
-
-
-def _no_links(folder: Path) -> Mapping[str, str]:
-    return {}
-
-
 @final
 @dataclass(frozen=True)
 class Addition:
@@ -89,9 +77,9 @@ class Addition:
 
     sections: tuple[TableSection, ...] = ()
     figures: tuple[AddedFigure, ...] = ()
-    printed_values: Callable[[str, Any], Mapping[str, float]] = _no_values
-    marks: Callable[[pd.DataFrame], Sequence[Mark]] = _no_marks
-    links: Callable[[Path], Mapping[str, str]] = _no_links
+    printed_values: Callable[[str, Any], Mapping[str, float]] = lambda name, problem: {}
+    marks: Callable[[pd.DataFrame], Sequence[Mark]] = lambda runs: ()
+    links: Callable[[Path], Mapping[str, str]] = lambda folder: {}
 
 
 Additions = Sequence[Addition]
@@ -103,29 +91,9 @@ def filled_sections(additions: Additions, runs: pd.DataFrame) -> list[FilledSect
     filled = []
     for section in (section for addition in additions for section in addition.sections):
         tables = ((table, table.build(runs)) for table in section.tables)
-        if found := tuple((table, rows) for table, rows in tables if not rows.empty):
-            filled.append((section, found))
+        if with_rows := tuple((table, rows) for table, rows in tables if not rows.empty):
+            filled.append((section, with_rows))
     return filled
-
-
-def figures_for(additions: Additions, runs: pd.DataFrame) -> Iterator[AddedFigure]:
-    """Yield the figures that belong beside these runs."""
-    yield from (figure for addition in additions for figure in addition.figures if figure.applies(runs))
-
-
-def marks_for(additions: Additions, runs: pd.DataFrame) -> list[Mark]:
-    """Return the marks in the chart of these runs of one problem."""
-    return [mark for addition in additions for mark in addition.marks(runs)]
-
-
-def captions_of(additions: Additions) -> dict[str, str]:
-    """Return name -> caption of every figure that may be added, in order."""
-    return {figure.name: figure.caption for addition in additions for figure in addition.figures}
-
-
-def links_for(additions: Additions, folder: Path) -> dict[str, str]:
-    """Return the links to other pages: words -> address."""
-    return {words: address for addition in additions for words, address in addition.links(folder).items()}
 
 
 def printed_values(additions: Additions, name: str, problem: Any) -> dict[str, float]:

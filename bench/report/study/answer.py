@@ -48,8 +48,8 @@ class Answer:
         return f"<answer {self.verdict}: {self.best} {self.sure} {self.compared}>"
 
     def _repr_html_(self) -> str:
-        said = "".join(f"<p>{escape(sentence)}</p>" for sentence in (self.sure, self.compared))
-        return f"<div><b>{escape(self.best)}</b>{said}</div>"
+        paragraphs = "".join(f"<p>{escape(sentence)}</p>" for sentence in (self.sure, self.compared))
+        return f"<div><b>{escape(self.best)}</b>{paragraphs}</div>"
 
 
 def answer_of(
@@ -89,9 +89,8 @@ def answer(
     finished = [budget for budget in budgets if budget not in remaining]
     most = (finished or budgets)[-1] if budgets else np.nan
     cut = remaining.get(int(most), 0) if budgets else 0
-    told = bool(budgets)
-    runs, cells = (table[(table["budget"] == most) if told else table["budget"].isna()] for table in (runs, cells))
-    within = f"Within {_spaced(most)} evaluations a run" if told else "Of published runs, which tell no budget"
+    runs, cells = (table[(table["budget"] == most) if budgets else table["budget"].isna()] for table in (runs, cells))
+    within = f"Within {_spaced(most)} evaluations a run" if budgets else "Of published runs, which tell no budget"
     called = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
     order = _order(cells)
     first, others = order[0], order[1:]
@@ -99,7 +98,10 @@ def answer(
         return Answer(
             "undecided", f"{within}, no run ended well: {_spaced(len(runs))} failed.", "Nothing is compared.", compared
         )
-    best = _best(cells, called, first, within, _goal(runs)) + _outside(runs, first)
+    seen = runs[COLUMN][np.isfinite(stats.goals_of(runs))] if COLUMN in runs else pd.Series(dtype=bool)
+    goal = "the goal (or else the lowest value seen)" if seen.any() else "the goal"
+    goal = "the lowest value seen (to rounding)" if seen.any() and seen.all() else goal
+    best = _best(cells, called, first, within, goal) + _outside(runs, first)
     if cut and not others:
         best = f"{within}, one method has runs so far: {called[first]}."
     if cut:
@@ -119,14 +121,6 @@ def answer(
     return Answer(verdict, best, sure, compared, called[first])
 
 
-def _goal(runs: pd.DataFrame) -> str:
-    """Return what the goal of these runs is called: that of `bench.statistics.targets.with_lowest_seen` by its name."""
-    seen = runs[COLUMN][np.isfinite(stats.goals_of(runs))] if COLUMN in runs else pd.Series(dtype=bool)
-    if seen.any():
-        return "the lowest value seen (to rounding)" if seen.all() else "the goal (or else the lowest value seen)"
-    return "the goal"
-
-
 def _order(cells: pd.DataFrame) -> list[Method]:
     """Return the methods, best first; places are among those that were run on every task, where there are some."""
     ranked = ranking.methods(cells)
@@ -137,7 +131,6 @@ def _order(cells: pd.DataFrame) -> list[Method]:
 
 
 def _sure(rivals: Sequence[Rival], called: Mapping[Method, str]) -> tuple[Literal["decided", "undecided"], str]:
-    """Return the verdict on the best method, and the sentence on it."""
     worse = [rival for rival in rivals if rival.verdict == "worse"]
     somewhere = [called[rival.method] for rival in rivals if rival.verdict == "better somewhere"]
     apart = [called[rival.method] for rival in rivals if rival.verdict == "not compared"]
@@ -194,13 +187,8 @@ def _interval(ratio: Ratio) -> str:
     low, high = ratio.low > 0, bool(np.isfinite(ratio.high))
     if not (low or high) or ratio.low == ratio.high:
         return ""
-    ends = (
-        f"{_times(ratio.low)} to {_times(ratio.high)}"
-        if low and high
-        else f"at least {_times(ratio.low)}"
-        if low
-        else f"at most {_times(ratio.high)}"
-    )
+    ends = f"at least {_times(ratio.low)}" if low else f"at most {_times(ratio.high)}"
+    ends = f"{_times(ratio.low)} to {_times(ratio.high)}" if low and high else ends
     return f" (95 % interval {ends})"
 
 
@@ -215,14 +203,14 @@ def _times(value: float) -> str:
 
 def _better_on_fewer(every: pd.DataFrame, called: dict[Method, str], problems: int, share: float) -> str:
     """Return a sentence on methods that reach the goal in a larger share of their runs, on fewer problems."""
-    told = []
+    better = []
     for pair, mine in every.groupby(METHOD, sort=False):
-        won, total, own = int(mine["reached"].sum()), int(mine["runs"].sum()), len(mine[PROBLEM].drop_duplicates())
-        if own < problems and won > share * total:
+        won, total, here = int(mine["reached"].sum()), int(mine["runs"].sum()), len(mine[PROBLEM].drop_duplicates())
+        if here < problems and won > share * total:
             name = called[(str(pair[0]), str(pair[1]))]
-            told.append(f"{name} in {_spaced(won)} of {counted(total, 'run')} on the {own} that it was run on")
-    more = f", and {len(told) - _FEW} more" if len(told) > _FEW else ""
-    return f" On fewer problems a larger share reaches it: {'; '.join(told[:_FEW])}{more}." if told else ""
+            better.append(f"{name} in {_spaced(won)} of {counted(total, 'run')} on the {here} that it was run on")
+    more = f", and {len(better) - _FEW} more" if len(better) > _FEW else ""
+    return f" On fewer problems a larger share reaches it: {'; '.join(better[:_FEW])}{more}." if better else ""
 
 
 def _outside(runs: pd.DataFrame, first: Method) -> str:
@@ -285,7 +273,7 @@ def _compared(runs: pd.DataFrame) -> str:
         within += f", and of {counted(untold, 'published run')} none told (the answer leaves them out)"
     seeds = runs.groupby([*PROBLEM, *METHOD, "start", "budget"], dropna=False).size()
     each = f"{seeds.min()}" if seeds.min() == seeds.max() else f"{seeds.min()} to {seeds.max()}"
-    lost = lost_of(runs).told() or "no run failed"
+    lost = lost_of(runs).sentence() or "no run failed"
     return (
         f"Compared: {counted(methods, 'method')} on {counted(problems, 'problem')}, {_spaced(len(runs))} "
         f"{'run' if len(runs) == 1 else 'runs'} ({each} a method and problem), {within}; {lost}."
@@ -294,8 +282,7 @@ def _compared(runs: pd.DataFrame) -> str:
 
 def _listed(names: list[str]) -> str:
     shown = names[:_NAMED] if len(names) > _NAMED + 1 else names
-    more = [f"{len(names) - len(shown)} more"] if len(names) > len(shown) else []
-    words = [*shown, *more]
+    words = [*shown, *([f"{len(names) - len(shown)} more"] if len(names) > len(shown) else [])]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
@@ -305,8 +292,8 @@ def _percent(share: float) -> str:
     >>> [_percent(share).replace("\\u00a0", " ") for share in (0, 0.004, 0.125, 0.996, 1)]
     ['0 %', '<1 %', '13 %', '>99 %', '100 %']
     """
-    told = "<1" if 0 < share < 0.01 else ">99" if 0.99 < share < 1 else f"{int(100 * share + 0.5)}"
-    return f"{told}\u00a0%"
+    percent = "<1" if 0 < share < 0.01 else ">99" if 0.99 < share < 1 else f"{int(100 * share + 0.5)}"
+    return f"{percent}\u00a0%"
 
 
 def _spaced(value: float) -> str:

@@ -1,26 +1,13 @@
 """What the page of a study draws by itself, on demand: its numbers as one compact block, and the scripts that draw.
 
-The numbers that the page draws from, as one block of JSON: rounded to what an eye can see, and thinned to fit.
+A page of ten thousand runs is to stay below three megabytes, whether these are ten cells or ten thousand: numbers are
+rounded to what an eye can see, and what is drawn of each cell gets so many points as there is room for. The numbers
+behind it are in ``runs.parquet`` and ``traces.parquet``, and no statistic is computed from what is rounded here.
+Expected running times and shares are those of `fixed_target.ert` and `ecdf`, cell by cell, so that the page can put any
+methods and problems together.
 
-A page of ten thousand runs is to stay below three megabytes, whether these are ten cells or ten thousand: what is drawn
-of each cell gets so many points as there is room for. The numbers behind it are in ``runs.parquet`` and
-``traces.parquet``, and no statistic is computed from what is rounded here.
-
-Convergence of every cell of a study at once: quartiles of the best value over charged evaluations.
-
-The same numbers as `bench.statistics.summary.convergence`, which takes one cell at a time: here the runs of a problem
-are read off in one search, so that ten thousand runs take a second.
-
-Which problems stand together on a page: the group that a problem declares, else the problems of one name.
-
-What the page knows of targets: of each cell how many runs reached each, what that cost, and how that adds up.
-
-Expected running times are those of `fixed_target.ert`, the shares those of `ecdf`, cell by cell,
-so that the page can put any methods and problems together.
-
-The scripts of the page: the plotting library and our own, inside the page, and the policy that lets only these run.
-
-The library is uPlot (MIT, see ``static/uPlot-LICENSE.txt``); ours are the files of `_OURS`, in this order.
+The plotting library is uPlot (MIT, see ``static/uPlot-LICENSE.txt``), our scripts are the files of `_OURS`, in this
+order; the page's policy lets only these run.
 """
 
 from __future__ import annotations
@@ -49,93 +36,8 @@ from calibench.bench.statistics.summary import QUARTILES, method_names, option_t
 from calibench.bench.store.arrays import index_in
 from calibench.bench.store.columns import parts
 
-GOAL = "goal"  # the quantity of the one target that counts as success on a problem
-
-
-@final
-@dataclass(frozen=True)
-class Reached:
-    """The cells against the targets of one quantity: arrays of shape (cells, targets), NaN where a problem has none.
-
-    `reached` runs of the cell, `ert` [charged evaluations, infinite where none reached it] with `low` and `high`, its
-    95 % interval. `share`, shape (cells, costs), are the shares of (run, target)
-    pairs reached within each cost; None of a quantity with one target.
-    """
-
-    quantity: str
-    targets: Array
-    reached: Array
-    ert: Array
-    low: Array
-    high: Array
-    share: Array | None
-
-
-def reached_targets(runs: pd.DataFrame, hits: pd.DataFrame, goals: Mapping[int, float], costs: Array) -> list[Reached]:
-    """Return what is known of each quantity in `hits`, the goal first.
-
-    `runs` have the column `cell`, numbers from 0; `goals` are the levels that count as success by cell; `costs` are
-    charged evaluations, shape (costs,).
-    """
-    cells = int(runs["cell"].max()) + 1
-    table = ert(hits, runs)
-    if table.empty:
-        return []
-    table["cell"] = _numbers(table, runs)
-    shares = _shares(hits, runs, cells, costs)
-    found = []
-    value = table[table["quantity"] == "value"]
-    goal = value["cell"].map(goals).to_numpy(dtype=float)
-    at_goal = value[value["target"].to_numpy(dtype=float) == goal]
-    if len(at_goal):
-        found.append(_table(GOAL, at_goal.assign(target=0.0), cells, np.zeros(1), None))
-    for quantity, rows in table[table["quantity"] != "value"].groupby("quantity", sort=False):
-        name = str(quantity)
-        if name == "noise":  # one target a problem, each of its own level
-            found.append(_table(name, rows.assign(target=0.0), cells, np.zeros(1), None))
-            continue
-        targets = np.sort(rows["target"].unique())[::-1].astype(float)
-        found.append(_table(name, rows, cells, targets, shares.get(name)))
-    return found
-
-
-def _numbers(table: pd.DataFrame, runs: pd.DataFrame) -> Array:
-    """Return the number of the cell of each row of `table`, in which the run's own target is ``target_value``."""
-    keys = [column for column in CELL if column != "target"]
-    known = runs.drop_duplicates("cell")
-    cells = known[[*keys, "cell"]].assign(own=known["target"].astype(float).fillna(-np.inf))
-    rows = table[keys].assign(own=table["target_value"].astype(float).fillna(-np.inf))
-    found: Array = rows.merge(cells, on=[*keys, "own"], how="left")["cell"].to_numpy()
-    return found
-
-
-def _table(quantity: str, rows: pd.DataFrame, cells: int, targets: Array, share: Array | None) -> Reached:
-    column = np.searchsorted(-targets, -rows["target"].to_numpy(dtype=float))
-    place = rows["cell"].to_numpy(dtype=np.int64), column
-
-    def filled(name: str) -> Array:
-        whole = np.full((cells, len(targets)), np.nan)
-        whole[place] = rows[name].to_numpy(dtype=float)
-        return whole
-
-    return Reached(quantity, targets, filled("reached"), filled("ert"), filled("ert_low"), filled("ert_high"), share)
-
-
-def _shares(hits: pd.DataFrame, runs: pd.DataFrame, cells: int, costs: Array) -> dict[str, Array]:
-    """Return quantity -> the shares of (run, target) pairs reached within `costs`, shape (cells, costs)."""
-    found: dict[str, Array] = {}
-    for one in runtimes(hits, runs[["run_id", *PROBLEM, "cell", "charged", "evaluations"]]):
-        numbers, names = one.all_runs["cell"].to_numpy()[one.at], one.all_targets["quantity"].to_numpy()[one.level]
-        for quantity in dict.fromkeys(names.tolist()):
-            whole = found.setdefault(str(quantity), np.full((cells, len(costs)), np.nan))
-            times = one.time[:, names == quantity]
-            for cell in dict.fromkeys(numbers.tolist()):
-                mine = np.sort(times[numbers == cell].ravel())
-                whole[cell] = np.searchsorted(mine, costs, side="right") / len(mine)
-    return found
-
-
 Array = NDArray[np.float64]
+GOAL = "goal"  # the quantity of the one target that counts as success on a problem
 _CURVES, _SHARES, _TARGETS = 110_000, 160_000, 60_000  # numbers of all cells together; each takes some six letters
 _DIGITS = 4
 _NEEDED = {
@@ -157,6 +59,8 @@ _QUANTITIES = {
     "kmrmse": ("error of position", "mm", "root mean square over positions of the calibrated machine"),
     "kmrmse_aligned": ("error of position, aligned", "mm", "after the move of the whole machine that no reading sees"),
 }  # fmt: skip  # quantity -> name, unit, what it is
+LIBRARY = "uPlot.iife.min.js"
+_OURS = ("state.js", "style.js", "chart.js", "draw.js", "sort.js", "controls.js", "page.js")
 
 
 @final
@@ -193,16 +97,18 @@ def explored(
     at = _grid(float(runs["charged"].max()), _CURVES // (3 * count), 90)
     costs = _grid(float(runs["charged"].max()), _SHARES // (2 * count), 120)
     curves: list[Any] = [None] * count
-    sorted_traces = _by_panel(runs, traces)
+    panel = traces["run_id"].map(dict(zip(runs["run_id"], runs["panel"], strict=True)))
+    traces_of: dict[Any, pd.DataFrame] = dict(iter(traces.groupby(panel.to_numpy(), sort=False)))
     by_panel = by_number(panel_of)
     cells_of: list[list[int]] = []
     short = runs[["run_id", "cell"]]
-    for i, panel in enumerate(panels):
+    for i in range(len(panels)):
         mine = short.iloc[by_panel.rows(i)].reset_index(drop=True)
         counts: dict[Any, int] = mine["cell"].value_counts().to_dict()
         cells_of.append(list(counts))
-        for cell, band in bands(mine, sorted_traces.get(i, traces.iloc[:0]), at).items():
-            curves[cell] = _curve(panel.optimum.above(np.where(np.isinf(band), np.nan, band)), counts[cell] > 1)
+        for cell, quartiles in bands(mine, traces_of.get(i, traces.iloc[:0]), at).items():
+            band = panels[i].optimum.above(np.where(np.isinf(quartiles), np.nan, quartiles))
+            curves[cell] = [_row(band[k]) for k in ((1, 0, 2) if counts[cell] > 1 else (1,))]  # median, quartiles
     goals = dict(zip(numbers["cell"].tolist(), numbers["goal"].tolist(), strict=True))
     quantities = reached_targets(runs, hits, goals, costs)
     return {
@@ -256,26 +162,14 @@ def _above(panels: Sequence[Panel], panel: int, value: float) -> float:
 
 def _method(row: pd.Series) -> dict[str, str]:
     """Return what a method is called, in tables too (``plain``), and all its options."""
-    said = [option_text(*option) for option in parts(json.loads(row["optimizer_options"]), classes=False).items()]
-    return {"name": row["method"], "plain": row["plain"], "options": ", ".join([str(row["optimizer"]), *said])}
+    options = [option_text(*option) for option in parts(json.loads(row["optimizer_options"]), classes=False).items()]
+    return {"name": row["method"], "plain": row["plain"], "options": ", ".join([str(row["optimizer"]), *options])}
 
 
 def _grid(most: float, room: int, points: int) -> Array:
     """Return counts from 1 to `most`, evenly apart on a logarithmic axis: `points`, or fewer where there is no room."""
     whole = np.unique(np.round(np.geomspace(1, max(most, 2.0), int(np.clip(room, 8, points)))))
     return np.asarray(whole, dtype=float).astype(np.int64).astype(float)
-
-
-def _by_panel(runs: pd.DataFrame, traces: pd.DataFrame) -> dict[Any, pd.DataFrame]:
-    """Return the traces of each panel, so that none is searched for among all."""
-    panel = traces["run_id"].map(dict(zip(runs["run_id"], runs["panel"], strict=True)))
-    found: dict[Any, pd.DataFrame] = dict(iter(traces.groupby(panel.to_numpy(), sort=False)))
-    return found
-
-
-def _curve(band: Array, several: bool) -> list[list[float | None]]:
-    """Return median, lower and upper quartile; of one run its values alone."""
-    return [_row(band[k]) for k in ((1, 0, 2) if several else (1,))]
 
 
 def _drawn(curves: Sequence[Any], cells: Sequence[int]) -> list[float]:
@@ -295,7 +189,7 @@ def _quantity(one: Reached, cells: int) -> dict[str, Any]:
     reached = one.reached[:, chosen]
     last = [int(np.flatnonzero(row > 0)[-1]) + 1 if (row > 0).any() else 0 for row in reached]
 
-    def told(values: Array) -> list[Any]:
+    def rows(values: Array) -> list[Any]:
         return [_row(row[chosen][:end]) for row, end in zip(values, last, strict=True)]
 
     return {
@@ -308,16 +202,14 @@ def _quantity(one: Reached, cells: int) -> dict[str, Any]:
             None if np.isnan(row).all() else [0 if v != v else int(v) for v in row[:end]]
             for row, end in zip(reached, last, strict=True)
         ],
-        "ert": told(one.ert),
-        "low": told(one.low),
-        "high": told(one.high),
-        "share": None if one.share is None else [_thousandths(row) for row in one.share],
+        "ert": rows(one.ert),
+        "low": rows(one.low),
+        "high": rows(one.high),
+        # in thousandths, which is as fine as a line is drawn; None of a problem that has no such targets
+        "share": None
+        if one.share is None
+        else [None if np.isnan(row).any() else [int(v) for v in np.round(1000 * row)] for row in one.share],
     }
-
-
-def _thousandths(share: Array) -> list[int] | None:
-    """Return shares in thousandths, which is as fine as a line is drawn; None of a problem that has no such targets."""
-    return None if np.isnan(share).any() else [int(v) for v in np.round(1000 * share)]
 
 
 def _intervals(counts: Array, quantities: Sequence[Reached]) -> Mapping[str, list[float | None]]:
@@ -350,8 +242,93 @@ def _short(value: float | None) -> float | None:
     """
     if value is None or not np.isfinite(value):
         return None
-    found = float(f"{value:.{_DIGITS}g}")
-    return int(found) if found == int(found) and abs(found) < 1e15 else found
+    short = float(f"{value:.{_DIGITS}g}")
+    return int(short) if short == int(short) and abs(short) < 1e15 else short
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Reached:
+    """The cells against the targets of one quantity: arrays of shape (cells, targets), NaN where a problem has none.
+
+    `reached` runs of the cell, `ert` [charged evaluations, infinite where none reached it] with `low` and `high`, its
+    95 % interval. `share`, shape (cells, costs), are the shares of (run, target)
+    pairs reached within each cost; None of a quantity with one target.
+    """
+
+    quantity: str
+    targets: Array
+    reached: Array
+    ert: Array
+    low: Array
+    high: Array
+    share: Array | None
+
+
+def reached_targets(runs: pd.DataFrame, hits: pd.DataFrame, goals: Mapping[int, float], costs: Array) -> list[Reached]:
+    """Return what is known of each quantity in `hits`, the goal first.
+
+    `runs` have the column `cell`, numbers from 0; `goals` are the levels that count as success by cell; `costs` are
+    charged evaluations, shape (costs,).
+    """
+    cells = int(runs["cell"].max()) + 1
+    table = ert(hits, runs)
+    if table.empty:
+        return []
+    table["cell"] = _numbers(table, runs)
+    shares = _shares(hits, runs, cells, costs)
+    tables = []
+    value = table[table["quantity"] == "value"]
+    goal = value["cell"].map(goals).to_numpy(dtype=float)
+    at_goal = value[value["target"].to_numpy(dtype=float) == goal]
+    if len(at_goal):
+        tables.append(_table(GOAL, at_goal.assign(target=0.0), cells, np.zeros(1), None))
+    for quantity, rows in table[table["quantity"] != "value"].groupby("quantity", sort=False):
+        name = str(quantity)
+        if name == "noise":  # one target a problem, each of its own level
+            tables.append(_table(name, rows.assign(target=0.0), cells, np.zeros(1), None))
+            continue
+        targets = np.sort(rows["target"].unique())[::-1].astype(float)
+        tables.append(_table(name, rows, cells, targets, shares.get(name)))
+    return tables
+
+
+def _numbers(table: pd.DataFrame, runs: pd.DataFrame) -> Array:
+    """Return the number of the cell of each row of `table`, in which the run's own target is ``target_value``."""
+    keys = [column for column in CELL if column != "target"]
+    known = runs.drop_duplicates("cell")
+    cells = known[[*keys, "cell"]].assign(own=known["target"].astype(float).fillna(-np.inf))
+    rows = table[keys].assign(own=table["target_value"].astype(float).fillna(-np.inf))
+    return np.asarray(rows.merge(cells, on=[*keys, "own"], how="left")["cell"])
+
+
+def _table(quantity: str, rows: pd.DataFrame, cells: int, targets: Array, share: Array | None) -> Reached:
+    column = np.searchsorted(-targets, -rows["target"].to_numpy(dtype=float))
+    place = rows["cell"].to_numpy(dtype=np.int64), column
+
+    def filled(name: str) -> Array:
+        whole = np.full((cells, len(targets)), np.nan)
+        whole[place] = rows[name].to_numpy(dtype=float)
+        return whole
+
+    return Reached(
+        quantity=quantity, targets=targets, reached=filled("reached"), ert=filled("ert"), low=filled("ert_low"),
+        high=filled("ert_high"), share=share,
+    )  # fmt: skip
+
+
+def _shares(hits: pd.DataFrame, runs: pd.DataFrame, cells: int, costs: Array) -> dict[str, Array]:
+    """Return quantity -> the shares of (run, target) pairs reached within `costs`, shape (cells, costs)."""
+    shares: dict[str, Array] = {}
+    for one in runtimes(hits, runs[["run_id", *PROBLEM, "cell", "charged", "evaluations"]]):
+        numbers, names = one.all_runs["cell"].to_numpy()[one.at], one.all_targets["quantity"].to_numpy()[one.level]
+        for quantity in dict.fromkeys(names.tolist()):
+            whole = shares.setdefault(str(quantity), np.full((cells, len(costs)), np.nan))
+            times = one.time[:, names == quantity]
+            for cell in dict.fromkeys(numbers.tolist()):
+                mine = np.sort(times[numbers == cell].ravel())
+                whole[cell] = np.searchsorted(mine, costs, side="right") / len(mine)
+    return shares
 
 
 def bands(runs: pd.DataFrame, traces: pd.DataFrame, at: Array) -> Mapping[int, Array]:
@@ -370,7 +347,7 @@ def bands(runs: pd.DataFrame, traces: pd.DataFrame, at: Array) -> Mapping[int, A
     most = max(int(charged.max(initial=0)), int(at.max(initial=0))) + 1
     key = row * most + charged
     begins = np.searchsorted(row, np.arange(len(runs) + 1))
-    found = {}
+    bands = {}
     cells = runs["cell"].to_numpy()
     for cell in dict.fromkeys(cells.tolist()):
         mine = np.flatnonzero(cells == cell)
@@ -382,8 +359,8 @@ def bands(runs: pd.DataFrame, traces: pd.DataFrame, at: Array) -> Mapping[int, A
         whole = ~np.isnan(stack).any(axis=0)
         if whole.any():
             band[:, whole] = quantiles(stack[:, whole], QUARTILES)
-        found[int(cell)] = band
-    return found
+        bands[int(cell)] = band
+    return bands
 
 
 def groups_of(runs: pd.DataFrame) -> pd.Series:
@@ -392,10 +369,6 @@ def groups_of(runs: pd.DataFrame) -> pd.Series:
         return runs["problem"].astype(str)
     declared = runs["problem_group"].fillna("").astype(str)
     return declared.where(declared != "", runs["problem"].astype(str))
-
-
-LIBRARY = "uPlot.iife.min.js"
-_OURS = ("state.js", "style.js", "chart.js", "draw.js", "sort.js", "controls.js", "page.js")
 
 
 @cache
@@ -408,7 +381,8 @@ def scripts() -> Sequence[Markup]:
 @cache
 def policy() -> str:
     """Return the content security policy of the page: nothing is fetched, and no script runs but `scripts`."""
-    hashes = " ".join(f"'sha256-{_digest(text)}'" for text in scripts())
+    digests = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in scripts()]
+    hashes = " ".join(f"'sha256-{digest}'" for digest in digests)
     return (
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data:; "
         "base-uri 'none'; form-action 'none'"
@@ -418,10 +392,6 @@ def policy() -> str:
 def licence() -> str:
     """Return the licence of the library."""
     return _read("uPlot-LICENSE.txt").strip()
-
-
-def _digest(text: str) -> str:
-    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 def _read(name: str) -> str:

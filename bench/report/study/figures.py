@@ -1,10 +1,8 @@
-"""Figures from runs: convergence, evaluations to target, the overview of a field.
+"""Figures from runs: convergence, evaluations to target, a field at a glance, runtime ECDF, profiles, mean ranks.
 
-The figures of how fast targets fall: runtime ECDF of every method over some problems, and performance profiles.
-
-The critical-difference diagram: mean ranks of methods on a line, those that no test tells apart joined by a bar.
-
-Source: Demsar, J. Machine Learning Research 7 (2006), figure 1.
+A function that draws on given axes serves the page and `calibench.plot`; one that returns the numbers stands beside it.
+The critical-difference diagram has the mean ranks of methods on a line, those that no test tells apart joined by a bar:
+Demsar, J. Machine Learning Research 7 (2006), figure 1.
 """
 
 from __future__ import annotations
@@ -33,13 +31,13 @@ from calibench.bench.report.shared.drawing import (
     others,
     put_legend,
 )
-from calibench.bench.report.study.additions import Additions, Mark, figures_for, marks_for
+from calibench.bench.report.study.additions import Additions, Mark
 from calibench.bench.report.study.explored import bands
 from calibench.bench.statistics import ranking, tables
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, TASK
 from calibench.bench.statistics.fixed_target import ecdf, ert, performance_profile
-from calibench.bench.statistics.names import in_order, method_labels, problem_titles, settings_told
+from calibench.bench.statistics.names import in_order, method_labels, problem_titles, settings_that_vary
 from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.statistics.ranking import FEWEST, Ranked, blocks_of, friedman, looks_of
 from calibench.bench.statistics.summary import endings, method_names
@@ -50,6 +48,17 @@ from calibench.core.words import counted
 _FIELD = 12  # optimisers from which on a study is a field, and wants an overview
 _SEEN = 1500  # cells up to which they have room in one drawing; of more the numbers are in ``overview.csv``
 _LONGEST = 120  # bytes of a file's name, which some options would fill without end
+_HUGE = 1e250  # from which on a margin of a twentieth of all decades, or a step of the ticks, may leave the doubles
+_LEAST = 1e-307  # below it doubles lose digits
+_LARGEST_POWER = 308.3
+_TICKS = 8
+_LETTER = 0.06  # inches of a letter of a name
+_NAMED = 12  # methods that get a colour; the others are a grey background
+_QUANTITY = "gap"
+_DIAGRAM_LETTER = 0.07  # inches of a letter of a name
+_LEAST_P = 1e-300  # p below it is rounding
+_TICK = 0.25  # inches between two numbers of the scale, at least
+FIELD_STYLE: Any = {"axes.grid": False}
 _NOTE: Any = {"fontsize": 7, "color": "0.3"}
 Drawable = Callable[[], Drawing]
 
@@ -77,14 +86,15 @@ def drawable(
     panels = panels_of(runs)
     of_run = {run_id: i for i, mine in enumerate(panels.values()) for run_id in mine["run_id"]}
     by_panel = traces.groupby(traces["run_id"].map(of_run).to_numpy(), sort=False)
-    found: dict[Any, pd.DataFrame] = dict(iter(by_panel))
+    traces_of: dict[Any, pd.DataFrame] = dict(iter(by_panel))
     for i, (title, group) in enumerate(panels.items()):
         if problems is not None and i >= problems:
             break
         label = file_name(title)
-        yield f"convergence_{label}", partial(convergence, group, found.get(i, traces.iloc[:0]), title=title)
+        yield f"convergence_{label}", partial(convergence, group, traces_of.get(i, traces.iloc[:0]), title=title)
         if lists_of(group["targets"]).count.all():
-            yield f"target_{label}", partial(target_chart, group, title=title, marks=marks_for(additions, group))
+            marks = [mark for addition in additions for mark in addition.marks(group)]
+            yield f"target_{label}", partial(target_chart, group, title=title, marks=marks)
     methods, tasks = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
     seen = len(runs[CELL].drop_duplicates()) <= _SEEN
     if seen and tasks > 1 and (methods > _FIELD or (methods > 1 and tasks > _FIELD)):  # one column is a table
@@ -92,7 +102,7 @@ def drawable(
     ranked = ranked_over_tasks(runs) if ranked is None else ranked
     if ranked is not None and not ranked.refused:
         yield "critical_difference", partial(critical_difference, ranked)
-    for added in figures_for(additions, runs):
+    for added in (figure for addition in additions for figure in addition.figures if figure.applies(runs)):
         yield added.name, partial(added.draw, runs, traces)
 
 
@@ -131,14 +141,20 @@ def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Dr
             draw_convergence(axes, drawn, optimum_of(mine), named, looks)
             numbers.append(drawn.assign(error=error))
         put_legend(figure, panels)
-        entitle(figure, f"{title}: {spread_told(runs)}" if title else "")
+        entitle(figure, f"{title}: {spread_text(runs)}" if title else "")
     return figure, pd.concat(numbers, ignore_index=True)
 
 
 def named_methods(runs: pd.DataFrame) -> list[str]:
     """Return the methods (column `method`) that have a colour: all, or of a field the best, before a grey rest."""
     methods = list(dict.fromkeys(runs["method"]))
-    return methods if len(methods) <= _FIELD else _best_first(runs)[: _FIELD - 2]
+    if len(methods) <= _FIELD:
+        return methods
+    cells = stats.summary(runs)
+    called = runs.groupby(CELL, sort=False, dropna=False)["method"].first()  # in the order of `cells`; no target is NaN
+    table = pd.DataFrame({"method": called.to_numpy(), "place": ranking.places(cells)})
+    mean = table.groupby("method", sort=False)["place"].mean()  # over the panels
+    return [str(method) for method in mean.sort_values(kind="stable").index[: _FIELD - 2]]
 
 
 def convergence_bands(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
@@ -149,15 +165,16 @@ def convergence_bands(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
     known = optimum_of(runs)
     at = np.unique(np.round(np.geomspace(1, max(10.0, float(runs["charged"].max())), 240)))
     methods = list(dict.fromkeys(runs["method"]))
-    found = bands(runs.assign(cell=runs["method"].map(methods.index)).reset_index(drop=True), traces, at)
+    quartiles = bands(runs.assign(cell=runs["method"].map(methods.index)).reset_index(drop=True), traces, at)
     begun = set(traces["run_id"])
     drawn = [pd.DataFrame(columns=["method", "charged", "q1", "median", "q3", "runs"])]
     for i, method in enumerate(methods):
         ids = runs.loc[runs["method"] == method, "run_id"]
         if not begun.isdisjoint(ids):
-            band = _drawn_band(found[i], at, len(ids), known)
-            band.insert(0, "method", method)
-            drawn.append(band)
+            begun_at = ~np.isnan(quartiles[i][1])  # NaN stands before a finite value
+            low, middle, high = known.above(np.where(quartiles[i] == np.inf, np.nan, quartiles[i])[:, begun_at])
+            band = {"method": method, "charged": at[begun_at], "q1": low, "median": middle, "q3": high}
+            drawn.append(pd.DataFrame(band | {"runs": len(ids)}))
     return pd.concat(drawn[1:] or drawn, ignore_index=True)
 
 
@@ -173,14 +190,8 @@ def draw_convergence(
     for method in sorted(methods, key=lambda m: m in named):
         band = drawn[drawn["method"] == method]
         if method not in named:
-            axes.step(
-                band["charged"],
-                band["median"],
-                where="post",
-                color="0.75",
-                lw=0.7,
-                label=others(len(methods) - len(named)),
-            )
+            label = others(len(methods) - len(named))
+            axes.step(band["charged"], band["median"], where="post", color="0.75", lw=0.7, label=label)
             continue
         look = look_of(looks[method])
         below.append(band["q1"][band["median"].notna()].to_numpy(dtype=float))
@@ -194,13 +205,6 @@ def draw_convergence(
             textcoords="offset points", **_NOTE,
         )  # fmt: skip
     _scale_axes(axes, known, below, max([10.0, *drawn["charged"]]))
-
-
-def _drawn_band(quartiles: NDArray[np.float64], at: NDArray[np.float64], runs: int, known: Optimum) -> pd.DataFrame:
-    """Return the band of one method as it is drawn: charged, q1, median, q3, runs; NaN before a finite value."""
-    begun = ~np.isnan(quartiles[1])
-    low, middle, high = known.above(np.where(quartiles == np.inf, np.nan, quartiles)[:, begun])
-    return pd.DataFrame({"charged": at[begun], "q1": low, "median": middle, "q3": high, "runs": runs})
 
 
 def _scale_axes(axes: Any, known: Optimum, below: Sequence[NDArray[np.float64]], last: float) -> None:
@@ -225,7 +229,8 @@ def _set_scale(axes: Any, scale: str) -> None:
     """
     low, high = axes.dataLim.intervaly
     low = max(axes.dataLim.minposy, _LEAST) if scale == "log" else low
-    if scale == "linear" or not np.isfinite([low, high]).all() or not _is_far(scale, low, high):
+    is_far = max(-low, high) > _HUGE or (scale == "log" and low < 1 / _HUGE)
+    if scale == "linear" or not np.isfinite([low, high]).all() or not is_far:
         axes.set(yscale=scale)
         return
     axes.set_ylim(low, high)  # before the scale, which would ask for margins
@@ -239,31 +244,12 @@ def _set_scale(axes: Any, scale: str) -> None:
     axes.yaxis.set_minor_locator(NullLocator())
 
 
-def _is_far(scale: str, low: float, high: float) -> bool:
-    """Tell whether these values, the least and the largest, come near the end of the doubles."""
-    return max(-low, high) > _HUGE or (scale == "log" and low < 1 / _HUGE)
-
-
-_HUGE = 1e250  # from which on a margin of a twentieth of all decades, or a step of the ticks, may leave the doubles
-_LEAST = 1e-307  # below it doubles lose digits
-_LARGEST_POWER = 308.3
-_TICKS = 8
-
-
-def spread_told(runs: pd.DataFrame) -> str:
+def spread_text(runs: pd.DataFrame) -> str:
     """Return in words what a band shows: the runs of a cell, whether each has as many, or one alone."""
     counts = runs.groupby(CELL, dropna=False).size()
     fewest, most = int(counts.min()), int(counts.max())
     several = counted(most, "run") if fewest == most else f"{fewest} to {most} runs"
     return "one run each" if most == 1 else f"median and quartiles of {several}"
-
-
-def _best_first(runs: pd.DataFrame) -> list[str]:
-    """Return the names in the column `method`, those first whose places are best in the mean over the panels."""
-    cells = stats.summary(runs)
-    called = runs.groupby(CELL, sort=False, dropna=False)["method"].first()  # in the order of `cells`; no target is NaN
-    table = pd.DataFrame({"method": called.to_numpy(), "place": ranking.places(cells)})
-    return table.groupby("method", sort=False)["place"].mean().sort_values(kind="stable").index.tolist()
 
 
 def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()) -> Drawing:
@@ -272,11 +258,8 @@ def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()
     Hollow triangles are runs that never got there, at what they had spent; the share that did stands beside the name.
     """
     errors = sorted(set(errors_of(runs)))
-    table = runs.assign(
-        error=errors_of(runs),
-        method=method_labels(runs),
-        hit=stats.goal_hits(runs),
-    )[["error", "method", "run_id", "hit", "charged", "status"]]
+    table = runs.assign(error=errors_of(runs), method=method_labels(runs), hit=stats.goal_hits(runs))
+    table = table[["error", "method", "run_id", "hit", "charged", "status"]]
     with rc_context(STYLE):
         room = 3.0 + 0.058 * int(table["method"].map(len).max())  # of a panel and its widest name
         size = (max(6.2, room * len(errors)), 1.5 + 0.26 * table["method"].nunique())
@@ -298,15 +281,17 @@ def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()
                     axes.plot([row["cost"]] * 2, [y - 0.33, y + 0.33], color="black", lw=1.4)
             labels = [f"{method}  {int(row['reached'])}/{int(row['runs'])}" for method, row in order.iterrows()]
             axes.set_yticks(range(len(labels)), labels, fontsize=7.5)
-            axes.set(
-                xscale="log",
-                xlabel=f"charged evaluations to {_target_text(runs, error)}",
-                ylim=(-0.7, len(labels) - 0.3),
-            )
+            of_error = runs[errors_of(runs) == error]
+            level = optimum_of(of_error).level(list(of_error["targets"].iloc[0])[-1])
+            axes.set(xscale="log", xlabel=f"charged evaluations to {level}", ylim=(-0.7, len(labels) - 0.3))
             for mark in marks:
                 axes.axvline(mark.at, color="0.35", ls=":", lw=1)
         for axes in panels:
-            _plain_ticks(axes)
+            axes.xaxis.set_minor_formatter(NullFormatter())
+            low, high = axes.get_xlim()
+            if high < 100 * low:  # label 1, 2, 5 of each decade where there are few, and never what lies between
+                axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         panels[0].plot([], [], "o", color=COLOURS[0], label="reached (bar: median)")
         panels[0].plot([], [], ">", mfc="none", mec=COLOURS[1], label="never, spent so much")
         for mark in marks:
@@ -314,15 +299,6 @@ def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()
         figure.legend(loc="outside lower center", ncols=3, fontsize=8)
         entitle(figure, title)
     return figure, table.drop(columns="run_id")
-
-
-def _plain_ticks(axes: Any) -> None:
-    """Label 1, 2, 5 of each decade where there are few, and never what lies between."""
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    low, high = axes.get_xlim()
-    if high < 100 * low:
-        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def overview(runs: pd.DataFrame) -> Drawing:
@@ -348,9 +324,6 @@ def overview(runs: pd.DataFrame) -> Drawing:
     return figure, table
 
 
-FIELD_STYLE: Any = {"axes.grid": False}
-
-
 def field_of(runs: pd.DataFrame) -> pd.DataFrame:
     """Return `tables.overview` of these runs, and of what is drawn of it: method, ends, column, and label, its row.
 
@@ -361,21 +334,28 @@ def field_of(runs: pd.DataFrame) -> pd.DataFrame:
     ends, spoken = endings(named), {"": "", "stops": " · stops", "restarts": " · restarts"}
     method = method_labels(named)
     plain = method.str.replace(r" \(restarts=True\)|restarts=True, |, restarts=True", "", regex=True)
-    return table.assign(method=method, ends=ends, column=_columns(named), label=plain + ends.map(spoken))
+    # for each row the problem it is on, its error function last
+    titles = problem_titles(named, but=("error",))
+    return table.assign(
+        method=method,
+        ends=ends,
+        column=pd.Series([f"{t} {e}".strip() for t, e in zip(titles, named["error"], strict=True)], index=named.index),
+        label=plain + ends.map(spoken),
+    )
 
 
 def columns_of(table: pd.DataFrame) -> list[str]:
     """Return the columns of a drawing of `field_of`, those of few parameters first."""
-    return sorted(dict.fromkeys(table["column"]), key=_by_length(table))
+    dimension = dict(zip(table["column"], table["dimension"], strict=True))
+    return sorted(dict.fromkeys(table["column"]), key=lambda column: (int(dimension[column]), in_order(column)))
 
 
 def field_title(table: pd.DataFrame) -> str:
     """Return what is drawn of `field_of`, in words."""
     known = "runs at the goal" if table["goal"].notna().any() else "no goal is known"
-    return f"{counted(table['method'].nunique(), 'method')}, {_range(table['budget'])} evaluations: {known}"
-
-
-_LETTER = 0.06  # inches of a letter of a name
+    low, high = int(table["budget"].min()), int(table["budget"].max())
+    budgets = f"{low}" if low == high else f"{low} to {high}"
+    return f"{counted(table['method'].nunique(), 'method')}, {budgets} evaluations: {known}"
 
 
 def column_width(columns: Sequence[str]) -> float:
@@ -384,7 +364,6 @@ def column_width(columns: Sequence[str]) -> float:
 
 
 def _is_upright(columns: Sequence[str], inches: float) -> bool:
-    """Tell whether a word of the names is wider than a column, so that they stand upright."""
     return _LETTER * max(len(word) for name in columns for word in name.split()) > inches
 
 
@@ -414,9 +393,10 @@ def draw_field(
                 continue
             grid[y, x] = (cell["place"] - 1) / max(most[column] - 1, 1)
             shade = "white" if grid[y, x] < 0.45 else "black"
-            said = _told(cell)
-            size = min(6.5, 72 * inches / (0.6 * max(len(said), 1)))
-            axes.text(x, y, said, ha="center", va="center", fontsize=size, color=shade)
+            goal = f"{cell['reached']}/{cell['runs']}" if cell["goal"] == cell["goal"] else ""
+            words = "failed" if cell["failed"] == cell["runs"] else goal
+            size = min(6.5, 72 * inches / (0.6 * max(len(words), 1)))
+            axes.text(x, y, words, ha="center", va="center", fontsize=size, color=shade)
     image = axes.imshow(grid, aspect="auto", cmap="cividis", vmin=0, vmax=1)
     axes.set_yticks(range(len(labels)), labels, fontsize=7)
     upright = _is_upright(columns, inches)
@@ -445,38 +425,11 @@ def put_scale(image: AxesImage, panels: Any, rows: int) -> None:
     bar.ax.invert_yaxis()
 
 
-def _columns(table: pd.DataFrame) -> pd.Series:
-    """Return for each row the problem it is on, its error function last."""
-    titles = problem_titles(table, but=("error",))
-    return pd.Series([f"{t} {e}".strip() for t, e in zip(titles, table["error"], strict=True)], index=table.index)
-
-
-def _by_length(table: pd.DataFrame) -> Callable[[str], tuple[int, list[tuple[float, str]]]]:
-    dimension = dict(zip(table["column"], table["dimension"], strict=True))
-    return lambda column: (int(dimension[column]), in_order(column))
-
-
-def _told(cell: Mapping[Any, Any]) -> str:
-    if cell["failed"] == cell["runs"]:
-        return "failed"
-    return f"{cell['reached']}/{cell['runs']}" if cell["goal"] == cell["goal"] else ""
-
-
-def _range(values: pd.Series) -> str:
-    low, high = int(values.min()), int(values.max())
-    return f"{low}" if low == high else f"{low} to {high}"
-
-
 def errors_of(runs: pd.DataFrame) -> pd.Series:
     """Return the error function of each run's problem; '' where it has no choice of them."""
     texts = runs["problem_options"]
     error = {text: str(json.loads(text).get("error", "")) for text in texts.unique()}
     return pd.Series([error[text] for text in texts], index=runs.index, dtype=str)
-
-
-def _target_text(runs: pd.DataFrame, error: str) -> str:
-    mine = runs[errors_of(runs) == error]
-    return optimum_of(mine).level(list(mine["targets"].iloc[0])[-1])
 
 
 def file_name(title: str) -> str:
@@ -489,10 +442,6 @@ def file_name(title: str) -> str:
     plain = "".join(c if c.isalnum() or c in "._-" else "-" for c in text)
     short = plain.encode()[:_LONGEST].decode(errors="ignore")  # no half of a character
     return plain if short == plain else f"{short}-{digest(title)[:6]}"
-
-
-_NAMED = 12  # methods that get a colour; the others are a grey background
-_QUANTITY = "gap"
 
 
 def ecdf_figures(runs: pd.DataFrame, hits: pd.DataFrame, groups: pd.Series) -> Iterator[tuple[str, str, Drawable]]:
@@ -512,12 +461,7 @@ def ecdf_figures(runs: pd.DataFrame, hits: pd.DataFrame, groups: pd.Series) -> I
         some = targets[targets["run_id"].isin(set(mine["run_id"]))]
         title = f"Group {name}"
         caption = f"Runtime ECDF, {title}, {counted(len(mine[PROBLEM].drop_duplicates()), 'problem')}"
-        label = f"ecdf_{file_name(name)}"
-        yield (
-            label if label != "ecdf_" else f"ecdf_{digest(name)[:6]}",
-            caption,
-            partial(runtime_ecdf, mine, some, title),
-        )
+        yield f"ecdf_{file_name(name) or digest(name)[:6]}", caption, partial(runtime_ecdf, mine, some, title)
 
 
 def runtime_ecdf(runs: pd.DataFrame, hits: pd.DataFrame, title: str = "") -> Drawing:
@@ -540,9 +484,9 @@ def ecdf_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
     """Return `runtime.ecdf` of hits of one quantity, with the name of each row's method (`method_labels`)."""
     runs = runs.copy(deep=False)
     for _, mine in runs.groupby(METHOD, sort=False):  # a method whose start each problem decides is one
-        told = settings_told(mine)
+        vary = settings_that_vary(mine)
         for column in SETTING:
-            if column not in told:
+            if column not in vary:
                 runs.loc[mine.index, column] = mine[column].iloc[0]
     numbers = ecdf(hits, runs)
     called = runs[[*METHOD, *SETTING]].assign(method=method_labels(runs)).drop_duplicates()
@@ -553,9 +497,8 @@ def ecdf_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
 
 def draw_ecdf(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame) -> None:
     """Draw the lines of `ecdf_of`."""
-    _draw_shares(
-        axes, numbers, "cost", looks_of(runs.assign(method=method_labels(runs)), _methods_best_first(numbers, "cost"))
-    )
+    looks = looks_of(runs.assign(method=method_labels(runs)), _methods_best_first(numbers, "cost"))
+    _draw_shares(axes, numbers, "cost", looks)
     axes.set(xlabel="charged evaluations", ylabel=f"share of (run, target) pairs{_over(numbers, 'problem')}")
 
 
@@ -568,9 +511,8 @@ def profile_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
 
 def draw_profile(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame) -> None:
     """Draw the lines of `profile_of`."""
-    _draw_shares(
-        axes, numbers, "ratio", looks_of(runs.assign(method=method_names(runs)), _methods_best_first(numbers, "ratio"))
-    )
+    looks = looks_of(runs.assign(method=method_names(runs)), _methods_best_first(numbers, "ratio"))
+    _draw_shares(axes, numbers, "ratio", looks)
     shares = f"share of (problem, target) pairs{_over(numbers, 'task')}"
     axes.set(xlabel="expected running time over the least of any method", ylabel=shares)
     axes.set_xlim(left=1)
@@ -610,11 +552,6 @@ def _draw_shares(axes: Axes, numbers: pd.DataFrame, over: str, looks: Mapping[st
         at, share = [1.0, *mine[over], most], [0.0, *mine["share"], mine["share"].max() if len(mine) else 0.0]
         axes.step(at, share, where="post", label=label, zorder=2.5 - 0.001 * i, **look)
     axes.set(xscale="log", ylim=(0, 1.02))
-
-
-_DIAGRAM_LETTER = 0.07  # inches of a letter of a name
-_LEAST_P = 1e-300  # p below it is rounding
-_TICK = 0.25  # inches between two numbers of the scale, at least
 
 
 def critical_difference(ranked: Ranked) -> Drawing:

@@ -1,12 +1,7 @@
-"""The tables of a study's page: a problem's methods, printed numbers beside ours, what failed and why.
+"""The tables of a study's page, and the words around them: methods, printed numbers, failures, where runs come from.
 
-Which methods differ over all problems: Friedman's test as a table, with what each pair's test says.
-
-Runs that did not end well: who failed reached nothing, who was ended by its time limit keeps what it reached.
-
-`bench.statistics.summary.goal_hits` counts them so. In the tables of a summary `failed` is both together.
-
-The versions, commits, machines and dates of the runs of a study; more than one where they differ.
+A run that failed reached nothing; one that was ended by its time limit keeps what it reached, as
+`bench.statistics.summary.goal_hits` counts them. In the tables of a summary `failed` is both together.
 """
 
 from __future__ import annotations
@@ -21,20 +16,21 @@ import numpy as np
 import pandas as pd
 
 from calibench.bench.execution.answer import PREFIX, heading
-from calibench.bench.report.shared.page import Head, Table, macros
+from calibench.bench.report.shared.page import Head, Macros, Table, macros
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, PROBLEM
 from calibench.bench.statistics.names import method_titles, problem_titles, setting_text, several
 from calibench.bench.statistics.optimum import Optimum, optimum_of
-from calibench.bench.statistics.priced import priced as priced_runs
 from calibench.bench.statistics.progress import without_numbers
 from calibench.bench.statistics.ranking import Ranked, best_first
+from calibench.bench.statistics.summary import priced as priced_runs
 from calibench.bench.statistics.targets import COLUMN
 from calibench.bench.store.columns import parts
 from calibench.core.words import counted, listed
 
 Costs = Sequence[Mapping[str, Any]]  # records of `bench.sweep.costs`
+_SHOWN = 8  # names in a cell, beyond which they are counted
 _TALL = 48  # rows from which on a table scrolls in a box of its own height
 
 
@@ -61,7 +57,7 @@ def table(heads: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]) -> Ta
     return Table([Head(title, kind or "w") for title, kind in heads], rows, tall=len(rows) > _TALL)
 
 
-def cell_macros() -> Any:
+def cell_macros() -> Macros:
     """Return the macros of cells that are more than text."""
     return macros("report/study/templates/cells.html.j2")
 
@@ -74,13 +70,13 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.D
     """
     cells = summary_of(runs, costs, cells)
     rows: list[list[str]] = []
-    told = several(runs)
+    settings = several(runs)
     measured = runs["kmrmse_aligned"].notna().any()
     goals = any(goal_text(mine, optimum_of(mine)) for _, mine in by_error(runs))
     priced = priced_runs(runs, costs).notna().any()
     merits = cells.filter(like=PREFIX).dropna(axis=1, how="all")
     noisy = runs["judged_evaluations"].notna().any()
-    heads = [("optimiser", ""), *((column, "n") for column in told)]
+    heads = [("optimiser", ""), *((column, "n") for column in settings)]
     heads += [("at the goal", ""), ("share, 95 %", ""), ("evaluations to it", "n")] if goals else [("runs", "")]
     heads += [("best, median", "n"), ("quartiles", "n"), ("spent", "n"), ("seconds", "n")]
     heads += [("of these the objective's", "n")] if priced else []
@@ -89,10 +85,15 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.D
     heads += [(heading(str(key)), "n") for key in merits]
     for _, mine in by_error(runs):
         known = optimum_of(mine)
-        rows.append([_error_heading(mine, known)])
-        for cell in with_late(ranked(mine, names, summary_of(mine, cells=cells)), mine).to_dict("records"):
+        goal = goal_text(mine, known)
+        rows.append([f"{known.heading} · {f'goal {goal}' if goal else 'no goal is known'}"])
+        mine_cells = ranked(mine, names, summary_of(mine, cells=cells))
+        late = mine[mine["status"] == "timeout"].groupby(CELL, dropna=False).size().rename("late").reset_index()
+        for cell in mine_cells.merge(late, on=CELL, how="left").fillna({"late": 0}).to_dict("records"):
             low, middle, high = (known.text(cell[f"best_{key}"]) for key in _QUARTILES)
-            row = [_method(cell), *(_setting(column, cell[column]) for column in told), _reached(cell)]
+            options = parts(json.loads(cell["optimizer_options"]), classes=False).items()
+            row = [cell_macros().hint(cell["method"], ", ".join(stats.option_text(*option) for option in options))]
+            row += [*(_setting(column, cell[column]) for column in settings), _reached(cell)]
             row += [_interval(cell), count(cell["charged_to_target"])] if goals else []
             row += [cell_macros().strong(middle), f"{low} .. {high}" if cell["runs"] > 1 else ""]
             row += [count(cell["charged_median"]), number(cell["wall_s_median"])]
@@ -105,17 +106,15 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.D
 
 
 def _setting(column: str, value: Any) -> str:
-    if column == "budget":
-        return count(value)
-    return str(value) if column == "start" else number(value)
+    return count(value) if column == "budget" else str(value) if column == "start" else number(value)
 
 
 def prices(runs: Sequence[tuple[str, pd.DataFrame]], known: Mapping[tuple[Any, ...], Mapping[str, Any]]) -> list[str]:
     """Return what a call of this problem takes, in words, under each error function; none where it is not known.
 
-    `runs` are those of `by_error`, `known` the costs by problem (`bench.statistics.priced.key_of_costs`).
+    `runs` are those of `by_error`, `known` the costs by problem (`bench.statistics.summary.key_of_costs`).
     """
-    said = []
+    sentences = []
     for error, mine in runs if known else ():
         record = known.get(tuple(mine[name].iloc[0] for name in PROBLEM), {})
         value, parts = record.get("value_s"), []
@@ -125,10 +124,9 @@ def prices(runs: Sequence[tuple[str, pd.DataFrame]], known: Mapping[tuple[Any, .
                 if value and kind in _SLOPES:
                     charged = int(mine["dimension"].iloc[0])
                     parts[-1] += f", as long as {number(seconds / value)} values (it is charged {charged})"
-        if not parts:
-            continue
-        said.append(f"{error + ': one' if error else 'One'} call takes: {'; '.join(parts)}.")
-    return said
+        if parts:
+            sentences.append(f"{error + ': one' if error else 'One'} call takes: {'; '.join(parts)}.")
+    return sentences
 
 
 _CALLS = {
@@ -204,7 +202,7 @@ def failures(runs: pd.DataFrame) -> Table:
     Errors that differ in their numbers are one reason, told as the first repetition has it.
     """
     failed = runs[runs["status"] != "ok"]
-    said = failed.assign(
+    failed = failed.assign(
         method=method_titles(runs)[failed.index],
         name=problem_titles(runs)[failed.index],
         reason=failed["error"].fillna("").map(lambda text: " ".join(text.split())),
@@ -212,12 +210,12 @@ def failures(runs: pd.DataFrame) -> Table:
         kind=failed["error_type"].fillna(""),
     )
     rows = []
-    told = several(runs)
-    keys = ["name", "method", "status", "kind", "alike", *told]
-    for key, same in said.groupby(keys, sort=False, dropna=False):
+    settings = several(runs)
+    keys = ["name", "method", "status", "kind", "alike", *settings]
+    for key, same in failed.groupby(keys, sort=False, dropna=False):
         name, method, status, kind = (str(part) for part in key[:4])
         reason = str(same.sort_values("repetition")["reason"].iloc[0])
-        under = ", ".join(setting_text(column, value) for column, value in zip(told, key[5:], strict=True))
+        under = ", ".join(setting_text(column, value) for column, value in zip(settings, key[5:], strict=True))
         again = ", ".join(str(r) for r in sorted(same["repetition"]))
         rows.append(
             [
@@ -234,27 +232,17 @@ def failures(runs: pd.DataFrame) -> Table:
 def goal_text(runs: pd.DataFrame, known: Optimum) -> str:
     """Return the level that counts as success, in words; several where the runs had their own; '' where none."""
     goals = set(stats.goals_of(runs).tolist())
-    said = ((known.level(goal), known.is_floor(goal)) for goal in sorted(goal for goal in goals if isfinite(goal)))
+    levels = [
+        f"{known.level(goal)}{', the rounding floor' if known.is_floor(goal) else ''}"
+        for goal in sorted(goal for goal in goals if isfinite(goal))
+    ]
     seen = ", the lowest value seen to rounding" if COLUMN in runs and runs[COLUMN].any() else ""
-    return ", ".join(f"{level}, the rounding floor" if floor else level for level, floor in said) + seen
-
-
-def _error_heading(runs: pd.DataFrame, known: Optimum) -> str:
-    goal = goal_text(runs, known)
-    return f"{known.heading} · {f'goal {goal}' if goal else 'no goal is known'}"
-
-
-def _method(cell: Mapping[Any, Any]) -> str:
-    options = ", ".join(
-        stats.option_text(*option) for option in parts(json.loads(cell["optimizer_options"]), classes=False).items()
-    )
-    told: str = cell_macros().hint(cell["method"], options)
-    return told
+    return ", ".join(levels) + seen
 
 
 def _reached(cell: Mapping[Any, Any]) -> str:
     """Return how many runs reached the goal, with a mark besides its colour, how many were lost or left the box."""
-    total, won, late, outside = cell["runs"], cell["reached"], cell["late"], cell["outside_box"]
+    total, won, late, outside = cell["runs"], cell["reached"], int(cell["late"]), cell["outside_box"]
     lost = [(f"✗ {n} {what}", "no") for n, what in ((cell["failed"], "failed"), (late, "ended by the time limit")) if n]
     if cell["failed"] == total:
         tags = [(f"✗ {total}/{total} failed", "no")]
@@ -264,8 +252,7 @@ def _reached(cell: Mapping[Any, Any]) -> str:
         mark, style = ("✓", "ok") if won == total else ("◐", "misprint") if won else ("○", "open")
         tags = [(f"{mark} {won}/{total}", style), *lost]
     tags += [(f"◇ {outside} outside the box", "misprint")] if outside else []
-    told: str = cell_macros().tags(tags)
-    return told
+    return cell_macros().tags(tags)
 
 
 def _interval(cell: Mapping[Any, Any]) -> str:
@@ -273,10 +260,8 @@ def _interval(cell: Mapping[Any, Any]) -> str:
     if not isfinite(cell["goal"]):
         return "–"
     if not isfinite(cell["success_low"]):
-        told: str = cell_macros().small("no chance in it")
-    else:
-        told = cell_macros().share(cell["success_low"], cell["success"], cell["success_high"])
-    return told
+        return cell_macros().small("no chance in it")
+    return cell_macros().share(cell["success_low"], cell["success"], cell["success_high"])
 
 
 def _quantity(row: pd.Series) -> str:
@@ -290,8 +275,7 @@ def _printed(row: pd.Series) -> str:
     if not isfinite(printed):
         return "–"
     if isfinite(read) and read != printed:
-        told: str = cell_macros().misprint(number(printed, 7), number(read, 7))
-        return told
+        return cell_macros().misprint(number(printed, 7), number(read, 7))
     return number(printed, 7)
 
 
@@ -299,15 +283,13 @@ def _ours(row: pd.Series) -> str:
     true = row.get("true", float("nan"))
     digits = 7 if isfinite(true) and true else 3
     spread = f"{number(row['q1'], 4)} .. {number(row['q3'], 4)}" if row["n"] > 1 else ""
-    told: str = cell_macros().over(number(row["median"], digits), spread)
-    return told
+    return cell_macros().over(number(row["median"], digits), spread)
 
 
 def _why(row: pd.Series) -> str:
     if not isinstance(row["why"], str):
         return ""
-    told: str = cell_macros().small(_raised(row["why"]))
-    return told
+    return cell_macros().small(_raised(row["why"]))
 
 
 def _raised(text: str) -> str:
@@ -319,7 +301,7 @@ def _raised(text: str) -> str:
 class Differing:
     """A sentence on the test, and a row a method, best first."""
 
-    told: str
+    sentence: str
     table: Table
 
 
@@ -330,7 +312,7 @@ def differing(ranked: Ranked) -> Differing:
     differ = int((~alike).sum() - len(ranked.methods)) // 2
     pairs = len(ranked.methods) * (len(ranked.methods) - 1) // 2
     level = f"{100 * ranked.level:g} %"
-    told = (
+    sentence = (
         f"Friedman's test over {counted(ranked.blocks, 'block')} (a problem with its instance under one start and "
         f"budget; seeds are none): p = {number(ranked.p)}. "
         + (
@@ -345,6 +327,12 @@ def differing(ranked: Ranked) -> Differing:
         ("method", ""), ("mean rank", "n"), ("p against the first, Holm", "n"), ("p against the first, Nemenyi", "n"),
         ("differs from", "why"), ("not told apart from", "why"),
     ]  # fmt: skip
+
+    def named(at: list[int]) -> str:
+        if len(at) == len(ranked.methods) - 1 and len(at) > 1:
+            return "all others"
+        return listed([ranked.methods[j] for j in at], _SHOWN) or "none"
+
     rows = []
     for i, name in enumerate(ranked.methods):
         others = [j for j in range(len(ranked.methods)) if j != i]
@@ -352,19 +340,10 @@ def differing(ranked: Ranked) -> Differing:
             [
                 name, f"{ranked.mean_ranks[i]:.2f}", number(ranked.against_best[i]),
                 number(ranked.nemenyi[0, i]) if i else "–",
-                *(_named(ranked, [j for j in others if alike[i, j] == same]) for same in (False, True)),
+                *(named([j for j in others if alike[i, j] == same]) for same in (False, True)),
             ]
         )  # fmt: skip
-    return Differing(told, table(heads, rows))
-
-
-_SHOWN = 8  # names in a cell, beyond which they are counted
-
-
-def _named(ranked: Ranked, at: list[int]) -> str:
-    if len(at) == len(ranked.methods) - 1 and len(at) > 1:
-        return "all others"
-    return listed([ranked.methods[j] for j in at], _SHOWN) or "none"
+    return Differing(sentence, table(heads, rows))
 
 
 @final
@@ -375,41 +354,28 @@ class Lost:
     failed: int
     late: int
 
-    def told(self, of: int | None = None) -> str:
+    def sentence(self, of: int | None = None) -> str:
         """Return both counts in words, `of` so many runs; "" where every run ended well.
 
-        >>> Lost(2, 0).told()
+        >>> Lost(2, 0).sentence()
         '2 runs failed and count as not arrived'
-        >>> Lost(0, 1).told(of=8)
+        >>> Lost(0, 1).sentence(of=8)
         '1 of 8 runs was ended by its time limit and keeps what it reached'
         """
         failed = "failed and counts" if self.failed == 1 else "failed and count"
         late = ("was", "its", "keeps", "it") if self.late == 1 else ("were", "their", "keep", "they")
-        said = (
+        counts = (
             (self.failed, f"{failed} as not arrived"),
             (self.late, "{} ended by {} time limit and {} what {} reached".format(*late)),
         )
-        return "; ".join(f"{_runs(n, of)} {what}" for n, what in said if n)
+        whole = "" if of is None else f" of {counted(of, 'run')}"
+        return "; ".join(f"{f'{n}{whole}' if whole else counted(n, 'run')} {what}" for n, what in counts if n)
 
 
 def lost_of(runs: pd.DataFrame) -> Lost:
     """Return how many of the runs failed and how many were late."""
     late = int((runs["status"] == "timeout").sum())
     return Lost(int((runs["status"] != "ok").sum()) - late, late)
-
-
-def with_late(cells: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the summary of cells with `late`, how many of the `runs` of each were ended by their time limit."""
-    ended = runs[runs["status"] == "timeout"]
-    if ended.empty:
-        return cells.assign(late=0)
-    late = ended.groupby(CELL, dropna=False).size().rename("late").reset_index()
-    found = cells.merge(late, on=CELL, how="left")
-    return found.assign(late=found["late"].fillna(0).astype(int))
-
-
-def _runs(n: int, of: int | None) -> str:
-    return counted(n, "run") if of is None else f"{n} of {counted(of, 'run')}"
 
 
 def versions(runs: pd.DataFrame) -> dict[str, list[str]]:
@@ -419,7 +385,7 @@ def versions(runs: pd.DataFrame) -> dict[str, list[str]]:
         for package, version in json.loads(text).items():
             if version and version not in versions.setdefault(package, []):
                 versions[package].append(version)
-    return {package: found for package, found in versions.items() if found}
+    return {package: several for package, several in versions.items() if several}
 
 
 def commits(runs: pd.DataFrame) -> str:

@@ -3,8 +3,6 @@
 The answer first, then all problems together, then a section a problem with its tables and charts, printed tables beside
 ours where somebody adds them (`bench.report.study.additions`), what failed, how to do it again. Nothing is fetched:
 what is drawn, and the scripts that draw it, are inside. Without scripts the tables and drawings stand in their place.
-
-The head of a study's page: how much was run under which budget, and which methods reached the goal where.
 """
 
 from __future__ import annotations
@@ -23,9 +21,7 @@ import pandas as pd
 
 from calibench import problems
 from calibench.bench.report.shared.page import Inline, Table, drawing_inside, render
-from calibench.bench.report.study import figures
-from calibench.bench.report.study import html_tables as study_origin
-from calibench.bench.report.study import html_tables as study_tables
+from calibench.bench.report.study import figures, html_tables
 from calibench.bench.report.study.additions import FilledSection, PrintedTable
 from calibench.bench.report.study.answer import Answer, answer_of
 from calibench.bench.report.study.explored import Panel, as_json, explored, licence, policy, scripts
@@ -34,8 +30,8 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, mixed_code
 from calibench.bench.statistics.names import in_order, method_labels, setting_text
 from calibench.bench.statistics.optimum import optimum_of
-from calibench.bench.statistics.priced import key_of_costs, priced
 from calibench.bench.statistics.ranking import Ranked
+from calibench.bench.statistics.summary import key_of_costs, priced
 from calibench.bench.store.manifest import in_other_shards
 from calibench.bench.store.schema import HITS_SCHEMA, TRACES_SCHEMA
 from calibench.core.registry import about
@@ -46,33 +42,16 @@ _TABLED = 1500  # cells up to which tables are inside as text; of more the scrip
 _ROOM = 1_300_000  # characters that drawings may take in all; the others are linked
 _LARGEST = 2_900_000  # characters of a page, where leaving drawings out can make it so
 _BROAD = 620.0  # points from which on a drawing scrolls on a small screen rather than shrink
-_UNTOLD = [
-    "best_x",
-    "at_bound",
-    "parameter_names",
-    "parameter_values",
-    "parameter_units",
-    "parameter_starts",
-    "parameter_truths",
-    "hits",
-    "hits_charged",
-    "error",
-    "error_type",
-    "traceback",
-    "versions",
-    "platform",
-    "git_commit",
-    "git_dirty",
-    "code_digest",
-    "library",
-    "library_version",
-    "seed",
-]  # columns of which the section of a problem says nothing, and of which thousands of slices are dear
+_UNUSED = [
+    "best_x", "at_bound", "parameter_names", "parameter_values", "parameter_units", "parameter_starts",
+    "parameter_truths", "hits", "hits_charged", "error", "error_type", "traceback", "versions", "platform",
+    "git_commit", "git_dirty", "code_digest", "library", "library_version", "seed",
+]  # fmt: skip  # columns of which the section of a problem says nothing, and of which thousands of slices are dear
 _OVERVIEW = "Every method on every problem"
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StudyPage:
     """What a page is made of: the runs, printed tables beside ours, drawings as (name, SVG path), and the manifest.
 
@@ -102,14 +81,14 @@ class StudyPage:
         """Return the page."""
         name = self.folder.resolve().name
         names = stats.method_names(self.runs)
-        groups = problems_of(self.runs.drop(columns=_UNTOLD, errors="ignore"))
+        groups = problems_of(self.runs.drop(columns=_UNUSED, errors="ignore"))
         money = bool(priced(self.runs, self._costs).notna().any())
         cells = stats.summary(self.runs, self._costs) if self.summary.empty else self.summary
         first = answer_of(self.runs, self.traces, self.manifest, names, cells)
         panels = [
             Panel(title, error, anchor(title), mine, optimum_of(mine))
             for title, group in groups.items()
-            for error, mine in study_tables.by_error(group)
+            for error, mine in html_tables.by_error(group)
         ]
         numbers: dict[str, list[int]] = {}
         for i, panel in enumerate(panels):
@@ -118,8 +97,9 @@ class StudyPage:
             name: about(problems.registry.factories()[name]).replace("`", "")
             for name in set(self.runs["problem"]) & set(problems.registry.names())
         }
-        tabled = len(cells) <= _TABLED
-        priced_problems = {key_of_costs(record): record for record in self._costs}
+        costs = {key_of_costs(record): record for record in self._costs}
+        # the runs of this sweep that other shards have and this study has not
+        others = in_other_shards(self.manifest, set(self.runs["run_id"])) if self.manifest else set()
         page = partial(
             render,
             "report/study/templates/study.html.j2",
@@ -129,14 +109,22 @@ class StudyPage:
             licence=licence(),
             numbers=as_json(explored(panels, self.traces, self.hits, cells, name)),
             head=headline(
-                self.runs, self.manifest.get("planned", {}), self._in_other_shards(),
+                self.runs, self.manifest.get("planned", {}), others,
                 self.about, first, condition=not self.identifiability.empty, money=money,
             ),
             contents=contents(panels, names, cells),
             links=self._links(),
             overview=_OVERVIEW,
             problems=[
-                self._problem(title, group, names, cells, numbers[title], panels, described, tabled, priced_problems)
+                _Problem(
+                    title=title,
+                    anchor=anchor(title),
+                    label=figures.file_name(title),
+                    size=f"{things(len(group), 'run')}, {things(int(group['dimension'].iloc[0]), 'parameter')}",
+                    remarks=self._remarks(group, [panels[i] for i in numbers[title]], described, costs),
+                    numbers=numbers[title],
+                    methods=html_tables.methods(group, names, self._costs, cells) if len(cells) <= _TABLED else None,
+                )
                 for title, group in groups.items()
             ],
             opened=_OPENED,
@@ -144,7 +132,7 @@ class StudyPage:
             together=self.together,
             sections=[(section, [_printed(*one) for one in filled]) for section, filled in self.sections],
             beside=self._beside(),
-            failures=study_tables.failures(self.runs),
+            failures=html_tables.failures(self.runs),
             commands=[str(command) for command in self.manifest.get("commands", [])],
             report=shlex.join(["bench", "report", str(self.folder)]),
             provenance=self._provenance(),
@@ -154,27 +142,18 @@ class StudyPage:
         return text if len(text) <= _LARGEST else self._with_drawings(page, _ROOM - (len(text) - _LARGEST))
 
     def _with_drawings(self, page: Callable[..., str], room: int) -> str:
-        inside, linked = self._drawings(room)
-        return page(drawings=inside, linked=linked)
-
-    def _drawings(self, room: int) -> tuple[Mapping[str, Inline], Mapping[str, str]]:
-        """Return the drawings inside the page by name, and the address of those beyond `room` characters."""
+        """Return the page with drawings inside, and links to those beyond `room` characters."""
         inside: dict[str, Inline] = {}
         linked = {}
-        left = room
         for name, path in self.drawings.items():
             drawing = drawing_inside(path, name)
             size = len(drawing.svg or drawing.png)
-            if size <= left:
+            if size <= room:
                 inside[name] = drawing
-                left -= size
+                room -= size
             else:
                 linked[name] = f"{path.parent.name}/{path.name}"
-        return inside, linked
-
-    def _in_other_shards(self) -> set[str]:
-        """Return the ids of the runs of this sweep that other shards have and this study has not."""
-        return in_other_shards(self.manifest, set(self.runs["run_id"])) if self.manifest else set()
+        return page(drawings=inside, linked=linked)
 
     @property
     def _costs(self) -> Sequence[Mapping[str, Any]]:
@@ -187,66 +166,52 @@ class StudyPage:
         links |= {"failures": "#failures", "how to do it again": "#again", "where this comes from": "#provenance"}
         return {**links, **self.beside}
 
-    def _problem(
+    def _remarks(
         self,
-        title: str,
         runs: pd.DataFrame,
-        names: pd.Series,
-        cells: pd.DataFrame,
-        numbers: Sequence[int],
         panels: Sequence[Panel],
         described: Mapping[str, str],
-        tabled: bool,
-        priced_problems: Mapping[tuple[Any, ...], Mapping[str, Any]],
-    ) -> _Problem:
-        mine = [panels[i] for i in numbers]
+        costs: Mapping[tuple[Any, ...], Mapping[str, Any]],
+    ) -> list[str]:
         remarks = [
             described.get(str(runs["problem"].iloc[0]), ""),
             *self._visible(runs),
-            *(panel.optimum.remark() for panel in mine),
-            *study_tables.prices([(panel.error, panel.runs) for panel in mine], priced_problems),
+            *(panel.optimum.remark() for panel in panels),
+            *html_tables.prices([(panel.error, panel.runs) for panel in panels], costs),
         ]
-        return _Problem(
-            title,
-            anchor(title),
-            figures.file_name(title),
-            f"{things(len(runs), 'run')}, {things(int(runs['dimension'].iloc[0]), 'parameter')}",
-            [remark for remark in remarks if remark],
-            numbers,
-            study_tables.methods(runs, names, self._costs, cells) if tabled else None,
-        )
+        return [remark for remark in remarks if remark]
 
     def _visible(self, runs: pd.DataFrame) -> list[str]:
         """Return what the data of this problem can tell, once for each error function where they differ."""
         if self.identifiability.empty:
             return []
         known = self.identifiability.drop_duplicates(PROBLEM[:2]).set_index(PROBLEM[:2])["finding"]
-        said: dict[str, list[str]] = {}
+        errors_of: dict[str, list[str]] = {}
         for problem, options in runs[PROBLEM[:2]].drop_duplicates().to_numpy():
             if (problem, options) in known.index:
-                said.setdefault(known[problem, options], []).append(str(json.loads(options).get("error", "")))
+                errors_of.setdefault(known[problem, options], []).append(str(json.loads(options).get("error", "")))
         return [
-            f"{', '.join(errors)}: {finding}" if len(said) > 1 else finding[:1].upper() + finding[1:]
-            for finding, errors in said.items()
+            f"{', '.join(errors)}: {finding}" if len(errors_of) > 1 else finding[:1].upper() + finding[1:]
+            for finding, errors in errors_of.items()
         ]
 
     def _beside(self) -> Mapping[str, str]:
         """Return the figures that belong to no problem: name -> caption."""
-        return {name: told for name, told in self.captions.items() if name in self.drawings}
+        return {name: caption for name, caption in self.captions.items() if name in self.drawings}
 
     def _provenance(self) -> Mapping[str, str]:
-        versions = study_origin.versions(self.runs)
+        versions = html_tables.versions(self.runs)
         return {
-            "git commit": study_origin.commits(self.runs),
-            "machine": study_origin.machines(self.runs),
-            "versions": ", ".join(f"{package} {' / '.join(found)}" for package, found in versions.items()),
-            "begun": study_origin.began(self.runs),
+            "git commit": html_tables.commits(self.runs),
+            "machine": html_tables.machines(self.runs),
+            "versions": ", ".join(f"{package} {' / '.join(several)}" for package, several in versions.items()),
+            "begun": html_tables.began(self.runs),
             "computing time": f"{number(self.runs['cpu_s'].sum(), 3)} s of processor, all runs together",
         }
 
 
 @final
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Problem:
     """The section of a problem; `label` is what the names of its figures end in.
 
@@ -264,7 +229,7 @@ class _Problem:
 
 def _printed(printed: PrintedTable, rows: pd.DataFrame) -> tuple[str, Table]:
     named = rows.rename(columns={"method": "optimizer", "options": "optimizer_options"})
-    return printed.title, study_tables.printed_table(rows, method_labels(named), printed.column_title)
+    return printed.title, html_tables.printed_table(rows, method_labels(named), printed.column_title)
 
 
 def problems_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -299,7 +264,7 @@ class Headline:
     runs: str
     starts: str
     budgets: Sequence[str]
-    untold: bool  # whether there are published runs, which tell no budget
+    without_budget: bool  # whether there are published runs, which tell no budget
     lost: str
     mixed: str
     merit: bool
@@ -326,7 +291,7 @@ def headline(
     budgets = [count(b) for b in sorted(set(runs["budget"].dropna()))]
     cells = runs.groupby(CELL, dropna=False).size()
     seeds = str(cells.max()) if cells.min() == cells.max() else f"{cells.min()} to {cells.max()}"
-    left = len(set(planned) - set(runs["run_id"]))
+    to_do = len(set(planned) - set(runs["run_id"]))
     methods, problems = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
     facts = [
         Fact(count(len(runs)), plural("run", len(runs))),
@@ -337,18 +302,18 @@ def headline(
         Fact(str(methods), plural("optimiser", methods)),
         Fact(str(len(cells)), plural("cell", len(cells))),
     ]  # fmt: skip
-    facts += [Fact(count(left), "planned, not done yet", "bad")] if left else []
+    facts += [Fact(count(to_do), "planned, not done yet", "bad")] if to_do else []
     away = len(in_other_shards)
     facts += [Fact(count(away), "of other shards, not here", "bad")] if away else []
     made = {
-        "commit": study_origin.commits(runs),
-        "Python": " / ".join(study_origin.versions(runs).get("python", [])),
-        "on": study_origin.machines(runs),
-        "begun": study_origin.began(runs),
+        "commit": html_tables.commits(runs),
+        "Python": " / ".join(html_tables.versions(runs).get("python", [])),
+        "on": html_tables.machines(runs),
+        "begun": html_tables.began(runs),
     }
     starts = " and ".join(f"the {s}" for s in sorted(set(runs["start"].dropna().astype(str))))
     starts = f"{starts} start{'s' if ' and ' in starts else ''}" if starts else ""
-    untold = "starts that are not told" if runs["start"].isna().any() else ""  # of published runs
+    no_start = "starts that are not told" if runs["start"].isna().any() else ""  # of published runs
     return Headline(
         about=about,
         answer=answer,
@@ -356,10 +321,10 @@ def headline(
         made=" · ".join(f"{key} {value}" for key, value in made.items() if value),
         cells=things(len(cells), "cell"),
         runs=things(len(runs), "run"),
-        starts=" and ".join(filter(None, (starts, untold))),
+        starts=" and ".join(filter(None, (starts, no_start))),
         budgets=budgets,
-        untold=bool(runs["budget"].isna().any()),
-        lost=lost.told(len(runs)),
+        without_budget=bool(runs["budget"].isna().any()),
+        lost=lost.sentence(len(runs)),
         mixed=mixed_code(runs),
         merit=bool(runs["kmrmse_aligned"].notna().any()),
         condition=condition,
@@ -373,12 +338,12 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
     `names` of the methods are by index of the runs, `summary` is that of all runs
     (`bench.statistics.summary.summary`).
     """
-    rows = []
+    rows, macros = [], html_tables.cell_macros()
     goals = bool(summary["goal"].notna().any())
     errors = any(panel.error for panel in panels)  # functions of the error, of which a problem may have several
     late = any(lost_of(panel.runs).late for panel in panels)
     every = pd.concat([panel.runs[METHOD] for panel in panels])
-    ranked = study_tables.ranked(every, names, summary)
+    ranked = html_tables.ranked(every, names, summary)
     by_problem: dict[tuple[str, ...], list[dict[Any, Any]]] = {}
     for cell in ranked.to_dict("records"):
         by_problem.setdefault(tuple(cell[column] for column in PROBLEM), []).append(cell)
@@ -386,30 +351,30 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
     for panel in panels:
         title, mine, optimum = panel.title, panel.runs, panel.optimum
         cells = by_problem[tuple(mine[column].iloc[0] for column in PROBLEM)]
-        told = [c for c in SETTING if len({None if cell[c] != cell[c] else cell[c] for cell in cells}) > 1]
+        settings = [c for c in SETTING if len({None if cell[c] != cell[c] else cell[c] for cell in cells}) > 1]
         won = sorted((cell for cell in cells if cell["success"] == 1.0), key=itemgetter("charged_to_target"))
         known = any(cell["goal"] == cell["goal"] for cell in cells)
         lowest = min(cells, key=itemgetter("best_median"))
         lost = lost_of(mine)
         best = won[0] if won else lowest
-        called = ", ".join([best["method"], *(setting_text(c, best[c]) for c in told)])
-        found = np.isfinite(lowest["best_median"])
+        called = ", ".join([best["method"], *(setting_text(c, best[c]) for c in settings)])
+        has_value = np.isfinite(lowest["best_median"])
         first = (
             f"{called}, {count(best['charged_to_target'])} evaluations"
             if won
             else "none: every run failed"
-            if (mine["status"] == "failed").all() and not found
+            if (mine["status"] == "failed").all() and not has_value
             else "none: of every method half of the runs or more found no value"
-            if not found
-            else f"{'none; ' if known else ''}lowest median: {called}, {optimum.told(lowest['best_median'])}"
+            if not has_value
+            else f"{'none; ' if known else ''}lowest median: {called}, {optimum.sentence(lowest['best_median'])}"
         )
         rows.append(
             [
-                "" if title == above else study_tables.cell_macros().link(title, f"#{panel.anchor}"),
+                "" if title == above else macros.link(title, f"#{panel.anchor}"),
                 *([panel.error or "f"] if errors else []), str(int(mine["dimension"].iloc[0])),
                 str(len({tuple(cell[column] for column in METHOD) for cell in cells})), str(len(cells)),
                 *([str(len(won)) if known else "–"] if goals else []), first,
-                *(_marked(number) for number in (lost.failed, lost.late)[: 1 + late]),
+                *(macros.tag(f"✗ {n}", "no") if n else "0" for n in (lost.failed, lost.late)[: 1 + late]),
             ]
         )  # fmt: skip
         above = title
@@ -419,12 +384,7 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
         ("fewest evaluations to the goal" if goals else "best", "why"), ("failed runs", "n"),
         *([("ended by the time limit", "n")] if late else []),
     ]  # fmt: skip
-    return study_tables.table(heads, rows)
-
-
-def _marked(number: int) -> str:
-    told: str = study_tables.cell_macros().tag(f"✗ {number}", "no") if number else "0"
-    return told  # as it is: `str` of it would be set as text
+    return html_tables.table(heads, rows)
 
 
 def anchor(title: str) -> str:

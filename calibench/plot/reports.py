@@ -28,9 +28,9 @@ Show = Literal["residuals", "gap"]
 
 def _discovery(report: Searched, *, show: Show | None = None, effect: str | None = None) -> pd.DataFrame:
     """Return the means that are drawn (value, before, after, standard_error, readings), or of the gap model and rms."""
-    found = _report(report)
-    residuals = _residuals(found, show, effect)
-    return gap_of(found.gap, compared(found)) if residuals is None else means_of(residuals)
+    read = _report(report)
+    residuals = _residuals(read, show, effect)
+    return gap_of(read.gap, compared(read)) if residuals is None else means_of(residuals)
 
 
 @with_data(_discovery)
@@ -41,26 +41,26 @@ def discovery(report: Searched, ax: Axes | None = None, *, show: Show | None = N
     alone, as bars with its interval; so does a report without an effect, and one that was read from JSON, which has no
     readings any more. `effect` chooses among several by the name in ``report.findings``; by default the first.
     """
-    found = _report(report)
-    residuals = _residuals(found, show, effect)
+    read = _report(report)
+    residuals = _residuals(read, show, effect)
     if residuals is None:
-        table = gap_of(found.gap, compared(found))
+        table = gap_of(read.gap, compared(read))
         with axes_in(ax, 5.4, 1.3 + 0.42 * len(table)) as axes:
-            draw_gap(axes, table, noise_words(found), not floor_holds_the_gap(found))
+            draw_gap(axes, table, noise_words(read), not floor_holds_the_gap(read))
         return axes
     with axes_in(ax, 5.6, 3.6) as axes:
         draw_residuals(axes, axes, residuals)
-        gap, told = found.gap, ""
+        gap, title = read.gap, ""
         if isfinite(gap.held_out_before) and isfinite(gap.held_out_after):
             for line, rms in zip(axes.containers, (gap.held_out_before, gap.held_out_after)):
                 line.set_label(f"{line.get_label()}: {rms:.2f}")
-            floor = "" if floor_holds_the_gap(found) else f" (noise alone leaves {gap.noise_floor:.2f})"
-            told = f"rms on unseen readings{floor}"
+            floor = "" if floor_holds_the_gap(read) else f" (noise alone leaves {gap.noise_floor:.2f})"
+            title = f"rms on unseen readings{floor}"
         if ax is None:
             axes.set_title(fill(residuals.effect, 60), fontsize=10)
-            figure_of(axes).legend(title=told, ncols=2, fontsize=8, title_fontsize=8, loc="outside lower center")
+            figure_of(axes).legend(title=title, ncols=2, fontsize=8, title_fontsize=8, loc="outside lower center")
         else:
-            explain_lines(axes, title=fill(told, 24), title_fontsize=7.5)
+            explain_lines(axes, title=fill(title, 24), title_fontsize=7.5)
     return axes
 
 
@@ -76,7 +76,6 @@ def _report(report: Searched) -> Report:
 
 
 def _residuals(report: Report, show: Show | None, effect: str | None) -> Residuals | None:
-    """Return what is drawn of an effect; None where the gap is drawn."""
     names = [finding.effect for finding in report.findings]
     if effect is not None and effect not in names:
         raise ValueError(f"effect={effect!r}: the report has none of that name; {suggest(effect, names)}")
@@ -96,10 +95,10 @@ def _calibration(calibration: Calibration | Mapping[str, Any] | str | Path) -> p
     """Return the error over the place of each joint: joint, unit, at, low, high, before, after [mm], poses."""
     if isinstance(calibration, Calibration):
         return pd.DataFrame([asdict(one) for one in calibration.over_joints])
-    told = _json(calibration) if isinstance(calibration, str | Path) else calibration
-    if not told.get("over_joints"):
+    content = _json(calibration) if isinstance(calibration, str | Path) else calibration
+    if not content.get("over_joints"):
         raise ValueError("calibration: it has no over_joints; the calibration.json of bench calibrate has them")
-    return pd.DataFrame(told["over_joints"])
+    return pd.DataFrame(content["over_joints"])
 
 
 @with_data(_calibration)
@@ -124,9 +123,9 @@ def _json(path: str | Path) -> Mapping[str, Any]:
     file = Path(path)
     file = file / "calibration.json" if file.is_dir() else file
     try:
-        told = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ValueError(f"{file}: cannot be read: {error}") from None
-    if not isinstance(told, dict):
+    if not isinstance(content, dict):
         raise ValueError(f"{file}: is no report: an object is needed")
-    return told
+    return content

@@ -1,1 +1,0 @@
-"""Commands on machines: identify, discover, calibrate, design."""

@@ -1,1 +1,0 @@
-"""Commands on studies: run, status, merge, report, export, show, compare, choose."""
