@@ -12,13 +12,7 @@ import numpy as np
 from calibench.core.notes import Code, Note
 from calibench.core.process import one_thread
 from calibench.discrepancy.checks.validate import listen, refuse_unused, validate
-from calibench.discrepancy.diagnostics.noise import (
-    law_at,
-    learned_beside,
-    noise_at,
-    outliers_under,
-    sound_fit,
-)
+from calibench.discrepancy.diagnostics.noise import law_at, learned_beside, noise_at, outliers_under, sound_fit
 from calibench.discrepancy.diagnostics.score import uncancelled
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
 from calibench.discrepancy.effects import catalogue

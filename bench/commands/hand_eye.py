@@ -7,7 +7,7 @@ from math import degrees, isfinite
 
 from calibench.bench.calibration.hand_eye import read_hand_eye, write_hand_eye
 from calibench.bench.commands.console import print_end, print_table
-from calibench.calibration.hand_eye import Frame, HandEye, Residual
+from calibench.calibration.hand_eye import Frame, Residual
 from calibench.core.words import plain
 from calibench.core.words import print_plain as print
 

@@ -34,17 +34,7 @@ from calibench.bench.execution.stochastic import seeded
 from calibench.bench.gate.box import looks
 from calibench.bench.gate.evaluator import Evaluator, TracePoint, scans
 from calibench.bench.gate.processes import CAN_FORK
-from calibench.bench.gate.time_limit import (
-    PASSED,
-    STALL_LIMIT,
-    Cut,
-    Ending,
-    Mirror,
-    Phase,
-    Runner,
-    Watch,
-    run_here,
-)
+from calibench.bench.gate.time_limit import PASSED, STALL_LIMIT, Cut, Ending, Mirror, Phase, Runner, Watch, run_here
 from calibench.core.own_state import Kept, kept
 from calibench.core.process import hold_new, one_thread
 from calibench.core.seeds import begin_generators, global_generators, seed_sequence

@@ -519,12 +519,12 @@ def data_profile(table: pd.DataFrame) -> pd.DataFrame:
 
 def _steps(table: pd.DataFrame, by: str) -> pd.DataFrame:
     table = table.assign(task=table.groupby(_TASK, dropna=False, sort=False).ngroup())
-    tasks_of = {key: set(mine["task"]) for key, mine in table.groupby(METHOD, sort=False)}
+    tasks_of = {key: set(rows["task"]) for key, rows in table.groupby(METHOD, sort=False)}
     shared = set.intersection(*tasks_of.values()) if tasks_of else set()
     profiles = []
-    for key, mine in table.groupby(METHOD, sort=False):
+    for key, rows in table.groupby(METHOD, sort=False):
         over = shared or tasks_of[key]
-        costs = np.sort(mine.loc[mine["task"].isin(over), by].to_numpy(dtype=float))
+        costs = np.sort(rows.loc[rows["task"].isin(over), by].to_numpy(dtype=float))
         at, counts = np.unique(costs[np.isfinite(costs)], return_counts=True)
         share = np.cumsum(counts) / len(over)
         steps = pd.DataFrame({by: at, "share": share}) if len(at) else pd.DataFrame({by: [np.inf], "share": [0.0]})

@@ -104,8 +104,8 @@ def methods(cells: pd.DataFrame) -> pd.DataFrame:
     placed = cells.assign(place=places(cells), task=_tasks(cells))
     total = placed["task"].nunique()
     rows = []
-    for pair, mine in placed.groupby(METHOD, sort=False):
-        place, solved = _means(mine, "place"), _means(mine[mine["goal"].notna()], "success")
+    for pair, group in placed.groupby(METHOD, sort=False):
+        place, solved = _means(group, "place"), _means(group[group["goal"].notna()], "success")
         share = sum(solved.values()) / len(solved) if solved else np.nan
         means = {"solved": share, "place": sum(place.values()) / len(place)}
         rows.append(dict(zip(METHOD, pair, strict=True)) | means | {"tasks": len(place), "of_tasks": total})
@@ -122,7 +122,7 @@ def _means(cells: pd.DataFrame, column: str) -> dict[int, float]:
     values: dict[int, list[float]] = {}
     for task, value in zip(cells["task"].tolist(), cells[column].tolist(), strict=True):
         values.setdefault(task, []).append(value)
-    return {task: mine[0] if len(mine) == 1 else float(pd.Series(mine).mean()) for task, mine in values.items()}
+    return {task: of[0] if len(of) == 1 else float(pd.Series(of).mean()) for task, of in values.items()}
 
 
 def _tasks(cells: Columns) -> Counts:

@@ -17,13 +17,7 @@ from calibench.core.notes import Code
 from calibench.core.options import shown, suggest
 from calibench.discrepancy.diagnostics.confounded import confounded
 from calibench.discrepancy.machines.orthoglide import kinematics as orthoglide_model
-from calibench.discrepancy.machines.orthoglide.kinematics import (
-    Index,
-    accepted,
-    is_accepted,
-    rows_of,
-    share_rows,
-)
+from calibench.discrepancy.machines.orthoglide.kinematics import Index, accepted, is_accepted, rows_of, share_rows
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, nominal_numbers, positive
 from calibench.discrepancy.model.roles import Instrument, Roles
