@@ -18,10 +18,9 @@ from typing import NamedTuple
 
 SECONDS, BYTES = 20, 10**9  # of processor time and of memory that any command may take
 _MODULES = (  # what the verbs import as they are called
-    "cli", "measured.files", "discovery.batch", "discovery.page.write", "calibration.calibrate", "commands.list",
-    "calibration.report.write", "commands.machines.hand_eye", "commands.machines.discover", "sweep.carry_out",
-    "commands.machines.calibrate", "commands.machines.design", "commands.machines.identify", "commands.studies.run",
-    "commands.studies.import_", "commands.studies.export", "exchange.published.ioh",
+    "cli", "measured.files", "discovery.batch", "discovery.page.page", "calibration.request", "commands.list",
+    "commands.hand_eye", "commands.discover", "sweep.carry_out", "commands.calibrate", "commands.design",
+    "commands.identify", "commands.run", "commands.exchange", "exchange.ioh",
 )  # fmt: skip
 
 
