@@ -8,7 +8,6 @@ from matplotlib.axes import Axes
 from calibench.bench.report.from_python import Source, choice_of, read_source
 from calibench.bench.report.shared.drawing import axes_in, entitle, explain_lines, figure_of, put_legend
 from calibench.bench.report.study import figures
-from calibench.bench.report.study import figures as runtime_figure
 from calibench.bench.report.study.figures import draw_ranks, ranks_of, ranks_size
 from calibench.bench.statistics.names import method_labels, problem_titles
 from calibench.bench.statistics.optimum import optimum_of
@@ -54,7 +53,7 @@ def convergence(
 def _ecdf(source: Source, *, problem: str | None = None, traces: pd.DataFrame | None = None) -> pd.DataFrame:
     """Return the runtime ECDF: the columns of `bench.statistics.fixed_target.ecdf`, and method."""
     chosen = read_source(source, problem, traces)
-    return runtime_figure.ecdf_of(chosen.runs, chosen.hits())
+    return figures.ecdf_of(chosen.runs, chosen.hits())
 
 
 @with_data(_ecdf)
@@ -67,9 +66,9 @@ def ecdf(
     """
     chosen = read_source(source, problem, traces)
     hits = chosen.hits()
-    numbers = runtime_figure.ecdf_of(chosen.runs, hits)
-    with axes_in(ax, runtime_figure.share_width(numbers), 3.7) as axes:
-        runtime_figure.draw_ecdf(axes, numbers, chosen.with_looks())
+    numbers = figures.ecdf_of(chosen.runs, hits)
+    with axes_in(ax, figures.share_width(numbers), 3.7) as axes:
+        figures.draw_ecdf(axes, numbers, chosen.with_looks())
         _finish(axes, ax, f"{chosen.title()}: {counted(hits['target'].nunique(), 'target')} above the best value")
     return axes
 
@@ -77,7 +76,7 @@ def ecdf(
 def _profile(source: Source, *, problem: str | None = None, traces: pd.DataFrame | None = None) -> pd.DataFrame:
     """Return the steps of the performance profile: method, optimizer, optimizer_options, ratio, share, tasks."""
     chosen = read_source(source, problem, traces)
-    return runtime_figure.profile_of(chosen.runs, chosen.hits())
+    return figures.profile_of(chosen.runs, chosen.hits())
 
 
 @with_data(_profile)
@@ -89,9 +88,9 @@ def profile(
     The performance profile of Dolan and More (2002), of expected running times (ERT) to the targets of `ecdf`.
     """
     chosen = read_source(source, problem, traces)
-    numbers = runtime_figure.profile_of(chosen.runs, chosen.hits())
-    with axes_in(ax, runtime_figure.share_width(numbers), 3.7) as axes:
-        runtime_figure.draw_profile(axes, numbers, chosen.with_looks())
+    numbers = figures.profile_of(chosen.runs, chosen.hits())
+    with axes_in(ax, figures.share_width(numbers), 3.7) as axes:
+        figures.draw_profile(axes, numbers, chosen.with_looks())
         _finish(axes, ax, f"{chosen.title()}: {counted(int(numbers['tasks'].max()), 'pair')}")
     return axes
 

@@ -1,18 +1,10 @@
-"""Four neighbours of a row at once: `cross` of differential evolution, `exchange` of the genetic algorithm.
+"""What kernels need to run with candidates in the SIMD lanes, with the same bits in the lanes, alone, and interpreted.
 
-The compiler fills the lanes from loops of 16 turns or more only: rows of a population are shorter, and it takes them a
-number at a time. Written out, a row of 12 is three such steps, each with the bits of four single ones.
-
-`fma(a, b, c)`: a b + c rounded once. Compiled it is one instruction, interpreted the C library's function.
-
-A compiler left to contract products and sums by itself does so where it likes, and a batch gets other bits than a
-single call. Written out, the fusion is part of the formula: the same bits in the lanes, alone, and without compiler.
-
-Cosine and sine without a call into the C library, so that they too run with candidates in the SIMD lanes.
-
-The argument less its quarter turns, r in -pi/4 .. pi/4, goes into both Taylor series, cut where a term is below a
-quarter of the last bit. The errors are below one and a half units in the last place.
-
+`cross` (differential evolution) and `exchange` (genetic algorithm) take four neighbours of a row at once: the compiler
+fills the lanes from loops of 16 turns or more only, and rows of a population are shorter. `fma(a, b, c)` is a b + c
+rounded once: a compiler left to contract products by itself does so where it likes, and a batch gets other bits than a
+call. `cos_sin` calls no C library: the argument less its quarter turns, r in -pi/4 .. pi/4, goes into both Taylor
+series, cut where a term is below a quarter of the last bit; the errors are below 1.5 units in the last place.
 """
 
 from __future__ import annotations

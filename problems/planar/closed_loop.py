@@ -328,12 +328,12 @@ class ExactCalls:
     def __init__(self, packed: Array) -> None:
         # Here, as listing the names must not load the compiler.
         from calibench.problems.planar import _closed_loop_kernels
-        from calibench.problems.planar import _closed_loop_kernels as _abandon_kernels
+        from calibench.problems.planar import _closed_loop_kernels as kernels
 
-        self.packed, self.screen = packed, _abandon_kernels.screen(packed)
+        self.packed, self.screen = packed, kernels.screen(packed)
         self._compile_later("cost", _closed_loop_kernels.cost, 1, 2)
         self._compile_later("batch", _closed_loop_kernels.batch, 2, 2)
-        self._compile_later("batch_below", _abandon_kernels.batch_below, 2, 1, 2, 2)
+        self._compile_later("batch_below", kernels.batch_below, 2, 1, 2, 2)
 
     def _compile_later(self, slot: Literal["cost", "batch", "batch_below"], kernel: Any, *dimensions: int) -> None:
         def first(*arrays: Array) -> Any:

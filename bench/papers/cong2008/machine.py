@@ -18,7 +18,7 @@ from typing import Any, final
 import numpy as np
 
 from calibench import problems
-from calibench.bench.papers.cong2008 import actual as cong2008_columns
+from calibench.bench.papers.cong2008 import actual
 from calibench.bench.papers.cong2008.actual import twelve
 from calibench.bench.papers.published import Printed
 from calibench.bench.papers.row import (
@@ -281,7 +281,7 @@ def gauge_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
             if name == "kmrmse":
                 yield kmrmse_row(printed, cell, column)
             elif name == "iterations":
-                yield cong2008_columns.row(printed, column.key, name)
+                yield actual.row(printed, column.key, name)
             else:
                 tolerance = column.tolerance(name, printed.digit(cell))
                 yield printed.cell(cell, column.predicted(name), tolerance, _METHOD, of_print=True)

@@ -46,8 +46,7 @@ from typing import Any
 
 import numpy as np
 
-from calibench.discrepancy.effects.general import columns as changes
-from calibench.discrepancy.effects.general import harmonics, joints, lengths
+from calibench.discrepancy.effects.general import columns, harmonics, joints, lengths
 from calibench.discrepancy.effects.general.lengths import grown, time_constants, warmth
 from calibench.discrepancy.effects.general.recipe import Built, Recipe
 from calibench.discrepancy.machines.gpm2002.roles import JOINTS, LEGS, distal, joint_of, teeth_of
@@ -97,7 +96,7 @@ base_shift = EffectFamily(
 ).enter()  # fmt: skip
 
 
-drift = changes.drift.enter(
+drift = columns.drift.enter(
     "gpm2002", JOINTS, cause="The zero of an encoder drifts during the run",
     formula="enc_i += even s, + bend 4 s (1 - s), + turn 10.4 s (1 - s) (1 - 2 s); s from 0 to 1 over the run",
     columns=("t_s",), unit="rad",
@@ -267,7 +266,7 @@ heavy_tails = EffectFamily(
 ).enter()  # fmt: skip
 
 
-slip = changes.slip.enter(
+slip = columns.slip.enter(
     "gpm2002", JOINTS, cause="An encoder slips on its shaft once during the run",
     formula="enc_i += step from a time on", columns=("t_s",), unit="rad", label="encoder slip",
 )  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibench.core.options import suggest
 from calibench.core.tables.cells import factor_to_base
-from calibench.discrepancy.effects.general import columns as shapes
+from calibench.discrepancy.effects.general import columns
 from calibench.discrepancy.effects.general.columns import run_terms
 from calibench.discrepancy.effects.general.recipe import Built, declared, recipe
 from calibench.discrepancy.machines.table.formulation import RATE
@@ -110,7 +110,7 @@ def _read(formulation: Formulation) -> tuple[str, ...]:
 
 
 FAMILIES = (
-    shapes.power.enter("table"),
+    columns.power.enter("table"),
     recipe(
         "known_cycle", "What is measured repeats with a period that is stated",
         "measured -= a cos(2 pi k u / P) + b sin(2 pi k u / P), P stated, k 1 or 2", channel="prediction",
