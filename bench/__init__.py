@@ -27,19 +27,11 @@ __all__ = [
 ]  # fmt: skip
 
 _HOMES = {
-    "BudgetExhausted": "gate.evaluator",
-    "Evaluator": "gate.evaluator",
-    "ReplayFolder": "execution.costly",
-    "ResultStore": "store.runs",
-    "Run": "execution.run",
-    "Spec": "execution.run",
-    "execute": "execution.run",
-    "forget_replay": "execution.costly",
-    "publishing": "execution.in_progress",
-    "read_measured": "measured",
-    "report_schema": "discovery.schema",
-    "write_measured": "measured",
-}
+    "BudgetExhausted": "gate.evaluator", "Evaluator": "gate.evaluator", "ReplayFolder": "execution.costly",
+    "ResultStore": "store.runs", "Run": "execution.run", "Spec": "execution.run", "execute": "execution.run",
+    "forget_replay": "execution.costly", "publishing": "execution.in_progress", "read_measured": "measured",
+    "report_schema": "discovery.schema", "write_measured": "measured",
+}  # fmt: skip
 
 
 __getattr__ = loader("calibench.bench", _HOMES)  # `bench list` must not wait for Arrow

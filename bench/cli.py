@@ -1,8 +1,7 @@
-"""The command line: ``bench <verb> ...``.
+"""The command line: ``bench <verb> ...``. A verb's file is imported when it is called: `list` must answer at once.
 
 Exit 0: done. 1: some run failed (a table of failures ends the output). 2: the request is wrong: one line that says what
-and how to put it right, no traceback, nothing written. A verb's file under `bench.commands`
-is imported when it is called: `list` must answer at once.
+and how to put it right, no traceback, nothing written.
 """
 
 from __future__ import annotations
@@ -68,24 +67,12 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
                                                        verbs that read import no class that a file names: --trust lets
                                                        them, of files that are yours
 """
-_VERBS = {
-    "list": "calibench.bench.commands.list:run",
-    "run": "calibench.bench.commands.run:run",
-    "identify": "calibench.bench.commands.identify:run",
-    "status": "calibench.bench.commands.status:run",
-    "merge": "calibench.bench.commands.study:merge_studies",
-    "compare": "calibench.bench.commands.compare:run",
-    "choose": "calibench.bench.commands.choose:run",
-    "collect": "calibench.bench.commands.study:collect",
-    "report": "calibench.bench.commands.study:report",
-    "export": "calibench.bench.commands.exchange:export",
-    "import": "calibench.bench.commands.exchange:import_study",
-    "show": "calibench.bench.commands.show:run",
-    "paper": "calibench.bench.commands.paper:run",
-    "discover": "calibench.bench.commands.discover:run",
-    "calibrate": "calibench.bench.commands.calibrate:run",
-    "design": "calibench.bench.commands.design:run",
-}
+_VERBS = {  # file of `bench.commands`, function
+    "list": "list:run", "run": "run:run", "identify": "identify:run", "status": "status:run",
+    "merge": "study:merge_studies", "compare": "compare:run", "choose": "choose:run", "collect": "study:collect",
+    "report": "study:report", "export": "exchange:export", "import": "exchange:import_study", "show": "study:show",
+    "paper": "paper:run", "discover": "discover:discover", "calibrate": "calibrate:run", "design": "discover:design",
+}  # fmt: skip
 _READING = ("status", "merge", "compare", "choose", "collect", "report", "export", "import", "show")  # take --trust
 
 
@@ -104,18 +91,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
             os.environ.setdefault(threads, "1")  # matrices here are small; and the same bits with any number of workers
     process.rest()
-    from calibench.core.user_file import put_last
-
     # problem=my_module:MyProblem is found where the user stands, behind all that has another of its names
-    put_last(os.getcwd())
+    from pathlib import Path
+
+    folder = os.getcwd()
+    if Path(folder).resolve() != Path(__file__).resolve().parent.parent:  # our own stays where it is
+        sys.path[:] = [entry for entry in sys.path if entry not in ("", folder)] + [folder]
     argv = list(sys.argv[1:] if arguments is None else arguments)
+    refused: str | None = None
     try:
         code = _dispatch(argv)
         sys.stdout.flush()
     except (ValueError, ModuleNotFoundError) as error:
-        code = _refused(str(error))
+        code, refused = 2, str(error)
     except (RecursionError, OverflowError, MemoryError) as error:  # a value that no check expected
-        code = _refused(f"the request asks for more than can be done: {_with_place(error)}")
+        last = error.__traceback__
+        while last is not None and last.tb_next is not None:
+            last = last.tb_next
+        where = f" ({os.path.basename(last.tb_frame.f_code.co_filename)}, line {last.tb_lineno})" if last else ""
+        text = f"{type(error).__name__}{f': {error}' if str(error) else ''}{where}"
+        code, refused = 2, f"the request asks for more than can be done: {text}"
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = 0
@@ -123,34 +118,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
         where = f"{error.filename}: " if error.filename else ""
         full = error.errno in (errno.ENOSPC, getattr(errno, "EDQUOT", None))
         room = "; make room and give the same command again: finished runs are kept" if full else ""
-        code = _refused(f"{where}{error.strerror or error}{room}")
+        code, refused = 2, f"{where}{error.strerror or error}{room}"
     except KeyboardInterrupt:
-        print("bench: stopped; finished runs are kept, the same command goes on from there", file=sys.stderr)
-        code = 130
+        code, refused = 130, "stopped; finished runs are kept, the same command goes on from there"
     except Exception as error:
         from calibench.bench.gate.endings import place_of, text_of
 
         if not (place := place_of(error)):  # else it is of the user's own code
             raise
-        code = _refused(f"{type(error).__name__}: {text_of(error)} ({place})")
+        code, refused = 2, f"{type(error).__name__}: {text_of(error)} ({place})"
     finally:
         process.resume()
+    if refused is not None:
+        print(f"bench: {one_line(refused)}", file=sys.stderr)
     process.ends_with(code)
     sys.exit(code)
-
-
-def _refused(text: str) -> int:
-    print(f"bench: {one_line(text)}", file=sys.stderr)
-    return 2
-
-
-def _with_place(error: BaseException) -> str:
-    """Return an exception and the place where it was raised, in one line without a traceback."""
-    last = error.__traceback__
-    while last is not None and last.tb_next is not None:
-        last = last.tb_next
-    where = f" ({os.path.basename(last.tb_frame.f_code.co_filename)}, line {last.tb_lineno})" if last else ""
-    return f"{type(error).__name__}{f': {error}' if str(error) else ''}{where}"
 
 
 def _dispatch(argv: list[str]) -> int:
@@ -172,25 +154,22 @@ def _dispatch(argv: list[str]) -> int:
 
         raise ValueError(f"unknown verb {verb!r}; {suggest(verb, _VERBS)}")
     if "-h" in rest or "--help" in rest:
-        from calibench.bench.commands.verb_help import help_of
+        from calibench.bench.commands.verb_help import help_of_verb
 
-        print(help_of(verb, _USAGE), end="")
+        print(help_of_verb(verb, _USAGE), end="")
         return 0
     module, _, function = _VERBS[verb].partition(":")
-    call: Callable[[list[str]], int] = getattr(import_module(module), function)
+    call: Callable[[list[str]], int] = getattr(import_module(f"calibench.bench.commands.{module}"), function)
     if verb != "run":  # which loads further, with the problems and optimisers that are asked for
         process.resume()
-    return _read(call, rest) if verb in _READING else call(rest)
-
-
-def _read(call: Callable[[list[str]], int], words: list[str]) -> int:
-    """Carry out a verb that reads; tell in one line what it did not import, where that would have told more."""
+    if verb not in _READING:
+        return call(rest)
     from calibench.core.registry import names_of_files, take_not_imported
 
     take_not_imported()  # what others in this process have asked for
-    with names_of_files(trust="--trust" in words):
-        code = call([word for word in words if word != "--trust"])
-    if classes := take_not_imported():
+    with names_of_files(trust="--trust" in rest):
+        code = call([word for word in rest if word != "--trust"])
+    if classes := take_not_imported():  # that would have told more
         (kind, name), more = next(iter(classes)), f" and {len(classes) - 1} more" if len(classes) > 1 else ""
         left_out = "; ".join(dict.fromkeys(what for whats in classes.values() for what in whats))
         line = f"bench: {one_line(f'the {kind} is {name}{more}')}, which reading does not import; --trust does"

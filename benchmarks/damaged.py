@@ -135,7 +135,7 @@ def dh_readings() -> bytes:
 
 
 def orthoglide_rows() -> Rows:
-    from calibench.problems.orthoglide.measured import measured, write_table
+    from calibench.problems.orthoglide.plans import measured, write_table
 
     path = Path("orthoglide.csv")
     write_table(path, *measured("exp2"))

@@ -19,7 +19,7 @@ from typing import NamedTuple
 SECONDS, BYTES = 20, 10**9  # of processor time and of memory that any command may take
 _MODULES = (  # what the verbs import as they are called
     "cli", "measured.files", "discovery.batch", "discovery.page.page", "calibration.request", "commands.list",
-    "commands.hand_eye", "commands.discover", "sweep.carry_out", "commands.calibrate", "commands.design",
+    "commands.discover", "sweep.carry_out", "commands.calibrate",
     "commands.identify", "commands.run", "commands.exchange", "exchange.ioh",
 )  # fmt: skip
 

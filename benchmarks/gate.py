@@ -14,9 +14,8 @@ import pandas as pd
 
 from benchmarks.rounds import COLUMNS, Contestant, interleave
 from calibench import problems
-from calibench.bench.gate.box import Doors, doors_of, watched_doors_of
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.face import face_of
+from calibench.bench.gate.face import Doors, doors_of, face_of, watched_doors_of
 from calibench.optimizers.base import Objective
 from calibench.problems.base import Array
 

@@ -13,9 +13,8 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.rounds import COLUMNS, Contestant, interleave
-from calibench.bench.gate.box import doors_of
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.face import face_of
+from calibench.bench.gate.face import doors_of, face_of
 from calibench.optimizers.base import Array, Objective
 
 _CALLS = 1000

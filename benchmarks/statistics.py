@@ -17,8 +17,7 @@ from scipy import stats
 from calibench.bench.statistics.best import LEVEL, Method, Side, rivals_of
 from calibench.bench.statistics.fixed_target import RESAMPLES, ert_interval, weights
 from calibench.bench.statistics.ranking import order_of_scores as order_of
-from calibench.bench.statistics.two_methods import two_methods
-from calibench.bench.statistics.two_studies import verdicts
+from calibench.bench.statistics.two_studies import two_methods, verdicts
 
 Array = NDArray[np.float64]
 SEED = 20081500  # of the first batch; the next has the next

@@ -15,7 +15,7 @@ from pathlib import Path
 from calibench.bench.report.shared.page import table
 from calibench.discrepancy.model.effect import EffectFamily
 from calibench.discrepancy.registries import GENERAL, machines, own_families
-from calibench.optimizers.nlopt import SETTINGS
+from calibench.optimizers.nlopt import ROUNDING, SETTINGS, Setting
 from calibench.optimizers.pygmo import RULES
 from calibench.optimizers.scipy import SETTINGS as OF_SCIPY
 
@@ -30,7 +30,7 @@ def nlopt_table() -> str:
         [
             ", ".join(f"`{name}`" for name in setting.algorithms),
             "matters: divided" if setting.size_matters else "no effect",
-            setting.tolerances,
+            _tolerances(setting),
             setting.memory,
             setting.population,
             setting.why,
@@ -38,6 +38,17 @@ def nlopt_table() -> str:
         for setting in SETTINGS
     ]
     return table(["algorithms", "the value's size", "tolerances", "memory", "population", "why"], rows)
+
+
+def _tolerances(setting: Setting) -> str:
+    """Return the tests that may end a search, in words."""
+    tests = [f"`{name}` = {value:g}" for name, value in setting.parameters.items()]
+    if setting.inner_tolerance is not None:
+        tests.append(f"`local_tolerance` = {setting.inner_tolerance:g} (ftol_rel and xtol_rel of the inner method)")
+    if setting.step_ends != "never":
+        only = " with restarts" if setting.step_ends == "restarted" else ""
+        tests.append(f"`xtol_rel` = {ROUNDING:g}{only}")
+    return ", ".join(tests) if tests else "none"
 
 
 def scipy_table() -> str:

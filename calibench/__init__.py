@@ -23,23 +23,9 @@ if TYPE_CHECKING:
     from calibench.problems.identifiability import identify
 
 __all__ = [
-    "ResultStore",
-    "answer",
-    "bench",
-    "calibrate",
-    "calibration",
-    "design",
-    "discover",
-    "discrepancy",
-    "execute",
-    "hand_eye",
-    "identify",
-    "optimizers",
-    "plot",
-    "problems",
-    "sweep",
-    "testing",
-]
+    "ResultStore", "answer", "bench", "calibrate", "calibration", "design", "discover", "discrepancy", "execute",
+    "hand_eye", "identify", "optimizers", "plot", "problems", "sweep", "testing",
+]  # fmt: skip
 
 _HOMES = {
     "ResultStore": "calibench.bench.store.runs",

@@ -23,24 +23,11 @@ from calibench.calibration.start import HowRead
 
 
 def calibrate(
-    urdf_or_table: str | Path | Arm,
-    readings: Any,
-    *,
-    observe: str = "",
-    rotation: str = "",
-    limits: bool = True,
-    distance: float = 0.0,
-    sigma_distance: float = KNOWN_TO,
-    level: Level = "auto",
-    resamples: int = 200,
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    names: Sequence[str] = (),
-    name: str = "readings",
-    base: str = "",
-    tip: str = "",
-    convention: str = "",
-) -> Calibration:
+    urdf_or_table: str | Path | Arm, readings: Any, *, observe: str = "", rotation: str = "", limits: bool = True,
+    distance: float = 0.0, sigma_distance: float = KNOWN_TO, level: Level = "auto", resamples: int = 200,
+    columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None, names: Sequence[str] = (),
+    name: str = "readings", base: str = "", tip: str = "", convention: str = "",
+) -> Calibration:  # fmt: skip
     """Return the calibration of the arm in a URDF, or in a table of joints (CSV, Excel), by `readings`.
 
     `readings` have a column a joint, and x, y, z of the target (with a rotation, if one was measured), or `socket` for
@@ -49,33 +36,24 @@ def calibrate(
     """
     table = table_of(readings, columns=columns, units=units, names=names, name=name)
     how = HowRead(observe, rotation, limits)
-    arm = _arm(urdf_or_table, base, tip, convention, table, how)
+    arm = (
+        urdf_or_table
+        if isinstance(urdf_or_table, Arm)
+        else read_arm(Path(urdf_or_table), convention=convention, base=base, tip=tip, option="", data=table, how=how)
+    )
     return calibrate_arm(
         arm, table, how=how, distance=distance, sigma_distance=sigma_distance, level=level, resamples=resamples
     )
 
 
 def design(
-    urdf_or_table: str | Path | Arm,
-    count: int,
-    readings: Any = None,
-    *,
-    by: By = "D",
-    sigma: float | None = None,
-    sigma_rotation: float | None = None,
-    observe: str = "",
-    rotation: str = "",
-    target: Sequence[float] = (0.0, 100.0, 100.0),
-    limits: Limits | None = None,
-    box: Sequence[Sequence[float]] | None = None,
-    seed: int = 0,
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    names: Sequence[str] = (),
-    base: str = "",
-    tip: str = "",
+    urdf_or_table: str | Path | Arm, count: int, readings: Any = None, *, by: By = "D", sigma: float | None = None,
+    sigma_rotation: float | None = None, observe: str = "", rotation: str = "",
+    target: Sequence[float] = (0.0, 100.0, 100.0), limits: Limits | None = None,
+    box: Sequence[Sequence[float]] | None = None, seed: int = 0, columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None, names: Sequence[str] = (), base: str = "", tip: str = "",
     convention: str = "",
-) -> Design:
+) -> Design:  # fmt: skip
     """Return the `count` poses that are worth most to measure, beside those of `readings` where there are any.
 
     `box`, ((x0, x1), (y0, y1), (z0, z1)) [mm] in the base, holds the tip; the other options are those of
@@ -83,7 +61,11 @@ def design(
     """
     how, start = HowRead(observe, rotation), None
     table = None if readings is None else table_of(readings, columns=columns, units=units, names=names)
-    arm = _arm(urdf_or_table, base, tip, convention, table, how)
+    arm = (
+        urdf_or_table
+        if isinstance(urdf_or_table, Arm)
+        else read_arm(Path(urdf_or_table), convention=convention, base=base, tip=tip, option="", data=table, how=how)
+    )
     if table is not None:
         start = how.start(table, arm.chain)
     return design_poses(
@@ -93,20 +75,11 @@ def design(
 
 
 def hand_eye(
-    pairs: Any,
-    *,
-    mounting: Mounting = "eye_in_hand",
-    read: Read = "",
-    rotation: Mapping[str, str] | None = None,
-    flange: Flange = "flange_in_base",
-    board_scale: float = 1.0,
-    sigma: float = 0.0,
-    sigma_rotation: float = 0.0,
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    names: Sequence[str] = (),
+    pairs: Any, *, mounting: Mounting = "eye_in_hand", read: Read = "", rotation: Mapping[str, str] | None = None,
+    flange: Flange = "flange_in_base", board_scale: float = 1.0, sigma: float = 0.0, sigma_rotation: float = 0.0,
+    columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None, names: Sequence[str] = (),
     name: str = "pairs",
-) -> HandEye:
+) -> HandEye:  # fmt: skip
     """Return the frames of a camera and of a board by `pairs` of poses, of the flange in the base and of the board.
 
     Their columns are flange_x ... flange_qw, board_x ... board_qw, or angles rx, ry, rz; the options are those of
@@ -117,9 +90,3 @@ def hand_eye(
         flange=flange, board_scale=board_scale,
     )  # fmt: skip
     return calibrate_hand_eye(table_of(pairs, columns=columns, units=units, names=names, name=name), setup)
-
-
-def _arm(described: str | Path | Arm, base: str, tip: str, convention: str, table: Any, how: HowRead) -> Arm:
-    if isinstance(described, Arm):
-        return described
-    return read_arm(Path(described), convention=convention, base=base, tip=tip, option="", data=table, how=how)

@@ -1,18 +1,14 @@
 """The calibration of an arm from beginning to end: read, start, fit, hold out, choose, and the answer as a value.
 
-The levels (frames, zeros, geometry, gains) are fitted one after the other. The level that predicts held-out poses best
-is the answer; a richer level must be better by more than chance would make it, otherwise the simpler one is taken. A
-URDF has no place for gains, so they are written only on request, and reported otherwise.
-
-Where the file holds rows back, the others alone are fitted: they choose the level by cross-validation among themselves,
-and are what is written. The errors are then of the rows held back. Otherwise all rows are fitted, and the errors are
-cross-validated.
+The levels (frames, zeros, geometry, gains) are fitted one after the other; the one that predicts poses best that were
+held out (by the file, or in turn) is the answer, and a richer one must be better by more than chance would make it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import nan
 from pathlib import Path
 from time import perf_counter
@@ -20,31 +16,15 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from calibench.calibration.arm import Arm, Files, correction
-from calibench.calibration.determined import LEVELS, is_gain, order_of
-from calibench.calibration.fit import Fit, far_out, fit_arm, norms
+from calibench.calibration import fit as fitting
+from calibench.calibration.arm import Arm, Files, placement
+from calibench.calibration.determined import LEVELS, is_length, order_of
+from calibench.calibration.fit import Fit, HeldOut
 from calibench.calibration.frames import stepped
 from calibench.calibration.kinematics import forward, nominal
-from calibench.calibration.leave_out import FOLDS, HeldOut, cross_validate, predict, resample, rms, rms_interval
 from calibench.calibration.model import KNOWN_TO, ArmModel, model_of
 from calibench.calibration.poses import foretold, ranges
 from calibench.calibration.readings import Readings, Table, joints_beside, poses_of
-from calibench.calibration.result import (
-    Change,
-    Drawn,
-    Error,
-    OverJoint,
-    Part,
-    Undetermined,
-    Wild,
-    by_joint,
-    by_region,
-    changes_of,
-    changes_of_tip,
-    drawn_of,
-    over_joints,
-    undetermined_of,
-)
 from calibench.calibration.rigid import Array, Index, Mask, rpy_of
 from calibench.calibration.start import DOUBTFUL, HowRead
 from calibench.core.notes import Code, DataError, Note, once
@@ -54,12 +34,22 @@ from calibench.core.words import plain
 
 SCHEMA_VERSION = 1
 Level = Literal["auto", "frames", "zeros", "geometry", "gains"]
+WRITTEN = ("frames", "zeros", "geometry")
 _SPOILT = 0.75  # of the squares of what is left: a step that makes more leaves less than half of it
 _FAR = 3.0  # times the error that is foretold among the poses that were read: beyond, a note says so
 _NARROW = 0.25  # of the way between a joint's limits
 _MANY = 0.1  # of the poses: more wild ones are no mishaps
 _FEW = 40  # poses: with as many the numbers are sure
-WRITTEN = ("frames", "zeros", "geometry")
+_SAME = 0.999  # of a column's square that others explain: they look alike
+_STILL = 1e-9  # mm or rad: no pose tells a number of the target that moves by less from draw to draw
+_TELLS = 0.05  # of a column, below which another's share in it is not told
+_FEWEST = 5  # fewest poses of a part that is reported
+_RANGES, _DRAWN = 4, 12  # ranges of a joint that are reported, and drawn
+_WORDS = {
+    "x": "shift along x", "y": "shift along y", "z": "shift along z", "rx": "turn about x", "ry": "turn about y",
+    "rz": "turn about z", "zero": "zero", "gain": "scale of its reading",
+    **{number: number for number in ("theta", "d", "a", "alpha", "beta")},
+}  # fmt: skip
 _TO_JSON = (
     "observed", "base", "tip", "joints", "poses", "fitted", "folds", "chosen", "levels", "changes",
     "undetermined", "wild", "regions", "by_joint", "over_joints", "frames", "scatter", "notes", "files", "seconds",
@@ -67,24 +57,129 @@ _TO_JSON = (
 
 
 @final
+@dataclass(frozen=True)
+class Error:
+    """The error of poses that were not fitted: rms with its 95 % interval, median and largest [mm]; rotation [rad].
+
+    `spans` [mm] is the rms by which two sockets of a place that was not fitted are not at their stated distance.
+    """
+
+    level: str
+    rms: float
+    ci95: tuple[float, float]
+    median: float
+    largest: float
+    rotation: float = nan
+    spans: float = nan
+
+
+@final
+@dataclass(frozen=True)
+class Change:
+    """One number of the arm that the data determine: how far it is off its nominal value, sd and 95 % interval."""
+
+    parameter: str
+    joint: str
+    what: str
+    unit: str
+    change: float
+    sd: float
+    ci95: tuple[float, float]
+
+
+@final
+@dataclass(frozen=True)
+class Undetermined:
+    """A number that keeps its nominal value: the numbers that act like it, or how uncertain it would be [mm, mrad].
+
+    Where `known_to` is finite other poses would tell it: it acts like no other number, and moves what is read.
+    """
+
+    parameter: str
+    reason: str
+    like: tuple[str, ...] = ()
+    known_to: float = nan
+
+
+@final
+@dataclass(frozen=True)
+class Part:
+    """The error of a part of the poses, before and after [mm]: of a region, or of a range of one joint."""
+
+    where: str
+    poses: int
+    before: float
+    after: float
+
+
+@final
+@dataclass(frozen=True)
+class OverJoint:
+    """The error where a joint stands about `at`, between `low` and `high` [`unit`]: rms before and after [mm]."""
+
+    joint: str
+    unit: str
+    at: float
+    low: float
+    high: float
+    before: float
+    after: float
+    poses: int
+
+
+@final
+@dataclass(frozen=True)
+class Wild:
+    """A wild reading, which the fit did not use: where it stands in the file, and its error [mm]."""
+
+    row: str
+    error: float
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What the drawings need: joints (n, j) [deg | mm], positions (n, 3), errors (n,) [mm], NaN where wild."""
+
+    joints: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    position: Array
+    before: Array
+    after: Array
+
+
+@final
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Calibration:
     """The answer of one calibration of an `arm`, from `readings`; `fit` is the one that is written.
 
-    `levels` are the errors of poses that were not fitted for each level that was tried; `chosen` is the one that is
-    written, fitted to `fitted` of the `poses`: all but those that the file holds back. `without_gains` [mm] is what is
-    left of it where nobody scales the joints' readings, NaN where none are scaled. `frames` are base (in the tracker)
-    and target (on the tip): x y z [mm], roll pitch yaw [rad].
+    `source` is what describes the arm (URDF, or table), `observed` what was read: position, pose, or sockets. `levels`
+    are the errors of poses that were not fitted for each level that was tried, `before` and `after` those of the
+    nominal arm and of the one that is written (`error_before`, `error_after`: rms [mm]): `chosen`, fitted to `fitted`
+    of the `poses`, all but those that the file holds back. `without_gains` [mm] is what is left of it where nobody
+    scales the joints' readings, NaN where none are scaled. `scatter` is what is left of a coordinate [mm] and of a
+    rotation [rad]. `frames` are base (in the tracker) and target (on the tip): x y z [mm], roll pitch yaw [rad].
     """
 
     case: str
     arm: Arm
     readings: Readings
     fit: Fit
+    source: str
+    observed: str
+    base: str
+    tip: str
+    joints: tuple[str, ...]
+    poses: int
     fitted: int
     folds: str
     chosen: str
     levels: tuple[Error, ...]
+    before: Error
+    after: Error
+    error_before: float
+    error_after: float
     changes: tuple[Change, ...]
     undetermined: tuple[Undetermined, ...]
     wild: tuple[Wild, ...]
@@ -93,6 +188,7 @@ class Calibration:
     over_joints: tuple[OverJoint, ...]
     drawn: Drawn
     without_gains: float
+    scatter: tuple[float, float]
     frames: Mapping[str, tuple[float, ...]]
     notes: tuple[Note, ...]
     seconds: float = nan
@@ -101,26 +197,6 @@ class Calibration:
     def __repr__(self) -> str:
         errors = f"{self.error_before:.3g} -> {self.error_after:.3g} mm on poses that were not fitted"
         return f"<calibration {self.case}: {len(self.changes)} numbers of {self.chosen} changed, error {errors}>"
-
-    @property
-    def before(self) -> Error:
-        """Return the error of the nominal arm, its frames fitted."""
-        return self.levels[0]
-
-    @property
-    def after(self) -> Error:
-        """Return the error of the arm that is written."""
-        return next(error for error in self.levels if error.level == self.chosen)
-
-    @property
-    def error_before(self) -> float:
-        """Return the rms error of poses that were not fitted [mm], of the nominal arm."""
-        return self.before.rms
-
-    @property
-    def error_after(self) -> float:
-        """Return the rms error of poses that were not fitted [mm], of the calibrated arm."""
-        return self.after.rms
 
     @property
     def parameters(self) -> tuple[Change, ...]:
@@ -132,41 +208,6 @@ class Calibration:
         """Return the numbers that keep their nominal values, each with the reason."""
         return self.undetermined
 
-    @property
-    def source(self) -> str:
-        """Return what describes the arm: URDF, or table."""
-        return self.arm.chain.source
-
-    @property
-    def observed(self) -> str:
-        """Return what was read: position, pose, or sockets."""
-        return self.readings.observed
-
-    @property
-    def base(self) -> str:
-        """Return the first link of the arm."""
-        return self.arm.chain.base
-
-    @property
-    def tip(self) -> str:
-        """Return the last link of the arm."""
-        return self.arm.chain.tip
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Return the joints that were read."""
-        return self.arm.chain.driven
-
-    @property
-    def poses(self) -> int:
-        """Return how many poses were read."""
-        return len(self.readings)
-
-    @property
-    def scatter(self) -> tuple[float, float]:
-        """Return the scatter that is left, of a coordinate [mm] and of a rotation [rad]."""
-        return self.fit.model.sigma[0], self.fit.model.sigma[1]
-
     def written(self, data: str = "") -> Files:
         """Return the files of the calibrated arm, with a comment on what they come from: `data`, or the case."""
         poses = f"{self.poses} poses" if self.fitted == self.poses else f"{self.fitted} of {self.poses} poses"
@@ -175,9 +216,8 @@ class Calibration:
             f"{plain(self.before.rms, 3)} mm before, {plain(self.after.rms, 3)} mm after (rms)"
         )
         if np.isfinite(self.without_gains):
-            comment += " with the joint scales, which stand elsewhere; "
-            comment += f"{plain(self.without_gains, 3)} mm without them"
-        errors = {change.parameter: change.sd for change in self.changes if not is_gain(change.parameter)}
+            comment += f" with the joint scales, which stand elsewhere; {plain(self.without_gains, 3)} mm without them"
+        errors = {change.parameter: change.sd for change in self.changes if not change.parameter.startswith("gain_")}
         return self.arm.files(self.fit, comment, errors)
 
     def write_urdf(self, path: str | Path) -> Path:
@@ -189,13 +229,11 @@ class Calibration:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         return {
-            "schema_version": SCHEMA_VERSION,
-            "case": self.case,
+            "schema_version": SCHEMA_VERSION, "case": self.case,
             "urdf" if self.arm.table is None else "dh": str(self.arm.path),
-            **{key: finite(getattr(self, key)) for key in _TO_JSON},
-            "before": finite(self.before),
+            **{key: finite(getattr(self, key)) for key in _TO_JSON}, "before": finite(self.before),
             "after": finite(self.after),
-        }
+        }  # fmt: skip
 
 
 @one_thread()
@@ -210,99 +248,96 @@ def calibrate_arm(
     predicts poses best that were not fitted. Intervals come from `resamples` draws.
     """
     clock, chain = perf_counter(), arm.chain
+    fits: dict[str, Fit] = {}
     try:
         start = how.start(table, chain)
         readings, train = start.readings, start.readings.train
-        _refuse_unused(table, readings, how, distance)
+        if distance and readings.observed != "sockets":
+            raise DataError(f"distance= is that of two sockets, and {table.name} has none; leave it out")
+        if how.rotation and readings.angles is None:
+            raise DataError(f"rotation= is the order of rotations, and none of {table.name} is read; leave it out")
         model = model_of(
             chain, readings, start.base, start.tool, distance=distance, sigma_distance=sigma_distance, table=arm.table
         )
-        fits = _fits(model.at(train).numbered(), readings)
+        part, p = model.at(train), model.start
+        orders = {one: order_of(model.names, one, model.sliding) for one in LEVELS}
+        for one in LEVELS:
+            try:
+                fits[one] = fitting.fit_arm(part, orders[one], p)
+            except ValueError as error:
+                raise DataError(f"{error}{joints_beside(readings, model.chain)}") from None
+            p = fits[one].p
     except DataError as error:
         raise arm.refusal(error, table, how) from None
-    crossed = {one: cross_validate(fits[one], order_of(model.names, one, model.sliding)) for one in LEVELS}
+
+    judged = {one: fitting.cross_validate(fits[one], orders[one]) for one in LEVELS}
     poses = np.arange(len(model.joints)) if model.position is None else poses_of(model.joints)
-    chosen = _best_level(crossed, fits, poses[train]) if level == "auto" else level
-    fit, judged, wild = fits[chosen], crossed, fits[chosen].wild
-    if not train.all():
-        judged, wild = _judge_held(fits, chosen, model, train)
-    draws = resample(fit, resamples)
-    levels = tuple(_error(one, judged[one], ~wild, poses, distance) for one in LEVELS)
-    without_gains = nan
-    if any(is_gain(model.names[k]) for k in fit.kept):
-        without_gains = _without_gains(fit, model, np.isfinite(judged[chosen].position) & ~wild)
-    fitted_rows, mistake = readings.where(train), arm.mistake(table, how)
-    notes = once([
-        *([mistake] if mistake else _far_off(levels, chosen, model, readings)), *arm.notes, *readings.notes,
-        *_uncounted(judged[chosen], wild), *_notes(levels, chosen, model, fitted_rows, without_gains),
-        *_range(fit, chosen), *_many_wild(wild), *_step(fit, fitted_rows), *_repeated(poses, train),
-    ])  # fmt: skip
-    base, tool = chain_frames = model.chain.mount @ correction(fit, "base"), model.chain.tool @ correction(fit, "tool")
-    places = (np.linalg.inv(base) @ model.placed(fit.p))[:, :3, 3]
-    drawn = drawn_of(
-        readings.joints, chain, places, *(np.where(wild, np.nan, judged[one].position) for one in ("frames", chosen))
-    )
-    size = norms(model.errors(fit.p, np.where(wild, 0.0, 1.0)))
+    chosen = _best_level(judged, fits, poses[train]) if level == "auto" else level
+    fit, wild, folds = fits[chosen], fits[chosen].wild, f"every fifth pose left out in turn, {fitting.FOLDS} times"
+    places, different = len(np.unique(model.place)), len(np.unique(poses_of(model.joints)))
+    if readings.hold is not None:
+        folds = f"the {int(readings.hold.sum())} rows that the file holds back"
+    elif model.position is None and places > 1:
+        folds = f"places left out in turn, {min(fitting.FOLDS, places)} groups of {places}"
+    elif different < len(readings):
+        folds = f"every fifth of {different} different ones left out in turn with its repeats, {fitting.FOLDS} times"
+    if not train.all():  # a row that is held back is wild as a fitted one is, but beside those that are held back
+        judged = {one: fitting.predict(fits[one], model, ~train) for one in LEVELS}
+        wild = np.zeros(len(train), dtype=bool)
+        wild[train] = fit.wild
+        for sizes in (judged[chosen].position, judged[chosen].rotation):
+            wild[~train] |= False if sizes is None else fitting.far_out(sizes[~train])
+    levels = {one: _error(one, judged[one], ~wild, poses, distance) for one in LEVELS}
+    draws, without_gains = fitting.resample(fit, resamples), _without_gains(fit, model, judged[chosen], wild)
+
+    mistake = arm.mistake(table, how)
+    notes: list[Note] = [mistake] if mistake else [*_far_off(levels[chosen].rms, model, readings)]
+    notes += [Note(Code.UNIT, f"{arm.path.name}: {text}") for text in (arm.table.notes if arm.table else ())]
+    notes += readings.notes
+    notes += _notes(levels, fit, chosen, model, readings.where(train), without_gains, judged=judged, wild=wild)
+    again = int(np.isin(poses[~train], poses[train]).sum())
+    if again:  # they say little of others
+        text = f"{again} of {int((~train).sum())} rows that are held back repeat a pose that was fitted"
+        notes.append(Note(Code.HELD_OUT_FITTED, text, values={"rows": again}))
+
+    base, tool = model.chain.mount @ placement(fit.p[:6]), model.chain.tool @ placement(fit.p[-6:])
+    kinds = {joint.name: joint.kind for joint in chain.joints}
+    turns = np.array([kinds.get(name, "rotary") == "rotary" for name in chain.driven])
+    drawn = Drawn(
+        joints=np.where(turns, np.rad2deg(readings.joints), readings.joints), names=chain.driven,
+        units=tuple("°" if turn else "mm" for turn in turns),
+        position=(np.linalg.inv(base) @ model.placed(fit.p))[:, :3, 3],
+        before=np.where(wild, np.nan, judged["frames"].position), after=np.where(wild, np.nan, judged[chosen].position),
+    )  # fmt: skip
+    regions, by_joint = _parts_of(drawn)
+    size = fitting.norms(model.errors(fit.p, np.where(wild, 0.0, 1.0)))
     worst_first = sorted(np.flatnonzero(wild), key=lambda i: -size[i])
     return Calibration(
-        case=table.name, arm=arm, readings=readings, fit=fit, fitted=int(train.sum()), folds=_folds(model, readings),
-        chosen=chosen, levels=levels, changes=changes_of(fit, draws) + changes_of_tip(arm, fit, draws),
-        undetermined=undetermined_of(fit, draws),
-        wild=tuple(Wild(readings.label(int(i)), float(size[i])) for i in worst_first), regions=by_region(drawn),
-        by_joint=by_joint(drawn), over_joints=over_joints(drawn), drawn=drawn, without_gains=without_gains,
+        case=table.name, arm=arm, readings=readings, fit=fit, source=chain.source, observed=readings.observed,
+        base=chain.base, tip=chain.tip, joints=chain.driven, poses=len(readings), fitted=int(train.sum()), folds=folds,
+        chosen=chosen, levels=tuple(levels.values()), before=levels["frames"], after=levels[chosen],
+        error_before=levels["frames"].rms, error_after=levels[chosen].rms,
+        changes=_changes_of(arm, fit, draws), undetermined=_undetermined_of(fit),
+        wild=tuple(Wild(readings.label(int(i)), float(size[i])) for i in worst_first), regions=regions,
+        by_joint=by_joint, over_joints=over_joints(drawn), drawn=drawn, without_gains=without_gains,
+        scatter=(fit.model.sigma[0], fit.model.sigma[1]),
         frames={"target": (*tool[:3, 3].tolist(),)} if model.position is None else {
-            name: (*frame[:3, 3], *rpy_of(frame)) for name, frame in zip(("base", "target"), chain_frames, strict=True)
+            name: (*frame[:3, 3], *rpy_of(frame)) for name, frame in (("base", base), ("target", tool))
         },
-        notes=notes, seconds=perf_counter() - clock,
+        notes=once(notes), seconds=perf_counter() - clock,
     )  # fmt: skip
-
-
-def _refuse_unused(table: Table, readings: Readings, how: HowRead, distance: float) -> None:
-    """Raise `DataError` for statements on readings of another kind, which nothing would read."""
-    if distance and readings.observed != "sockets":
-        raise DataError(f"distance= is that of two sockets, and {table.name} has none; leave it out")
-    if how.rotation and readings.angles is None:
-        raise DataError(f"rotation= is the order of rotations, and none of {table.name} is read; leave it out")
-
-
-def _fits(model: ArmModel, readings: Readings) -> dict[str, Fit]:
-    fits: dict[str, Fit] = {}
-    for level in LEVELS:
-        before = next(reversed(fits.values()), None)
-        try:
-            order = order_of(model.names, level, model.sliding)
-            fits[level] = fit_arm(model, order, None if before is None else before.p)
-        except ValueError as error:
-            raise DataError(f"{error}{joints_beside(readings, model.chain)}") from None
-    return fits
-
-
-def _judge_held(fits: dict[str, Fit], chosen: str, model: ArmModel, train: Mask) -> tuple[dict[str, HeldOut], Mask]:
-    """Return the errors of the rows that the file holds back, by fits to the others; which of all rows are wild, (n,).
-
-    A row that is held back is wild as a fitted one is, but beside the rows that are held back.
-    """
-    judged = {level: predict(fits[level], model, ~train) for level in LEVELS}
-    wild = np.zeros(len(train), dtype=bool)
-    wild[train] = fits[chosen].wild
-    for size in (judged[chosen].position, judged[chosen].rotation):
-        wild[~train] |= False if size is None else far_out(size[~train])
-    return judged, wild
 
 
 def _best_level(judged: dict[str, HeldOut], fits: dict[str, Fit], poses: Index) -> str:
     """Return the level that predicts what was not fitted best: a richer one has to be better by a standard error."""
     chosen, sigma = WRITTEN[0], fits[WRITTEN[-1]].model.sigma
-
-    def squares(errors: HeldOut) -> Array:
-        """Return the square of each pose's error, position and rotation each over its scatter, (n,)."""
-        turned = 0.0 if errors.rotation is None else (errors.rotation / sigma[1]) ** 2
-        return np.asarray((errors.position / sigma[0]) ** 2 + turned)
-
+    squares = {  # of each pose's error, position and rotation each over its scatter
+        level: (one.position / sigma[0]) ** 2 + (0.0 if one.rotation is None else (one.rotation / sigma[1]) ** 2)
+        for level, one in judged.items()
+    }
     for level in WRITTEN[1:]:
-        known = ~(fits[level].wild | fits[chosen].wild)
-        better = squares(judged[chosen]) - squares(judged[level])
-        known &= np.isfinite(better)
+        better = squares[chosen] - squares[level]
+        known = ~(fits[level].wild | fits[chosen].wild) & np.isfinite(better)
         there = np.unique(poses[known], return_inverse=True)[1]
         gain = np.asarray(np.bincount(there, better[known]), dtype=float)  # repeats of a pose as one
         if len(gain) > 1 and gain.mean() > gain.std(ddof=1) / np.sqrt(len(gain)):
@@ -314,42 +349,57 @@ def _error(level: str, errors: HeldOut, known: Mask, poses: Index, distance: flo
     position = np.where(known, errors.position, np.nan)
     there = position[np.isfinite(position)]
     return Error(
-        level=level, rms=rms(position), ci95=rms_interval(position, poses=poses), median=float(np.median(there)),
-        largest=float(there.max()),
-        rotation=nan if errors.rotation is None else rms(np.where(known, errors.rotation, np.nan)),
-        spans=rms(errors.spans - distance) if len(errors.spans) and distance else nan,
+        level=level, rms=fitting.rms(position), ci95=fitting.rms_interval(position, poses=poses),
+        median=float(np.median(there)), largest=float(there.max()),
+        rotation=nan if errors.rotation is None else fitting.rms(np.where(known, errors.rotation, np.nan)),
+        spans=fitting.rms(errors.spans - distance) if len(errors.spans) and distance else nan,
     )  # fmt: skip
 
 
-def _without_gains(fit: Fit, model: ArmModel, there: Mask) -> float:
-    """Return the error [mm] of what is written where nobody scales the joints' readings."""
+def _without_gains(fit: Fit, model: ArmModel, errors: HeldOut, wild: Mask) -> float:
+    """Return the error [mm] of what is written where nobody scales the joints' readings; NaN where none are scaled."""
     p, place = fit.p.copy(), {name: k for k, name in enumerate(model.names)}
-    for name, k in place.items():
-        if is_gain(name):
-            zero = place.get(name.replace("gain_", "zero_"))
-            if zero is not None:
-                p[zero] *= p[k]  # the zero as it is written
-            p[k] = 1.0
-    return rms(norms(model.errors(p))[there])
+    gains = [name for name in place if name.startswith("gain_")]
+    if not {place[name] for name in gains} & set(fit.kept.tolist()):
+        return nan
+    for name in gains:
+        if (zero := place.get(name.replace("gain_", "zero_"))) is not None:
+            p[zero] *= p[place[name]]  # the zero as it is written
+        p[place[name]] = 1.0
+    return fitting.rms(fitting.norms(model.errors(p))[np.isfinite(errors.position) & ~wild])
 
 
-def _folds(model: ArmModel, readings: Readings) -> str:
-    """Return in words of which poses the errors are."""
-    if readings.hold is not None:
-        return f"the {int(readings.hold.sum())} rows that the file holds back"
-    places = len(np.unique(model.place))
-    if model.position is None and places > 1:
-        return f"places left out in turn, {min(FOLDS, places)} groups of {places}"
-    poses = len(np.unique(poses_of(model.joints)))
-    if poses < len(readings):
-        return f"every fifth of {poses} different ones left out in turn with its repeats, {FOLDS} times"
-    return f"every fifth pose left out in turn, {FOLDS} times"
+def _far_off(error: float, model: ArmModel, readings: Readings) -> Iterable[Note]:
+    """Yield a note where so much is left that the description cannot be that of the arm."""
+    if model.position is None:
+        return
+    places = forward(model.chain, nominal(model.chain), model.joints)[:, :3, 3]
+    reach = fitting.rms(np.linalg.norm(places - places.mean(axis=0), axis=1))
+    if error >= DOUBTFUL * reach:
+        yield Note(
+            Code.FAR_OFF,
+            f"{plain(error, 3)} mm are left, and the arm moves its tip by {reach:.0f} mm: so much is no matter of "
+            f"calibration; is this the {model.chain.source} of the arm, and does each column hold its joint?"
+            f"{joints_beside(readings, model.chain)}",
+            values={"error_mm": error, "reach_mm": reach},
+        )
 
 
 def _notes(
-    levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Readings, without_gains: float
-) -> Iterable[Note]:
-    by, source = {error.level: error for error in levels}, model.chain.source
+    levels: Mapping[str, Error], fit: Fit, chosen: str, model: ArmModel, readings: Readings, without_gains: float,
+    judged: Mapping[str, HeldOut], wild: Mask,
+) -> Iterable[Note]:  # fmt: skip
+    """Yield what the owner of the arm has to know of the errors and of what was read."""
+    source = model.chain.source
+    count = int((wild & np.isfinite(judged[chosen].position)).sum())
+    if count:  # they may be no mishaps, but what is wrong with the arm
+        with_them = fitting.rms(judged[chosen].position)
+        subject, them, cure = "wild reading is", "it", "was it misread?"
+        if count > 1:
+            subject, them = f"{count} wild readings are", "them"
+            cure = "were they misread, or do they lie at one range of a joint, whose error they are?"
+        text = f"the {subject} in no error above, with {them} the error after is {plain(with_them, 3)} mm; {cure}"
+        yield Note(Code.WILD_UNCOUNTED, text, values={"readings": count, "error_mm": with_them})
     if np.isfinite(without_gains):
         yield Note(
             Code.GAINS_ELSEWHERE,
@@ -362,83 +412,40 @@ def _notes(
             Code.DISTANCE_UNKNOWN,
             f"distance= of the two sockets is not stated, so nothing fixes how large the arm is but its {source}",
         )
-    if chosen != "gains" and by["gains"].ci95[1] < by["geometry"].rms:
+    if chosen != "gains" and levels["gains"].ci95[1] < levels["geometry"].rms:
         yield Note(
             Code.GAINS_WOULD_HELP,
-            f"with a scale for each joint's reading the error would be {plain(by['gains'].rms, 3)} mm instead of "
-            f"{plain(by['geometry'].rms, 3)}; a {source} has no place for it: the joints bend or "
+            f"with a scale for each joint's reading the error would be {plain(levels['gains'].rms, 3)} mm instead of "
+            f"{plain(levels['geometry'].rms, 3)}; a {source} has no place for it: the joints bend or "
             "their gears err, and bench discover machine=arm looks for what does",
-            values={"with_mm": by["gains"].rms, "without_mm": by["geometry"].rms},
+            values={"with_mm": levels["gains"].rms, "without_mm": levels["geometry"].rms},
         )
     if (poses := len(np.unique(poses_of(readings.joints)))) < _FEW:
         text = f"{poses} poses are few: some {_FEW} make the numbers sure, and bench design says which"
         yield Note(Code.FEW_POSES, text, values={"poses": poses})
-
-
-def _uncounted(errors: HeldOut, wild: Mask) -> Iterable[Note]:
-    """Yield the error with the wild readings in it: they may be no mishaps, but what is wrong with the arm."""
-    count = int((wild & np.isfinite(errors.position)).sum())
-    if count:
-        with_them = rms(errors.position)
-        text = f"the wild reading is in no error above, with it the error after is {plain(with_them, 3)} mm; was it "
-        text += "misread?"
-        if count > 1:
-            text = (
-                f"the {count} wild readings are in no error above, with them the error after is {plain(with_them, 3)} "
-                "mm; were they misread, or do they lie at one range of a joint, whose error they are?"
+    if fit.model.position is not None and chosen != "frames":
+        inside, outside = foretold(fit, chosen)
+        if outside > max(_FAR * inside, fit.model.sigma[0]):
+            read, limits = ranges(fit.model)
+            whole, part = limits[1] - limits[0], read[1] - read[0]
+            narrow = [n for n, w, r in zip(fit.model.chain.driven, whole, part, strict=True) if r < _NARROW * w]
+            where = f"; {', '.join(narrow)} moved little" if narrow else ""
+            yield Note(
+                Code.NARROW_RANGE,
+                f"valid where the poses are: among them the arm is foretold to {plain(inside, 2)} mm, over all limits "
+                f"of its joints to {plain(outside, 2)} mm{where}; bench design ... plan.limits=urdf names the poses "
+                "that help",
+                values={"inside_mm": inside, "outside_mm": outside, "joints": narrow},
             )
-        yield Note(Code.WILD_UNCOUNTED, text, values={"readings": count, "error_mm": with_them})
-
-
-def _range(fit: Fit, chosen: str) -> Iterable[Note]:
-    """Yield a note where poses outside the ranges that were read are foretold much worse than those inside."""
-    if fit.model.position is None or chosen == "frames":
-        return
-    inside, outside = foretold(fit, chosen)
-    if outside > max(_FAR * inside, fit.model.sigma[0]):
-        read, limits = ranges(fit.model)
-        whole, part = limits[1] - limits[0], read[1] - read[0]
-        narrow = [n for n, w, r in zip(fit.model.chain.driven, whole, part, strict=True) if r < _NARROW * w]
-        where = f"; {', '.join(narrow)} moved little" if narrow else ""
-        yield Note(
-            Code.NARROW_RANGE,
-            f"valid where the poses are: among them the arm is foretold to {plain(inside, 2)} mm, over all limits of "
-            f"its joints to {plain(outside, 2)} mm{where}; bench design ... plan.limits=urdf names the poses that help",
-            values={"inside_mm": inside, "outside_mm": outside, "joints": narrow},
-        )
-
-
-def _far_off(levels: tuple[Error, ...], chosen: str, model: ArmModel, readings: Readings) -> Iterable[Note]:
-    """Yield a note where so much is left that the description cannot be that of the arm."""
-    if model.position is None:
-        return
-    error = next(error.rms for error in levels if error.level == chosen)
-    places = forward(model.chain, nominal(model.chain), model.joints)[:, :3, 3]
-    reach = rms(np.linalg.norm(places - places.mean(axis=0), axis=1))
-    if error >= DOUBTFUL * reach:
-        yield Note(
-            Code.FAR_OFF,
-            f"{plain(error, 3)} mm are left, and the arm moves its tip by {reach:.0f} mm: so much is no matter of "
-            f"calibration; is this the {model.chain.source} of the arm, and does each column hold its joint?"
-            f"{joints_beside(readings, model.chain)}",
-            values={"error_mm": error, "reach_mm": reach},
-        )
-
-
-def _many_wild(wild: Mask) -> Iterable[Note]:
     if wild.mean() > _MANY:
-        text = (
-            f"{int(wild.sum())} of {len(wild)} poses are wild, and that many have a cause: a target that was "
-            "loose, another arm position than was written down, or two tables mixed"
-        )
+        text = f"{int(wild.sum())} of {len(wild)} poses are wild, and that many have a cause: a target that was "
+        text += "loose, another arm position than was written down, or two tables mixed"
         yield Note(Code.MANY_WILD, text, values={"readings": int(wild.sum())})
+    yield from _step(fit, readings)
 
 
 def _step(fit: Fit, readings: Readings) -> Iterable[Note]:
-    """Yield a note where base or tracker moved so little that it was not seen before the calibration.
-
-    Raises `DataError` where that is most of what is left: then the numbers of the arm have taken up a part of it.
-    """
+    """Yield a note where base or tracker moved so little that it was not seen before the calibration."""
     if readings.position is None:
         return
     known = np.flatnonzero(~fit.wild)
@@ -457,9 +464,101 @@ def _step(fit: Fit, readings: Readings) -> Iterable[Note]:
     yield note
 
 
-def _repeated(poses: Index, train: Mask) -> Iterable[Note]:
-    """Yield a note where poses that are held back were fitted as well: they say little of others."""
-    again = int(np.isin(poses[~train], poses[train]).sum())
-    if again:
-        text = f"{again} of {int((~train).sum())} rows that are held back repeat a pose that was fitted"
-        yield Note(Code.HELD_OUT_FITTED, text, values={"rows": again})
+def _changes_of(arm: Arm, fit: Fit, draws: Array) -> tuple[Change, ...]:
+    """Return the changes of the kept parameters of the joints, with the interval that the `draws` (b, k) give."""
+    changes, model = [], fit.model
+    for k, place in enumerate(fit.kept):
+        name = model.names[place]
+        kind, _, joint = name.partition("_")
+        if kind not in ("base", "tool"):
+            nominal = 1.0 if kind == "gain" else 0.0
+            low, high = np.quantile(draws[:, k], [0.025, 0.975]) - nominal
+            unit = "mm" if is_length(name, model.sliding) else "" if kind == "gain" else "rad"
+            sd, change = float(draws[:, k].std(ddof=1)), float(fit.p[place] - nominal)
+            changes.append(Change(name, joint, _WORDS[kind], unit, change, sd, (float(low), float(high))))
+
+    if (last := arm.last) is None:
+        return tuple(changes)
+    tools = np.tile(fit.p[len(fit.p) - 6 :], (len(draws) + 1, 1))
+    for k, place in enumerate(fit.kept):
+        if place >= len(fit.p) - 6:
+            tools[1:, place - len(fit.p) + 6] = draws[:, k]
+    poses = [model.chain.tool @ placement(tool) for tool in tools]
+    targets = np.array([[*pose[:3, 3], *rpy_of(pose)] for pose in poses])
+    for k, kind in enumerate(("x", "y", "z", "rx", "ry", "rz")[: 3 if model.turns is None else 6]):
+        at, beside = float(targets[0, k]), targets[1:, k] - targets[0, k]
+        if k >= 3:
+            beside = (beside + np.pi) % (2 * np.pi) - np.pi
+        if (sd := float(beside.std(ddof=1))) >= _STILL:
+            low, high = at + np.quantile(beside, [0.025, 0.975])
+            name, unit = f"{kind}_{last.name}", "mm" if k < 3 else "rad"
+            changes.append(Change(name, last.name, _WORDS[kind], unit, at, sd, (float(low), float(high))))
+    return tuple(changes)
+
+
+def _undetermined_of(fit: Fit) -> tuple[Undetermined, ...]:
+    """Return the parameters of the joints that keep their nominal values, each with the reason."""
+    names, kept = fit.model.names, set(fit.kept.tolist())
+    rest = [k for k in order_of(names, "geometry", fit.model.sliding) if k not in kept]
+    rest = [k for k in rest if not names[k].startswith(("base_", "tool_"))]
+    both = np.array([*fit.kept.tolist(), *rest], dtype=np.int64)
+    rows = fit.model.jacobian(fit.p, both, fit.weights)[0].reshape(-1, len(both))
+    ours, others = rows[:, : len(kept)], rows[:, len(kept) :]
+    scale = np.linalg.norm(ours, axis=0) + 1e-12
+    shares = np.linalg.lstsq(ours / scale, others, rcond=1e-10)[0]
+    left = others - (ours / scale) @ shares
+    undetermined = []
+    for j, place in enumerate(rest):
+        size, beyond = float(np.linalg.norm(others[:, j])), float(np.linalg.norm(left[:, j]))
+        if size < 1e-9:
+            undetermined.append(Undetermined(names[place], "moves no reading"))
+        elif beyond**2 <= (1 - _SAME) * size**2:
+            order = np.argsort(-np.abs(shares[:, j]))
+            like = tuple(names[fit.kept[i]] for i in order[:3] if abs(shares[i, j]) > _TELLS * size)
+            undetermined.append(Undetermined(names[place], f"looks like {' with '.join(like)}", like))
+        else:
+            unit = "mm" if is_length(names[place], fit.model.sliding) else "mrad"
+            sd = max((1.0 if unit == "mm" else 1e3) / beyond, 0.01)
+            reason = f"these poses would tell it to {plain(sd, 2)} {unit} only"
+            undetermined.append(Undetermined(names[place], reason, known_to=sd))
+    return tuple(undetermined)
+
+
+def _parts_of(drawn: Drawn) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+    """Return the error by region, and by the range of each joint."""
+    split = []
+    sides = [np.hypot(drawn.position[:, 0], drawn.position[:, 1]), drawn.position[:, 2]]
+    edges = [np.quantile(side, [0 / 3, 1 / 3, 2 / 3, 3 / 3]) for side in sides]
+    for thirds in np.ndindex(3, 3):
+        there, words = np.ones(len(drawn.position), dtype=bool), []
+        for k, side, edge, name in zip(thirds, sides, edges, ("out", "up"), strict=True):
+            there &= (side >= edge[k]) & ((side < edge[k + 1]) | (k == 2))
+            words.append(f"{edge[k]:.0f} to {edge[k + 1]:.0f} mm {name}")
+        split.append((", ".join(words), there))
+    regions = len(split)
+    for name, unit, values in zip(drawn.names, drawn.units, drawn.joints.T, strict=True):
+        ends = np.unique(np.quantile(values, np.linspace(0, 1, _RANGES + 1)))
+        for low, high in pairwise(ends):
+            there = (values >= low) & ((values < high) | (high == ends[-1]))
+            split.append((f"{name} {low:.0f} to {high:.0f} {unit}", there))
+    known = np.isfinite(drawn.before) & np.isfinite(drawn.after)
+    split = [(words, there & known) for words, there in split]
+    parts = [Part(words, int(t.sum()), fitting.rms(drawn.before[t]), fitting.rms(drawn.after[t])) for words, t in split]
+    of_regions, of_joints = (
+        tuple(p for p in some if p.poses >= _FEWEST) for some in (parts[:regions], parts[regions:])
+    )
+    return of_regions, of_joints
+
+
+def over_joints(drawn: Drawn) -> tuple[OverJoint, ...]:
+    """Return the error over the place of each joint, in ranges of as many poses: what is drawn of it."""
+    known = np.isfinite(drawn.before) & np.isfinite(drawn.after)
+    before, after = drawn.before[known], drawn.after[known]
+    parts = []
+    for name, unit, values in zip(drawn.names, drawn.units, drawn.joints[known].T):
+        for part in np.array_split(np.argsort(values, kind="stable"), min(_DRAWN, max(1, len(values) // _FEWEST))):
+            if len(part):
+                at, errors = values[part], (fitting.rms(before[part]), fitting.rms(after[part]))
+                place = (float(at.mean()), float(at.min()), float(at.max()))
+                parts.append(OverJoint(name, unit, *place, *errors, len(part)))
+    return tuple(parts)

@@ -1,16 +1,8 @@
 """Where tracker and target stand, from nothing but readings: the start of every calibration, in closed form.
 
 A target at t on the last link of an arm, whose nominal pose is (R_i, f_i) in the base, is read at p_i. With B the
-rotation of the tracker's frame into the base, B p_i + c = R_i t + f_i is linear in B, c and t: 15 numbers. B tells more
-than a rotation: its scale is the unit of the readings, its determinant whether the tracker's frame is mirrored, and
-what it leaves whether these joints and these readings belong together. A ball in sockets has R_i t + f_i = s_k, which
-is linear as well. Wild readings are kept out by the least median of squares over random handfuls of poses.
-
-Whether all poses were read from one stand: a tracker that was moved halfway makes two calibrations out of one table.
-
-Frames are found by the poses that agree (`frames`). Where many do not, and these agree among themselves with the base
-or the target elsewhere, something was moved, and no base fits them all: they are told apart before anything is
-fitted.
+rotation of the tracker's frame into the base, B p_i + c = R_i t + f_i is linear in B, c and t: 15 numbers. The scale of
+B is the unit of the readings. A ball in sockets has R_i t + f_i = s_k. Wild readings are kept out by the least median.
 """
 
 from __future__ import annotations
@@ -35,8 +27,7 @@ class Frames:
     """`base` (4, 4) places the arm's base in the tracker's frame, p = base (R t + f); `tool` leads from tip to target.
 
     `scale` turns the readings' unit into mm. `mirrored`: only a left-handed frame fits. `apart` is the median distance
-    [mm] between readings and nominal arm, `reach` the spread of the nominal positions [mm]. `near` (n,) marks the poses
-    that had a say.
+    [mm] between readings and arm, `reach` the arm's spread [mm]. `near` (n,) marks poses that had a say.
     """
 
     base: Array
@@ -49,19 +40,14 @@ class Frames:
 
 
 def frames_of_positions(poses: Array, read: Array, scale: float = 0.0) -> Frames:
-    """Return the frames from nominal `poses` (n, 4, 4) [mm] and positions `read` (n, 3), in mm times `scale`.
-
-    Without `scale` it is found. The tool has no rotation: a position does not tell it. Raises `ValueError` for fewer
-    than 5 poses.
-    """
+    """Return the frames from nominal `poses` (n, 4, 4) [mm] and positions `read` (n, 3), times `scale` mm, or 0."""
     n = len(poses)
     if n < LEAST:
         raise ValueError(f"{n} poses are too few to find the frames: {LEAST} at least, and 20 to calibrate, are needed")
     middle = np.median(read, axis=0)
     spread = float(np.median(np.sqrt(((read - middle) ** 2).sum(axis=1)))) or 1.0  # whatever wild readings are
-    rows = _rows(poses, (read - middle) / spread)
-    wanted = poses[:, :3, 3]
-    near = np.ones(n, dtype=bool)
+    rows = equations(poses, (read - middle) / spread)
+    wanted, near = poses[:, :3, 3], np.ones(n, dtype=bool)
     solved = np.linalg.lstsq(rows.reshape(-1, 15), wanted.ravel(), rcond=1e-9)[0]
     if n > 2 * LEAST:
         solved, near = _least_median(rows, wanted, solved)
@@ -69,8 +55,22 @@ def frames_of_positions(poses: Array, read: Array, scale: float = 0.0) -> Frames
     mirrored = bool(np.linalg.det(u @ vt) < 0 and sizes[2] > 0.2 * sizes[1])
     turn = (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt).T
     scale = scale or float(np.sqrt(sizes[0] * sizes[1]))
-    base, tool = np.eye(4), np.eye(4)
-    base[:3, :3], base[:3, 3], tool[:3, 3] = _rigid(poses[near], scale * read[near], turn)
+
+    # rotation and shift of the base, and the target on the tip, from `turn` on: along an axis about which alone the
+    # tip turns nothing tells where the target is, and there it is at the tip
+    base, tool, some, places = np.eye(4), np.eye(4), poses[near], scale * read[near]
+    middle = some[:, :3, :3].mean(axis=0)
+    for _ in range(20):
+        rest = places - some[:, :3, 3] @ turn.T
+        about = rest - rest.mean(axis=0)
+        turned = (turn @ (some[:, :3, :3] - middle)).reshape(-1, 3)
+        target = np.linalg.lstsq(turned, about.ravel(), rcond=1e-9)[0]
+        base[:3, 3] = rest.mean(axis=0) - turn @ middle @ target
+        there = some[:, :3, :3] @ target + some[:, :3, 3]
+        before, turn = turn, nearest_rotation((places - places.mean(axis=0)).T @ (there - there.mean(axis=0)))
+        if float(np.abs(turn - before).max()) < 1e-6:
+            break
+    base[:3, :3], tool[:3, 3] = turn, target
     apart = np.sqrt(((scale * read - (base @ poses @ tool)[:, :3, 3]) ** 2).sum(axis=1))
     reach = float(np.sqrt(((wanted - wanted.mean(axis=0)) ** 2).sum(axis=1).mean()))
     return Frames(
@@ -78,20 +78,8 @@ def frames_of_positions(poses: Array, read: Array, scale: float = 0.0) -> Frames
     )
 
 
-def linear_misfit(poses: Array, read: Array) -> float:
-    """Return the median distance [mm] that the linear equations of `frames_of_positions` leave, wild or not."""
-    middle = np.median(read, axis=0)
-    spread = float(np.median(np.sqrt(((read - middle) ** 2).sum(axis=1)))) or 1.0
-    rows, wanted = _rows(poses, (read - middle) / spread), poses[:, :3, 3]
-    solved = np.linalg.lstsq(rows.reshape(-1, 15), wanted.ravel(), rcond=1e-9)[0]
-    return float(np.median(np.sqrt(((rows @ solved - wanted) ** 2).sum(axis=1))))
-
-
 def tool_rotation(poses: Array, base: Array, turns: Array) -> tuple[Numbers, float]:
-    """Return the rotation (3, 3) from tip to target, and the median angle [rad] by which single poses differ from it.
-
-    `turns` (n, 3, 3) are the rotations of the target as they were read.
-    """
+    """Return the rotation (3, 3) from tip to target, and the median angle [rad] of single poses from it."""
     single = np.einsum("nji,kj,nkl->nil", poses[:, :3, :3], base[:3, :3], turns)
     keep = np.ones(len(single), dtype=bool)
     for _ in range(3):
@@ -102,10 +90,7 @@ def tool_rotation(poses: Array, base: Array, turns: Array) -> tuple[Numbers, flo
 
 
 def ball_in_sockets(poses: Array, group: Numbers) -> tuple[Numbers, Numbers, float]:
-    """Return the ball (3,) on the last link, the sockets (k, 3) in the base, and what is left, rms [mm].
-
-    `group` (n,) counts the sockets from 0.
-    """
+    """Return the ball (3,) on the last link, the sockets (k, 3) in the base, and what is left, rms [mm]."""
     count = int(group.max()) + 1
     rows = np.zeros((len(poses), 3, 3 + 3 * count))
     rows[:, :, :3] = poses[:, :3, :3]
@@ -130,8 +115,8 @@ def angle_between(turns: Array, mean: Array) -> Array:
     return np.asarray(2 * np.arcsin(np.minimum(away, 1.0)))
 
 
-def _rows(poses: Array, read: Array) -> Array:
-    """Return the coefficients of B by rows, c and t, (n, 3, 15)."""
+def equations(poses: Array, read: Array) -> Array:
+    """Return the coefficients of B by rows, c and t, (n, 3, 15), of poses (n, 4, 4) and what was read (n, 3)."""
     rows = np.zeros((len(poses), 3, 15))
     for axis in range(3):
         rows[:, axis, 3 * axis : 3 * axis + 3] = read
@@ -140,38 +125,16 @@ def _rows(poses: Array, read: Array) -> Array:
     return rows
 
 
-def _rigid(poses: Array, read: Array, turn: Array) -> tuple[Array, Numbers, Numbers]:
-    """Return rotation (3, 3) and shift (3,) of the base, and the target (3,) on the tip, from `turn` on.
-
-    Along an axis about which alone the tip turns nothing tells where the target is: there it is at the tip.
-    """
-    shift, target = np.zeros(3), np.zeros(3)
-    middle = poses[:, :3, :3].mean(axis=0)
-    turned = poses[:, :3, :3] - middle
-    for _ in range(20):
-        wanted = read - poses[:, :3, 3] @ turn.T
-        about = wanted - wanted.mean(axis=0)
-        target = np.linalg.lstsq((turn @ turned).reshape(-1, 3), about.ravel(), rcond=1e-9)[0]
-        shift = wanted.mean(axis=0) - turn @ middle @ target
-        there = poses[:, :3, :3] @ target + poses[:, :3, 3]
-        now = nearest_rotation((read - read.mean(axis=0)).T @ (there - there.mean(axis=0)))
-        settled = float(np.abs(now - turn).max()) < 1e-6
-        turn = now
-        if settled:
-            break
-    return turn, shift, target
-
-
 def _least_median(rows: Array, wanted: Array, first: Numbers) -> tuple[Numbers, Numbers]:
     """Return the numbers that leave the least median, refined on the poses near to it, and which these are."""
     rng = np.random.default_rng(np.random.SeedSequence([len(rows), 15]))
     picks = np.argsort(rng.random((_HANDFULS, len(rows))), axis=1)[:, :_HANDFUL]
     best, least = first, np.inf
     tried = _solved(rows[picks].reshape(_HANDFULS, -1, 15), wanted[picks].reshape(_HANDFULS, -1, 1))[:, :, 0]
-    for some in np.array_split(tried, 1 + len(rows) // 200):  # a few thousand readings fill no memory
-        medians = np.median(((rows @ some.T - wanted[:, :, None]) ** 2).sum(axis=1), axis=0)
+    for part in np.array_split(tried, 1 + len(rows) // 200):  # a few thousand readings fill no memory
+        medians = np.median(((rows @ part.T - wanted[:, :, None]) ** 2).sum(axis=1), axis=0)
         if medians.min() < least:
-            best, least = some[np.argmin(medians)], float(medians.min())
+            best, least = part[np.argmin(medians)], float(medians.min())
     before, near = np.zeros(0, dtype=bool), np.ones(len(rows), dtype=bool)
     for _ in range(5):
         apart = np.sqrt(((rows @ best - wanted) ** 2).sum(axis=1))
@@ -184,11 +147,8 @@ def _least_median(rows: Array, wanted: Array, first: Numbers) -> tuple[Numbers, 
 
 
 def _solved(rows: Array, wanted: Array) -> Array:
-    """Return the least squares solutions, (k, 15, 1), of handfuls (k, m, 15) that want (k, m, 1), the shortest each.
-
-    Normal equations, corrected once, take a quarter of the time of singular values, which only those need that leave
-    a number nearly open.
-    """
+    """Return the least squares solutions, (k, 15, 1), of handfuls (k, m, 15) that want (k, m, 1), the shortest each."""
+    # normal equations, corrected once, take a quarter of the time of singular values
     turned = np.swapaxes(rows, 1, 2)
     square = turned @ rows
     try:
@@ -212,10 +172,7 @@ _ELSEWHERE = 10.0  # times what the others leave: base and target lie further ap
 
 
 def moved(poses: Array, read: Array, frames: Frames) -> tuple[Array, str]:
-    """Return which poses were read from another stand than `frames`, (n,), and in words what was moved: "" if nothing.
-
-    `poses` (n, 4, 4) are those of the nominal arm, `read` (n, 3) the positions; both mm.
-    """
+    """Return which poses were read from another stand than `frames`, (n,), and in words what was moved, or ""."""
     far = ~np.asarray(frames.near, dtype=bool)
     none = np.zeros(len(poses), dtype=bool), ""
     if far.sum() <= max(3 * LEAST, _MANY * len(poses)):
@@ -229,18 +186,14 @@ def moved(poses: Array, read: Array, frames: Frames) -> tuple[Array, str]:
     if max(base, turn) > _ELSEWHERE * size:
         return far, f"the tracker, or the base, stands {plain(base, 3)} mm elsewhere"
     tool = float(np.linalg.norm(frames.tool[:3, 3] - other.tool[:3, 3]))
-    if tool > _ELSEWHERE * size:
-        return far, f"the target sits {plain(tool, 3)} mm elsewhere on the tool"
-    return none
+    return (far, f"the target sits {plain(tool, 3)} mm elsewhere on the tool") if tool > _ELSEWHERE * size else none
 
 
 def stepped(rest: Array, seen: Array) -> tuple[int, float, float] | None:
     """Return the row from which on base or tracker lies elsewhere, by how much its poses do (rms) [mm], and the share.
 
-    The last is that of the squares of what is left which the step explains.
-
-    `rest` (n, 3) [mm] is what a calibration leaves of the places `seen` (n, 3) [mm], in the order in which they were
-    read. A motion of a body before each row and another one after it are tried; None where none explains `_PLAIN`.
+    The last is that of the squares of `rest` (n, 3) [mm], what a calibration leaves of the places `seen` (n, 3), which
+    the step explains. A motion of a body before each row and another one after it are tried; None below `_PLAIN`.
     """
     n = len(rest)
     if n < 2 * _EDGE + 1:

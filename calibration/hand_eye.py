@@ -1,20 +1,7 @@
 """Hand-eye and robot-world calibration: pairs of a robot's and a board's poses give both unknown frames.
 
-A robot's poses are those of a chain of three joints that slide and three that turn, so that hand-eye calibration is the
-calibration of an arm whose frames alone are free (`fit`): board in camera = mount A tool. Places and rotations scatter
-differently. The noise of each is what is left over its own degrees of freedom, which are its readings less its share of
-the trace of the hat matrix, and the frames are fitted again under it until it settles (Rao 1971 calls such estimates of
-variance components). Intervals are Student's, with degrees of freedom by Satterthwaite (1946), as both noises have a
-part in each number.
-
-The camera tells places in the size of the board that it was told. A board that is 3 % smaller makes all places 3 % too
-far, and rotations stay true: the frames move by many times their intervals, and the noise that is learned grows. So the
-scale s of seen = s (mount arm tool) is fitted beside the frames, one step of Gauss-Newton from s = 1, with the noise of
-the places learned anew.
-
-Poses that are too few or turn too little to tell both frames are refused: of rotations about one axis alone, camera and
-board may be shifted along it together, unseen; without any rotation nothing tells where the camera is at all (Tsai and
-Lenz 1989).
+It is the calibration of an arm of three sliding and three turning joints whose frames alone are free. The noise is what
+is left over its degrees of freedom (Rao 1971), intervals are Student's (Satterthwaite 1946); see Tsai and Lenz 1989.
 """
 
 from __future__ import annotations
@@ -29,10 +16,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm, t
 
 from calibench.calibration.determined import order_of
-from calibench.calibration.fit import Fit, fit_arm, fit_from, norms
+from calibench.calibration.fit import FOLDS, Fit, cross_validate, fit_arm, fit_from, norms, predict, rms
 from calibench.calibration.hand_eye_start import Mounting, Pairs, Setup, arm_poses, read_pairs, start_of_pairs
 from calibench.calibration.kinematics import Chain, ChainJoint, forward
-from calibench.calibration.leave_out import FOLDS, HeldOut, cross_validate, predict, rms
 from calibench.calibration.model import ArmModel
 from calibench.calibration.readings import Table, poses_of
 from calibench.calibration.rigid import Array, Mask, inverse, rpy_of
@@ -50,12 +36,10 @@ _LEAST = 1.0  # degree of freedom: with fewer nothing tells a noise
 @final
 @dataclass(frozen=True, eq=False)
 class Adjustment:
-    """Mount and tool (4, 4) [mm], and the covariance of their errors by the part of each noise.
+    """Mount and tool (4, 4) [mm], and the covariance of their errors by the part of each noise, `parts` (2, 12, 12).
 
-    An error is a shift [mm] and a turn [rad] behind the frame, x y z each, of the mount and then of the tool.
-    `parts` (2, 12, 12) are the covariances that come from the noise of places and of rotations; `sigma` is that noise
-    on an axis [mm], [rad], and `freedom` its degrees of freedom, infinite where it was stated. `fit` has the frames in
-    its chain.
+    An error is a shift [mm] and a turn [rad] behind the frame. `sigma` is the noise of places and rotations on an axis,
+    `freedom` its degrees of freedom, infinite where it was stated. `fit` has the frames in its chain.
     """
 
     fit: Fit
@@ -82,84 +66,55 @@ def model_of_pairs(arm: Array, seen: Array, mount: Array, tool: Array) -> ArmMod
 
 
 def stands_of(poses: Array) -> Array:
-    """Return how the six joints stand at `poses` (n, 4, 4): x y z [mm], yaw, pitch and roll [rad], (n, 6).
-
-    Angles are told around their middle, so that the same pose has nearly the same numbers in every row.
-    """
+    """Return how the six joints stand at `poses` (n, 4, 4): x y z [mm], yaw, pitch and roll [rad], (n, 6)."""
     angles = rpy_of(poses)[:, ::-1]
     middle = np.arctan2(np.sin(angles).mean(axis=0), np.cos(angles).mean(axis=0))
     return np.column_stack([poses[:, :3, 3], middle + (angles - middle + np.pi) % (2 * np.pi) - np.pi])
 
 
-def frames_order(model: ArmModel) -> list[int]:
-    """Return the places of mount and tool among the parameters of `model`."""
-    return order_of(model.names, "frames")
-
-
 def adjust(model: ArmModel, stated: tuple[float, float]) -> Adjustment:
     """Return the fit of mount and tool; `stated` is the noise of a place [mm] and a rotation [rad], 0 to learn it."""
-    order = frames_order(model)
+    order = order_of(model.names, "frames")
     fit = fit_arm(model, order)
     everywhere = np.ones(len(model.joints), dtype=bool)
     sigma, freedom = fit.model.sigma, (np.inf, np.inf)
     for _ in range(_ROUNDS):
-        before = sigma
-        sigma, freedom = _noise(fit, before, stated)
+        # the noise of places and of rotations by the residuals under that of before, and its degrees of freedom
+        before, noises, free = sigma, list(stated), [np.inf, np.inf]
+        rows, inverted = _rows_of(fit)
+        for k, part in enumerate(fit.model.errors(fit.p)):
+            if not stated[k] and part is not None:
+                spent = float(np.einsum("mi,ij,mj->", rows[k], inverted, rows[k]))
+                free[k] = max(3 * float(fit.weights.sum()) - spent, _LEAST)
+                noises[k] = max(float(np.sqrt((fit.weights[:, None] * part**2).sum() / free[k])), _FLOOR)
+        sigma, freedom = (noises[0], noises[1]), (free[0], free[1])
         fit = replace(fit, model=replace(fit.model, sigma=sigma))
         fit = replace(fit, p=fit_from(fit, order, everywhere))
         if np.allclose(sigma, before, rtol=_SETTLED, atol=0.0):
             break
-    fit = _with_frames(fit)
-    rows = rows_of(fit)
-    inverted = _inverse(rows)
-    parts = np.stack([inverted @ part.T @ part @ inverted for part in rows])
-    return Adjustment(
-        fit=fit, mount=fit.model.chain.mount, tool=fit.model.chain.tool, parts=parts, sigma=sigma, freedom=freedom
-    )
 
-
-def _with_frames(fit: Fit) -> Fit:
-    """Return the fit with its corrections in the frames of the chain, and none in its parameters."""
-    still = replace(fit.model.chain, joints=fit.model.chain.joints)
+    # the corrections go into the frames of the chain, and none stay in its parameters
+    chain, of_mount, of_tool = fit.model.chain, fit.p.copy(), fit.p.copy()
+    of_mount[-6:] = of_tool[:6] = 0.0
     nothing = np.zeros((1, len(_JOINTS)))
-    p = fit.p.copy()
-    p[-6:] = 0.0
-    mount = forward(replace(still, tool=np.eye(4)), p, nothing)[0]
-    p = fit.p.copy()
-    p[:6] = 0.0
-    tool = forward(replace(still, mount=np.eye(4)), p, nothing)[0]
-    model = replace(fit.model, chain=still.placed(mount, tool))
-    return replace(fit, model=model, p=model.start)
+    mount = forward(replace(chain, tool=np.eye(4)), of_mount, nothing)[0]
+    tool = forward(replace(chain, mount=np.eye(4)), of_tool, nothing)[0]
+    placed = replace(fit.model, chain=chain.placed(mount, tool))
+    fit = replace(fit, model=placed, p=placed.start)
+    rows, inverted = _rows_of(fit)
+    parts = np.stack([inverted @ part.T @ part @ inverted for part in rows])
+    return Adjustment(fit=fit, mount=mount, tool=tool, parts=parts, sigma=sigma, freedom=freedom)
 
 
-def rows_of(fit: Fit) -> Array:
-    """Return the derivatives of places and rotations over their noise, (2, 3 n, 12), of mount and tool in order."""
-    kept = np.array(sorted(frames_order(fit.model)), dtype=np.int64)
+def _rows_of(fit: Fit) -> tuple[Array, Array]:
+    """Return slopes of places and rotations over their noise (2, 3 n, 12), and the inverse of their information."""
+    kept = np.array(sorted(order_of(fit.model.names, "frames")), dtype=np.int64)
     rows = fit.model.jacobian(fit.p, kept, fit.weights)[0] * fit.weights[:, None, None]
-    return np.stack([rows[:, :3].reshape(-1, len(kept)), rows[:, 3:].reshape(-1, len(kept))])
-
-
-def _inverse(rows: Array) -> Array:
-    """Return the inverse of the information of all `rows`, (2, m, 12), scaled by their columns."""
-    both = rows.reshape(-1, rows.shape[2])
+    parts = np.stack([rows[:, :3].reshape(-1, len(kept)), rows[:, 3:].reshape(-1, len(kept))])
+    both = parts.reshape(-1, len(kept))
     scale = np.linalg.norm(both, axis=0) + _FLOOR
-    return np.asarray(np.linalg.pinv((both / scale).T @ (both / scale), rcond=1e-13) / np.outer(scale, scale))
-
-
-def _noise(
-    fit: Fit, sigma: tuple[float, float], stated: tuple[float, float]
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the noise of places and of rotations, and their degrees of freedom, by the residuals under `sigma`."""
-    rows = rows_of(fit)
-    inverted = _inverse(rows)
-    noises, freedom = list(stated), [np.inf, np.inf]
-    for k, part in enumerate(fit.model.errors(fit.p)):
-        if stated[k] or part is None:
-            continue
-        spent = float(np.einsum("mi,ij,mj->", rows[k], inverted, rows[k]))
-        freedom[k] = max(3 * float(fit.weights.sum()) - spent, _LEAST)
-        noises[k] = max(float(np.sqrt((fit.weights[:, None] * part**2).sum() / freedom[k])), _FLOOR)
-    return (noises[0], noises[1]), (freedom[0], freedom[1])
+    inverse = np.linalg.pinv((both / scale).T @ (both / scale), rcond=1e-13) / np.outer(scale, scale)
+    return parts, np.asarray(inverse)
 
 
 SCHEMA_VERSION = 1
@@ -250,20 +205,35 @@ class Frame:
 def frames_of(adjustment: Adjustment, mounting: str) -> tuple[Frame, Frame]:
     """Return the camera's frame, and the board's: on the flange and in the base, or the other way round."""
     camera, board = ("flange", "base") if mounting == "eye_in_hand" else ("base", "flange")
-    slopes = slopes_of(adjustment)
-    return (
-        _frame(camera, "camera", inverse(adjustment.mount), adjustment, slopes[0]),
-        _frame(board, "board", adjustment.tool, adjustment, slopes[1]),
-    )
+    frames = []
+    for parent, child, pose, slopes in zip(
+        (camera, board), ("camera", "board"), (inverse(adjustment.mount), adjustment.tool), slopes_of(adjustment),
+        strict=True,
+    ):  # fmt: skip
+        x, y, z, w = q = np.asarray(Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True))
+        turned = 0.5 * np.array([[w, z, -y], [-z, w, x], [y, -x, w], [-x, -y, -z]])  # of a small turn before q
+        place, of_place = spread(adjustment, slopes[:3])
+        turn, of_turn = spread(adjustment, slopes[3:])
+        quaternion, of_quaternion = spread(adjustment, turned @ slopes[3:])
+        position_ci95, quaternion_ci95 = (
+            tuple((float(v - h), float(v + h)) for v, h in zip(values, half, strict=True))
+            for values, half in ((pose[:3, 3], of_place), (q, of_quaternion))
+        )
+        numbers = {
+            "position": pose[:3, 3], "position_se": place, "quaternion": q, "quaternion_se": quaternion,
+            "turn_se": turn, "turn_within95": of_turn, "rpy": rpy_of(pose),
+        }  # fmt: skip
+        frames.append(Frame(
+            parent=parent, child=child, position_ci95=position_ci95, quaternion_ci95=quaternion_ci95,
+            matrix=tuple(tuple(map(float, row)) for row in pose),
+            **{name: tuple(map(float, values)) for name, values in numbers.items()},
+        ))  # fmt: skip
+    return frames[0], frames[1]
 
 
 def slopes_of(adjustment: Adjustment) -> Array:
-    """Return how errors of mount and tool (12,) move camera and board, (2, 6, 12): shift and turn in their parents.
-
-    The camera's frame is the inverse of the mount, so an error behind the mount is one of the other sign before it.
-    """
-    slopes = np.zeros((2, 6, 12))
-    x, y, z = inverse(adjustment.mount)[:3, 3]
+    """Return how errors of mount and tool (12,) move camera and board, (2, 6, 12): shift and turn in their parents."""
+    slopes, (x, y, z) = np.zeros((2, 6, 12)), inverse(adjustment.mount)[:3, 3]
     slopes[0, :3, :3] = slopes[0, 3:, 3:6] = -np.eye(3)
     slopes[0, :3, 3:6] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
     slopes[1, :3, 6:9] = slopes[1, 3:, 9:] = adjustment.tool[:3, :3]
@@ -271,41 +241,13 @@ def slopes_of(adjustment: Adjustment) -> Array:
 
 
 def spread(adjustment: Adjustment, slopes: Array) -> tuple[Array, Array]:
-    """Return standard errors of the numbers with `slopes` (k, 12), and the half widths of their 95 % intervals, (k,).
-
-    Of an effective number of degrees of freedom by Satterthwaite: both noises have a part in a variance.
-    """
+    """Return standard errors of the numbers with `slopes` (k, 12), and half widths of their 95 % intervals."""
     parts = np.einsum("ki,pij,kj->pk", slopes, adjustment.parts, slopes)
-    variance = parts.sum(axis=0)
-    freedom = np.array(adjustment.freedom)[:, None]
-    squares = (parts**2 / freedom).sum(axis=0)
+    variance, squares = parts.sum(axis=0), (parts**2 / np.array(adjustment.freedom)[:, None]).sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         effective = np.where(squares > 0, variance**2 / squares, np.inf)
     width = np.where(np.isfinite(effective), t.ppf(0.975, np.minimum(effective, 1e9)), norm.ppf(0.975))
-    error = np.sqrt(variance)
-    return error, width * error
-
-
-def _frame(parent: str, child: str, pose: Array, adjustment: Adjustment, slopes: Array) -> Frame:
-    x, y, z, w = q = np.asarray(Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True))
-    turned = 0.5 * np.array([[w, z, -y], [-z, w, x], [y, -x, w], [-x, -y, -z]])  # of a small turn before q
-    place, of_place = spread(adjustment, slopes[:3])
-    turn, of_turn = spread(adjustment, slopes[3:])
-    quaternion, of_quaternion = spread(adjustment, turned @ slopes[3:])
-    return Frame(
-        parent=parent, child=child, position=_floats(pose[:3, 3]), position_se=_floats(place),
-        position_ci95=_within(pose[:3, 3], of_place), quaternion=_floats(q), quaternion_se=_floats(quaternion),
-        quaternion_ci95=_within(q, of_quaternion), turn_se=_floats(turn), turn_within95=_floats(of_turn),
-        rpy=_floats(rpy_of(pose)), matrix=tuple(_floats(row) for row in pose),
-    )  # fmt: skip
-
-
-def _floats(values: Array) -> Numbers:
-    return tuple(float(value) for value in values)
-
-
-def _within(values: Array, half: Array) -> Intervals:
-    return tuple((float(v - h), float(v + h)) for v, h in zip(values, half, strict=True))
+    return np.sqrt(variance), width * np.sqrt(variance)
 
 
 _CHANCE = 1e-3  # of noise alone to be told as a scale
@@ -329,8 +271,7 @@ def scale_of(adjustment: Adjustment, learned: bool) -> Scale | None:
     position, turned = fit.model.errors(fit.p)
     assert turned is not None
     assert fit.model.position is not None
-    kept = ~fit.wild
-    places, rotations = rows_of(fit)
+    kept, (places, rotations) = ~fit.wild, _rows_of(fit)[0]
     seen = (position + fit.model.position)[kept].reshape(-1, 1)
     keep = np.repeat(kept, 3)
     places = np.hstack([adjustment.sigma[0] * places[keep], seen])  # in mm
@@ -355,19 +296,6 @@ def scale_of(adjustment: Adjustment, learned: bool) -> Scale | None:
     return Scale(1 + value, se, bool(abs(value) > limit * se))
 
 
-def _scale_note(scale: Scale, stated: float) -> Note:
-    """Return what a scale means, and the cure; `stated` is the scale that the user stated already."""
-    cure = plain(stated / scale.value, 5)
-    size = f"{plain(100 * abs(1 / scale.value - 1), 2)} % {'smaller' if scale.value > 1 else 'larger'}"
-    text = (
-        f"the camera sees the board {plain(scale.value, 5)} times as far as the robot's moves say (standard error "
-        f"{plain(scale.se, 2)}): the frames and their intervals are wrong. Measure the board: if its squares or "
-        f"markers are {size} than the camera was told, state board_scale={cure}; if they are not, calibrate the "
-        "camera's lens anew"
-    )
-    return Note(Code.SCALE, text, values={"scale": scale.value, "se": scale.se, "board_scale": stated / scale.value})
-
-
 LEAST = 3  # poses: two motions about different axes
 _TURNS = np.deg2rad(0.5)  # rad: less than this about an axis is how a robot holds still
 _WORTH = 0.2  # of the board's distance, or 0.2 rad: a number known no better is not told by the poses
@@ -377,10 +305,7 @@ _WAY_OUT = "add poses that turn the flange by 30° or more about at least two ax
 
 
 def check_poses(flange: Array, stands: Array, stated: bool) -> None:
-    """Refuse poses of the flange (n, 4, 4) that cannot tell both frames; `stands` (n, 6) tell the same poses apart.
-
-    With `stated` both noises are known; else a pose more must tell them. Raises `DataError`.
-    """
+    """Refuse poses of the flange (n, 4, 4) that cannot tell both frames; `stands` (n, 6) tell the same poses apart."""
     count = len(np.unique(poses_of(stands)))
     if count < LEAST:
         raise DataError(
@@ -405,27 +330,10 @@ def check_poses(flange: Array, stands: Array, stated: bool) -> None:
         )
 
 
-def missing_turns(flange: Array) -> list[Note]:
-    """Return which turns would narrow the intervals, where poses of the flange (n, 4, 4) turn little."""
-    largest, axis, beside, across = _turned(flange)
-    degrees, others = (plain(float(np.rad2deg(angle)), 2) for angle in (largest, beside))
-    if largest < _FEW_TURNS:
-        text = f"the flange turns by {degrees}° at the most, so that the intervals are wide: {_WAY_OUT}"
-    elif beside < _FEW_TURNS:
-        text = (
-            f"the flange turns by up to {degrees}° about its axis ({_listed(axis)}), and by {others}° at the most "
-            f"about others: add poses that turn it by 30° or more about its axis ({_listed(across)})"
-        )
-    else:
-        return []
-    return [Note(Code.FEW_TURNS, text, values={"largest_rad": largest, "beside_rad": beside})]
-
-
 def _turned(flange: Array) -> tuple[float, Array, float, Array]:
     """Return the largest turn between poses [rad], the axis of most turns, the largest beside it, and across it."""
     some = flange[:: max(1, len(flange) // _BESIDE), :3, :3]
-    turns = np.stack([Rotation.from_matrix(one.T @ flange[:, :3, :3]).as_rotvec() for one in some])
-    turns = turns.reshape(-1, 3)
+    turns = np.concatenate([Rotation.from_matrix(one.T @ flange[:, :3, :3]).as_rotvec() for one in some])
     axes = np.linalg.svd(turns, full_matrices=False)[2]
     axis, across = axes[0], axes[-1]
     beside = float(np.linalg.norm(turns - np.outer(turns @ axis, axis), axis=1).max())
@@ -463,11 +371,12 @@ _MANY = 0.1  # of the pairs: more outlying ones are no mishaps
 
 @one_thread()
 def calibrate_hand_eye(table: Table, setup: Setup, columns: Mapping[str, str] | None = None) -> HandEye:
-    """Return the frames of camera and board by the pairs of poses in `table`. Raises `ValueError`, in one line.
-
-    `columns` are names of ours -> names of the table, for those that say it otherwise.
-    """
-    pairs = read_pairs(table, setup, columns or {})
+    """Return the frames of camera and board by the pairs of poses in `table`. Raises `ValueError`, in one line."""
+    try:
+        pairs = read_pairs(table, setup, columns or {})
+    except ValueError as error:
+        text = str(error)
+        raise DataError(text if text.startswith(table.name) else f"{table.name}: {text}") from None
     try:
         return _calibrate(pairs, setup)
     except ValueError as error:
@@ -476,11 +385,11 @@ def calibrate_hand_eye(table: Table, setup: Setup, columns: Mapping[str, str] | 
 
 
 def _calibrate(pairs: Pairs, setup: Setup) -> HandEye:
-    train = np.ones(len(pairs), dtype=bool) if pairs.hold is None else ~pairs.hold
-    named = pairs.moved(next(iter(pairs.flange.meanings)))  # one axis is one in any order of angles
+    train = np.ones(len(pairs.rows), dtype=bool) if pairs.hold is None else ~pairs.hold
+    named = pairs.flange.poses(next(iter(pairs.flange.meanings)))  # one axis is one in any order of angles
     check_poses(named[train], stands_of(named[train]), bool(setup.sigma and setup.sigma_rotation))
-    start = start_of_pairs(pairs, setup.hand_eye, train)
-    model = model_of_pairs(start.arm, start.seen, start.mount, start.tool)
+    arm, seen, mount, tool, remarks = start_of_pairs(pairs, setup.hand_eye, train)
+    model = model_of_pairs(arm, seen, mount, tool)
     adjustment = adjust(model.at(train), (setup.sigma, setup.sigma_rotation))
     check_determined(adjustment)
     fit = adjustment.fit
@@ -490,12 +399,31 @@ def _calibrate(pairs: Pairs, setup: Setup) -> HandEye:
     position, turned = fit.model.errors(fit.p)
     assert turned is not None
     apart, angles = norms((position, None)), np.linalg.norm(turned, axis=1)
-    used, kept = np.flatnonzero(train), ~fit.wild
+    rows, kept = [pairs.table.label(int(row)) for row in pairs.rows[train]], ~fit.wild
     worst_first = sorted(np.flatnonzero(fit.wild), key=lambda i: -apart[i])
     scale = scale_of(adjustment, not setup.sigma)
-    notes = [_scale_note(scale, setup.board_scale)] if scale and scale.unlikely else []
-    notes += missing_turns(arm_poses(start.arm, setup.hand_eye)[train][kept])
-    notes += [*pairs.notes, *start.notes]
+    notes = []
+    if scale and scale.unlikely:
+        stated = setup.board_scale / scale.value
+        size = f"{plain(100 * abs(1 / scale.value - 1), 2)} % {'smaller' if scale.value > 1 else 'larger'}"
+        text = (
+            f"the camera sees the board {plain(scale.value, 5)} times as far as the robot's moves say (standard error "
+            f"{plain(scale.se, 2)}): the frames and their intervals are wrong. Measure the board: if its squares or "
+            f"markers are {size} than the camera was told, state board_scale={plain(stated, 5)}; if they are not, "
+            "calibrate the camera's lens anew"
+        )
+        notes.append(Note(Code.SCALE, text, values={"scale": scale.value, "se": scale.se, "board_scale": stated}))
+    largest, axis, beside, across = _turned(arm_poses(arm, setup.hand_eye)[train][kept])
+    if min(largest, beside) < _FEW_TURNS:  # which turns would narrow the intervals
+        degrees, others = (plain(float(np.rad2deg(angle)), 2) for angle in (largest, beside))
+        text = f"the flange turns by {degrees}° at the most, so that the intervals are wide: {_WAY_OUT}"
+        if largest >= _FEW_TURNS:
+            text = (
+                f"the flange turns by up to {degrees}° about its axis ({_listed(axis)}), and by {others}° at the most "
+                f"about others: add poses that turn it by 30° or more about its axis ({_listed(across)})"
+            )
+        notes.append(Note(Code.FEW_TURNS, text, values={"largest_rad": largest, "beside_rad": beside}))
+    notes += [*pairs.notes, *remarks]
     if fit.wild.mean() > _MANY:
         text = (
             f"{int(fit.wild.sum())} of {len(fit.wild)} pairs are outlying, and that many have a cause: a board that "
@@ -506,30 +434,28 @@ def _calibrate(pairs: Pairs, setup: Setup) -> HandEye:
         text = f"{counted(poses, 'different pose')} are few, and wide intervals say so: 15 or more are usual"
         notes.append(Note(Code.FEW_POSES, text, values={"poses": poses}))
     return HandEye(
-        case=pairs.table.name, hand_eye=setup.hand_eye, read=pairs.read, pairs=len(pairs), camera=camera, board=board,
-        fitted=Residual(int(kept.sum()), rms(apart[kept]), rms(angles[kept])), unseen=unseen, how=how,
+        case=pairs.table.name, hand_eye=setup.hand_eye, read=pairs.read, pairs=len(pairs.rows), camera=camera,
+        board=board, fitted=Residual(int(kept.sum()), rms(apart[kept]), rms(angles[kept])), unseen=unseen, how=how,
         sigma=adjustment.sigma[0], sigma_rotation=adjustment.sigma[1],
         learned=(not setup.sigma, not setup.sigma_rotation),
         scale=scale.value if scale else nan, scale_se=scale.se if scale else nan,
-        outliers=tuple(Outlier(pairs.label(int(used[i])), float(apart[i]), float(angles[i])) for i in worst_first),
+        outliers=tuple(Outlier(rows[i], float(apart[i]), float(angles[i])) for i in worst_first),
         notes=once(notes),
     )  # fmt: skip
 
 
 def _unseen(fit: Fit, model: ArmModel, train: Mask, poses: int) -> tuple[Residual, str]:
     """Return what is left of pairs of `model` that were not fitted, and in words how."""
-
-    def residual(errors: HeldOut, known: Mask) -> Residual:
-        assert errors.rotation is not None
-        return Residual(int(known.sum()), rms(errors.position[known]), rms(errors.rotation[known]))
-
     if not train.all():
         whole = replace(
             fit.model, joints=model.joints, position=model.position, turns=model.turns, socket=model.socket,
             place=model.place,
         )  # fmt: skip
-        return residual(predict(fit, whole, ~train), ~train), f"{int((~train).sum())} rows that the file holds back"
-    if poses < _LEAST_POSES:
+        errors, known, how = predict(fit, whole, ~train), ~train, f"{int((~train).sum())} rows that the file holds back"
+    elif poses < _LEAST_POSES:
         return Residual(0), f"unknown: {_LEAST_POSES} different poses are needed to leave one out"
-    how = f"every {'fifth' if poses > FOLDS else 'one'} of {poses} different poses left out in turn"
-    return residual(cross_validate(fit, frames_order(model)), ~fit.wild), how
+    else:
+        errors, known = cross_validate(fit, order_of(model.names, "frames")), ~fit.wild
+        how = f"every {'fifth' if poses > FOLDS else 'one'} of {poses} different poses left out in turn"
+    assert errors.rotation is not None
+    return Residual(int(known.sum()), rms(errors.position[known]), rms(errors.rotation[known])), how

@@ -1,34 +1,24 @@
 """The start of a hand-eye calibration: pairs of poses from a table, and both frames in closed form.
 
-A pose is three columns of a place and a rotation, which the first word of their names tells apart: `flange_x`,
-`board_qw`. What an angle or a length is in must be stated: no arm is known here that could tell it. In which order
-angles turn is left open, for the poses themselves tell it.
-
-With A the arm's poses and B those of the board in the camera, B = M A T for two unknown frames: the mount M and the
-tool T. The rotations of M and T solve a linear homogeneous system, U B = A V with U = M' and V = T (Shah 2013 solves
-the same one by its Kronecker product); the places are linear after that, with a scale between the units of both poses.
-Handfuls of pairs are tried, so that wild ones have no say. Other orders of angles, inverse poses and rows out of step
-are tried the same way. Places are part of each trial: a quaternion read with its real part at the wrong end is the
-inverse rotation between two fixed ones (a cyclic exchange of four numbers is a reflection, which takes q to a q* b), so
-that rotations alone cannot tell the one error from the other.
+With A the arm's poses and B the board's, B = M A T: rotations solve a linear system (as Shah 2013), places are linear
+after that. Handfuls of pairs are tried, against wild ones, and so are other orders, inverse poses and rows out of step.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Literal, final
 
 import numpy as np
 
-from calibench.calibration.columns import Matched, in_base_units, match_columns
+from calibench.calibration.columns import Matched, by_their_names, match_columns
 from calibench.calibration.frames import angle_between, nearest_rotation
-from calibench.calibration.mistakes import UNITS
 from calibench.calibration.readings import Table, held_back, without_copies
 from calibench.calibration.rigid import Array, Index, Mask, inverse
-from calibench.calibration.start import meanings
+from calibench.calibration.start import UNITS, meanings
 from calibench.core.notes import Code, DataError, Note
 from calibench.core.options import suggest
 from calibench.core.tables.cells import valid_rows
@@ -73,28 +63,26 @@ class Setup:
 class Pose:
     """One side of the pairs: `place` (n, 3) [mm], and what its rotations may mean, in words -> (n, 3, 3).
 
-    The first meaning is what the names of the columns say. `columns` are theirs, place first.
+    The first meaning is what the names of the columns say. `columns` are theirs, place first. `inverted` says that they
+    hold the base in the flange, or the camera in the board.
     """
 
     place: Array
     meanings: Mapping[str, Array]
     columns: tuple[str, ...]
+    inverted: bool
 
-    def as_matrices(self, meaning: str) -> Array:
-        """Return the poses, (n, 4, 4) [mm], with their rotations by `meaning`."""
+    def poses(self, meaning: str) -> Array:
+        """Return the flange in the base, or the board in the camera, (n, 4, 4) [mm], with the rotations' `meaning`."""
         made = np.tile(np.eye(4), (len(self.place), 1, 1))
         made[:, :3, :3], made[:, :3, 3] = self.meanings[meaning], self.place
-        return made
+        return np.asarray(inverse(made)) if self.inverted else made
 
 
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Pairs:
-    """n pairs: `flange` in the base, and `board` as `read` says; `hold` (n,) are kept from the fit, None for none.
-
-    `rows` (n,) are those of the table; `still` says which columns hold one value alone, "" for none. `inverted` says
-    that the robot's columns hold the base in the flange; `board` is `board_scale` times as far as in the file.
-    """
+    """n pairs, `hold` (n,) kept from the fit or None, table `rows` (n,); `still`: columns of one value, "" for none."""
 
     flange: Pose
     board: Pose
@@ -104,45 +92,11 @@ class Pairs:
     still: str
     table: Table
     notes: tuple[Note, ...]
-    inverted: bool
     board_scale: float
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def label(self, i: int) -> str:
-        """Return how a message names pair i in the file."""
-        return self.table.label(int(self.rows[i]))
-
-    @property
-    def other_flange(self) -> str:
-        """Return what `flange=` would be for the inverse poses."""
-        return "flange_in_base" if self.inverted else "base_in_flange"
-
-    def moved(self, meaning: str) -> Array:
-        """Return the poses of the flange in the base, (n, 4, 4) [mm]."""
-        made = self.flange.as_matrices(meaning)
-        return np.asarray(inverse(made)) if self.inverted else made
-
-    def seen(self, meaning: str) -> Array:
-        """Return the poses of the board in the camera, (n, 4, 4) [mm]."""
-        made = self.board.as_matrices(meaning)
-        return np.asarray(inverse(made)) if self.read == "camera_in_board" else made
 
 
 def read_pairs(table: Table, setup: Setup, columns: Mapping[str, str]) -> Pairs:
-    """Return the pairs of poses in `table`; `columns` are names of ours -> names of the table.
-
-    Raises `DataError` with the table's name, in one line.
-    """
-    try:
-        return _pairs(table, setup, columns)
-    except ValueError as error:
-        text = str(error)
-        raise DataError(text if text.startswith(table.name) else f"{table.name}: {text}") from None
-
-
-def _pairs(table: Table, setup: Setup, columns: Mapping[str, str]) -> Pairs:
+    """Return the pairs of poses in `table`; `columns` are names of ours -> names of the table."""
     lost = [(target, name) for target, name in columns.items() if name not in table.columns]
     if lost:
         raise DataError(f"columns: {lost[0][0]} is to be {lost[0][1]!r}; {suggest(lost[0][1], list(table.columns))}")
@@ -153,20 +107,27 @@ def _pairs(table: Table, setup: Setup, columns: Mapping[str, str]) -> Pairs:
             "read=board_in_camera says which"
         )
     seen = "camera" if "board" not in sides else "board"
-    used = [name for side in ("flange", seen) for name in _columns_of(sides[side])]
-    _check_radians(table, *(sides[side].rotation.values() for side in ("flange", seen)))
-    turned, units, unit_notes = in_base_units(table.columns, used, table.units)
-    table = replace(table, columns={**table.columns, **turned}, units={**table.units, **units})
-    _check_units(table, sides["flange"], sides[seen])
-    angles = {pose for pose, side in (("flange", "flange"), ("board", seen)) if len(sides[side].rotation) == 3}
+    both = {"flange": sides["flange"], "board": sides[seen]}
+    table, unit_notes = _in_base_units(table, both)
+    used = [name for side in both.values() for name in (*side.position.values(), *side.rotation.values())]
+    angles = {pose for pose, side in both.items() if len(side.rotation) == 3}
     if setup.rotation and not angles & set(setup.rotation):
         raise DataError(
             "rotation= is the order of angles, and the rotations it speaks of are quaternions; leave it out"
         )
     values = np.column_stack([np.asarray(table.columns[name], dtype=float) for name in used])
     whole: Mask = np.asarray((np.abs(values) < _HUGE).all(axis=1))
-    for side in ("flange", seen):
-        whole &= _of_length_one(table, sides[side], whole)
+    for side in (one for one in both.values() if len(one.rotation) == 4):
+        parts = [np.where(whole, np.asarray(table.columns[name], dtype=float), 0) for name in side.rotation.values()]
+        size = np.linalg.norm(parts, axis=0)
+        wrong = np.flatnonzero(whole & (size > 0) & (np.abs(size - 1) > _LENGTH))
+        if len(wrong):
+            raise DataError(
+                f"{table.label(int(wrong[0]))}: {', '.join(side.rotation.values())} have the length "
+                f"{plain(float(size[wrong[0]]), 3)}, and the quaternion of a rotation has 1 ({len(wrong)} of "
+                f"{len(size)} rows): are these its columns, and in full digits?"
+            )
+        whole &= size > 0  # a quaternion of zeros is no rotation
     notes = [*table.notes, *unit_notes]
     if "valid" in table.columns:
         whole &= valid_rows(table.columns["valid"])
@@ -186,16 +147,51 @@ def _pairs(table: Table, setup: Setup, columns: Mapping[str, str]) -> Pairs:
     other = replace(sides["flange"], other={"split": "split"} if "split" in table.columns else {})
     hold = held_back(table, other, whole)
     rows_used = np.flatnonzero(whole)
-    flange, board = (
-        _pose(table, sides[side], rows_used, setup.rotation.get(name, ""))
-        for side, name in (("flange", "flange"), (seen, "board"))
-    )
+    read, poses = setup.read or "board_in_camera", []
+    for name, side in both.items():
+        place, turns = (
+            np.column_stack([np.asarray(table.columns[column], dtype=float)[rows_used] for column in part.values()])
+            for part in (side.position, side.rotation)
+        )
+        inverted = setup.flange == "base_in_flange" if name == "flange" else read == "camera_in_board"
+        place = place if name == "flange" else setup.board_scale * place
+        names = (*side.position.values(), *side.rotation.values())
+        by_meaning = meanings(turns, setup.rotation.get(name, ""), {"rad": 1.0})
+        poses.append(Pose(place, by_meaning, names, inverted))
     return Pairs(
-        flange=flange, board=replace(board, place=setup.board_scale * board.place),
-        read=setup.read or "board_in_camera", hold=None if hold is None else hold[rows_used], rows=rows_used,
-        still=never, table=table, notes=tuple(notes), inverted=setup.flange == "base_in_flange",
-        board_scale=setup.board_scale,
+        flange=poses[0], board=poses[1], read=read, hold=None if hold is None else hold[rows_used], rows=rows_used,
+        still=never, table=table, notes=tuple(notes), board_scale=setup.board_scale,
     )  # fmt: skip
+
+
+def _in_base_units(table: Table, both: Mapping[str, Matched]) -> tuple[Table, tuple[Note, ...]]:
+    """Return the table in mm and rad, and notes on units; refuse those that nobody states, or that cannot be."""
+    for side in both.values():
+        stated = [name for name in side.rotation.values() if table.units.get(name) == "rad"]
+        values = np.abs([np.asarray(table.columns[name], dtype=float) for name in stated])
+        largest = float(np.max(values, where=values < _HUGE, initial=0.0))
+        if largest > _TURNED:
+            raise DataError(
+                f"{', '.join(stated)}: rad are stated, and they hold {plain(largest, 4)}, more than two turns: state "
+                f"deg in the heading, or units={','.join(f'{name}:deg' for name in stated)}"
+            )
+    used = [name for side in both.values() for name in (*side.position.values(), *side.rotation.values())]
+    turned, units, notes = by_their_names(table.columns, used, table.units)
+    table = replace(table, columns={**table.columns, **turned}, units={**table.units, **units})
+    for side in both.values():
+        angles = side.rotation.values() if len(side.rotation) == 3 else ()
+        for names, base, example in ((side.position.values(), "mm", "m"), (angles, "rad", "deg")):
+            open_ = [name for name in names if name not in table.units]
+            if open_:
+                ways = [",".join(f"{name}:{unit}" for name in open_) for unit in (base, example)]
+                raise DataError(
+                    f"{', '.join(open_)}: no unit is stated; write it in the heading, such as {open_[0]} [{example}], "
+                    f"or state units={ways[0]} or units={ways[1]}"
+                )
+            other = next((name for name in names if table.units[name] != base), None)
+            if other is not None:
+                raise DataError(f"column {other} is in {table.units[other]}, and {base} or {example} is needed")
+    return table, notes
 
 
 def _sides(table: Table, ours: Mapping[str, str]) -> dict[str, Matched]:
@@ -234,87 +230,19 @@ def _sides(table: Table, ours: Mapping[str, str]) -> dict[str, Matched]:
 def _proposed(table: Table) -> str:
     """Return `columns=` to copy: for all columns if there are as many as two poses have, else an example of one."""
     names = [name for name, column in table.columns.items() if column.dtype.kind in "iuf" and name not in _NO_POSE]
-    half = 7 if len(names) == 14 or (len(names) == 13 and _of_unit_length(table, names[3:7])) else 6
     if not 12 <= len(names) <= 14:
         return f"{as_columns({'flange_x': 'NAME'})} names one"
-    called = {
-        f"{side}_{axis}": name
-        for side, part in (("flange", names[:half]), ("board", names[half:]))
-        for axis, name in zip(("x", "y", "z", *_turns_of(part[3:])), part, strict=True)
-    }
+    half = 7 if len(names) == 14 else 6
+    if len(names) == 13:
+        size = np.linalg.norm([np.asarray(table.columns[name], dtype=float) for name in names[3:7]], axis=0)
+        half = 7 if abs(np.nanmedian(size) - 1) < _LENGTH else 6
+    called: dict[str, str] = {}
+    for side, part in (("flange", names[:half]), ("board", names[half:])):
+        last = [re.split(r"[ _.]", name.strip().lower())[-1] for name in part[3:]]
+        turns = ["rz", "ry", "rx"] if last == ["a", "b", "c"] else ["rx", "ry", "rz"]  # A B C of a KUKA: z, y, x
+        turns = ["qx", "qy", "qz", "qw"] if len(last) == 4 else turns
+        called |= {f"{side}_{axis}": name for axis, name in zip(("x", "y", "z", *turns), part, strict=True)}
     return f"if the columns stand in this order, flange first: {as_columns(called)}"
-
-
-def _of_unit_length(table: Table, names: Sequence[str]) -> bool:
-    size = np.linalg.norm([np.asarray(table.columns[name], dtype=float) for name in names], axis=0)
-    return bool(abs(np.nanmedian(size) - 1) < _LENGTH)
-
-
-def _turns_of(names: Sequence[str]) -> tuple[str, ...]:
-    """Return our names for columns of a rotation; A B C of a KUKA turn about z, y and x."""
-    if len(names) == 4:
-        return ("qx", "qy", "qz", "qw")
-    last = [re.split(r"[ _.]", name.strip().lower())[-1] for name in names]
-    return ("rz", "ry", "rx") if last == ["a", "b", "c"] else ("rx", "ry", "rz")
-
-
-def _columns_of(side: Matched) -> list[str]:
-    return [*side.position.values(), *side.rotation.values()]
-
-
-def _check_units(table: Table, *sides: Matched) -> None:
-    """Refuse a length or an angle whose unit nobody states."""
-    for side in sides:
-        angles = side.rotation.values() if len(side.rotation) == 3 else ()
-        for names, base, example in ((side.position.values(), "mm", "m"), (angles, "rad", "deg")):
-            open_ = [name for name in names if name not in table.units]
-            if open_:
-                ways = [",".join(f"{name}:{unit}" for name in open_) for unit in (base, example)]
-                raise DataError(
-                    f"{', '.join(open_)}: no unit is stated; write it in the heading, such as {open_[0]} [{example}], "
-                    f"or state units={ways[0]} or units={ways[1]}"
-                )
-            other = next((name for name in names if table.units[name] != base), None)
-            if other is not None:
-                raise DataError(f"column {other} is in {table.units[other]}, and {base} or {example} is needed")
-
-
-def _check_radians(table: Table, *sides: Iterable[str]) -> None:
-    """Refuse angles that are stated in rad and hold more than two turns: they are degrees."""
-    for side in sides:
-        names = [name for name in side if table.units.get(name) == "rad"]
-        values = np.abs([np.asarray(table.columns[name], dtype=float) for name in names])
-        largest = float(np.max(values, where=values < _HUGE, initial=0.0))
-        if largest > _TURNED:
-            raise DataError(
-                f"{', '.join(names)}: rad are stated, and they hold {plain(largest, 4)}, more than two turns: state "
-                f"deg in the heading, or units={','.join(f'{name}:deg' for name in names)}"
-            )
-
-
-def _of_length_one(table: Table, side: Matched, whole: Mask) -> Mask:
-    """Return which rows hold a rotation, (n,): a quaternion of zeros is none. Refuse one of another length than 1."""
-    if len(side.rotation) == 3:
-        return whole
-    parts = [np.where(whole, np.asarray(table.columns[name], dtype=float), 0) for name in side.rotation.values()]
-    size = np.linalg.norm(parts, axis=0)
-    seen = whole & (size > 0)
-    wrong = np.flatnonzero(seen & (np.abs(size - 1) > _LENGTH))
-    if len(wrong):
-        raise DataError(
-            f"{table.label(int(wrong[0]))}: {', '.join(side.rotation.values())} have the length "
-            f"{plain(float(size[wrong[0]]), 3)}, and the quaternion of a rotation has 1 ({len(wrong)} of {len(size)} "
-            "rows): are these its columns, and in full digits?"
-        )
-    return np.asarray(seen)
-
-
-def _pose(table: Table, side: Matched, rows: Index, rotation: str) -> Pose:
-    place, turns = (
-        np.column_stack([np.asarray(table.columns[name], dtype=float)[rows] for name in part.values()])
-        for part in (side.position, side.rotation)
-    )
-    return Pose(place, meanings(turns, rotation, {"rad": 1.0}), tuple(_columns_of(side)))
 
 
 _HANDFUL, _HANDFULS = 4, 100
@@ -327,108 +255,26 @@ _ALIKE = 1e-3  # part of a column: a scale that others explain so far is not tol
 _NEAR = 0.1
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class PairsStart:
-    """The arm's poses and the board's in the camera, (n, 4, 4) [mm], with mount and tool (4, 4) that join them."""
-
-    arm: Array
-    seen: Array
-    mount: Array
-    tool: Array
-    notes: tuple[Note, ...]
-
-
-def start_of_pairs(pairs: Pairs, mounting: str, train: Mask) -> PairsStart:
-    """Return where the fit begins, by the pairs of `train` (n,). Raises `DataError` where they fit no such frames."""
-    tried = _tried(pairs, mounting, train)
-    apart_by = {key: _misfit(*both) for key, both in tried.items()}
-    _check_sides(pairs, tried, min(apart_by.values()), mounting)
-    flange, board, notes = _meaning(pairs, apart_by)
-    arm, seen = arm_poses(pairs.moved(flange), mounting), pairs.seen(board)
-    here = arm[train], seen[train]
-    mount, tool, apart = _rotations(*here)
-    if apart > _APART:
-        raise DataError(
-            f"rotations of flange and board lie {_deg(apart)} apart, wherever camera and board are: do both poses of a "
-            "row belong together, and is rotation= right?"
-        )
-    return PairsStart(arm, seen, *_places(*here, mount, tool, pairs), notes)
-
-
-def arm_poses(flange: Array, mounting: str) -> Array:
-    """Return what stands between mount and tool, (n, 4, 4): the flange's poses, or their inverse with the eye in it."""
-    return np.asarray(inverse(flange)) if mounting == "eye_in_hand" else flange
-
-
-def _tried(pairs: Pairs, mounting: str, train: Mask) -> dict[tuple[str, str], tuple[Array, Array]]:
-    """Return the poses of arm and board of `train` (n,) for each meaning of both rotations."""
-    return {
-        (flange, board): (
-            arm_poses(pairs.moved(flange), mounting)[train],
-            pairs.seen(board)[train],
-        )
+def start_of_pairs(pairs: Pairs, mounting: str, train: Mask) -> tuple[Array, Array, Array, Array, tuple[Note, ...]]:
+    """Return both poses (n, 4, 4), mount and tool (4, 4) [mm], and remarks, by the pairs of `train` (n,)."""
+    tried = {  # the poses of arm and board for each meaning of both rotations
+        (flange, board): (arm_poses(pairs.flange.poses(flange), mounting)[train], pairs.board.poses(board)[train])
         for flange, board in product(pairs.flange.meanings, pairs.board.meanings)
     }
+    apart_by = {key: _misfit(*both) for key, both in tried.items()}
 
-
-def _meaning(pairs: Pairs, apart: Mapping[tuple[str, str], float]) -> tuple[str, str, tuple[Note, ...]]:
-    """Return what the rotations of flange and board mean, and remarks; `apart` is what each meaning of both leaves."""
-    ranked = sorted(apart, key=lambda key: apart[key])
-    chosen = ranked[0]
-    notes = []
-    for k, pose in enumerate((pairs.flange, pairs.board)):
-        named = next(iter(pose.meanings))
-        if _quaternion(pose):
-            kept = [key for key in ranked if key[k] == named and key[1 - k] == chosen[1 - k]]
-            if chosen[k] != named and apart[kept[0]] > _TIMES * max(apart[chosen], _ROUNDING):
-                raise DataError(_real_part_first(pose, apart[kept[0]], apart[chosen]))
-            chosen = (named, chosen[1]) if k == 0 else (chosen[0], named)
-            continue
-        for other in ranked:
-            if other[k] == chosen[k] or other[1 - k] != chosen[1 - k]:
-                continue
-            a, b = (pairs.flange, pairs.board)[k].meanings[chosen[k]], pose.meanings[other[k]]
-            if apart[other] < _TWICE * max(apart[chosen], _ROUNDING) and not np.allclose(a, b, atol=1e-3):
-                side = ("flange", "board")[k]
-                raise DataError(
-                    f"{', '.join(pose.columns[3:])} may be {chosen[k]}, or {other[k]}: rotation={side}:vector (or rpy, "
-                    "xyz) states which"
-                )
-        if len(pose.meanings) > 1:
-            names = pose.columns[3:]
-            text = f"{', '.join(names)} are read as {chosen[k]}, which alone fits"
-            notes.append(Note(Code.ROTATION, text, names))
-    return (*chosen, tuple(notes))
-
-
-def _quaternion(pose: Pose) -> bool:
-    return len(pose.columns) == 7
-
-
-def _real_part_first(pose: Pose, named: float, other: float) -> str:
-    names = pose.columns[3:]
-    side = names[0].rpartition("_")[0] or "board"
-    order = {f"{side}_{q}": name for q, name in zip(("qw", "qx", "qy", "qz"), names, strict=True)}
-    return (
-        f"{', '.join(names)} fit {_more(named, other)} times better if the first of them is the real part of the "
-        f"quaternion: {as_columns(order)}"
-    )
-
-
-def _check_sides(
-    pairs: Pairs, tried: Mapping[tuple[str, str], tuple[Array, Array]], misfit: float, mounting: str
-) -> None:
-    """Refuse poses that fit far better with one side inverted, or with rows out of step, in some meaning."""
-    n = len(next(iter(tried.values()))[0])
+    # poses that fit far better with one side inverted, or with rows out of step, in some meaning
+    n, misfit = int(train.sum()), min(apart_by.values())
     better = min(_misfit(arm, np.asarray(inverse(seen))) for arm, seen in tried.values())
     if n > 3 and misfit > _TIMES * max(better, _ROUNDING):
-        other = "camera_in_board" if pairs.read == "board_in_camera" else "board_in_camera"
-        mount = "eye_to_hand" if mounting == "eye_in_hand" else "eye_in_hand"
+        more = plain(misfit / max(better, _ROUNDING), 2)
+        read = "camera_in_board" if pairs.read == "board_in_camera" else "board_in_camera"
+        flange = "flange_in_base" if pairs.flange.inverted else "base_in_flange"
+        other = "eye_to_hand" if mounting == "eye_in_hand" else "eye_in_hand"
         raise DataError(
-            f"the poses fit {_more(misfit, better)} times better with one side inverted: the camera's columns are "
-            f"read={other}, or the camera is mounted hand_eye={mount}, or the flange's columns hold the base in the "
-            f"flange: flange={pairs.other_flange}"
+            f"the poses fit {more} times better with one side inverted: the camera's columns are "
+            f"read={read}, or the camera is mounted hand_eye={other}, or the flange's columns hold the base in the "
+            f"flange: flange={flange}"
         )
     for lag, where in ((1, "below"), (-1, "above")) if n > 5 else ():
         better = min(
@@ -436,18 +282,61 @@ def _check_sides(
             for arm, seen in tried.values()
         )
         if misfit > _TIMES * max(better, _ROUNDING):
+            more = plain(misfit / max(better, _ROUNDING), 2)
             raise DataError(
-                f"the poses fit {_more(misfit, better)} times better if the board's pose of each row stands in the row "
+                f"the poses fit {more} times better if the board's pose of each row stands in the row "
                 f"{where}: the rows of one of both are out of step by one"
             )
 
+    flange, board, notes = _meaning(pairs, apart_by)
+    arm, seen = arm_poses(pairs.flange.poses(flange), mounting), pairs.board.poses(board)
+    here = arm[train], seen[train]
+    mount, tool, apart = _rotations(*here)
+    if apart > _APART:
+        raise DataError(
+            f"rotations of flange and board lie {plain(float(np.rad2deg(apart)), 2)}° apart, wherever camera and board "
+            "are: do both poses of a row belong together, and is rotation= right?"
+        )
+    return arm, seen, *_places(*here, mount, tool, pairs), notes
 
-def _more(misfit: float, better: float) -> str:
-    return plain(misfit / max(better, _ROUNDING), 2)
+
+def arm_poses(flange: Array, mounting: str) -> Array:
+    """Return what stands between mount and tool, (n, 4, 4): the flange's poses, or their inverse with the eye in it."""
+    return np.asarray(inverse(flange)) if mounting == "eye_in_hand" else flange
 
 
-def _deg(angle: float) -> str:
-    return f"{plain(float(np.rad2deg(angle)), 2)}°"
+def _meaning(pairs: Pairs, apart: Mapping[tuple[str, str], float]) -> tuple[str, str, tuple[Note, ...]]:
+    """Return what the rotations of flange and board mean, and remarks; `apart` is what each meaning of both leaves."""
+    ranked, notes = sorted(apart, key=lambda key: apart[key]), []
+    chosen = ranked[0]
+    for k, pose in enumerate((pairs.flange, pairs.board)):
+        named, names = next(iter(pose.meanings)), pose.columns[3:]
+        if len(names) == 4:
+            kept = [key for key in ranked if key[k] == named and key[1 - k] == chosen[1 - k]]
+            if chosen[k] != named and apart[kept[0]] > _TIMES * max(apart[chosen], _ROUNDING):
+                more = plain(apart[kept[0]] / max(apart[chosen], _ROUNDING), 2)
+                side = names[0].rpartition("_")[0] or "board"
+                order = {f"{side}_{q}": name for q, name in zip(("qw", "qx", "qy", "qz"), names, strict=True)}
+                raise DataError(
+                    f"{', '.join(names)} fit {more} times better if the first of them "
+                    f"is the real part of the quaternion: {as_columns(order)}"
+                )
+            chosen = (named, chosen[1]) if k == 0 else (chosen[0], named)
+            continue
+        for other in ranked:
+            if other[k] == chosen[k] or other[1 - k] != chosen[1 - k]:
+                continue
+            a, b = pose.meanings[chosen[k]], pose.meanings[other[k]]
+            if apart[other] < _TWICE * max(apart[chosen], _ROUNDING) and not np.allclose(a, b, atol=1e-3):
+                side = ("flange", "board")[k]
+                raise DataError(
+                    f"{', '.join(names)} may be {chosen[k]}, or {other[k]}: rotation={side}:vector (or rpy, xyz) "
+                    "states which"
+                )
+        if len(pose.meanings) > 1:
+            text = f"{', '.join(names)} are read as {chosen[k]}, which alone fits"
+            notes.append(Note(Code.ROTATION, text, names))
+    return (*chosen, tuple(notes))
 
 
 def _misfit(arm: Array, seen: Array) -> float:
@@ -505,12 +394,27 @@ def _places(arm: Array, seen: Array, mount: Array, tool: Array, pairs: Pairs) ->
     rows, wanted = _linear(arm, seen, mount)
     placed, apart = _nearest(rows[:, :, :6], wanted - rows[:, :, 6])
     scaled, free = _nearest(rows, wanted)
-    others = rows[:, :, :6].reshape(-1, 6)
-    column = rows[:, :, 6].ravel()
+    others, column = rows[:, :, :6].reshape(-1, 6), rows[:, :, 6].ravel()
     beside = column - others @ np.linalg.lstsq(others, column, rcond=1e-9)[0]
     known = np.linalg.norm(beside) > _ALIKE * np.linalg.norm(column)
     if known and scaled[6] > 0 and apart > _TIMES * max(free, _ROUNDING) and len(arm) > 3:
-        raise DataError(_of_scale(pairs, float(scaled[6]), apart, free))
+        by_flange, at_best = float(scaled[6]), plain(max(free, _ROUNDING))
+        text = f"places of flange and board lie {plain(apart)} mm apart, and {at_best} mm if those of the"
+        for side, other, pose, by in (
+            ("board", "flange", pairs.board, by_flange), ("flange", "board", pairs.flange, 1 / by_flange)
+        ):  # fmt: skip
+            unit = next((u for u, size in UNITS.items() if by > 1 and abs(by / size - 1) < _NEAR), "mm")
+            if unit != "mm":
+                named = ",".join(f"{name}:{unit}" for name in pose.columns[:3])
+                raise DataError(
+                    f"{text} {side} are {plain(by, 3)} times as far: units={named} if they are {unit}, or the unit of "
+                    f"the {other}'s is another"
+                )
+        size = pairs.board_scale * by_flange
+        raise DataError(
+            f"{text} board are {plain(by_flange, 5)} times as far: is the size of its squares or markers the true one? "
+            f"If they are {plain(size, 4)} times as large as the camera was told: board_scale={plain(size, 5)}"
+        )
     made = np.tile(np.eye(4), (2, 1, 1))
     made[0, :3, :3], made[1, :3, :3] = mount, tool
     made[0, :3, 3], made[1, :3, 3] = placed[3:6], placed[:3]
@@ -524,28 +428,6 @@ def _linear(arm: Array, seen: Array, mount: Array) -> tuple[Array, Array]:
     rows[:, :, 3:6] = np.eye(3)
     rows[:, :, 6] = -seen[:, :3, 3]
     return rows, -(arm[:, :3, 3] @ mount.T)
-
-
-def _of_scale(pairs: Pairs, scale: float, apart: float, free: float) -> str:
-    """Return what is wrong with places of which those of the board fit the flange's when they are `scale` times."""
-    text = (
-        f"places of flange and board lie {plain(apart)} mm apart, and {plain(max(free, _ROUNDING))} mm if those of the"
-    )
-    for side, other, pose, by in (
-        ("board", "flange", pairs.board, scale), ("flange", "board", pairs.flange, 1 / scale)
-    ):  # fmt: skip
-        unit = next((u for u, size in UNITS.items() if by > 1 and abs(by / size - 1) < _NEAR), "mm")
-        if unit != "mm":
-            named = ",".join(f"{name}:{unit}" for name in pose.columns[:3])
-            return (
-                f"{text} {side} are {plain(by, 3)} times as far: units={named} if they are {unit}, or the unit of the "
-                f"{other}'s is another"
-            )
-    return (
-        f"{text} board are {plain(scale, 5)} times as far: is the size of its squares or markers the true one? "
-        f"If they are {plain(pairs.board_scale * scale, 4)} times as large as the camera was told: "
-        f"board_scale={plain(pairs.board_scale * scale, 5)}"
-    )
 
 
 def _nearest(rows: Array, wanted: Array) -> tuple[Array, float]:

@@ -1,16 +1,11 @@
 """A chain of moving joints, and its kinematics: where the target is, and how that goes with every placement, by name.
 
-Lengths are mm, angles rad, masses kg. What is fixed between two moving joints is folded into the placement of the
-second one; what is fixed behind the last is the tail. Whatever an arm was described by (URDF, a table of
-Denavit-Hartenberg or Hayati rows), it becomes a `Chain`.
-
     world -> base:  mount Trans(base_x, base_y, base_z) Rz(base_rz) Ry(base_ry) Rx(base_rx)
     joint J:        origin_J Trans(x_J, y_J, z_J) Rz(rz_J) Ry(ry_J) Rx(rx_J) motion(axis_J, gain_J (q_J + zero_J))
     tool:           tail tool Trans(tool_x, tool_y, tool_z) Rz(tool_rz) Ry(tool_ry) Rx(tool_rx)
 
-All are errors: 0 for the nominal arm, and 1 for a gain. Many say the same thing twice (a turn of the placement about
-the joint's own axis is its zero); which ones the observations determine is for `determined` to say. A complex step
-passes through `forward` and `frames`.
+Lengths are mm, angles rad, masses kg. All numbers are errors: 0 for the nominal arm, and 1 for a gain; which ones the
+observations determine is for `determined` to say. A complex step passes through `forward` and `frames`.
 """
 
 from __future__ import annotations
@@ -22,7 +17,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from calibench.calibration.rigid import Array, Numbers, cross, rpy, slide, turn
+from calibench.calibration.rigid import Array, Index, Numbers, cross, rpy, slide, turn
 from calibench.core.options import suggest
 
 Kind = Literal["rotary", "sliding"]
@@ -47,10 +42,8 @@ class Mimic:
 class ChainJoint:
     """One moving joint: its placement behind the joint before, its axis, its limits, and what moves with it.
 
-    `origin`, (4, 4) [mm], goes from the frame of the joint before (after its motion; the base for the first) to this
-    joint's frame at zero. `axis`, (3,), is a unit vector there. `lower` and `upper` are rad or mm, infinite where there
-    is no stop. `mass` [kg] and its `centre` (3,) [mm], in the frame that moves with the joint, hold all that is rigidly
-    attached to it; None where the description does not tell it. `link` is the link that it moves.
+    `origin`, (4, 4) [mm], goes from the joint before to this one at zero; `axis`, (3,), is a unit vector there. `mass`
+    [kg] and its `centre` (3,) [mm] are of all that moves with it.
     """
 
     name: str
@@ -62,7 +55,6 @@ class ChainJoint:
     mimic: Mimic | None = None
     mass: float | None = None
     centre: Array | None = None
-    link: str = ""
 
 
 @final
@@ -145,10 +137,7 @@ def nominal(chain: Chain) -> Array:
 
 
 def vector(chain: Chain, p: Mapping[str, Any] | Numbers) -> Numbers:
-    """Return parameters as a vector in the order of `parameter_names`; what a mapping leaves out is nominal.
-
-    Raises `ChainError` for a name that the chain does not have, or a vector of another length.
-    """
+    """Return parameters as a vector in the order of `parameter_names`; what a mapping leaves out is nominal."""
     if not isinstance(p, Mapping):
         given, needed = np.asarray(p), (12 + 8 * len(chain.joints),)
         if given.shape != needed:
@@ -165,19 +154,24 @@ def vector(chain: Chain, p: Mapping[str, Any] | Numbers) -> Numbers:
 
 
 def frames(chain: Chain, p: Mapping[str, Any] | Numbers, q: Numbers) -> Numbers:
-    """Return frames in the world, (J + 2, n, 4, 4): of the base, of each joint after its motion, and of the target.
-
-    `q`, (n, columns), are the readings of ``chain.driven`` [rad or mm].
-    """
+    """Return frames in the world, (J + 2, n, 4, 4): of the base, of each joint after its motion, and of the target."""
     values, q = vector(chain, p), np.atleast_2d(np.asarray(q))
     if q.shape[1] != len(chain.driven):
         raise ChainError(
             f"{chain.name}: q has {q.shape[1]} columns; one is needed for each of {', '.join(chain.driven)}"
         )
     numbers = values[6:-6].reshape(-1, 8)
-    placed = _placed(np.concatenate([values[None, :6], numbers[:, :6], values[None, -6:]]))
-    fixed = _origins(chain) @ placed[1:-1]
-    moves = _moves(chain, numbers[:, 7, None] * (chain.positions(q).T + numbers[:, 6, None]))
+    six = np.concatenate([values[None, :6], numbers[:, :6], values[None, -6:]])
+    placed = rpy(six[:, 3], six[:, 4], six[:, 5])
+    placed[:, :3, 3] = six[:, :3]
+    fixed = np.stack([joint.origin for joint in chain.joints]) @ placed[1:-1]
+
+    by = numbers[:, 7, None] * (chain.positions(q).T + numbers[:, 6, None])  # angles and ways, (J, n)
+    moves = turn(np.stack([joint.axis for joint in chain.joints])[:, None], by)
+    for k, joint in enumerate(chain.joints):
+        if joint.kind != "rotary":
+            moves[k] = slide(joint.axis, by[k])
+
     poses = [np.broadcast_to(chain.mount @ placed[0], (len(q), 4, 4))]
     for step in fixed[:, None] @ moves:
         poses.append(poses[-1] @ step)
@@ -186,8 +180,7 @@ def frames(chain: Chain, p: Mapping[str, Any] | Numbers, q: Numbers) -> Numbers:
 
 def forward(chain: Chain, p: Mapping[str, Any] | Numbers, q: Numbers) -> Numbers:
     """Return where the target is and how it is turned in the world, (n, 4, 4) [mm], at the readings q, (n, columns)."""
-    poses: Numbers = frames(chain, p, q)[-1]
-    return poses
+    return np.asarray(frames(chain, p, q)[-1])
 
 
 def jacobian(chain: Chain, p: Mapping[str, Any] | Array, q: Array) -> Array:
@@ -199,12 +192,24 @@ def jacobian(chain: Chain, p: Mapping[str, Any] | Array, q: Array) -> Array:
     values, q = np.asarray(vector(chain, p), dtype=float), np.atleast_2d(np.asarray(q, dtype=float))
     every = frames(chain, values, q)
     target, numbers = every[-1][:, :3, 3], values[6:-6].reshape(-1, 8)
+
+    # screws of the placements, (J + 2, n, 6, 6), behind the frames before them
+    six = np.concatenate([values[None, :6], numbers[:, :6], values[None, -6:]])
     before = np.concatenate([
         np.broadcast_to(chain.mount, (1, len(q), 4, 4)),
-        every[:-2] @ _origins(chain)[:, None],
+        every[:-2] @ np.stack([joint.origin for joint in chain.joints])[:, None],
         every[-2:-1] @ (chain.tail @ chain.tool),
     ])  # fmt: skip
-    screws = _placements(before, np.concatenate([values[None, :6], numbers[:, :6], values[None, -6:]]), target)
+    turned = before[..., :3, :3]
+    lever = target - ((turned @ six[:, None, :3, None])[..., 0] + before[..., :3, 3])
+    cy, sy, cz, sz = np.cos(six[:, 4]), np.sin(six[:, 4]), np.cos(six[:, 5]), np.sin(six[:, 5])
+    none, one = np.zeros(len(six)), np.ones(len(six))
+    about = np.stack([cz * cy, sz * cy, -sy, -sz, cz, none, none, none, one], axis=-1).reshape(-1, 3, 3)
+    w = np.swapaxes(about[:, None] @ np.swapaxes(turned, -1, -2), -1, -2)  # Rz Ry ex, Rz ey and ez, in columns
+    shifts = np.swapaxes(cross(np.swapaxes(w, -1, -2), lever[..., None, :]), -1, -2)
+    upper = np.concatenate([turned, shifts], axis=-1)
+    screws = np.concatenate([upper, np.concatenate([np.zeros_like(turned), w], axis=-1)], axis=-2)
+
     moved = every[1:-1]  # a joint's own motion leaves its axis as it is
     axes = (moved[..., :3, :3] @ np.stack([joint.axis for joint in chain.joints])[:, None, :, None])[..., 0]
     rotary = np.array([joint.kind == "rotary" for joint in chain.joints])[:, None, None]
@@ -216,36 +221,78 @@ def jacobian(chain: Chain, p: Mapping[str, Any] | Array, q: Array) -> Array:
     return np.concatenate([screws[0], *joints, screws[-1]], axis=-1)
 
 
-def _origins(chain: Chain) -> Array:
-    """Return where each joint stands behind the one before, (J, 4, 4)."""
-    return np.stack([joint.origin for joint in chain.joints])
+POSITION, POSE, SOCKET, GAP = 0, 1, 3, 4  # as digests of data have them
+_ROWS = np.array((3, 6, 0, 3, 1))
+ARM = 100.0  # mm: of a turn; a tracker that reads .02 mm reads some .01 degree
 
 
-def _moves(chain: Chain, by: Numbers) -> Numbers:
-    """Return the motions of the joints, (J, n, 4, 4), by angles and ways (J, n)."""
-    axes = np.stack([joint.axis for joint in chain.joints])[:, None]
-    moves = turn(axes, by)
-    for k, joint in enumerate(chain.joints):
-        if joint.kind != "rotary":
-            moves[k] = slide(joint.axis, by[k])
-    return moves
+@final
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Joints (n, columns), groups (g, 4), values (g, 12) and weights (g, 2), as `_kernels` has them."""
+
+    q: Array
+    groups: Index
+    values: Array
+    weight: Array
+    size: int
 
 
-def _placed(numbers: Numbers) -> Numbers:
-    """Return Trans(x, y, z) Rz(rz) Ry(ry) Rx(rx), (K, 4, 4), of x, y, z, rx, ry, rz, (K, 6)."""
-    made = rpy(numbers[:, 3], numbers[:, 4], numbers[:, 5])
-    made[:, :3, 3] = numbers[:, :3]
-    return made
+def targets(q: Array, place: Array, turns: Array | None = None) -> Compared:
+    """Return readings of the target's place, (n, 3) [mm], and where they were read its rotations, (n, 3, 3)."""
+    kind, weight, values = POSITION, 0.0, place
+    if turns is not None:
+        kind, weight, values = POSE, ARM, np.concatenate([place, turns.reshape(-1, 9)], axis=1)
+    groups = np.column_stack([np.full(len(q), kind), np.arange(len(q)), np.zeros(len(q))])
+    return _made(q, groups, values, np.tile((1.0, weight), (len(q), 1)))
 
 
-def _placements(before: Array, numbers: Array, target: Array) -> Array:
-    """Return the screws, (K, n, 6, 6), of placements `numbers` (K, 6) behind the frames `before`, (K, n, 4, 4)."""
-    turned = before[..., :3, :3]
-    lever = target - ((turned @ numbers[:, None, :3, None])[..., 0] + before[..., :3, 3])
-    cy, sy, cz, sz = np.cos(numbers[:, 4]), np.sin(numbers[:, 4]), np.cos(numbers[:, 5]), np.sin(numbers[:, 5])
-    none, one = np.zeros(len(numbers)), np.ones(len(numbers))
-    about = np.stack([cz * cy, sz * cy, -sy, -sz, cz, none, none, none, one], axis=-1).reshape(-1, 3, 3)
-    w = np.swapaxes(about[:, None] @ np.swapaxes(turned, -1, -2), -1, -2)  # Rz Ry ex, Rz ey and ez, in columns
-    shifts = np.swapaxes(cross(np.swapaxes(w, -1, -2), lever[..., None, :]), -1, -2)
-    upper = np.concatenate([turned, shifts], axis=-1)
-    return np.concatenate([upper, np.concatenate([np.zeros_like(turned), w], axis=-1)], axis=-2)
+def sockets(
+    q: Array, socket: Index, gaps: tuple[tuple[int, int, float], ...] = (), gap_weight: float = 1.0,
+    beside: Array | None = None,
+) -> Compared:  # fmt: skip
+    """Return postures with the ball in a socket, (n,) 0, 1, ... without a gap: one unknown point a socket.
+
+    `gaps` are known distances [mm] between two sockets, each weighing `gap_weight` times one residual of the ball.
+    `beside`, (n, 3) [mm], is how far from that point the ball is known to sit, in the world.
+    """
+    n = len(socket)
+    values = np.zeros((n + len(gaps), 3))
+    if beside is not None:
+        values[:n] = beside
+    for s in range(int(socket.max()) + 1):
+        values[:n][socket == s] -= values[:n][socket == s].mean(axis=0)  # the mean itself is the socket's point
+    values[n:, 0] = [distance for *_, distance in gaps]
+    groups = [*((SOCKET, i, s) for i, s in enumerate(socket.tolist())), *((GAP, a, b) for a, b, _ in gaps)]
+    return _made(q, np.array(groups), values, np.array([(1.0, 0.0)] * n + [(gap_weight, 0.0)] * len(gaps)))
+
+
+def _made(q: Array, groups: Array | Index, values: Array, weight: Array) -> Compared:
+    sizes = _ROWS[groups[:, 0].astype(int)]
+    filled = np.zeros((len(groups), 12))
+    filled[:, : values.shape[1]] = values
+    numbered = np.column_stack([groups, np.cumsum(sizes) - sizes]).astype(np.int64)
+    return Compared(np.asarray(q, float), numbered, filled, weight, int(sizes.sum()))
+
+
+def constants(chain: Chain, readings: Compared, template: Array, free: Index, limit: float) -> tuple[Any, ...]:
+    """Return the arguments of the kernels after x: each joint's frame is turned so that its axis is z."""
+    turned = []
+    for joint in chain.joints:
+        towards = np.eye(4)
+        if joint.axis[2] != 1.0:
+            x = np.cross(np.eye(3)[int(np.argmin(np.abs(joint.axis)))], joint.axis)
+            x /= np.linalg.norm(x)
+            towards[:3, :3] = np.column_stack([x, np.cross(joint.axis, x), joint.axis])
+        turned.append(towards)
+    fixed = [chain.mount, chain.joints[0].origin]
+    fixed += [back.T @ joint.origin for back, joint in zip(turned, chain.joints[1:], strict=False)]
+    fixed.append(turned[-1].T @ chain.tail @ chain.tool)
+    flat = np.ascontiguousarray([np.concatenate([f[:3, :3].ravel(), f[:3, 3]]) for f in fixed])
+    align = np.ascontiguousarray([t[:3, :3].ravel() for t in turned])
+    sliding = np.array([joint.kind == "sliding" for joint in chain.joints], dtype=np.int64)
+
+    stands, kinds = np.ascontiguousarray(chain.positions(readings.q)), readings.groups[:, 0]
+    count = int(readings.groups[kinds == SOCKET, 2].max(initial=-1)) + 1
+    compared = (bool((kinds == POSE).any()), readings.groups, readings.values, readings.weight)
+    return (template, free, flat, align, sliding, stands, *compared, count, float(limit), readings.size)

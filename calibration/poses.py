@@ -1,13 +1,8 @@
 """Which poses to measure next, when more poses no longer help, and how far a calibration carries beyond its poses.
 
-The value of a pose is what it adds to the information on the arm's parameters: its Jacobian divided by the noise, in
-units of usual errors (1 mm, 1 mrad). Poses are chosen greedily from random ones, then exchanged one by one (Fedorov
-1972) for the largest determinant (D: all parameters together) or the largest smallest eigenvalue (E: the parameter
-known worst). Beside them stands the error that the calibrated arm would have over its workspace by these uncertainties
-alone.
-
-How far a calibration carries follows from the scatter of the readings and from what the poses tell of the arm. A number
-that keeps its nominal value since the poses tell it badly is counted as off by `OFF`, the others as they were found.
+The value of a pose is what it adds to the information, in units of usual errors (1 mm, 1 mrad). Poses are chosen
+greedily, then exchanged (Fedorov 1972), for the determinant (D) or the least eigenvalue (E). What is told badly counts
+as off by `OFF`.
 """
 
 from __future__ import annotations
@@ -19,11 +14,11 @@ from typing import Any, Literal, final
 import numpy as np
 
 from calibench.calibration.arm import Arm
-from calibench.calibration.determined import distinct_of, is_frame, is_length, order_of, select_determined
+from calibench.calibration.determined import ALIKE, independent_columns, is_length, order_of, select_determined
 from calibench.calibration.dh import DhArm
 from calibench.calibration.fit import Fit, fit_arm
-from calibench.calibration.kinematics import Chain, ChainJoint, forward, nominal
-from calibench.calibration.model import ArmModel, model_of
+from calibench.calibration.kinematics import Chain, forward, nominal
+from calibench.calibration.model import ArmModel, model_of, stacked
 from calibench.calibration.rigid import Array, Index
 from calibench.calibration.start import Start
 from calibench.core.notes import Code, DataError, Note
@@ -39,10 +34,7 @@ _PAYS = 3.0  # times below the scatter: with parameters so well known, more pose
 @final
 @dataclass(frozen=True, eq=False)
 class Chosen:
-    """`places` in the pool, in the order of their value; after each the `error` of the arm [mm].
-
-    `error` (n + 1,) begins with the error before any of them. `logdet` and `least` are the criteria D and E.
-    """
+    """`places` in the pool by value, `error` [mm] before any and after each, criteria D (`logdet`) and E (`least`)."""
 
     places: tuple[int, ...]
     error: Array
@@ -50,29 +42,40 @@ class Chosen:
     least: float
 
     def enough(self, sigma: float) -> int | None:
-        """Return the number of poses after which the error is small relative to a scatter `sigma` [mm].
-
-        It is None where no number of the chosen poses suffices.
-        """
+        """Return the number of poses after which the error is small relative to a scatter `sigma` [mm]."""
         below = np.flatnonzero(self.error <= np.sqrt(3.0) * sigma / _PAYS)
         return int(below[0]) if len(below) else None
 
 
 def choose(pool: Array, before: Array, workspace: Array, count: int, by: By = "D") -> Chosen:
-    """Return `count` poses of a `pool` (m, c, k) of whitened rows, in units of plausible errors.
-
-    `before` (k, k) is the information of what has been measured. `workspace` (w, 3, k) [mm] is the Jacobian of the
-    target over the workspace.
-    """
+    """Return `count` poses of a whitened `pool` (m, c, k), beside `before` (k, k), for `workspace` (w, 3, k) [mm]."""
     start = before + _PRIOR * np.eye(before.shape[0])
     places = _greedy(pool, start, count)
-    places = _exchange(pool, start, places, by)
-    ordered = _greedy(pool, start, count, places)
-    error = [_spread(start, workspace)]
-    information = start
-    for place in ordered:
-        information = information + pool[place].T @ pool[place]
-        error.append(_spread(information, workspace))
+
+    # each is exchanged for the best of the pool, until nothing gets better
+    information = start + sum(pool[place].T @ pool[place] for place in places)
+    for _ in range(_PASSES):
+        settled = list(places)
+        for k, place in enumerate(places):
+            rest = information - pool[place].T @ pool[place]
+            if by == "D":
+                worth = _gains(pool, rest)
+            else:
+                worth = np.asarray(np.linalg.eigvalsh(rest + pool.swapaxes(1, 2) @ pool)[:, 0])
+            worth[[other for other in places if other != place]] = -np.inf
+            best = int(np.argmax(worth))
+            if best != place and worth[best] > worth[place] + _BETTER * (1 + abs(worth[place])):
+                places[k] = best
+                information = rest + pool[best].T @ pool[best]
+        if places == settled:
+            break
+
+    ordered, error, information = _greedy(pool, start, count, places), [], start
+    for added in [None, *ordered]:
+        if added is not None:
+            information = information + pool[added].T @ pool[added]
+        inverse = np.linalg.inv(information)
+        error.append(float(np.sqrt(np.einsum("wci,ij,wcj->w", workspace, inverse, workspace).mean())))
     return Chosen(
         tuple(ordered), np.array(error), float(np.linalg.slogdet(information)[1]),
         float(np.linalg.eigvalsh(information)[0]),
@@ -80,32 +83,12 @@ def choose(pool: Array, before: Array, workspace: Array, count: int, by: By = "D
 
 
 def _greedy(pool: Array, start: Array, count: int, among: Sequence[int] | None = None) -> list[int]:
-    information, places = start, []
-    free = list(range(len(pool)) if among is None else among)
+    information, places, free = start, [], list(range(len(pool)) if among is None else among)
     for _ in range(min(count, len(free))):
         gains = _gains(pool[free], information)
         best = free.pop(int(np.argmax(gains)))
         places.append(best)
         information = information + pool[best].T @ pool[best]
-    return places
-
-
-def _exchange(pool: Array, start: Array, places: list[int], by: By) -> list[int]:
-    """Return the poses after exchanging each for the best of the pool, until nothing gets better."""
-    places = list(places)
-    information = start + sum(pool[place].T @ pool[place] for place in places)
-    for _ in range(_PASSES):
-        moved = False
-        for k, place in enumerate(places):
-            rest = information - pool[place].T @ pool[place]
-            worth = _gains(pool, rest) if by == "D" else _least(pool, rest)
-            worth[[other for other in places if other != place]] = -np.inf
-            best = int(np.argmax(worth))
-            if best != place and worth[best] > worth[place] + _BETTER * (1 + abs(worth[place])):
-                places[k], moved = best, True
-                information = rest + pool[best].T @ pool[best]
-        if not moved:
-            break
     return places
 
 
@@ -116,17 +99,6 @@ def _gains(rows: Array, information: Array) -> Array:
     return np.asarray(np.linalg.slogdet(inner)[1])
 
 
-def _least(rows: Array, information: Array) -> Array:
-    """Return the smallest eigenvalue of the information with each pose added, (m,)."""
-    return np.asarray(np.linalg.eigvalsh(information + rows.swapaxes(1, 2) @ rows)[:, 0])
-
-
-def _spread(information: Array, workspace: Array) -> float:
-    """Return the rms error of the target over the workspace that follows from the parameters' uncertainty [mm]."""
-    inverse = np.linalg.inv(information)
-    return float(np.sqrt(np.einsum("wci,ij,wcj->w", workspace, inverse, workspace).mean()))
-
-
 OFF = 0.5  # mm, or mrad: by as much a placement of an arm differs from its table
 _DRAWN = 300  # drawn at random in each of the two ranges
 
@@ -134,7 +106,9 @@ _DRAWN = 300  # drawn at random in each of the two ranges
 def foretold(fit: Fit, level: str) -> tuple[float, float]:
     """Return the standard error of the target's place [mm], rms over poses within the ranges read, and all limits."""
     model, p = fit.model, fit.p
-    distinct = distinct_of(model, p, order_of(model.names, level, model.sliding), fit.weights)
+    order = order_of(model.names, level, model.sliding)
+    columns = stacked(*model.jacobian(p, np.array(order, dtype=np.int64), fit.weights), fit.weights)
+    distinct = np.array(sorted(order[k] for k in independent_columns(columns, ALIKE)), dtype=np.int64)
     weights = np.sqrt(fit.weights)[:, None, None]
     rows = (weights * model.jacobian(p, distinct, fit.weights)[0]).reshape(-1, len(distinct))
     unsure = np.array([
@@ -142,11 +116,10 @@ def foretold(fit: Fit, level: str) -> tuple[float, float]:
         for place in distinct
     ])  # fmt: skip
     triangle = np.asarray(np.linalg.qr(np.vstack([rows, np.diag(unsure)]), mode="r"))
-    rng = np.random.default_rng(0)
-    errors_of = []
+    rng, errors_of = np.random.default_rng(0), []
     for low, high in ranges(model):
         joints = low + (high - low) * rng.random((_DRAWN, len(low)))
-        slopes = at_joints(model, joints).jacobian(p, distinct, np.ones(_DRAWN))[0][:, :3] * model.sigma[0]
+        slopes = _whitened(model, p, joints, distinct)[:, :3] * model.sigma[0]
         errors = np.linalg.solve(triangle.T, slopes.reshape(-1, len(distinct)).T)
         errors_of.append(float(np.sqrt((errors**2).sum() / _DRAWN)))
     return errors_of[0], errors_of[1]
@@ -173,10 +146,9 @@ def stops(chain: Chain) -> tuple[Array, Array]:
 
 def at_joints(model: ArmModel, joints: Array) -> ArmModel:
     """Return the model at other joints; the readings there do not affect its Jacobian."""
-    n = len(joints)
     poses = forward(model.chain, nominal(model.chain), joints)
     turns = None if model.turns is None else poses[:, :3, :3]
-    none = np.full(n, -1, dtype=np.int64)
+    none = np.full(len(joints), -1, dtype=np.int64)
     return replace(model, joints=joints, position=poses[:, :3, 3], turns=turns, socket=none, place=none)
 
 
@@ -208,21 +180,12 @@ class Design:
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         return {
-            "schema_version": 1,
-            "machine": "arm",
-            "joints": list(self.chain.driven),
-            "poses": self.joints.tolist(),
-            "target": self.target.tolist(),
-            "measured": self.measured,
-            "numbers": self.numbers,
-            "error_mm": self.chosen.error.tolist(),
-            "enough": self.chosen.enough(self.sigma),
-            "logdet": self.chosen.logdet,
-            "least_eigenvalue": self.chosen.least,
-            "sigma_mm": self.sigma,
-            "limits": self.limits,
-            "notes": [note.to_dict() for note in self.notes],
-        }
+            "schema_version": 1, "machine": "arm", "joints": list(self.chain.driven), "poses": self.joints.tolist(),
+            "target": self.target.tolist(), "measured": self.measured, "numbers": self.numbers,
+            "error_mm": self.chosen.error.tolist(), "enough": self.chosen.enough(self.sigma),
+            "logdet": self.chosen.logdet, "least_eigenvalue": self.chosen.least, "sigma_mm": self.sigma,
+            "limits": self.limits, "notes": [note.to_dict() for note in self.notes],
+        }  # fmt: skip
 
 
 @one_thread()
@@ -255,11 +218,18 @@ def design_poses(
     if fit is not None:
         model, p, kept = replace(fit.model, sigma=noise), fit.p, fit.kept
     else:
-        model = _model_to_come(chain, arm, target, rotations, noise)
+        sought, nothing = np.eye(4), np.zeros(0, dtype=np.int64)
+        sought[:3, 3] = target
+        placed = chain.placed(np.eye(4), chain.tool @ sought)
+        model = ArmModel(  # with the observations of a measurement to come
+            chain=placed, joints=np.empty((0, len(chain.driven))), position=np.zeros((0, 3)),
+            turns=np.zeros((0, 3, 3)) if rotations else None, socket=nothing, place=nothing, sigma=noise,
+            rows=None if table is None else DhArm(table, placed.mount, placed.tool),
+        )  # fmt: skip
         p, there = model.start, at_joints(model, pool)
         kept = select_determined(there, p, order_of(model.names, "geometry", model.sliding), np.ones(len(pool)))
     scale = np.array([1.0 if is_length(model.names[k], model.sliding) else 1e-3 for k in kept])
-    of_joints = np.array([not is_frame(model.names[k]) for k in kept])
+    of_joints = np.array([not model.names[k].startswith(("base_", "tool_")) for k in kept])
     before = np.zeros((len(kept), len(kept)))
     if fit is not None:
         measured = _whitened(fit.model, p, fit.model.joints, kept) * scale  # by the noise that they have shown
@@ -270,44 +240,20 @@ def design_poses(
     chosen = choose(rows[:_POOL] * scale, before, workspace, count, by)
     joints = pool[list(chosen.places)]
     endless = [joint for joint in chain.joints if not np.isfinite(joint.upper - joint.lower)]
-    more = [] if limits == "data" else _without_stops(chain, [joint for joint in endless if joint.mimic is None])
-    more.append(
-        Note(
-            Code.NOT_CHECKED,
-            "collisions and the line of sight are not known here: leave out what cannot be reached",
-        )
-    )
+    more = []
+    if limits != "data" and (open_ := [joint for joint in endless if joint.mimic is None]):
+        wide = {"±180°" if joint.kind == "rotary" else "±1 m": None for joint in open_}
+        names = [joint.name for joint in open_]
+        text = f"{', '.join(names)}: no limits in the {chain.source}, {' and '.join(wide)} are taken"
+        more.append(Note(Code.NO_LIMITS, text, values={"joints": names}))
+    text = "collisions and the line of sight are not known here: leave out what cannot be reached"
+    more.append(Note(Code.NOT_CHECKED, text))
     return Design(
         chain=chain, joints=joints,
         target=forward(chain.placed(np.eye(4), model.chain.tool), nominal(chain), joints)[:, :3, 3], chosen=chosen,
         sigma=noise[0], measured=0 if fit is None else int((~fit.wild).sum()), numbers=int(of_joints.sum()),
         limits="data" if limits == "data" else "none" if len(endless) == len(chain.joints) else chain.source.lower(),
         notes=(*notes, *more),
-    )  # fmt: skip
-
-
-def _without_stops(chain: Chain, endless: Sequence[ChainJoint]) -> list[Note]:
-    """Return a note on joints that turn or slide without limits in the description."""
-    if not endless:
-        return []
-    wide = {"±180°" if joint.kind == "rotary" else "±1 m": None for joint in endless}
-    names = [joint.name for joint in endless]
-    text = f"{', '.join(names)}: no limits in the {chain.source}, {' and '.join(wide)} are taken"
-    return [Note(Code.NO_LIMITS, text, values={"joints": names})]
-
-
-def _model_to_come(
-    chain: Chain, arm: Arm, target: Sequence[float], rotations: bool, noise: tuple[float, float]
-) -> ArmModel:
-    """Return a model with the observations of a measurement to come, and nothing read yet."""
-    tool = np.eye(4)
-    tool[:3, 3] = target
-    none = np.zeros(0, dtype=np.int64)
-    placed = chain.placed(np.eye(4), chain.tool @ tool)
-    return ArmModel(
-        chain=placed, joints=np.empty((0, len(chain.driven))), position=np.zeros((0, 3)),
-        turns=np.zeros((0, 3, 3)) if rotations else None, socket=none, place=none, sigma=noise,
-        rows=None if arm.table is None else DhArm(arm.table, placed.mount, placed.tool),
     )  # fmt: skip
 
 

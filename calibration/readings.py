@@ -1,9 +1,7 @@
 """`Table`, the columns of a measurement, and `Readings`: the same as poses of one chain, in rad and mm.
 
-All that can be said of the numbers before they are held against the arm is said here: joints are matched to the
-description, units that stand in names are turned, rows without a value are left out, and what no arm can have read is
-refused in one line that says what to do. What only the arm can tell (`start`) is left open: `angles` are the rotations
-as the file has them.
+Joints are matched to the description, units that stand in names are turned, rows without a value are left out, and what
+no arm can have read is refused in one line that says what to do. What only the arm can tell (`start`) is left open.
 """
 
 from __future__ import annotations
@@ -15,13 +13,13 @@ from typing import Any, final
 import numpy as np
 from scipy.spatial import KDTree
 
-from calibench.calibration.columns import Matched, in_base_units, is_called_joint, match_columns, only_asked
+from calibench.calibration.columns import Matched, by_their_names, is_called_joint, match_columns, only_asked
 from calibench.calibration.frames import frames_of_positions
 from calibench.calibration.kinematics import Chain, forward, nominal
 from calibench.calibration.rigid import Array, Index, Mask, rpy_of
 from calibench.core.notes import Code, DataError, Note
-from calibench.core.options import suggest
-from calibench.core.tables.cells import factor_to_base, split_rows, valid_rows
+from calibench.core.tables.cells import split_rows, valid_rows
+from calibench.core.tables.columns import Columns, in_base_units, rename
 from calibench.core.tables.csv_table import heads
 from calibench.core.words import as_columns, counted, listed, plain
 
@@ -80,8 +78,7 @@ def table_of(
 ) -> Table:  # fmt: skip
     """Return the table of a mapping of columns, of a DataFrame, or of an array (n, k) with the `names` of its columns.
 
-    A unit may stand in a column's name, ``x [m]``, or in `units`, {"x": "m"}. `columns` renames, {"x": "Weg X"}: the
-    column that is called Weg X is x. Raises `DataError` for what is none of these.
+    A unit may stand in a column's name, ``x [m]``, or in `units`. `columns` renames, {"x": "Weg X"}.
     """
     if isinstance(readings, Table):
         return readings
@@ -99,20 +96,9 @@ def table_of(
     if len(set(shapes.values())) != 1 or len(next(iter(shapes.values()))) != 1:
         raise DataError(f"{name}: columns of one length are needed, and these have {shapes}")
     bare, in_names = heads(list(given))
-    stated = {**in_names, **(units or {})}
-    made = dict(zip(bare, given.values(), strict=True))
-    for ours, theirs in (columns or {}).items():
-        if theirs not in made:
-            raise DataError(f"columns: {ours} is to be {theirs!r}; {suggest(theirs, list(made))}")
-        made[ours] = made.pop(theirs)
-        if theirs in stated:
-            stated[ours] = stated.pop(theirs)
-    for column, unit in stated.items():
-        if column not in made:
-            raise DataError(f"units: {column} is no column of {name}; {suggest(column, list(made))}")
-        stated[column], scale = factor_to_base(column, unit)
-        made[column] = scale * made[column].astype(float) if scale != 1 else made[column]
-    return Table.of(made, name, units=stated)
+    content = Columns(dict(zip(bare, given.values(), strict=True)), units=in_names)
+    content = in_base_units(rename(content, columns or {}, units or {}, of=name))
+    return Table.of(content.columns, name, units=content.units)
 
 
 @final
@@ -120,10 +106,9 @@ def table_of(
 class Readings:
     """n poses: `joints` (n, j) [rad | mm] and what was read at them.
 
-    `position` (n, 3) [mm] and `turns` (n, 3, 3), None where they were not read; `angles` (n, 3 | 4) are the rotations
-    as the file has them. `socket` (n,) counts the sockets of all places from 0, `place` (n,) the places; -1 elsewhere.
-    `hold` (n,) marks what the file keeps back, None where it does not say. `rows` (n,) are those of the table.
-    `sliding` names the joints that are read in mm.
+    `position` (n, 3) [mm], `turns` (n, 3, 3); `angles` (n, 3 | 4) are the rotations as the file has them. `socket` (n,)
+    counts the sockets of all places from 0, `place` (n,) the places. `hold` (n,) marks what the file keeps back. `rows`
+    (n,) are those of the table. `sliding` names the joints that are read in mm.
     """
 
     observed: str
@@ -168,10 +153,7 @@ class Readings:
 
 
 def columns_of(readings: Readings, distance: float = 0.0) -> tuple[dict[str, Any], dict[str, str], dict[str, Any]]:
-    """Return the readings in the columns that every arm has, in mm and rad, their units, and what is stated of them.
-
-    `distance` of a place's two sockets [mm] is among the latter; 0 where it is not known.
-    """
+    """Return the readings in the columns that every arm has, in mm and rad, their units, and what is stated of them."""
     columns: dict[str, Any] = {f"q_{name}": readings.joints[:, k] for k, name in enumerate(readings.matched.joints)}
     units = {f"q_{name}": "mm" if name in readings.sliding else "rad" for name in readings.matched.joints}
     if readings.position is not None:
@@ -184,7 +166,7 @@ def columns_of(readings: Readings, distance: float = 0.0) -> tuple[dict[str, Any
         first = {place: readings.socket[readings.place == place].min() for place in np.unique(readings.place)}
         columns["socket"] = readings.socket - np.array([first[place] for place in readings.place])
         columns["place"] = readings.place
-    columns |= dict(readings.other)
+    columns |= readings.other
     of_joints = {name: readings.matched.other[name] for name in readings.other}
     units |= {name: unit for name, column in of_joints.items() if (unit := readings.table.units.get(column))}
     if readings.hold is not None:
@@ -196,24 +178,19 @@ def columns_of(readings: Readings, distance: float = 0.0) -> tuple[dict[str, Any
 def read_readings(
     table: Table, chain: Chain, observe: str = "", *, copies: bool = False, option: str = "machine."
 ) -> Readings:
-    """Return the poses of `table` for `chain`; `observe` is one of `OBSERVED`, or "" for what the columns are.
-
-    Rows that equal others are left out, but with `copies`. `option` is what the user writes before tip=. Raises
-    `DataError` with the table's name, in one line.
-    """
+    """Return the poses of `table` for `chain`, without rows that equal others but with `copies`."""
     try:
         return _readings(table, chain, observe, copies, option)
     except ValueError as error:
-        text = str(error)
-        note = getattr(error, "note", None)
-        raise DataError(text if text.startswith(table.name) else f"{table.name}: {text}", note) from None
+        text = str(error) if str(error).startswith(table.name) else f"{table.name}: {error}"
+        raise DataError(text, getattr(error, "note", None)) from None
 
 
 def _readings(table: Table, chain: Chain, observe: str, copies: bool, option: str) -> Readings:
     given = [name for name in table.columns if table.columns[name].dtype.kind in "iufb" or name.lower() in _WORDS]
     matched = match_columns(given, chain.driven, option, chain.source)
     used = (*matched.joints.values(), *matched.position.values(), *matched.rotation.values())
-    turned, units, unit_notes = in_base_units(table.columns, used, table.units)
+    turned, units, unit_notes = by_their_names(table.columns, used, table.units)
     table = replace(
         table, columns={**table.columns, **turned}, units={**table.units, **units}, notes=(*table.notes, *unit_notes)
     )
@@ -224,13 +201,20 @@ def _readings(table: Table, chain: Chain, observe: str, copies: bool, option: st
     for column, base in bases.items():
         if (unit := table.units.get(column, base)) != base:
             raise DataError(f"column {column} is in {unit}, and {base} or a like unit is needed")
-    if chain.source == "table":
-        _refuse_longer_arm(given, matched)
-    joints = np.column_stack([_numbers(table, name) for name in matched.joints.values()])
-    position, angles = (
-        np.column_stack([_numbers(table, name) for name in columns.values()]) if columns else None
-        for columns in (matched.position, matched.rotation)
+    beside = _beside(given, matched)
+    names = [name for name in beside if is_called_joint(name, matched.joints.values())]
+    if chain.source == "table" and names:
+        rows = counted(len(matched.joints), "row")
+        raise DataError(
+            f"the table has {rows} that move{'s' if len(matched.joints) == 1 else ''} ({', '.join(matched.joints)}), "
+            f"and {listed(names, _LISTED)} {'is a joint' if len(names) == 1 else 'are joints'} beside them: add the "
+            "row, or leave the column out"
+        )
+    joints, position, angles = (
+        np.column_stack([np.asarray(table.columns[one], dtype=float) for one in part.values()]) if part else None
+        for part in (matched.joints, matched.position, matched.rotation)
     )
+    assert joints is not None
     observe = observe or (
         "sockets" if "socket" in matched.other and not matched.position else "pose" if matched.rotation else "position"
     )
@@ -253,27 +237,56 @@ def _readings(table: Table, chain: Chain, observe: str, copies: bool, option: st
     notes = [*table.notes, *matched.notes]
     values = np.column_stack([joints, *(part for part in (position, angles) if part is not None)])
     whole = _whole_rows(table, matched, values, angles, notes)
-    if names := _beside(given, matched):
-        notes.append(Note(Code.COLUMNS_UNREAD, f"not read: {listed(names, _LISTED)}", tuple(names)))
+    if beside:
+        notes.append(Note(Code.COLUMNS_UNREAD, f"not read: {listed(beside, _LISTED)}", tuple(beside)))
     if observe != "sockets" and not copies:
         notes += without_copies(table, values, whole)
     hold = held_back(table, matched, whole)
-    _check_count(joints, whole, hold, observe)
-    socket, place = _sockets(table, matched, observe)
+    socket = place = np.full(len(table), -1, dtype=np.int64)
+    if observe == "sockets":  # counted among those of all places
+        seat = np.unique(table.columns[matched.other["socket"]], return_inverse=True)[1].ravel()
+        places = table.columns[matched.other["place"]] if "place" in matched.other else np.zeros(len(table), dtype=int)
+        place = np.unique(places, return_inverse=True)[1].astype(np.int64)
+        socket = np.unique(np.column_stack([place, seat]), axis=0, return_inverse=True)[1].ravel().astype(np.int64)
     readings = Readings(
         observed=observe, joints=joints, position=position, angles=angles, socket=socket, place=place, hold=hold,
         rows=np.arange(len(table), dtype=np.int64), table=table, matched=matched,
-        other={name: _numbers(table, column) for name, column in matched.other.items() if name not in _WORDS},
+        other={n: np.asarray(table.columns[c], dtype=float) for n, c in matched.other.items() if n not in _WORDS},
         notes=tuple(notes), sliding=sliding,
     ).where(whole)  # fmt: skip
-    _check_degrees(readings, chain)
-    if observe != "sockets":
-        _check_moves(readings.where(readings.train), chain)
+    _check(readings, whole, chain)
     return readings
 
 
-def _numbers(table: Table, name: str) -> Array:
-    return np.asarray(table.columns[name], dtype=float)
+def _check(readings: Readings, whole: Mask, chain: Chain) -> None:
+    """Refuse too few poses, joints that turn further than any does, and poses in which too few joints move."""
+    used, observe, hold = readings.joints[readings.train], readings.observed, readings.hold
+    poses = len(used) if observe == "sockets" or not len(used) else len(np.unique(poses_of(used)))
+    if poses < _LEAST[observe]:
+        without = "" if whole.all() else f", as {int((~whole).sum())} of {len(whole)} rows are left out,"
+        without += "" if hold is None else f" beside the {int(hold.sum())} that column split holds back"
+        text = (
+            f"{counted(poses, 'pose')}{without} {'is' if poses == 1 else 'are'} too few: {_LEAST[observe]} at the "
+            "least, and some 40 that differ much in every joint; bench design machine=arm plan.n=40 says which"
+        )
+        raise DataError(text, Note(Code.FEW_POSES, text, values={"poses": poses, "least": _LEAST[observe]}))
+    for k, name in enumerate(chain.driven):
+        largest = float(np.abs(readings.joints[:, k]).max(initial=0.0))
+        column = readings.matched.joints[name]
+        if name not in readings.sliding and largest > TURNS and column not in readings.table.units:
+            columns = columns_in_degrees(readings, chain)
+            text = (
+                f"joint {name} reaches {largest:.0f}, and no joint turns so many rad: are they degrees? "
+                f"units={','.join(f'{column}:deg' for column in columns)}"
+            )
+            raise DataError(text, Note(Code.JOINT_UNIT, text, tuple(columns), values={"unit": "deg"}))
+    moves = [name for k, name in enumerate(chain.driven) if np.ptp(used[:, k]) > _ALIKE]
+    if observe != "sockets" and len(moves) < min(_MOVING, len(chain.driven)):
+        text = (
+            f"only {' and '.join(moves)} {'moves' if len(moves) == 1 else 'move'} in these poses, and base and target "
+            "are told by poses that differ in every joint; bench design machine=arm plan.n=40 says which"
+        )
+        raise DataError(text, Note(Code.JOINT_STILL, text))
 
 
 def _whole_rows(table: Table, matched: Matched, values: Array, angles: Array | None, notes: list[Note]) -> Mask:
@@ -308,45 +321,16 @@ def _whole_rows(table: Table, matched: Matched, values: Array, angles: Array | N
     return whole
 
 
-def _check_count(joints: Array, whole: Mask, hold: Mask | None, observe: str) -> None:
-    used = joints[whole if hold is None else whole & ~hold]
-    poses = len(used) if observe == "sockets" or not len(used) else len(np.unique(poses_of(used)))
-    if poses < _LEAST[observe]:
-        without = "" if whole.all() else f", as {int((~whole).sum())} of {len(whole)} rows are left out,"
-        without += "" if hold is None else f" beside the {int((hold & whole).sum())} that column split holds back"
-        text = (
-            f"{counted(poses, 'pose')}{without} {'is' if poses == 1 else 'are'} too few: {_LEAST[observe]} at the "
-            "least, and some 40 that differ much in every joint; bench design machine=arm plan.n=40 says which"
-        )
-        raise DataError(text, Note(Code.FEW_POSES, text, values={"poses": poses, "least": _LEAST[observe]}))
-
-
 def poses_of(joints: Array) -> Index:
-    """Return the number of each row's pose, (n,), from 0 in the order of the rows (n, j) [rad | mm].
-
-    Repeats of a pose agree with its first row within a thousandth in every joint.
-    """
+    """Return the number of each row's pose, (n,), from 0 in the order of the rows; repeats agree to a thousandth."""
     number = np.full(len(joints), -1, dtype=np.int64)
-    near = KDTree(joints)
-    count = 0
+    near, count = KDTree(joints), 0
     for i in range(len(joints)):
         if number[i] < 0:
             alike = np.array(near.query_ball_point(joints[i], _ALIKE, p=np.inf))
             number[alike[number[alike] < 0]] = count
             count += 1
     return number
-
-
-def _refuse_longer_arm(given: Sequence[str], matched: Matched) -> None:
-    """Refuse columns of joints that the table has no row for."""
-    names = [name for name in _beside(given, matched) if is_called_joint(name, matched.joints.values())]
-    if names:
-        rows = counted(len(matched.joints), "row")
-        raise DataError(
-            f"the table has {rows} that move{'s' if len(matched.joints) == 1 else ''} ({', '.join(matched.joints)}), "
-            f"and {listed(names, _LISTED)} {'is a joint' if len(names) == 1 else 'are joints'} beside them: add the "
-            "row, or leave the column out"
-        )
 
 
 def joints_beside(readings: Readings, chain: Chain) -> str:
@@ -372,11 +356,7 @@ def _beside(given: Sequence[str], matched: Matched) -> list[str]:
 
 
 def without_copies(table: Table, values: Array, whole: Mask, what: str = "joint and reading") -> list[Note]:
-    """Leave rows out of `whole` that equal an earlier one in `values` (n, k), called `what`; return a note.
-
-    Two readings of a pose differ by noise, so equal rows are copies: a held-out copy would be among the fitted rows,
-    too.
-    """
+    """Leave rows out of `whole` that equal an earlier one in `values` (n, k), called `what`; return a note."""
     rows = np.flatnonzero(whole)
     _, first, alike = np.unique(values[rows], axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(first[alike.reshape(-1)] != np.arange(len(rows)))
@@ -386,18 +366,6 @@ def without_copies(table: Table, values: Array, whole: Mask, what: str = "joint 
     pairs = [f"{table.label(int(rows[i]))} of {table.label(int(rows[first[alike.reshape(-1)[i]]]))}" for i in again]
     text = f"{len(again)} rows are copies of others in every {what}, and left out: {listed(pairs, 4)}"
     return [Note(Code.ROWS_COPIED, text, rows=tuple(table.label(int(rows[i])) for i in again))]
-
-
-def _sockets(table: Table, matched: Matched, observe: str) -> tuple[Index, Index]:
-    """Return the number of each row's socket among those of all places, and of its place, (n,); -1 without sockets."""
-    n = len(table)
-    if observe != "sockets":
-        return np.full(n, -1, dtype=np.int64), np.full(n, -1, dtype=np.int64)
-    socket = np.unique(table.columns[matched.other["socket"]], return_inverse=True)[1].ravel()
-    places = table.columns[matched.other["place"]] if "place" in matched.other else np.zeros(n, dtype=int)
-    _, place = np.unique(places, return_inverse=True)
-    _, both = np.unique(np.column_stack([place, socket]), axis=0, return_inverse=True)
-    return both.ravel().astype(np.int64), place.astype(np.int64)
 
 
 def held_back(table: Table, matched: Matched, whole: Mask) -> Mask | None:
@@ -411,41 +379,16 @@ def held_back(table: Table, matched: Matched, whole: Mask) -> Mask | None:
     return held
 
 
-def _check_degrees(readings: Readings, chain: Chain) -> None:
-    """Refuse joints that turn further than any joint does, and of which nothing states that they are rad."""
-    for k, name in enumerate(chain.driven):
-        largest = float(np.abs(readings.joints[:, k]).max(initial=0.0))
-        column = readings.matched.joints[name]
-        if name not in readings.sliding and largest > TURNS and column not in readings.table.units:
-            columns = columns_in_degrees(readings, chain)
-            text = (
-                f"joint {name} reaches {largest:.0f}, and no joint turns so many rad: are they degrees? "
-                f"units={','.join(f'{column}:deg' for column in columns)}"
-            )
-            raise DataError(text, Note(Code.JOINT_UNIT, text, tuple(columns), values={"unit": "deg"}))
-
-
-def _check_moves(readings: Readings, chain: Chain) -> None:
-    """Refuse poses in which so few joints move that base and target are not determined."""
-    moves = [name for k, name in enumerate(chain.driven) if np.ptp(readings.joints[:, k]) > _ALIKE]
-    if len(moves) < min(_MOVING, len(chain.driven)):
-        text = (
-            f"only {' and '.join(moves)} {'moves' if len(moves) == 1 else 'move'} in these poses, and base and target "
-            "are told by poses that differ in every joint; bench design machine=arm plan.n=40 says which"
-        )
-        raise DataError(text, Note(Code.JOINT_STILL, text))
-
-
 def columns_in_degrees(readings: Readings, chain: Chain) -> list[str]:
     """Return the columns of joints in degrees: all rotary ones, or those beyond all turns where degrees fit."""
     turning = [k for k, name in enumerate(chain.driven) if name not in readings.sliding]
     beyond = [k for k in turning if np.abs(readings.joints[:, k]).max() > TURNS]
-
-    def misfit(those: list[int]) -> float:
+    if (position := readings.position) is None:
+        return [readings.matched.joints[chain.driven[k]] for k in turning]
+    apart = []
+    for those in (turning, beyond):
         joints = readings.joints.copy()
         joints[:, those] = np.deg2rad(joints[:, those])
-        assert readings.position is not None
-        return frames_of_positions(forward(chain, nominal(chain), joints), readings.position).apart
-
-    chosen = turning if readings.position is None else min((turning, beyond), key=misfit)
+        apart.append(frames_of_positions(forward(chain, nominal(chain), joints), position).apart)
+    chosen = beyond if apart[1] < apart[0] else turning
     return [readings.matched.joints[chain.driven[k]] for k in chosen]

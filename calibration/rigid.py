@@ -92,21 +92,11 @@ def quaternion(x: Array, y: Array, z: Array, w: Array) -> Array:
         q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     x, y, z, w = np.moveaxis(q, -1, 0)
     made = np.zeros((*x.shape, 4, 4))
-    made[..., 0, 0], made[..., 0, 1], made[..., 0, 2] = (
-        1 - 2 * (y * y + z * z),
-        2 * (x * y - z * w),
-        2 * (x * z + y * w),
-    )
-    made[..., 1, 0], made[..., 1, 1], made[..., 1, 2] = (
-        2 * (x * y + z * w),
-        1 - 2 * (x * x + z * z),
-        2 * (y * z - x * w),
-    )
-    made[..., 2, 0], made[..., 2, 1], made[..., 2, 2] = (
-        2 * (x * z - y * w),
-        2 * (y * z + x * w),
-        1 - 2 * (x * x + y * y),
-    )
+    made[..., 0, 0], made[..., 0, 1] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w)
+    made[..., 1, 0], made[..., 1, 1] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z)
+    made[..., 2, 0], made[..., 2, 1] = 2 * (x * z - y * w), 2 * (y * z + x * w)
+    made[..., 0, 2], made[..., 1, 2] = 2 * (x * z + y * w), 2 * (y * z - x * w)
+    made[..., 2, 2] = 1 - 2 * (x * x + y * y)
     made[..., 3, 3] = 1.0
     return made
 
@@ -139,18 +129,11 @@ def small_vector_of(turns: Numbers) -> Numbers:
 
 
 def beside(vectors: Array, omega: Array) -> Array:
-    """Return the change of `vectors`, axis times a small angle, when the body turns by omega about fixed axes.
-
-    `omega` has shape (n, 3).
-    """
+    """Return the change of `vectors`, axis times a small angle, when the body turns by omega about fixed axes."""
     once = cross(vectors, omega)
     return np.asarray(omega - once / 2 + cross(vectors, once) / 12)
 
 
 def _odd(turns: Numbers) -> Numbers:
-    return np.asarray(
-        np.stack(
-            [turns[:, 2, 1] - turns[:, 1, 2], turns[:, 0, 2] - turns[:, 2, 0], turns[:, 1, 0] - turns[:, 0, 1]], axis=-1
-        )
-        / 2
-    )
+    pairs = ((2, 1), (0, 2), (1, 0))
+    return np.asarray(np.stack([turns[:, i, j] - turns[:, j, i] for i, j in pairs], axis=-1) / 2)

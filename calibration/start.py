@@ -1,26 +1,29 @@
 """The start of a calibration: frames in closed form, and with them units and orders that the file does not state.
 
-The unit of positions, the order and unit of rotations, a left-handed frame: each causes its own pattern of differences
-between the nominal arm and the readings, whatever the frames. A statement of the file, or the usual meaning of its
-column names, is kept. What contradicts the arm is refused in a line that says what to do, with the mistake that was
-found (`mistakes`) as a note.
+A wrong unit, order of rotations or left-handed frame each has its own pattern of differences, whatever the frames. What
+the file states is kept; what contradicts the arm is refused, with the mistake without which the readings fit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import final
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from math import inf, pi
+from typing import Any, final
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
-from calibench.calibration.frames import Frames, ball_in_sockets, frames_of_positions, moved, tool_rotation
-from calibench.calibration.kinematics import Chain, ChainJoint, forward, nominal
-from calibench.calibration.mistakes import APART, NEAR, UNITS, mistake_in, most_apart, reach_of, unit_of
+from calibench.calibration import frames as solve
+from calibench.calibration.dh import FORMS, NUMBERS, DhRow, DhTable
+from calibench.calibration.frames import Frames
+from calibench.calibration.kinematics import Chain, ChainError, ChainJoint, forward, nominal
 from calibench.calibration.readings import TURNS, Readings, Table, columns_in_degrees, joints_beside, read_readings
-from calibench.calibration.rigid import Array, quaternion, turn
+from calibench.calibration.rigid import Array, Index, quaternion, turn
 from calibench.core.notes import Code, DataError, Note
 from calibench.core.options import suggest
+from calibench.core.tables.cells import between
 from calibench.core.words import as_columns, counted, plain
 
 DOUBTFUL = 0.01  # part of the reach: arms that are not calibrated lie nearer to their descriptions
@@ -30,38 +33,22 @@ _LONGEST_RAIL = 20.0  # m: a limit with a larger number is no number of metres
 _ROUND = 1e-2  # rad or mm beyond a limit: controllers stop a little behind it, and numbers are rounded
 ROTATIONS = ("rpy", "xyz", "vector", "quaternion")
 _CHOICE = {"URDF": "machine.tip= the right arm of it", "table": "convention= the one it was written in"}
-_ANGLES = {"rad": 1.0, "degrees": np.pi / 180}
+ANGLES = {"rad": 1.0, "degrees": np.pi / 180}
 _ORDERS = {
-    "rpy": "roll, pitch and yaw (rotation=rpy)",
-    "xyz": "turns about the moving x, y and z (rotation=xyz)",
-    "vector": "a rotation vector (rotation=vector)",
-    "quaternion": "a quaternion",
-}
+    "rpy": "roll, pitch and yaw (rotation=rpy)", "xyz": "turns about the moving x, y and z (rotation=xyz)",
+    "vector": "a rotation vector (rotation=vector)", "quaternion": "a quaternion",
+}  # fmt: skip
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Readings in mm with their rotations, and the frames (4, 4): tracker's to base, tip to target.
-
-    `meaning` is what the rotations mean (`meanings`), "" where none are read; `units` are those of columns that the arm
-    told, for rows of the same columns that are read later.
-    """
+    """Readings in mm, frames (4, 4) of base and target, and the `meaning` of rotations, "" where none are read."""
 
     readings: Readings
     base: Array
     tool: Array
     meaning: str = ""
-
-    @property
-    def units(self) -> dict[str, str]:
-        """Return the units of columns that nothing states and the arm told, column -> unit."""
-        return {
-            column: note.values["unit"]
-            for note in self.readings.notes
-            if note.code is Code.UNIT_FOUND
-            for column in note.columns
-        }
 
 
 @final
@@ -79,11 +66,7 @@ class HowRead:
 
 
 def start_of(readings: Readings, chain: Chain, rotation: str = "", limits: bool = False) -> Start:
-    """Return where the calibration starts: the readings as the arm says they are meant, and frames by the fitted ones.
-
-    `rotation` states the order of rotations, before what the table states. With `limits` joints must stand inside
-    theirs; else a note says which do not. Raises `DataError` where the readings are not of this arm.
-    """
+    """Return the readings as the arm says they are meant, and frames by the fitted ones; joints must obey `limits`."""
     rotation = rotation or str(readings.table.stated.get("rotation", ""))
     try:
         if rotation and rotation not in ROTATIONS:
@@ -98,14 +81,27 @@ def start_of(readings: Readings, chain: Chain, rotation: str = "", limits: bool 
 
 def _start(readings: Readings, chain: Chain, rotation: str, limits: bool) -> Start:
     if readings.position is None:
-        tool = _ball(readings, chain, limits)
+        ball, apart, most = apart_in_sockets(forward(chain, nominal(chain), readings.joints), readings.socket)
+        if apart > most:
+            text = f"the ball is {plain(apart, 3)} mm away from its sockets, wherever it sits on the last link"
+            raise _misfit(readings, chain, text, limits)
+        tool = np.eye(4)
+        tool[:3, 3] = ball
         return Start(_within_limits(readings, chain, limits), np.eye(4), tool)
-    readings, source = _in_metres(readings)
+
+    columns = readings.matched.position
+    source = "mm" if set(columns.values()) == {"x", "y", "z"} else ""  # of the unit; "" for none
+    if any(name in readings.table.units for name in columns.values()):
+        source = "stated"
+    elif readings.matched.figaroh:
+        text, source = f"{', '.join(columns.values())}: FIGAROH's names, so metres", "m"
+        readings = replace(readings, position=1e3 * readings.position)
+        readings = readings.with_note(Code.UNIT_FOUND, text, columns.values(), unit="m")
     readings, poses, frames = slid(readings, chain)
     readings, frames = _in_mm(readings, frames, poses, chain, source, limits)
     readings = _within_limits(readings, chain, limits)
     assert readings.position is not None
-    far, what = moved(poses, readings.position, frames)
+    far, what = solve.moved(poses, readings.position, frames)
     if what:
         there = np.flatnonzero(far)
         text = (
@@ -122,7 +118,7 @@ def slid(readings: Readings, chain: Chain) -> tuple[Readings, Array, Frames]:
     """Return readings, nominal poses and frames; sliding joints are taken for m where only that fits the arm."""
     assert readings.position is not None
     poses = forward(chain, nominal(chain), readings.joints)
-    frames = frames_of_positions(poses, readings.position)
+    frames = solve.frames_of_positions(poses, readings.position)
     columns = {name: readings.matched.joints[name] for name in readings.sliding if name in chain.driven}
     open_ = [k for k, name in enumerate(chain.driven) if columns.get(name, "") not in {"", *readings.table.units}]
     if not open_:
@@ -130,7 +126,7 @@ def slid(readings: Readings, chain: Chain) -> tuple[Readings, Array, Frames]:
     joints = readings.joints.copy()
     joints[:, open_] *= UNITS["m"]
     there = forward(chain, nominal(chain), joints)
-    tried = frames_of_positions(there, readings.position)
+    tried = solve.frames_of_positions(there, readings.position)
     if tried.apart / tried.reach > _AGAIN * frames.apart / frames.reach:
         return readings, poses, frames
     names = [columns[chain.driven[k]] for k in open_]
@@ -138,29 +134,15 @@ def slid(readings: Readings, chain: Chain) -> tuple[Readings, Array, Frames]:
     return replace(readings, joints=joints).with_note(Code.UNIT_FOUND, text, names, unit="m"), there, tried
 
 
-def _in_metres(readings: Readings) -> tuple[Readings, str]:
-    """Return positions in mm where FIGAROH's names mean metres, and the source of the unit ("": none)."""
-    assert readings.position is not None
-    columns = readings.matched.position
-    if any(name in readings.table.units for name in columns.values()):
-        return readings, "stated"
-    if readings.matched.figaroh:
-        text = f"{', '.join(columns.values())}: FIGAROH's names, so metres"
-        readings = replace(readings, position=1e3 * readings.position)
-        return readings.with_note(Code.UNIT_FOUND, text, columns.values(), unit="m"), "m"
-    return readings, "mm" if set(columns.values()) == {"x", "y", "z"} else ""
-
-
 def _in_mm(
     readings: Readings, frames: Frames, poses: Array, chain: Chain, source: str, limits: bool
 ) -> tuple[Readings, Frames]:
     """Return positions in mm and their frames; refuse what no unit explains."""
     assert readings.position is not None
-    names = readings.matched.position
+    names, unit = readings.matched.position, unit_of(frames)
     listed = ", ".join(names.values())
-    unit = unit_of(frames)
     if frames.mirrored:
-        other = frames_of_positions(poses, readings.position * [-1.0, 1.0, 1.0])
+        other = solve.frames_of_positions(poses, readings.position * [-1.0, 1.0, 1.0])
         if other.apart < APART * other.reach:
             text = (
                 "x, y and z fit the arm as a left-handed frame only: an axis points the other way, or two are "
@@ -168,7 +150,7 @@ def _in_mm(
             )
             raise DataError(text, Note(Code.LEFT_HANDED, text, tuple(names.values())))
     if unit is not None:
-        frames = frames_of_positions(poses, readings.position, UNITS[unit])
+        frames = solve.frames_of_positions(poses, readings.position, UNITS[unit])
     if unit is None or frames.apart > APART * frames.reach:
         apart = f"readings and nominal arm lie {plain(frames.apart, 3)} mm apart, wherever the frames are"
         raise _misfit(readings, chain, apart, limits)
@@ -189,10 +171,21 @@ def _in_mm(
 
 def _misfit(readings: Readings, chain: Chain, apart: str, limits: bool) -> DataError:
     """Return the refusal of readings that do not fit the arm, with the mistake that explains them where one does."""
-    mistake = mistake_in(readings, chain)
-    if mistake is not None:
-        text = f"{apart}, and {mistake.text}"
-        return DataError(text, replace(mistake, text=text))
+    for trials in _trials(readings, chain):
+        results = []
+        for trial in trials:
+            poses = forward(chain, nominal(chain), trial.joints)
+            if trial.readings.position is None:
+                _, far, most = apart_in_sockets(poses, trial.readings.socket)
+                results.append((far, far < 0.5 * most, trial))
+            else:
+                frames = solve.frames_of_positions(poses, trial.readings.position)
+                fits = unit_of(frames) is not None and frames.apart < 0.5 * (APART * frames.reach)
+                results.append((frames.apart, fits, trial))
+        far, fits, trial = min(results, key=lambda one: one[0])
+        if fits:
+            text = f"{apart}, and {plain(far, 2)} mm {trial.text}"
+            return DataError(text, Note(trial.code, text, trial.columns, values=trial.values))
     if limits:
         _within_limits(readings, chain, strict=True)  # a better reason than none
     still = [name for k, name in enumerate(chain.driven) if not np.ptp(readings.joints[:, k]) > 0]
@@ -200,25 +193,11 @@ def _misfit(readings: Readings, chain: Chain, apart: str, limits: bool) -> DataE
         column = readings.matched.joints[still[0]]
         text = f"{apart}; column {column} is the same in every row: is it that of joint {still[0]}?"
         return DataError(text, Note(Code.JOINT_STILL, text, (column,), values={"joint": still[0]}))
-    rows = "does each file hold one socket" if readings.position is None else "are the joints' zeros and senses those"
-    rows += "" if readings.position is None else f" of the {chain.source}"
-    text = (
-        f"{apart}: is this the {chain.source} of the arm, {_CHOICE[chain.source]}, and {rows}?"
-        f"{joints_beside(readings, chain)}"
-    )
+    rows = f"are the joints' zeros and senses those of the {chain.source}"
+    rows = "does each file hold one socket" if readings.position is None else rows
+    text = f"{apart}: is this the {chain.source} of the arm, {_CHOICE[chain.source]}, and {rows}?"
+    text += joints_beside(readings, chain)
     return DataError(text, Note(Code.OTHER_ARM, text))
-
-
-def _ball(readings: Readings, chain: Chain, limits: bool) -> Array:
-    """Return where a ball that sits in sockets is on the tip, (4, 4)."""
-    poses = forward(chain, nominal(chain), readings.joints)
-    ball, _, apart = ball_in_sockets(poses, readings.socket)
-    if apart > most_apart(reach_of(poses), sockets=True):
-        text = f"the ball is {plain(apart, 3)} mm away from its sockets, wherever it sits on the last link"
-        raise _misfit(readings, chain, text, limits)
-    tool = np.eye(4)
-    tool[:3, 3] = ball
-    return tool
 
 
 def _within_limits(readings: Readings, chain: Chain, strict: bool) -> Readings:
@@ -264,9 +243,12 @@ def _with_rotations(readings: Readings, frames: Frames, poses: Array, rotation: 
     assert readings.angles is not None
     columns = list(readings.matched.rotation.values())
     listed = ", ".join(columns)
+    stated = any(name in readings.table.units for name in columns) or readings.matched.figaroh
+    large = float(np.abs(readings.angles).max()) > 2 * np.pi + 0.01
+    units = {unit: ANGLES[unit] for unit in (("rad",) if stated else ("degrees",) if large else ANGLES)}
     tried = {
-        meaning: (turns, *tool_rotation(poses[frames.near], frames.base, turns[frames.near]))
-        for meaning, turns in _rotations(readings, columns, rotation).items()
+        meaning: (turns, *solve.tool_rotation(poses[frames.near], frames.base, turns[frames.near]))
+        for meaning, turns in meanings(readings.angles, rotation, units, either_way=not rotation).items()
     }
     ranked = sorted(tried, key=lambda meaning: tried[meaning][2])
     turns, tool, apart = tried[ranked[0]]
@@ -284,11 +266,8 @@ def _with_rotations(readings: Readings, frames: Frames, poses: Array, rotation: 
             text = f"{listed} fit in no order of rotations ({plain(apart, 2)} rad apart{beside}) and are left out"
         readings = replace(readings, observed="position", angles=None)
         return Start(readings.with_note(Code.ROTATION_LEFT_OUT, text, columns), frames.base, frames.tool)
-    if (
-        len(ranked) > 1
-        and tried[ranked[1]][2] < 2 * apart + 1e-9
-        and not np.allclose(tried[ranked[1]][0], turns, atol=1e-3)
-    ):
+    second = tried[ranked[1]] if len(ranked) > 1 else None
+    if second and second[2] < 2 * apart + 1e-9 and not np.allclose(second[0], turns, atol=1e-3):
         raise DataError(f"{listed} may be {ranked[0]} or {ranked[1]}; rotation=rpy|xyz|vector states which")
     text = f"{listed} are read as {ranked[0]}, to {plain(np.rad2deg(apart), 2)}° of the nominal arm"
     frame = frames.tool.copy()
@@ -297,41 +276,25 @@ def _with_rotations(readings: Readings, frames: Frames, poses: Array, rotation: 
     return Start(readings, frames.base, frame, ranked[0])
 
 
-def _rotations(readings: Readings, columns: list[str], rotation: str) -> dict[str, Array]:
-    """Return the possible meanings of the rotations, in words -> (n, 3, 3)."""
-    assert readings.angles is not None
-    stated = any(name in readings.table.units for name in columns) or readings.matched.figaroh
-    large = float(np.abs(readings.angles).max()) > 2 * np.pi + 0.01
-    units = {unit: _ANGLES[unit] for unit in (("rad",) if stated else ("degrees",) if large else _ANGLES)}
-    by_meaning = meanings(readings.angles, rotation, units)
-    return by_meaning if rotation else either_way(by_meaning)
-
-
-def either_way(by_meaning: dict[str, Array]) -> dict[str, Array]:
-    """Return the meanings of rotations, and of the same as those of the tracker in the target."""
-    return by_meaning | {f"{one}, of the tracker in the target": t.swapaxes(1, 2) for one, t in by_meaning.items()}
-
-
-def rotations_by(meaning: str, angles: Array) -> Array:
-    """Return the rotations, (n, 3, 3), of angles (n, 3) or quaternions (n, 4) by a meaning that a start found."""
-    return either_way(meanings(angles, "", _ANGLES))[meaning]
-
-
-def meanings(angles: Array, rotation: str, units: Mapping[str, float]) -> dict[str, Array]:
+def meanings(angles: Array, rotation: str, units: Mapping[str, float], *, either_way: bool = False) -> dict[str, Array]:
     """Return what rotations may mean, in words -> (n, 3, 3): quaternions (n, 4), or angles (n, 3).
 
-    `rotation` states the order of angles, "" for every order; `units` are those of angles, name -> rad.
+    `rotation` states the order of angles, "" for every order; `units` are those of angles, name -> rad. `either_way`:
+    and the same as those of the tracker in the target.
     """
     if angles.shape[1] == 4:
-        return {
+        by_meaning = {
             "quaternion": quaternion(*angles.T)[:, :3, :3],
             "quaternion whose first number is the real part": quaternion(*np.roll(angles, -1, axis=1).T)[:, :3, :3],
         }
-    return {
-        f"{_ORDERS[order]}, {unit}": rotations_of(size * angles, order)
-        for order in ((rotation,) if rotation else ("rpy", "xyz", "vector"))
-        for unit, size in units.items()
-    }
+    else:
+        by_meaning = {
+            f"{_ORDERS[order]}, {unit}": rotations_of(size * angles, order)
+            for order in ((rotation,) if rotation else ("rpy", "xyz", "vector"))
+            for unit, size in units.items()
+        }
+    inverted = {f"{one}, of the tracker in the target": turns.swapaxes(1, 2) for one, turns in by_meaning.items()}
+    return by_meaning | inverted if either_way else by_meaning
 
 
 def rotations_of(angles: Array, order: str) -> Array:
@@ -342,3 +305,254 @@ def rotations_of(angles: Array, order: str) -> Array:
         return np.stack([turn(axis, angle)[:3, :3] for axis, angle in zip(unit, size, strict=True)])
     about = [turn(axis, angles[:, k])[:, :3, :3] for k, axis in enumerate(np.eye(3))]
     return np.asarray(about[2] @ about[1] @ about[0] if order == "rpy" else about[0] @ about[1] @ about[2])
+
+
+UNITS = {"mm": 1.0, "m": 1e3, "cm": 10.0, "inch": 25.4, "um": 1e-3}
+_RAILS = (  # what a rail is really in, and what it was taken for
+    ("m", "mm"), ("mm", "m"), ("cm", "mm"), ("mm", "cm"), ("inch", "mm"), ("mm", "inch"), ("m", "cm"), ("cm", "m"),
+)  # fmt: skip
+NEAR = 0.2  # part of a unit: few poses of an arm that is not calibrated tell it no better
+APART = 0.08  # part of the arm's reach: readings further off are not of this arm
+_LEAST_APART = 1.0  # mm, of a ball in sockets
+_SCAN = np.deg2rad(np.arange(-165, 181, 15))  # of a joint's zero
+_SCANNED = 200  # rows that a scan looks at
+_WHOLE = 0.3  # degrees: a zero that is nearer to a whole number of them is one
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Readings as they would be without a mistake; its `code`, its cure as the end of a sentence, what it is about."""
+
+    code: Code
+    text: str
+    joints: Array
+    readings: Readings
+    columns: tuple[str, ...] = ()
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+def unit_of(frames: Frames) -> str | None:
+    """Return the unit in which the readings fit the arm; None where there is none."""
+    return next((unit for unit, size in UNITS.items() if abs(frames.scale / size - 1) < NEAR), None)
+
+
+def apart_in_sockets(poses: Array, socket: Index) -> tuple[Array, float, float]:
+    """Return the ball (3,) on the last link, how far it is from its sockets, and how far it may be [mm]."""
+    ball, _, apart = solve.ball_in_sockets(poses, socket)
+    reach = float(np.sqrt(((poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return ball, apart, max(APART * reach, _LEAST_APART)
+
+
+def _trials(readings: Readings, chain: Chain) -> Iterator[Sequence[Trial]]:
+    """Yield what is tried, in groups: of a group the best is taken, and a group comes before the later ones."""
+    columns, joints, n = readings.matched.joints, readings.joints, len(readings)
+    turning = [k for k, name in enumerate(chain.driven) if name not in readings.sliding]
+    sliding = [k for k, name in enumerate(chain.driven) if name in readings.sliding]
+    angles, rails = (tuple(columns[chain.driven[k]] for k in some) for some in (turning, sliding))
+    stated = bool({*angles} & {*readings.table.units})
+    for unit, factor in (("deg", np.pi / 180), ("rad", 180 / np.pi)):
+        if turning and (unit == "deg" or stated):
+            really = {"deg": "degrees", "rad": "rad, and not in degrees as the file states"}[unit]
+            text = f"with joints in {really}: units={','.join(f'{one}:{unit}' for one in angles)}"
+            yield [Trial(Code.JOINT_UNIT, text, _scaled(joints, turning, factor), readings, angles, {"unit": unit})]
+    for unit, taken in _RAILS if rails else ():
+        text = f"with {', '.join(rails)} in {unit}: units={','.join(f'{one}:{unit}' for one in rails)}"
+        scaled = _scaled(joints, sliding, UNITS[unit] / UNITS[taken])
+        yield [Trial(Code.JOINT_UNIT, text, scaled, readings, rails, {"unit": unit})]
+
+    if readings.position is not None:
+        for lag, where in ((1, "below"), (-1, "above")):
+            kept = readings.where(np.arange(n) != (0 if lag > 0 else n - 1))
+            text = f"if the readings of each row's joints stand in the row {where}"
+            shifted = joints[max(-lag, 0) : n - max(lag, 0)]
+            yield [Trial(Code.ROWS_OUT_OF_STEP, text, shifted, kept, values={"rows": lag})]
+
+    # single joints, which turn the other way or from another zero, and two exchanged
+    of_joints = []
+    for k, name in enumerate(chain.driven):
+        column, slides = columns[name], name in readings.sliding
+        cure = "turn its axis, or its readings"
+        if chain.source == "table":
+            cure = "change the sign of its column, or the alphas that point its axis"
+        text = f"if joint {name} {'slides' if slides else 'turns'} the other way than in the {chain.source}: {cure}"
+        reversed_ = _scaled(joints, [k], -1.0)
+        of_joints.append(Trial(Code.JOINT_REVERSED, text, reversed_, readings, (column,), {"joint": name}))
+        if slides:
+            continue
+        degrees = _zero_of(readings, chain, k)
+        text = f"if {degrees:g}° are added to joint {name}: its zero is not that of the {chain.source}"
+        shifted = joints.copy()
+        shifted[:, k] += np.deg2rad(degrees)
+        values = {"joint": name, "degrees": degrees}
+        of_joints.append(Trial(Code.JOINT_SHIFTED, text, shifted, readings, (column,), values))
+    for a, b in combinations(range(len(chain.driven)), 2):
+        order = list(range(len(chain.driven)))
+        order[a], order[b] = b, a
+        one, other = chain.driven[a], chain.driven[b]
+        both = columns[other], columns[one]
+        or_names = ", or their names in the table" if chain.source == "table" else ""
+        cure = as_columns({f"q_{one}": both[0], f"q_{other}": both[1]})
+        text = f"if the columns of joints {one} and {other} are exchanged{or_names}: {cure}"
+        of_joints.append(Trial(Code.JOINTS_EXCHANGED, text, joints[:, order], readings, both, {"joints": [one, other]}))
+    yield of_joints
+    if readings.position is None:
+        return
+    of_coordinates = []
+    for k, (axis, column) in enumerate(readings.matched.position.items()):
+        for unit, other in (("m", "mm"), ("mm", "m"), ("inch", "mm"), ("mm", "inch")):
+            position = _scaled(readings.position, [k], UNITS[unit] / UNITS[other])
+            text = f"if {column} is in {unit} where the others are in {other}: units={column}:{unit}"
+            changed, values = replace(readings, position=position), {"axis": axis, "unit": unit}
+            of_coordinates.append(Trial(Code.POSITION_UNIT, text, joints, changed, (column,), values))
+    yield of_coordinates
+
+
+def _scaled(values: Array, columns: Sequence[int], factor: float) -> Array:
+    made = values.copy()
+    made[:, columns] *= factor
+    return made
+
+
+def _zero_of(readings: Readings, chain: Chain, k: int) -> float:
+    """Return by how many degrees joint k has to be turned for the readings to be nearest to the nominal arm."""
+    some = readings.where(np.unique(np.linspace(0, len(readings) - 1, _SCANNED).astype(int)))
+    read = np.zeros((len(some), 3))
+    if some.position is not None:
+        read = some.position - np.median(some.position, axis=0)
+        read = read / (float(np.median(np.sqrt((read**2).sum(axis=1)))) or 1.0)
+
+    def apart(angle: float) -> float:
+        joints = some.joints.copy()
+        joints[:, k] += angle
+        poses = forward(chain, nominal(chain), joints)
+        if some.position is None:
+            return solve.ball_in_sockets(poses, some.socket)[2]
+        # the median distance [mm] that the linear equations of the frames leave, wild or not
+        rows, wanted = solve.equations(poses, read), poses[:, :3, 3]
+        solved = np.linalg.lstsq(rows.reshape(-1, 15), wanted.ravel(), rcond=1e-9)[0]
+        return float(np.median(np.sqrt(((rows @ solved - wanted) ** 2).sum(axis=1))))
+
+    best = _SCAN[int(np.argmin([apart(angle) for angle in _SCAN]))]
+    step = float(_SCAN[1] - _SCAN[0])
+    zero = minimize_scalar(apart, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-4}).x
+    degrees = float(np.rad2deg(zero))
+    degrees = degrees - 360 if degrees > 180 + _WHOLE else degrees
+    return float(round(degrees)) if abs(degrees - round(degrees)) < _WHOLE else float(plain(degrees, 4))
+
+
+LENGTHS = ("a", "d")
+_ROUNDS, _FAR = 4, 6.0  # times the median of what is left: a reading beyond has no influence, as it may be wild
+_BETTER = 0.2  # of the misfit of the table as it stands: one change of an arm that is merely not calibrated gains less
+_AS_WELL = 2.0  # times the misfit of the best change: one that leaves less may be meant as well
+_MOST = 3  # changes: of as many axes that are parallel the offsets say the same
+_STRAIGHT = 1e-3  # rad: an alpha that is nearer to a multiple of a quarter turn is one
+
+
+def misfit_of_table(table: DhTable, data: Table, how: HowRead) -> float:
+    """Return how far readings and nominal arm lie apart, as a part of its reach; infinite where it is not this arm."""
+    try:
+        chain = table.chain
+        readings = read_readings(data, chain, how.observe)
+        if readings.position is None:
+            poses = forward(chain, nominal(chain), readings.joints)
+            _, apart, most = apart_in_sockets(poses, readings.socket)
+            if apart > most:
+                return inf  # before `start_of` looks for the reason
+        else:
+            frames = slid(readings, chain)[2]
+            if frames.apart > APART * frames.reach or unit_of(frames) is None:
+                return inf
+        start_of(readings, chain, how.rotation, how.limits)
+    except (DataError, ChainError):
+        return inf
+    return 0.0 if readings.position is None else frames.apart / frames.reach
+
+
+def mistake_of_table(table: DhTable, data: Table, how: HowRead) -> str:
+    """Return which one change of `table` makes the readings fit the arm; "" where none does, or several would."""
+    now = misfit_of_table(table, data, how)
+    if now < DOUBTFUL:
+        return ""
+    cures: list[tuple[float, str]] = []  # what each change leaves that cures the misfit, the best first
+    for changed in (_changed(table), _other_lengths(table, data, how)):
+        tried = [(misfit_of_table(other, data, how), text) for other, text in changed]
+        cures = sorted([*cures, *(one for one in tried if one[0] < min(APART / 2, _BETTER * now))])
+        if cures and cures[0][0] <= DOUBTFUL:
+            break
+    likely = [text for apart, text in cures if apart <= _AS_WELL * cures[0][0]]
+    return ", or ".join(likely) if 0 < len(likely) <= _MOST else ""
+
+
+def _changed(table: DhTable) -> Iterator[tuple[DhTable, str]]:
+    """Yield tables with one thing changed, and the change as the end of "the readings fit the arm ..."."""
+    for form in FORMS:
+        if form != table.form:
+            yield replace(table, form=form), f"as {form}: convention={form}"
+    rows = table.rows
+    for k, row in enumerate(rows):
+        if row.kind != "fixed":
+            slides = row.kind == "rotary"
+            other = replace(row, kind="sliding" if slides else "rotary", lower=-inf, upper=inf)
+            how = "slides: type prismatic" if slides else "turns: type revolute"
+            yield _with(table, {k: other}), f"if row {k + 1} ({row.name}) {how}"
+    for i, j in combinations(range(len(rows)), 2):
+        one, other = rows[i], rows[j]
+        pair = f"rows {i + 1} ({one.name}) and {j + 1} ({other.name})"
+        yield _with(table, {i: other, j: one}), f"if {pair} are exchanged"
+        numbers, theirs = ({key: getattr(row, key) for key in ("kind", *NUMBERS)} for row in (one, other))
+        exchanged = {i: replace(one, **theirs), j: replace(other, **numbers)}
+        yield _with(table, exchanged), f"if {pair} exchange their numbers, and keep their names"
+    for first, second in (("a", "d"), ("alpha", "theta")):
+        columns = {
+            k: replace(row, **{first: getattr(row, second), second: getattr(row, first)}) for k, row in enumerate(rows)
+        }
+        yield _with(table, columns), f"if columns {first} and {second} are exchanged"
+    scale = between("alpha", "rad", table.angle)
+    for k, row in enumerate(rows):
+        # of the other sign, or a quarter turn for none, or none for one
+        meant = [pi / 2, -pi / 2] if abs(row.alpha) < _STRAIGHT else []
+        meant += [-row.alpha] if not meant and pi - abs(row.alpha) > _STRAIGHT else []
+        meant += [0.0] if abs(abs(row.alpha) - pi / 2) < _STRAIGHT else []
+        for alpha in meant:
+            was, now = (f"{plain(scale * v, 4)} {table.angle}" for v in (row.alpha, alpha))
+            text = f"if alpha of row {k + 1} ({row.name}) is {now}, not {was}"
+            yield _with(table, {k: replace(row, alpha=alpha)}), text
+
+
+def _other_lengths(table: DhTable, data: Table, how: HowRead) -> Iterator[tuple[DhTable, str]]:
+    """Yield tables with one length as the readings have it, and the change, as `_changed` does."""
+    try:
+        readings = read_readings(data, table.chain, how.observe)
+    except (DataError, ChainError):
+        return
+    if readings.position is None:
+        return
+    places, middle = readings.position, np.median(readings.position, axis=0)
+    size = float(np.median(np.abs(places - middle))) or 1.0
+    for k, row in enumerate(table.rows):
+        for one in LENGTHS:
+            # the length by the equations of the frames: of B, c, t and by how far it is longer
+            numbers: list[dict[str, Any]] = [{one: 0.0}, {one: 1.0}]
+            chains = [_with(table, {k: replace(row, **number)}).chain for number in numbers]
+            here, there = (forward(chain, nominal(chain), readings.joints) for chain in chains)
+            along = there[:, :3, 3] - here[:, :3, 3]
+            reach = float(np.abs(here[:, :3, 3]).max()) or 1.0
+            rows = np.concatenate([solve.equations(here, (places - middle) / size), -along[:, :, None]], axis=2)
+            wanted = here[:, :3, 3] / reach
+            near = np.ones(len(places), dtype=bool)
+            for _ in range(_ROUNDS):
+                solved, _, rank, _ = np.linalg.lstsq(rows[near].reshape(-1, 16), wanted[near].ravel(), rcond=1e-6)
+                rest = np.sqrt(((rows @ solved - wanted) ** 2).sum(axis=1))
+                near = rest <= max(_FAR * float(np.median(rest)), 1e-9)
+            without = np.linalg.matrix_rank(rows[near][:, :, :15].reshape(-1, 15), rtol=1e-6)
+            if rank > without:
+                length = float(solved[15] * reach)
+                was, now = (plain(between(one, "mm", table.length) * v, 3) for v in (getattr(row, one), length))
+                text = f"if {one} of row {k + 1} ({row.name}) is about {now} {table.length}, not {was}"
+                longer: dict[str, Any] = {one: length}
+                yield _with(table, {k: replace(row, **longer)}), text
+
+
+def _with(table: DhTable, rows: dict[int, DhRow]) -> DhTable:
+    return replace(table, rows=tuple(rows.get(k, row) for k, row in enumerate(table.rows)))

@@ -1,11 +1,7 @@
 """`read_urdf`: a robot's links and joints from its URDF (without meshes), and the chain between two of its links.
 
-URDF writes metres and radians; here lengths are mm. What cannot be used is a `UrdfError` in one line. Source: the URDF
-specification, wiki.ros.org/urdf/XML (link, joint), and for `quat_xyzw` its version 1.2.
-
-`with_origins` is the way back: the user's own file, in which only the origins of some joints have new text. Comments,
-meshes, order and spaces stay as they are: an XML parser gives the place of each origin, and only its two attributes are
-written anew. A first comment says what was done.
+Lengths are mm here, metres there. What cannot be used is a `UrdfError` in one line. Source: wiki.ros.org/urdf/XML
+(link, joint), for `quat_xyzw` its version 1.2. `with_origins` writes new origins into the user's own file.
 """
 
 from __future__ import annotations
@@ -14,10 +10,9 @@ import re
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, final
+from typing import final
 from xml.parsers import expat
 
 import numpy as np
@@ -86,27 +81,45 @@ class Robot:
     source: str = "the URDF"
     option: str = ""
 
-    @cached_property
+    @property
     def root(self) -> str:
         """Return the one link that no joint leads to."""
         children = {joint.child for joint in self.joints}
         return next(link.name for link in self.links if link.name not in children)
 
-    @cached_property
-    def leaves(self) -> tuple[str, ...]:
-        """Return the links that no joint leaves."""
-        parents = {joint.parent for joint in self.joints}
-        return tuple(link.name for link in self.links if link.name not in parents)
-
     def chain(self, base: str = "", tip: str = "") -> Chain:
         """Return the chain from the link `base` (the root) to the link `tip`.
 
-        Without `tip` it is the leaf that most moving joints lead to. Where several leaves hang on the same moving
-        joints, it is the last link that leads to all of them: what differs is fixed, and part of the tool. Where
-        several arms have as many joints, a `UrdfError` lists them.
+        Without `tip` it is the leaf that most moving joints lead to; where several leaves hang on the same moving
+        joints, the last link that leads to all of them. A `UrdfError` lists several arms with as many joints.
         """
-        base = self._known("base", base) if base else self.root
-        tip = self._known("tip", tip) if tip else self._usual_tip(base)
+        names = [link.name for link in self.links]
+        for what, link in (("base", base), ("tip", tip)):
+            if link and link not in names:
+                raise UrdfError(f"{self.source}: {self.option}{what}={link!r} is no link of it; {suggest(link, names)}")
+        base, parents = base or self.root, {joint.parent for joint in self.joints}
+        leaves = [name for name in names if name not in parents]
+        if not tip:
+            below: dict[str, tuple[str, ...]] = {}
+            for leaf in leaves:
+                try:
+                    path = self._path(base, leaf)
+                except UrdfError:
+                    continue
+                below[leaf] = tuple(joint.name for joint in path if joint.moves)
+            most = max(map(len, below.values()), default=0)
+            if most == 0:
+                raise UrdfError(f"{self.source}: no joint moves behind {base!r}; take {self.option}base={self.root}")
+            best = [leaf for leaf, moving in below.items() if len(moving) == most]
+            paths = [[base, *(joint.child for joint in self._path(base, leaf))] for leaf in best]
+            shared: str = [steps[0] for steps in zip(*paths, strict=False) if len(set(steps)) == 1][-1]
+            if len({below[leaf] for leaf in best}) > 1:
+                raise UrdfError(
+                    f"{self.source}: {len(best)} links have {most} moving joints above them "
+                    f"({', '.join(sorted(best))}); take one as {self.option}tip=, or {self.option}tip={shared}, where "
+                    "they part"
+                )
+            tip = shared  # of one leaf it is this
         path = self._path(base, tip)
         held, joints = np.eye(4), []
         for joint in path:
@@ -119,27 +132,23 @@ class Robot:
                     f"fixed joints make an arm; take {self.option}base={joint.child}"
                 )
             mass, centre = self._carried(joint.child, {step.name for step in path})
-            joints.append(
-                ChainJoint(
-                    name=joint.name, kind=_KINDS[joint.type], origin=held, axis=joint.axis, lower=joint.lower,
-                    upper=joint.upper,
-                    mimic=self._followed(joint), mass=mass, centre=centre, link=joint.child,
-                )
-            )  # fmt: skip
+            joints.append(ChainJoint(
+                name=joint.name, kind=_KINDS[joint.type], origin=held, axis=joint.axis, lower=joint.lower,
+                upper=joint.upper, mimic=self._followed(joint), mass=mass, centre=centre,
+            ))  # fmt: skip
             held = np.eye(4)
         if not joints:
             raise UrdfError(
                 f"{self.source}: no joint moves between {base!r} and {tip!r}; take {self.option}tip= one of "
-                f"{self._tips()}"
+                f"{', '.join(sorted(leaves))}"
             )
-        made = Chain(tuple(joints), held, self.name, base, tip)
         length = sum(float(np.linalg.norm(origin[:3, 3])) for origin in (*(j.origin for j in joints), held))
         if length > _LONGEST:
             raise UrdfError(
                 f"{self.source}: its links are {length / 1e3:.0f} m long together: a URDF is in metres, and these look "
                 "like mm; divide each xyz by 1000"
             )
-        return made
+        return Chain(tuple(joints), held, self.name, base, tip)
 
     def _followed(self, joint: Joint) -> Mimic | None:
         """Return which joint that is read `joint` follows, through those that follow others; None where none."""
@@ -172,43 +181,20 @@ class Robot:
             at = above[at].parent
         return path[::-1]
 
-    def _usual_tip(self, base: str) -> str:
-        below: dict[str, tuple[str, ...]] = {}
-        for leaf in self.leaves:
-            try:
-                path = self._path(base, leaf)
-            except UrdfError:
-                continue
-            below[leaf] = tuple(joint.name for joint in path if joint.moves)
-        most = max(map(len, below.values()), default=0)
-        if most == 0:
-            raise UrdfError(f"{self.source}: no joint moves behind {base!r}; take {self.option}base={self.root}")
-        best = [leaf for leaf, joints in below.items() if len(joints) == most]
-        if len(best) == 1:
-            return best[0]
-        paths = [[base, *(joint.child for joint in self._path(base, leaf))] for leaf in best]
-        shared: str = [steps[0] for steps in zip(*paths, strict=False) if len(set(steps)) == 1][-1]
-        if len({below[leaf] for leaf in best}) > 1:
-            raise UrdfError(
-                f"{self.source}: {len(best)} links have {most} moving joints above them ({', '.join(sorted(best))}); "
-                f"take one as {self.option}tip=, or {self.option}tip={shared}, where they part"
-            )
-        return shared
-
     def _carried(self, link: str, path: set[str]) -> tuple[float | None, Array | None]:
         """Return mass and centre of all that hangs on `link` but the arm's own next joints; fingers stand at zero."""
         masses: list[tuple[float, Array]] = []
         known = {each.name: each for each in self.links}
-        below: dict[str, list[Joint]] = {}
+        behind: dict[str, list[Joint]] = {}
         for joint in self.joints:
-            below.setdefault(joint.parent, []).append(joint)
-        below_it = [(link, np.eye(4))]
-        while below_it:
-            name, at = below_it.pop()
+            behind.setdefault(joint.parent, []).append(joint)
+        below = [(link, np.eye(4))]
+        while below:
+            name, at = below.pop()
             one = known[name]
             if one.mass is not None and one.centre is not None:
                 masses.append((one.mass, at[:3, :3] @ one.centre + at[:3, 3]))
-            below_it += [(j.child, at @ j.origin) for j in below.get(name, ()) if not (j.moves and j.name in path)]
+            below += [(j.child, at @ j.origin) for j in behind.get(name, ()) if not (j.moves and j.name in path)]
         if not masses:
             return None, None
         whole = sum(mass for mass, _ in masses)
@@ -216,21 +202,9 @@ class Robot:
             return 0.0, np.zeros(3)
         return whole, np.asarray(sum(mass * centre for mass, centre in masses) / whole)
 
-    def _known(self, what: str, name: str) -> str:
-        names = [link.name for link in self.links]
-        if name not in names:
-            raise UrdfError(f"{self.source}: {self.option}{what}={name!r} is no link of it; {suggest(name, names)}")
-        return name
-
-    def _tips(self) -> str:
-        return ", ".join(sorted(self.leaves))
-
 
 def read_urdf(path: str | Path, option: str = "") -> Robot:
-    """Return the robot of a URDF file. Raises `UrdfError`, one line, for what is none or cannot be used.
-
-    `option` is what its user writes before base= and tip=.
-    """
+    """Return the robot of a URDF file. Raises `UrdfError`, one line, for what is none or cannot be used."""
     path = Path(path)
     return parse_urdf(urdf_text(path), path.name, option)
 
@@ -248,6 +222,7 @@ def urdf_text(path: Path) -> bytes:
 def parse_urdf(text: str | bytes, source: str = "the URDF", option: str = "") -> Robot:
     """Return the robot of a URDF's text; `source` is what error messages call it, `option` as in `read_urdf`."""
     plain = text if isinstance(text, str) else text.decode("utf-8", "replace")
+    expand = f"{source}: this is xacro, not URDF; expand it first: xacro {source} > arm.urdf"
     if "\0" in plain:
         raise UrdfError(f"{source}: holds NUL bytes, as UTF-16 does; save it as UTF-8")
     if "<!ENTITY" in plain:
@@ -256,39 +231,32 @@ def parse_urdf(text: str | bytes, source: str = "the URDF", option: str = "") ->
         tree = ElementTree.fromstring(text)
     except (ElementTree.ParseError, LookupError, ValueError) as problem:  # the latter of encodings
         if "xacro:" in plain:
-            raise _unexpanded(source) from problem
+            raise UrdfError(expand) from problem
         raise UrdfError(f"{source}: no URDF, as it is not XML ({problem}); give the .urdf file itself") from problem
     if tree.tag != "robot":
         raise UrdfError(f"{source}: no URDF, as it opens with <{tree.tag}> and not with <robot>")
     foreign = "{" if "<xacro:" in plain else "\0"  # what a tag of another namespace begins with; a comment says so too
     if any(one.tag.startswith(foreign) or any("${" in word for word in one.attrib.values()) for one in tree.iter()):
-        raise _unexpanded(source)
+        raise UrdfError(expand)
     for kind in ("link", "joint"):
         if (count := len(tree.findall(kind))) > _MOST_LINKS:
             raise UrdfError(f"{source}: has {count} {kind}s, and at most {_MOST_LINKS} are read; give the arm alone")
-    links = tuple(_link(each, source) for each in tree.findall("link"))
+    links = []
+    for each in tree.findall("link"):
+        if not (name := each.get("name")):
+            raise UrdfError(f"{source}: a <link> has no name; give it one")
+        inertial = each.find("inertial")
+        weighs, mass, centre = None if inertial is None else inertial.find("mass"), None, None
+        if inertial is not None and weighs is not None:
+            mass = float(_numbers(weighs.get("value", "0"), 1, f"{source}: link {name!r}, mass")[0])
+            if mass < 0:
+                raise UrdfError(f"{source}: link {name!r} has a mass of {mass:g} kg; it cannot be negative")
+            centre = _placement(inertial.find("origin"), f"{source}: link {name!r}")[:3, 3]
+        links.append(Link(name, mass, centre))
     joints = tuple(_joint(each, source) for each in tree.findall("joint"))
-    robot = Robot(tree.get("name", "robot"), links, joints, source, option)
+    robot = Robot(tree.get("name", "robot"), tuple(links), joints, source, option)
     _check_tree(robot)
     return robot
-
-
-def _unexpanded(source: str) -> UrdfError:
-    return UrdfError(f"{source}: this is xacro, not URDF; expand it first: xacro {source} > arm.urdf")
-
-
-def _link(element: ElementTree.Element, source: str) -> Link:
-    name = element.get("name")
-    if not name:
-        raise UrdfError(f"{source}: a <link> has no name; give it one")
-    inertial = element.find("inertial")
-    weighs = None if inertial is None else inertial.find("mass")
-    if inertial is None or weighs is None:
-        return Link(name)
-    mass = _numbers(weighs.get("value", "0"), 1, f"{source}: link {name!r}, mass")[0]
-    if mass < 0:
-        raise UrdfError(f"{source}: link {name!r} has a mass of {mass:g} kg; it cannot be negative")
-    return Link(name, float(mass), _placement(inertial.find("origin"), f"{source}: link {name!r}")[:3, 3])
 
 
 def _joint(element: ElementTree.Element, source: str) -> Joint:
@@ -306,9 +274,7 @@ def _joint(element: ElementTree.Element, source: str) -> Joint:
     length = float(np.linalg.norm(axis))
     if kind in _KINDS and not length > 0:
         raise UrdfError(f"{where} has the axis 0 0 0; give the direction it turns about or slides along")
-    scale = _MM if kind == "prismatic" else 1.0
-    limit = element.find("limit")
-    sides = [-np.inf, np.inf]
+    scale, limit, sides = _MM if kind == "prismatic" else 1.0, element.find("limit"), [-np.inf, np.inf]
     if limit is not None and kind in ("revolute", "prismatic"):
         words = [limit.get("lower"), limit.get("upper")]
         for k, one in enumerate(words):
@@ -323,10 +289,9 @@ def _joint(element: ElementTree.Element, source: str) -> Joint:
         offset = scale * float(_numbers(follows.get("offset", "0"), 1, f"{where}, mimic")[0])
         gain = float(_numbers(follows.get("multiplier", "1"), 1, f"{where}, mimic")[0])
         mimic = Mimic(str(follows.get("joint")), gain, offset)
-    origin = _placement(element.find("origin"), where)
     return Joint(
-        name=name, type=kind, parent=ends[0], child=ends[1], origin=origin, axis=axis / (length or 1.0), lower=sides[0],
-        upper=sides[1], mimic=mimic,
+        name=name, type=kind, parent=ends[0], child=ends[1], origin=_placement(element.find("origin"), where),
+        axis=axis / (length or 1.0), lower=sides[0], upper=sides[1], mimic=mimic,
     )  # fmt: skip
 
 
@@ -392,92 +357,48 @@ def _check_tree(robot: Robot) -> None:
 
 
 def with_origins(text: bytes, origins: Mapping[str, Array], comment: str) -> bytes:
-    """Return the URDF `text` with new `origins`, joint -> (4, 4) [mm], and a `comment` at its beginning.
+    """Return the URDF `text` with new `origins`, joint -> (4, 4) [mm], and a `comment` at its beginning."""
+    # where the content of each joint begins ("" is the robot), and where the tag of its origin stands
+    parser = expat.ParserCreate()
+    inside: dict[str, int] = {}
+    tags: dict[str, tuple[int, int]] = {}
+    names, joint = list[str](), ""  # the open elements, and the last joint
+    tag = re.compile(rb"""(?:[^>"']|"[^"]*"|'[^']*')*>""")  # its end; a > between quotation marks is none
 
-    Raises `ValueError` for a joint that stands nowhere below the robot.
-    """
-    places = _places(text)
-    lost = [name for name in origins if name not in places]
+    def begin(name: str, attributes: dict[str, str]) -> None:
+        nonlocal joint
+        at = parser.CurrentByteIndex
+        match = tag.match(whole, at)
+        assert match is not None  # the parser has read it
+        if names == [] and name == "robot":
+            inside[""] = match.end()
+        elif names == ["robot"] and name == "joint":
+            joint = attributes.get("name", "")
+            inside[joint] = match.end()
+        elif names == ["robot", "joint"] and name == "origin":
+            tags[joint] = (at, match.end())
+        names.append(name)
+
+    whole = text
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: names.pop()
+    parser.Parse(whole, True)
+    lost = [name for name in origins if name not in inside]
     if lost:
         raise ValueError(f"joint {lost[0]} stands not in the text of the URDF")
-    changes = []
+    changes = [(inside[""], inside[""], f"\n  <!-- {comment.replace('--', '- -')} -->".encode())]
     for name, origin in origins.items():
-        place = places[name]
-        written = _attributes(origin)
-        if place.origin is None:
-            changes.append((place.inside, place.inside, b"\n    <origin " + written + b"/>"))
+        xyz, rpy = (  # with the digits of a nanometre and a nanoradian
+            " ".join(f"{round(v, 9) + 0.0:.9f}".rstrip("0").rstrip(".") or "0" for v in values)
+            for values in (origin[:3, 3] / _MM, rpy_of(origin))
+        )
+        written = f'xyz="{xyz}" rpy="{rpy}"'.encode()
+        if name in tags:
+            start, end = tags[name]
+            other = re.sub(rb"""\s+(?:xyz|rpy|quat_xyzw|quat)\s*=\s*(?:"[^"]*"|'[^']*')""", b"", text[start:end])
+            changes.append((start, end, other.replace(b"<origin", b"<origin " + written, 1)))
         else:
-            start, end = place.origin
-            changes.append((start, end, _rewritten(text[start:end], written)))
-    robot = places[""].inside
-    changes.append((robot, robot, f"\n  <!-- {comment.replace('--', '- -')} -->".encode()))
+            changes.append((inside[name], inside[name], b"\n    <origin " + written + b"/>"))
     for start, end, new in sorted(changes, reverse=True):
         text = text[:start] + new + text[end:]
     return text
-
-
-@final
-@dataclass
-class _Place:
-    """Bytes of a joint: where its content begins, and the tag of its origin."""
-
-    inside: int
-    origin: tuple[int, int] | None = None
-
-
-@final
-@dataclass
-class _Reader:
-    """State of the parser: the open elements, and the joints by name ("" is the robot itself)."""
-
-    text: bytes
-    parser: Any
-    open: list[str] = field(default_factory=list)
-    places: dict[str, _Place] = field(default_factory=dict)
-    joint: str = ""
-
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
-        at = self.parser.CurrentByteIndex
-        if self.open == [] and tag == "robot":
-            self.places[""] = _Place(_end_of_tag(self.text, at))
-        elif self.open == ["robot"] and tag == "joint":
-            self.joint = attributes.get("name", "")
-            self.places[self.joint] = _Place(_end_of_tag(self.text, at))
-        elif self.open == ["robot", "joint"] and tag == "origin":
-            self.places[self.joint].origin = (at, _end_of_tag(self.text, at))
-        self.open.append(tag)
-
-    def end(self, _: str) -> None:
-        self.open.pop()
-
-
-def _places(text: bytes) -> dict[str, _Place]:
-    reader = _Reader(text, expat.ParserCreate())
-    reader.parser.StartElementHandler = reader.start
-    reader.parser.EndElementHandler = reader.end
-    reader.parser.Parse(text, True)
-    return reader.places
-
-
-def _end_of_tag(text: bytes, start: int) -> int:
-    """Return the place behind the tag that begins at `start`; a > between quotation marks is no end."""
-    match = re.compile(rb"""(?:[^>"']|"[^"]*"|'[^']*')*>""").match(text, start)
-    assert match is not None  # the parser has read it
-    return match.end()
-
-
-def _attributes(origin: Array) -> bytes:
-    xyz = " ".join(_number(v / _MM) for v in origin[:3, 3])
-    rpy = " ".join(_number(v) for v in rpy_of(origin))
-    return f'xyz="{xyz}" rpy="{rpy}"'.encode()
-
-
-def _number(value: float) -> str:
-    """Return a number with the digits of a nanometre and a nanoradian, and no more."""
-    return f"{round(value, 9) + 0.0:.9f}".rstrip("0").rstrip(".") or "0"
-
-
-def _rewritten(tag: bytes, written: bytes) -> bytes:
-    """Return the tag of an origin with other numbers."""
-    kept = re.sub(rb"""\s+(?:xyz|rpy|quat_xyzw|quat)\s*=\s*(?:"[^"]*"|'[^']*')""", b"", tag)
-    return kept.replace(b"<origin", b"<origin " + written, 1)

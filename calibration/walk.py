@@ -1,17 +1,11 @@
 """The kinematics of a chain whose numbers differ from row to row: that is how an effect enters. Slopes, too.
 
-A joint's frame is its placement in the description, its own error, then its motion, as in `kinematics`:
+    base:     Trans(base_x, base_y, base_z) . Rz(base_rz) Ry(base_ry) Rx(base_rx) . turned
+    joint J:  (length_J along the stated way) . stated turn . Trans(x_J, y_J, z_J) . Rz(rz_J) Ry(ry_J) Rx(rx_J) . motion
 
-    T_J = (length_J along the stated way) . stated turn . Trans(x_J, y_J, z_J) . Rz(rz_J) Ry(ry_J) Rx(rx_J) . motion
-
-`motion` is about, or along, the axis by the reading plus `zero_J`; of a joint that mimics another, by what that makes.
-The base stands in the tracker's frame at
-
-    Trans(base_x, base_y, base_z) . Rz(base_rz) Ry(base_ry) Rx(base_rx) . turned
-
-`turned` being found from the data, so that the three angles stay small. The target lies at tool_x, tool_y, tool_z in
-the frame of the flange. Slopes are those of a rigid body: a shift moves the target by itself, a turn about an axis by
-axis x lever. A test holds both kinematics to each other; `kinematics` is several times as fast where rows are alike.
+`turned` is found from the data, so that the three angles stay small; `motion` is about, or along, the axis by the
+reading plus `zero_J`. The target lies at tool_x, tool_y, tool_z in the frame of the flange. A test holds it to
+`kinematics`, which is several times as fast where rows are alike.
 """
 
 from __future__ import annotations
@@ -31,16 +25,7 @@ TURNS = ("rx", "ry", "rz")
 BASE = tuple(f"base_{one}" for one in (*PLACE, *TURNS))
 TOOL = tuple(f"tool_{one}" for one in PLACE)
 READING = "q_"  # before the name of a joint: the column that it is read from
-_UNIT = np.eye(3)
 LEAST_LENGTH = 1.0  # mm, from which on a link has a length of its own
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Stand:
-    """How the base is turned in the tracker's frame, (3, 3), before the angles of calibration."""
-
-    turned: Array
 
 
 @final
@@ -64,22 +49,17 @@ def of_joint(joint: str) -> tuple[str, ...]:
     return tuple(f"{one}_{joint}" for one in (*PLACE, *TURNS))
 
 
-def lengths(chain: Chain) -> dict[str, float]:
-    """Return `length_J` [mm], the distance from the joint before, of each joint where that is not zero."""
-    far = {f"length_{j.name}": float(np.linalg.norm(j.origin[:3, 3])) for j in chain.joints}
-    return {name: length for name, length in far.items() if length > LEAST_LENGTH}
-
-
 def quantities(chain: Chain) -> dict[str, float]:
-    """Return every number of the arm's own with its nominal value; the base and the tool are not among them."""
-    named: dict[str, float] = lengths(chain)
+    """Return every number of the arm's own with its nominal value; `length_J` [mm] where it is not zero."""
+    far = {f"length_{j.name}": float(np.linalg.norm(j.origin[:3, 3])) for j in chain.joints}
+    named = {name: length for name, length in far.items() if length > LEAST_LENGTH}
     for joint in chain.joints:
         named |= dict.fromkeys((*of_joint(joint.name), f"zero_{joint.name}"), 0.0)
     return named
 
 
-def walk(chain: Chain, stand: Stand, q: Quantities) -> Walk:
-    """Return the way to the target at the quantities `q`, each (n,) or ()."""
+def walk(chain: Chain, base: Array, q: Quantities) -> Walk:
+    """Return the way to the target at the quantities `q`, each (n,) or (); the base is turned by `base`, (3, 3)."""
     n = np.shape(q[READING + chain.driven[0]])
     turn: Numbers = np.eye(3)
     place: Numbers = np.zeros(3)
@@ -90,25 +70,23 @@ def walk(chain: Chain, stand: Stand, q: Quantities) -> Walk:
         nonlocal place
         for k, name in enumerate(names):
             along[name] = turn[..., :, k]
-            place = place + along[name] * _row(q[name])
+            place = place + along[name] * np.asarray(q[name])[..., None]
 
     def turned(names: tuple[str, ...]) -> None:
         nonlocal turn
         for name, k in zip(reversed(names), (2, 1, 0)):
             about[name] = (turn[..., :, k], place)
-            turn = _about(turn, _UNIT[k], q[name])
+            turn = _about(turn, np.eye(3)[k], q[name])
 
     shifted(BASE[:3])
     turned(BASE[3:])
-    turn = _by(turn, stand.turned)
-    gains, offsets = chain.following
-    frames = []
+    turn = _by(turn, base)
+    (gains, offsets), frames = chain.following, []
     for k, joint in enumerate(chain.joints):
-        way = joint.origin[:3, 3]
-        length = f"length_{joint.name}"
+        way, length = joint.origin[:3, 3], f"length_{joint.name}"
         if length in q:
             along[length] = _by(turn, way / np.linalg.norm(way))
-            place = place + along[length] * _row(q[length])
+            place = place + along[length] * np.asarray(q[length])[..., None]
         else:
             place = place + _by(turn, way)
         turn = _by(turn, joint.origin[:3, :3])
@@ -126,7 +104,7 @@ def walk(chain: Chain, stand: Stand, q: Quantities) -> Walk:
             turn = _about(turn, joint.axis, stands)
         else:
             along[f"zero_{joint.name}"] = axis
-            place = place + axis * _row(stands)
+            place = place + axis * np.asarray(stands)[..., None]
     place = place + _by(turn, chain.tail[:3, 3])
     turn = _by(turn, chain.tail[:3, :3])
     flange = (np.broadcast_to(turn, (*n, 3, 3)), np.broadcast_to(place, (*n, 3)))
@@ -144,10 +122,7 @@ def slopes(chain: Chain, way: Walk) -> dict[str, Array]:
 
 
 def turn_slopes(chain: Chain, way: Walk, more: dict[str, Array], measure: Callable[[Array], Array]) -> dict[str, Array]:
-    """Return the derivative of the flange's rotation in each quantity, and about `more` axes, name -> (n, 3).
-
-    `measure` turns axes of rotation, (m, n, 3), into the measured rotation; it is linear in them.
-    """
+    """Return the derivative of the flange's rotation in each quantity, and about `more` axes, name -> (n, 3)."""
     n = way.target.shape
     axes = {name: axis for name, (axis, _) in way.about.items()} | more
     by_name = dict(zip(axes, measure(np.stack([_spread(axis, n) for axis in axes.values()]))))
@@ -169,10 +144,6 @@ def _spread(one: Numbers, shape: tuple[int, ...]) -> Numbers:
     return one if one.shape == shape else np.broadcast_to(one, shape)
 
 
-def _row(value: Any) -> Numbers:
-    return np.asarray(value)[..., None]
-
-
 def _by(turn: Numbers, fixed: Array) -> Numbers:
     """Return turn @ fixed, (..., 3, 3) by (3, 3) or (3,), as one product of two matrices."""
     return np.asarray((turn.reshape(-1, 3) @ fixed).reshape(turn.shape if fixed.ndim == 2 else turn.shape[:-1]))
@@ -188,19 +159,15 @@ def _about(turn: Numbers, axis: Array, angle: Any) -> Numbers:
     along = np.outer(axis, axis)
     if angle.ndim == 0:
         return _by(turn, along + np.cos(angle) * (np.eye(3) - along) + np.sin(angle) * across)
-    if 1.0 in axis.tolist():
-        return _about_coordinate(turn, axis.tolist().index(1.0), angle)
+    if 1.0 in axis.tolist():  # a coordinate axis: only two columns change
+        k = axis.tolist().index(1.0)
+        c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
+        first, second = turn[..., (k + 1) % 3], turn[..., (k + 2) % 3]
+        turned = np.empty((*angle.shape, 3, 3), dtype=np.result_type(turn, c))
+        turned[..., k] = turn[..., k]
+        turned[..., (k + 1) % 3] = c * first + s * second
+        turned[..., (k + 2) % 3] = c * second - s * first
+        return turned
     c, s = np.cos(angle)[..., None, None], np.sin(angle)[..., None, None]
     kept = _by(turn, along)
     return np.asarray(kept + c * (turn - kept) + s * _by(turn, across))
-
-
-def _about_coordinate(turn: Numbers, k: int, angle: Numbers) -> Numbers:
-    """Return `turn` followed by rotations, one a row, about coordinate axis k; only two columns change."""
-    c, s = np.cos(angle)[..., None], np.sin(angle)[..., None]
-    first, second = turn[..., (k + 1) % 3], turn[..., (k + 2) % 3]
-    turned = np.empty((*angle.shape, 3, 3), dtype=np.result_type(turn, c))
-    turned[..., k] = turn[..., k]
-    turned[..., (k + 1) % 3] = c * first + s * second
-    turned[..., (k + 2) % 3] = c * second - s * first
-    return turned

@@ -11,11 +11,7 @@ from typing import Any
 
 
 def public_names(names: Collection[str]) -> Callable[[], list[str]]:
-    """Return a ``__dir__`` for a package whose ``__all__`` is `names`.
-
-    >>> public_names(["make", "arm"])()
-    ['arm', 'make']
-    """
+    """Return a ``__dir__`` for a package whose ``__all__`` is `names`."""
     return lambda: sorted(names)
 
 
@@ -23,10 +19,6 @@ def loader(package: str, homes: Mapping[str, str], modules: Collection[str] = ()
     """Return a ``__getattr__`` for `package`; `homes` is public name -> the module of the package that has it.
 
     `modules` are those of the package that are loaded when they are asked for as its attributes.
-
-    >>> load = loader("calibench.core", {"shown": "options"})
-    >>> load("shown")(True)
-    'true'
     """
 
     def load(name: str) -> Any:

@@ -14,11 +14,7 @@ from typing import Any, final
 
 @final
 class Code(StrEnum):
-    """What a note is about. The first word of a member is written to files; `meaning` says what it means.
-
-    >>> Code("joint_reversed").meaning
-    'a joint counts the other way than in the description of the arm'
-    """
+    """What a note is about. The first word of a member is written to files; `meaning` says what it means."""
 
     meaning: str
 
@@ -122,12 +118,7 @@ class Code(StrEnum):
 @final
 @dataclass(frozen=True)
 class Note:
-    """One note: its code, its words without a full stop, and the columns, rows and numbers that it is about.
-
-    >>> note = Note(Code.FEW_POSES, "20 poses are few", values={"poses": 20})
-    >>> str(note), note.to_dict()["code"]
-    ('20 poses are few', 'few_poses')
-    """
+    """One note: its code, its words without a full stop, and the columns, rows and numbers that it is about."""
 
     code: Code
     text: str

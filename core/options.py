@@ -1,14 +1,9 @@
 """Options of a registry's entries: declared by a signature, given as text or values, checked and described.
 
-A value is accepted where it loses nothing in the annotated type: numbers, words, lists, arrays, paths, members of an
-enumeration by name, a dataclass by its fields. Without an annotation any value is accepted.
-
-A word that was typed, against the annotation of its option: what is annotated as text holds what was typed.
-
-Hydra, YAML and JSON read 1.10 as a number, 2024_05_01 as another, null as nothing. Where an option is annotated as
-text (`str`, a path, a `Literal` or an enumeration of texts; alone, in a union, a list, a mapping) none is asked:
-Hydra gets the word in quotes (`bench.sweep.composition`), and the verbs that Hydra does not compose read
-it here (`read_word`).
+A value is accepted where it loses nothing in the annotated type. Hydra, YAML and JSON read 1.10 as a number, null as
+nothing. Where an option is annotated as text (`str`, a path, a `Literal` or an enumeration of texts; alone, in a union,
+a list, a mapping) none is asked: Hydra gets the word in quotes (`bench.sweep.composition`), and the verbs that Hydra
+does not compose read it here (`read_word`).
 """
 
 from __future__ import annotations
@@ -20,7 +15,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from enum import Enum
 from itertools import islice
@@ -30,7 +25,6 @@ from pathlib import PurePath
 from typing import Any, Literal, NewType, Optional, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibench.core.words import shortened
 
@@ -50,19 +44,16 @@ class Option:
     required: bool
 
     @property
-    def is_none(self) -> bool:
-        """Return whether it is None where nobody gives it, whatever type it was annotated with."""
-        return self.default is None and not self.required
-
-    @property
     def annotation(self) -> Any:
         """Return its type, and None beside it where that is the default."""
-        return Optional[self.type] if self.is_none else self.type  # noqa: UP045 - a quoted annotation knows no |
+        or_none = self.default is None and not self.required
+        return Optional[self.type] if or_none else self.type  # noqa: UP045 - a quoted annotation knows no |
 
     @property
     def takes_none(self) -> bool:
         """Return whether None is a value of its own here."""
-        return self.is_none or self.type is Any or type(None) in get_args(written_out(self.type))
+        is_none = self.default is None and not self.required  # whatever type it was annotated with
+        return is_none or self.type is Any or type(None) in get_args(written_out(self.type))
 
     @property
     def fields(self) -> dict[str, Option]:
@@ -76,7 +67,7 @@ class Option:
 
     def taken(self, label: str, value: Any) -> Any:
         """Return `value` as `coerce` does; of a dataclass the fields that are not given are those of the default."""
-        if value is None and self.is_none:
+        if value is None and self.default is None and not self.required:
             return None
         kind, own = self.type, self.default
         if isinstance(value, Mapping) and is_dataclass(own) and not isinstance(own, type):
@@ -98,7 +89,8 @@ def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:
         hints = get_type_hints(target.__init__ if inspect.isclass(target) else target)
     except NameError:  # annotations that only a type checker can resolve: take values as they come
         hints = {}
-    made = {f.name: f.default_factory() for f in _fields(target) if f.default_factory is not MISSING}
+    of_class = fields(target) if isinstance(target, type) and is_dataclass(target) else ()
+    made = {f.name: f.default_factory() for f in of_class if f.default_factory is not MISSING}
     options = {}
     for parameter in inspect.signature(factory).parameters.values():
         if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
@@ -110,9 +102,15 @@ def declared_options(factory: Callable[..., Any]) -> dict[str, Option]:
     return options
 
 
-def _fields(target: Callable[..., Any]) -> tuple[Any, ...]:
-    """Return the fields of a dataclass whose own `__init__` takes them, none of anything else."""
-    return fields(target) if isinstance(target, type) and is_dataclass(target) else ()
+def checked_options(label: str, declared: Mapping[str, Option], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options `given` for `label` in their types; raise `ValueError` for an unknown or a missing one too."""
+    for key in given:
+        if key not in declared:
+            raise ValueError(f"{label} has no option {key!r}; {suggest(str(key), declared)}")
+    checked = {key: declared[key].taken(f"{label}.{key}", value) for key, value in given.items()}
+    if missing := [key for key, option in declared.items() if option.required and key not in given]:
+        raise ValueError(f"{label} needs {', '.join(missing)}")
+    return checked
 
 
 def suggest(name: str, choices: Iterable[str]) -> str:
@@ -125,11 +123,20 @@ def suggest(name: str, choices: Iterable[str]) -> str:
     "did you mean 'nlopt_LN_NELDERMEAD'? choices: de, nlopt_LN_NELDERMEAD"
     """
     listed = list(choices)
-    near = difflib.get_close_matches(name, listed, n=1)
-    alike = _alike(name, listed) if not near else _holding(name, listed)
-    near += [choice for choice in alike if choice not in near] if not near or len(alike) == 1 else []
     if not listed:
         return "there are none"
+    near = difflib.get_close_matches(name, listed, n=1)
+    sought, *held = ("".join(c for c in each.casefold() if c.isalnum()) for each in (name, *listed))
+    letters = dict(zip(listed, held, strict=True))
+    alike = [choice for choice in listed if sought in letters[choice]] if len(sought) >= _TELLING else []
+    if not near:
+        # up to three that hold its letters and digits, or else the one whose own are nearest; where none is near, those
+        # that begin as it does, if they are few: popsize is meant for population
+        nearest = difflib.get_close_matches(sought, list(letters.values()), n=1)
+        alike = alike[:3] or [choice for choice in listed if letters[choice] in nearest][:1]
+        begin = [each for each in listed if len(sought) >= _TELLING and letters[each].startswith(sought[:_TELLING])]
+        alike = alike or (begin if len(begin) <= _FEW else [])
+    near += [choice for choice in alike if choice not in near] if not near or len(alike) == 1 else []
     library, apart, _ = name.partition("_")
     akin = [choice for choice in listed if apart and choice.casefold().startswith(f"{library.casefold()}_")]
     named = akin if len(akin) > 1 and len(listed) > _LONG else listed
@@ -137,28 +144,6 @@ def suggest(name: str, choices: Iterable[str]) -> str:
     named = named[:_BEGINNING] if rest else named
     meant = f"did you mean {' or '.join(repr(choice) for choice in near)}? " if near else ""
     return f"{meant}choices: {', '.join(named)}{rest}"
-
-
-def _alike(name: str, listed: Sequence[str]) -> list[str]:
-    """Return up to three choices that hold the letters and digits of `name`, or else the one whose own are nearest.
-
-    Where none is near, those that begin as it does, if they are few: popsize is meant for population.
-    """
-    letters, sought = {choice: _letters(choice) for choice in listed}, _letters(name)
-    nearest = difflib.get_close_matches(sought, list(letters.values()), n=1)
-    found = _holding(name, listed)[:3] or [choice for choice in listed if letters[choice] in nearest][:1]
-    begun = [choice for choice in listed if len(sought) >= _TELLING and letters[choice].startswith(sought[:_TELLING])]
-    return found or (begun if len(begun) <= _FEW else [])
-
-
-def _holding(name: str, listed: Sequence[str]) -> list[str]:
-    """Return the choices that hold the letters and digits of `name`; none for a name that is short."""
-    sought = _letters(name)
-    return [choice for choice in listed if sought in _letters(choice)] if len(sought) >= _TELLING else []
-
-
-def _letters(name: str) -> str:
-    return "".join(c for c in name.casefold() if c.isalnum())
 
 
 def coerce(label: str, value: Any, kind: Any) -> Any:
@@ -182,10 +167,27 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
             raise ValueError(f"{label}={shown(value)}: names with values are needed, such as '{{\"NAME\": 1}}'")
         inside = args[1] if args else Any
         return {name: coerce(f"{label}.{name}", item, inside) for name, item in value.items()}
-    if isinstance(kind, type) and issubclass(kind, Enum):
-        return _coerce_enum(label, value, kind)
+    if isinstance(kind, type) and issubclass(kind, Enum):  # given itself, by its name, its value, or as rows write it
+        if isinstance(value, kind):
+            return value
+        names = {f"{kind.__module__}:{kind.__qualname__}.{member.name}": member for member in kind}
+        names |= {str(member.value): member for member in reversed(kind)} | {member.name: member for member in kind}
+        if str(value) in names:
+            return names[str(value)]
+        raise ValueError(f"{label}={shown(value)}: {suggest(str(value), [member.name for member in kind])}")
     if isinstance(kind, type) and is_dataclass(kind):
-        return _coerce_dataclass(label, value, kind)
+        # given itself, or its fields by name; what is not given is as it declares
+        if isinstance(value, str | int | float | list | tuple) or value is None:
+            fields_of = suggest("", declared_options(kind))
+            raise ValueError(f"{label}={shown(value)}: names with values are needed; {fields_of}")
+        if not isinstance(value, Mapping):
+            return value
+        given = {key: item for key, item in value.items() if key != CLASS}
+        held = checked_options(label, declared_options(kind), given)
+        try:
+            return kind(**held)
+        except (TypeError, ValueError) as error:  # what it says of its fields together
+            raise ValueError(f"{label}={shown(given)}: {error}") from error
     if isinstance(kind, type) and issubclass(kind, PurePath):
         if not isinstance(value, str | int | float | PurePath) or isinstance(value, bool):
             raise ValueError(f"{label}={shown(value)}: a path is needed")
@@ -202,8 +204,7 @@ def coerce(label: str, value: Any, kind: Any) -> Any:
         return str(value)
     if kind in (bool, int, float, str):
         raise ValueError(f"{label}={shown(value)}: {_WORDS[kind]} is needed")
-    if _is_no_such_thing(value, origin or kind):
-        raise ValueError(f"{label}={shown(value)}: {_no_word(origin or kind)} is needed")
+    _refuse_word(label, value, origin or kind)
     return value
 
 
@@ -213,28 +214,24 @@ LARGEST_WHOLE = 2**63 - 1  # what a column of a results table holds
 _WORDS = {bool: "true or false", int: "a whole number", float: "a finite number", str: "a word"}
 
 
-def _no_word(kind: Any) -> str:
-    """Return what is needed in place of a word, and what to do."""
-    if kind.__module__ in ("builtins", "collections.abc") and issubclass(kind, Iterable):
-        return "a list"
+def _refuse_word(label: str, value: Any, kind: Any) -> None:
+    """Refuse a word, number or flag where `kind` is a class whose objects nobody can type as one."""
+    if not isinstance(value, str | int | float) or not isinstance(kind, type) or issubclass(kind, PathLike):
+        return
+    if issubclass(kind, Number) and is_number(value):
+        return
+    try:
+        fits = isinstance(value, kind)
+    except TypeError:  # a Protocol, a TypedDict: of those only that it is called can be seen
+        fits = "__call__" not in vars(kind) or callable(value)
+    if fits:
+        return
     what = "a function" if kind is Callable else f"an object of {_type_name(kind)}"
     way = "to type it, annotate a Literal or an Enum and look it up in __init__"
-    return f"{what}, which can be handed over in Python alone ({way}),"
-
-
-def _is_no_such_thing(value: Any, kind: Any) -> bool:
-    """Tell whether `value` is a word, number or flag, and `kind` a class whose objects nobody can type as one.
-
-    A path may be typed, and a number in the place of any kind of number.
-    """
-    if not isinstance(value, str | int | float) or not isinstance(kind, type) or issubclass(kind, PathLike):
-        return False
-    if issubclass(kind, Number) and is_number(value):
-        return False
-    try:
-        return not isinstance(value, kind)
-    except TypeError:  # a Protocol, a TypedDict: of those only that it is called can be seen
-        return "__call__" in vars(kind) and not callable(value)
+    needed = f"{what}, which can be handed over in Python alone ({way}),"
+    if kind.__module__ in ("builtins", "collections.abc") and issubclass(kind, Iterable):
+        needed = "a list"
+    raise ValueError(f"{label}={shown(value)}: {needed} is needed")
 
 
 LISTS = (tuple, list, Sequence, np.ndarray)
@@ -245,8 +242,18 @@ def _coerce_list(label: str, value: Any, kind: Any, args: tuple[Any, ...]) -> An
     items = value.replace(",", " ").split() if isinstance(value, str) else value
     if not isinstance(items, Iterable) or isinstance(items, Mapping):
         raise ValueError(f"{label}={shown(value)}: a list is needed")
-    if kind is np.ndarray:
-        return _coerce_array(label, items, args)
+    if kind is np.ndarray:  # of the floats or the whole numbers that are annotated
+        scalar = next(iter(get_args(args[1])), None) if len(args) > 1 else None
+        whole = isinstance(scalar, type) and issubclass(scalar, np.integer)
+        if isinstance(items, np.ndarray) and (whole or items.dtype.kind not in "iu"):
+            return items
+        try:
+            floats = np.array([float(item) if is_number(item) else item for item in items], dtype=float)
+        except (TypeError, ValueError):
+            raise ValueError(f"{label}={shown(items)}: a list of finite numbers is needed") from None
+        if whole and not np.array_equal(floats, np.rint(floats)):
+            raise ValueError(f"{label}={shown(items)}: a list of whole numbers is needed")
+        return floats.astype(scalar) if whole else floats
     if kind is Sequence and not isinstance(items, Sequence):
         raise ValueError(f"{label}={shown(value)}: a list is needed")
     kinds = [arg for arg in args if arg is not Ellipsis]
@@ -259,65 +266,9 @@ def _coerce_list(label: str, value: Any, kind: Any, args: tuple[Any, ...]) -> An
     return tuple(checked) if kind is tuple else checked if kind is list else items
 
 
-def _coerce_array(label: str, items: Any, args: tuple[Any, ...]) -> NDArray[Any]:
-    """Return an array: a list, or an array of whole numbers, as the floats or the whole numbers that are annotated."""
-    scalar = next(iter(get_args(args[1])), None) if len(args) > 1 else None
-    whole = isinstance(scalar, type) and issubclass(scalar, np.integer)
-    if isinstance(items, np.ndarray) and (whole or items.dtype.kind not in "iu"):
-        return items
-    try:
-        floats = np.array([float(item) if is_number(item) else item for item in items], dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{label}={shown(items)}: a list of finite numbers is needed") from None
-    if not whole:
-        return floats
-    if not np.array_equal(floats, np.rint(floats)):
-        raise ValueError(f"{label}={shown(items)}: a list of whole numbers is needed")
-    return floats.astype(scalar)
-
-
-def _coerce_enum(label: str, value: Any, kind: type[Enum]) -> Enum:
-    """Return the member of an enumeration, given itself, by its name, or by its value."""
-    if isinstance(value, kind):
-        return value
-    for member in kind:
-        if member.name == str(value):
-            return member
-    for member in kind:
-        if str(member.value) == str(value):
-            return member
-    for member in kind:
-        if f"{kind.__module__}:{kind.__qualname__}.{member.name}" == value:  # as rows write it
-            return member
-    raise ValueError(f"{label}={shown(value)}: {suggest(str(value), [member.name for member in kind])}")
-
-
-def _coerce_dataclass(label: str, value: Any, kind: type) -> Any:
-    """Return an object of a dataclass, given itself, or its fields by name; what is not given is as it declares."""
-    if isinstance(value, str | int | float | list | tuple) or value is None:
-        raise ValueError(f"{label}={shown(value)}: names with values are needed; {suggest('', declared_options(kind))}")
-    if not isinstance(value, Mapping):
-        return value
-    declared = declared_options(kind)
-    given = {key: item for key, item in value.items() if key != CLASS}
-    for key in given:
-        if key not in declared:
-            raise ValueError(f"{label} has no option {key!r}; {suggest(str(key), declared)}")
-    missing = [key for key, option in declared.items() if option.required and key not in given]
-    if missing:
-        raise ValueError(f"{label} needs {', '.join(missing)}")
-    held = {key: declared[key].taken(f"{label}.{key}", item) for key, item in given.items()}
-    try:
-        return kind(**held)
-    except (TypeError, ValueError) as error:  # what it says of its fields together
-        raise ValueError(f"{label}={shown(given)}: {error}") from error
-
-
 def dataclass_of(kind: Any) -> Any:
     """Return the dataclass that is annotated, alone or as one of several types; None where there is none."""
-    kind = written_out(kind)
-    kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
-    return next((each for each in kinds if isinstance(each, type) and is_dataclass(each)), None)
+    return next((each for each in _kinds(kind) if isinstance(each, type) and is_dataclass(each)), None)
 
 
 def _coerce_union(label: str, value: Any, kinds: tuple[Any, ...]) -> Any:
@@ -436,8 +387,8 @@ def read_word(text: str, kind: Any = Any) -> Any:
         if all(pair is not None for pair in pairs):
             named = [(unquoted(name.strip()), value) for name, value in filter(None, pairs)]
             return {name: read_word(value.strip(), field_type(kind, name)) for name, value in named}
-    if _is_quoted(word):
-        return unquoted(word)
+    if (bare := unquoted(word)) != word:  # without quotes it is shorter
+        return bare
     if is_text(kind, word):
         return text
     for written in (word, _POINT.sub("0.", word)):
@@ -445,7 +396,13 @@ def read_word(text: str, kind: Any = Any) -> Any:
             return json.loads(written)
         except (ValueError, RecursionError):
             pass
-    return _number(word) if any(each in (int, float) for each in _kinds(kind)) and _is_number(word) else text
+    is_number = _NUMBER.fullmatch(word) is not None and any(c.isdigit() for c in word)
+    if not is_number or not any(each in (int, float) for each in _kinds(kind)):
+        return text
+    try:
+        return int(word)  # as Python writes it, perhaps with underscores, a sign and zeros before it
+    except ValueError:
+        return float(word)
 
 
 def is_text(kind: Any, word: str) -> bool:
@@ -458,8 +415,12 @@ def is_text(kind: Any, word: str) -> bool:
         for each in args:  # the first that takes it
             if is_text(each, word):
                 return True
-            if each is not type(None) and _takes(each, word):
-                return False
+            try:
+                if each is not type(None):
+                    coerce("", read_word(word, each), each)
+                    return False
+            except ValueError:
+                continue
         return False
     if origin is Literal:
         return word in args or all(isinstance(choice, str) for choice in args)
@@ -471,23 +432,16 @@ def is_text(kind: Any, word: str) -> bool:
 
 
 def parts_of(text: str, separator: str = ",") -> list[str]:
-    """Return the parts between separators that stand in no quotes and no brackets; [] for nothing.
-
-    >>> parts_of('a,[1,2],"x,y"')
-    ['a', '[1,2]', '"x,y"']
-    """
-    return list(_parts(text, separator)) if text.strip() else []
-
-
-def _parts(text: str, separator: str) -> Iterator[str]:
+    """Return the parts between separators that stand in no quotes and no brackets; [] for nothing."""
+    parts: list[str] = []
     depth, at = 0, 0
     for token in _TOKEN.finditer(text):
         sign = token[0]
         depth = max(0, depth + (sign in _CLOSED_BY) - (sign in _CLOSED_BY.values()))
         if sign == separator and depth == 0:
-            yield text[at : token.start()]
+            parts.append(text[at : token.start()])
             at = token.end()
-    yield text[at:]
+    return [*parts, text[at:]] if text.strip() else []
 
 
 def inside(word: str, opening: str) -> str | None:
@@ -509,14 +463,10 @@ def pair_of(part: str) -> tuple[str, str] | None:
     return (name, word) if rest and name.strip() and word.strip() else None
 
 
-def _is_quoted(word: str) -> bool:
-    found = _TOKEN.match(word)
-    return found is not None and found[0] == word and len(word) > 1 and word[0] in "'\""
-
-
 def unquoted(word: str) -> str:
-    """Return a word without the quotes around it."""
-    if not _is_quoted(word):
+    """Return a word without the quotes around it, or as it is."""
+    token = _TOKEN.match(word)
+    if token is None or token[0] != word or len(word) < 2 or word[0] not in "'\"":
         return word
     if word[0] == '"':
         try:
@@ -551,23 +501,3 @@ def field_type(kind: Any, name: str) -> Any:
 def _kinds(kind: Any) -> tuple[Any, ...]:
     kind = written_out(kind)
     return tuple(map(written_out, get_args(kind))) if get_origin(kind) in (Union, types.UnionType) else (kind,)
-
-
-def _takes(kind: Any, word: str) -> bool:
-    try:
-        coerce("", read_word(word, kind), kind)
-    except ValueError:
-        return False
-    return True
-
-
-def _is_number(word: str) -> bool:
-    return _NUMBER.fullmatch(word) is not None and any(c.isdigit() for c in word)
-
-
-def _number(word: str) -> int | float:
-    """Return a number as Python writes it, which may have underscores, a sign and zeros before it."""
-    try:
-        return int(word)
-    except ValueError:
-        return float(word)

@@ -1,14 +1,10 @@
 """What a run of foreign code sets in its process is its own: read before, put back after, and named for its row.
 
 A run of a user's class is made within ``kept()``. What still differs after the attempt to put it back, such as a thread
-that goes on, is `lasting`: the process should make no further run.
-
-What the *import* of a module sets comes once in a process. Yet it belongs to each run whose code imports that module,
-and to no other, or rows would depend on who came first. So it is taken off as soon as a user's file is loaded
-(`loaded_apart`), and put on in each run of its classes; and where a run comes to an ``import`` of a module that was
-loaded before, what the first import of that module set is set again. What an installed package sets as it is imported
-acts likewise and is not named: SciPy adds a filter of warnings. What our own code imports leaves no trace.
-``importlib.import_module`` within a run is not seen: what that sets is that run's.
+that goes on, is `lasting`: the process should make no further run. What the *import* of a module sets comes once in a
+process, yet it belongs to each run whose code imports that module, and to no other. So it is taken off as soon as a
+user's file is loaded (`loaded_apart`), and set again where a run comes to that ``import``. What an installed package
+sets as it is imported acts likewise and is not named; ``importlib.import_module`` within a run is not seen.
 """
 
 from __future__ import annotations
@@ -21,11 +17,9 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar, final
+from typing import Any, NamedTuple, TypeVar, final
 
 from calibench.core.process_state import KINDS, SLOW
 from calibench.core.sources import is_local
@@ -42,9 +36,7 @@ _SEEING: list[bool] = []  # of each block whose imports are seen: whether garbag
 _UNREADABLE = object()  # the value of a kind that a run has put beyond reading
 
 
-@final
-@dataclass(frozen=True)
-class _Import:
+class _Import(NamedTuple):
     """What the import of a module sets: first what the `modules` do that it imports, then what it does itself."""
 
     modules: tuple[str, ...]
@@ -71,7 +63,7 @@ class Kept:
     @property
     def names(self) -> list[str]:
         """Return the names of what was found to be changed, in the order of the table."""
-        return [kind.name for kind in KINDS if kind.name in self._names]
+        return [name for name in dict.fromkeys(kind.name for kind in KINDS) if name in self._names]
 
     def note(self, names: Iterable[str]) -> None:
         """Take over what was found to be changed in the child process that made the run."""
@@ -81,25 +73,27 @@ class Kept:
         """Put all back as it was, once, and return the names of what was changed since the beginning."""
         if not self._is_over:
             self._is_over = True
-            now = self._now()
-            change = _change(self._before, now)
-            self.note(KINDS[number].name for number in change if not _same(number, self._usual[number], now[number]))
-            _undo(change)
+            change = self.undo()
+            self.note(
+                KINDS[number].name for number, (_, now) in change.items() if not _same(number, self._usual[number], now)
+            )
             for number, (was, _) in change.items():
-                if os.getpid() == self._process and not _is(number, was):
+                if os.getpid() == self._process and not _same(number, was, _read(number)):
                     _LASTING.append((number, was))
         return self.names
 
-    def change(self) -> _Change:
-        """Return all that is otherwise than it was."""
-        return _change(self._before, self._now())
+    def undo(self) -> _Change:
+        """Put all back as it was, and return what was otherwise."""
+        change = self.change()
+        for number, (was, _) in change.items():
+            _put(number, was)
+        return change
 
-    def own_change(self) -> _Change:
-        """Return it without what the modules that were imported have set."""
-        return _change(self._expected, self._now())
-
-    def _now(self) -> _State:
-        return {number: _read(number) for number in self._before}
+    def change(self, own: bool = False) -> _Change:
+        """Return all that is otherwise than it was; its `own` without what the modules that were imported have set."""
+        before = self._expected if own else self._before
+        now = {number: _read(number) for number in before}
+        return {number: (was, now[number]) for number, was in before.items() if not _same(number, was, now[number])}
 
     def expect(self, what: _Import) -> None:
         """Take what an import sets as what should be."""
@@ -114,15 +108,7 @@ _UNDER_WAY: ContextVar[tuple[Kept, ...]] = ContextVar("_UNDER_WAY", default=()) 
 
 @contextmanager
 def kept(*modules: str) -> Iterator[Kept]:
-    """Keep what is done in the block from all that comes after it; the imports of `modules` act in it.
-
-    >>> import decimal
-    >>> digits = decimal.getcontext().prec
-    >>> with kept() as state:
-    ...     decimal.getcontext().prec = 3
-    >>> state.names, decimal.getcontext().prec == digits
-    (['decimal context'], True)
-    """
+    """Keep what is done in the block from all that comes after it; the imports of `modules` act in it."""
     with _imports_seen():
         run = Kept()
         try:
@@ -135,12 +121,15 @@ def kept(*modules: str) -> Iterator[Kept]:
 
 
 @contextmanager
-def _under_way(*these: Kept) -> Iterator[None]:
+def _under_way(*these: Kept, undone: bool = False) -> Iterator[None]:
+    """Let `these` be under way in the block; `undone`: what the last has changed is put back at the end of it."""
     token = _UNDER_WAY.set(these)
     try:
         yield
     finally:
         _UNDER_WAY.reset(token)
+        if undone:
+            these[-1].undo()
 
 
 def is_kept() -> bool:
@@ -150,45 +139,19 @@ def is_kept() -> bool:
 
 def lasting() -> list[str]:
     """Return the names of what runs of this process have changed and nothing could put back."""
-    _LASTING[:] = [(number, was) for number, was in _LASTING if not _is(number, was)]
+    _LASTING[:] = [(number, was) for number, was in _LASTING if not _same(number, was, _read(number))]
     return sorted({KINDS[number].name for number, _ in _LASTING})
 
 
 def loaded_apart(load: Callable[[], T], module: str = "") -> T:
-    """Return what `load` returns, with what the import sets taken off and kept for the runs of `module`.
-
-    Where that is not said, `load` returns the module.
-    """
+    """Return what `load` returns, or the module; what its import sets is kept for the runs of `module`."""
     loaded = set(sys.modules)
-    with _imports_seen(), _alone(this := Kept()):
-        found = load()
-        name: str = module or found.__name__  # type: ignore[attr-defined]
+    with _imports_seen(), _under_way(this := Kept(), undone=True):
+        thing = load()
+        name: str = module or thing.__name__  # type: ignore[attr-defined]
         if name not in loaded:  # no run has come to its import before
-            _remember([name], _Import(tuple(this.acted), this.own_change(), is_installed=False))
-        return found
-
-
-@contextmanager
-def _alone(this: Kept) -> Iterator[None]:
-    """Undo at the end of the block what it has changed, with no effect for the runs under way."""
-    try:
-        with _under_way(this):
-            yield
-    finally:
-        _undo(this.change())
-
-
-def _change(before: _State, now: _State) -> _Change:
-    return {number: (was, now[number]) for number, was in before.items() if not _same(number, was, now[number])}
-
-
-def _undo(change: _Change) -> None:
-    for number, (was, _) in change.items():
-        _put(number, was)
-
-
-def _is(number: int, value: Any) -> bool:
-    return _same(number, value, _read(number))
+            _remember([name], _Import(tuple(this.acted), this.change(own=True), is_installed=False))
+        return thing
 
 
 def _read(number: int) -> Any:
@@ -263,65 +226,35 @@ def _import(
     fromlist: Sequence[str] | None = (),
     level: int = 0,
 ) -> ModuleType:
-    by_ours = globals is not None and str(globals.get("__name__")).partition(".")[0] == _OURS
-    whole = _whole_name(name, globals, level)
-    if _is_loaded(whole, fromlist or ()):
+    known = globals or {}
+    by_ours = str(known.get("__name__")).partition(".")[0] == _OURS
+    whole = name
+    if level:
+        package = known.get("__package__") or str(known.get("__name__", "")).rpartition(".")[0]
+        with suppress(ImportError):  # Python says so itself
+            whole = importlib.util.resolve_name("." * level + name, str(package))
+    # a module's packages, itself, and what may be its parts
+    names, parts = fromlist or (), whole.split(".")
+    asked = [".".join(parts[: end + 1]) for end in range(len(parts))] + [f"{whole}.{one}" for one in names]
+
+    inside = getattr(sys.modules.get(whole), "__dict__", None)  # None: it is not there, or cannot be imported
+    if inside is not None and all(one in inside or one == "*" or f"{whole}.{one}" in sys.modules for one in names):
         if _BY_IMPORT and not by_ours:
-            for module in _modules_of(whole, fromlist or ()):
+            for module in asked:
                 _act(module)
         return _PYTHONS[0](name, globals, locals, fromlist, level)
+
     loaded, this = set(sys.modules), Kept(SLOW)
-    with _alone(this) if by_ours else _under_way(*_UNDER_WAY.get(), this):
+    with _under_way(*(() if by_ours else _UNDER_WAY.get()), this, undone=by_ours):
         try:
             return _PYTHONS[0](name, globals, locals, fromlist, level)
         finally:
-            _remember_import(this, whole, _modules_of(whole, fromlist or ()), loaded)
-
-
-def _remember_import(this: Kept, whole: str, asked: Iterable[str], loaded: set[str]) -> None:
-    """Remember what an import, which has ended, has set."""
-    new = [module for module in asked if module in sys.modules and module not in loaded]
-    of_users = any(module not in sys.modules or _is_users(_file(module)) for module in new or [whole])
-    what = _Import(tuple(this.acted), this.own_change(), not of_users)
-    _remember(new, what)
-    for one in _UNDER_WAY.get():
-        one.acted |= dict.fromkeys(module for module in new if module in _BY_IMPORT)
-        one.expect(what)
-
-
-def _file(module: str) -> str | None:
-    return getattr(sys.modules[module], "__file__", None)
-
-
-@cache
-def _is_users(file: str | None) -> bool:
-    return file is not None and is_local(Path(file).resolve())
-
-
-def _modules_of(whole: str, names: Sequence[str]) -> list[str]:
-    """Return the modules that an import asks for: a module's packages, itself, and what may be its parts.
-
-    >>> _modules_of("a.b", ["c"])
-    ['a', 'a.b', 'a.b.c']
-    """
-    parts = whole.split(".")
-    return [".".join(parts[: end + 1]) for end in range(len(parts))] + [f"{whole}.{name}" for name in names]
-
-
-def _is_loaded(module: str, names: Sequence[str]) -> bool:
-    """Tell whether ``from module import names`` loads nothing; a package that loads its parts when asked may do so."""
-    known = getattr(sys.modules.get(module), "__dict__", None)
-    if known is None:  # or None stands for a module, so that it cannot be imported
-        return False
-    return all(name in known or name == "*" or f"{module}.{name}" in sys.modules for name in names)
-
-
-def _whole_name(name: str, where: Mapping[str, object] | None, level: int) -> str:
-    if not level:
-        return name
-    known = where or {}
-    package = known.get("__package__") or str(known.get("__name__", "")).rpartition(".")[0]
-    try:
-        return importlib.util.resolve_name("." * level + name, str(package))
-    except ImportError:  # Python says so itself
-        return name
+            new = [module for module in asked if module in sys.modules and module not in loaded]
+            files = [getattr(sys.modules.get(module), "__file__", None) for module in new or [whole]]
+            lost = any(module not in sys.modules for module in new or [whole])
+            of_users = lost or any(file is not None and is_local(Path(file).resolve()) for file in files)
+            what = _Import(tuple(this.acted), this.change(own=True), not of_users)
+            _remember(new, what)
+            for one in _UNDER_WAY.get():
+                one.acted |= dict.fromkeys(module for module in new if module in _BY_IMPORT)
+                one.expect(what)

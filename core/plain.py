@@ -1,6 +1,4 @@
-"""Values as JSON can hold them.
-
-JSON and YAML that a user's file holds: bounds, before a parser calls itself for each bracket or copies each alias.
+"""Values as JSON can hold them, and bounds of the JSON and YAML in a user's file.
 
 A few hundred bytes of YAML whose aliases name aliases are gigabytes as lists; brackets that stand a thousand deep in
 each other end Python's stack. Every reader of such a file asks here first. A refusal is one line.
@@ -22,13 +20,7 @@ from calibench.core.words import DEEPEST
 
 
 def finite(value: Any) -> Any:
-    """Return what JSON can hold: a number that is none becomes null, NumPy's numbers and arrays their like.
-
-    A dataclass becomes a mapping of its fields, as they are named.
-
-    >>> finite({"gain": float("nan"), "ci95": (1.0, float("inf"))})
-    {'gain': None, 'ci95': [1.0, None]}
-    """
+    """Return what JSON can hold: NaN as null, NumPy's values as Python's, a dataclass as a mapping of its fields."""
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     if is_dataclass(value) and not isinstance(value, type):
@@ -45,15 +37,21 @@ def value_of(hint: Any, written: Any) -> Any:
 
     What is missing of a dataclass has its default; without one it is NaN, an empty tuple or mapping, or a dataclass
     of such. Raises `KeyError` for a missing word or code, `ValueError` for a code that is unknown.
-
-    >>> value_of(tuple[float, ...], [1, None])
-    (1.0, nan)
     """
     kind, inner = get_origin(hint), get_args(hint)
     if kind in (Union, UnionType):
         return None if written is None else value_of(next(one for one in inner if one is not NoneType), written)
     if is_dataclass(hint) and isinstance(hint, type):
-        return _dataclass_of(hint, written or {})
+        hints, given, values = get_type_hints(hint), written or {}, {}
+        for f in fields(hint):
+            of = hints[f.name]
+            if given.get(f.name) is not None:
+                values[f.name] = value_of(of, given[f.name])
+            elif f.default is MISSING and f.default_factory is MISSING:
+                if of is str or (isinstance(of, type) and issubclass(of, Enum)):
+                    raise KeyError(f.name)
+                values[f.name] = value_of(of, None)
+        return hint(**values)
     if kind is tuple and inner[-1] is not Ellipsis:
         return tuple(value_of(one, each) for one, each in zip(inner, written or [None] * len(inner), strict=True))
     if kind is tuple:
@@ -70,19 +68,6 @@ def value_of(hint: Any, written: Any) -> Any:
     return written if hint is Any or kind is Literal else hint(written)
 
 
-def _dataclass_of(cls: type, written: Mapping[str, Any]) -> Any:
-    hints, values = get_type_hints(cls), {}
-    for f in fields(cls):
-        hint = hints[f.name]
-        if written.get(f.name) is not None:
-            values[f.name] = value_of(hint, written[f.name])
-        elif f.default is MISSING and f.default_factory is MISSING:
-            if hint is str or (isinstance(hint, type) and issubclass(hint, Enum)):
-                raise KeyError(f.name)
-            values[f.name] = value_of(hint, None)
-    return cls(**values)
-
-
 LARGEST_YAML = 100_000  # characters, with each alias written out: a study that ships has 2000
 LONGEST_WORD_OF_YAML = 10_000  # of them in one word: all optimisers in a row have 3000
 
@@ -96,16 +81,7 @@ def json_of(text: str | bytes) -> Any:
 
 
 def check_yaml(text: str) -> None:
-    """Raise `ValueError` for YAML that is nested too deep, or too large with its aliases written out.
-
-    It is read as a stream of events, of which none is kept. Raises `yaml.YAMLError` for what is no YAML.
-
-    >>> check_yaml("a: &a [x, x]\\nb: &b [*a, *a]\\nc: [*b, *b]")
-    >>> check_yaml("a: &a [*a]")
-    Traceback (most recent call last):
-        ...
-    ValueError: the alias *a stands inside of what it names, or names nothing
-    """
+    """Raise `ValueError` for YAML nested too deep, or too large with its aliases; `yaml.YAMLError` for none at all."""
     import yaml
 
     size = 0  # of what stands before, written out

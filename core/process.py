@@ -1,15 +1,9 @@
-"""The end of a `bench` process: at once, after everything that anybody registered for the end has been done.
+"""What a `bench` process does with its end, its garbage collector, and the threads of BLAS.
 
-An interpreter that ends in its own way takes all modules apart before; that is some 6 % of the time of a small run.
-
-The garbage collector of a `bench` process, which rests while modules are loaded.
-
-What modules make stays until the end: to look through all of it again and again slows a small run, and finds nothing.
-
-One thread of BLAS while a run or a search is under way: sums have one order, whatever the number of cores.
-
-With more threads products of matrices are added up in another order, and a search that rounding decides ends elsewhere.
-Matrices here are small besides: more threads cost more than they bring.
+It ends at once, after everything that anybody registered for the end has been done: an interpreter that ends in its own
+way takes all modules apart before, some 6 % of the time of a small run. The collector rests while modules are loaded:
+what they make stays until the end. BLAS has one thread while a run or a search is under way: with more, products of
+matrices are added up in another order, and a search that rounding decides ends elsewhere.
 """
 
 from __future__ import annotations
@@ -31,10 +25,7 @@ _code: list[int] = []
 
 @cache
 def at_once() -> None:
-    """Let this process end at once when `ends_with` has been called. To be called before libraries are loaded.
-
-    What is registered first is done last: theirs comes before.
-    """
+    """Let this process end at once after `ends_with`; to be called before libraries load: theirs then comes first."""
     atexit.register(_leave)
 
 
@@ -57,14 +48,11 @@ def _leave() -> None:
     os._exit(_code[0])
 
 
-_OBJECTS = 50_000  # made anew before garbage is looked for
-
-
 @cache
 def rest() -> None:
     """Collect nothing until `resume` is called, and less often afterwards; later calls in this process do nothing."""
     gc.disable()
-    gc.set_threshold(_OBJECTS)
+    gc.set_threshold(50_000)  # objects that are made before garbage is looked for
 
 
 @cache

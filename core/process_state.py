@@ -22,7 +22,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from decimal import Context, DefaultContext, getcontext
 from functools import cache, partial
 from multiprocessing import get_start_method, set_start_method
@@ -43,8 +43,6 @@ SLOW = 2  # of `KINDS` the first so many take a millisecond once a library was l
 OWN_THREAD = "calibench-"  # how the names of this package's own threads begin
 _PATIENCE = 0.05  # seconds for threads that are about to end
 _SMALLEST, _ONE = 5e-324, 1.0
-_STREAMS = ("stdin", "stdout", "stderr")
-_ALL = slice(None)
 _HOOKS = ("excepthook", "displayhook", "unraisablehook", "breakpointhook")
 _SIGNALS = tuple(map(int, signal.valid_signals()))
 _TIMERS = tuple(
@@ -57,7 +55,7 @@ _MASKS = ctypes.c_char * 64  # more than fenv_t has on any system
 @final
 @dataclass(frozen=True)
 class Kind:
-    """A kind of state: what a row calls it, how it is read, as a value that can be compared, and how it is set.
+    """A kind of state: what a row calls it (several may be called alike), how it is read as a value, and how it is set.
 
     A mapping has parts that can be set one by one; of a tuple new items may be at its ends. `same` compares what was
     with what is.
@@ -82,14 +80,40 @@ class Kind:
         return after
 
 
-@final
-@dataclass(frozen=True)
-class _FloatingPoint:
-    """How the processor rounds, whether it takes the smallest numbers for 0, and its whole environment."""
+def _attributes(name: str, *of: tuple[Any, str]) -> Kind:
+    """Return the kind of state that attributes of objects hold."""
 
-    rounding: int
-    flushes: bool
-    environment: bytes = field(compare=False)
+    def put(value: Mapping[int, Any]) -> None:
+        for k, was in value.items():
+            setattr(*of[k], was)
+
+    return Kind(name, lambda: {k: getattr(thing, attribute) for k, (thing, attribute) in enumerate(of)}, put)
+
+
+def _items(name: str, thing: Any, attribute: str) -> Kind:
+    """Return the kind of state that is what a list holds."""
+    return Kind(
+        name,
+        lambda: tuple(getattr(thing, attribute)),
+        lambda value: operator.setitem(getattr(thing, attribute), slice(None), value),
+    )
+
+
+def _decimal(name: str, get: Callable[[], Context]) -> Kind:
+    names = ("prec", "rounding", "Emin", "Emax", "capitals", "clamp")
+
+    def read() -> dict[str, Any]:
+        context = get()
+        return {name: getattr(context, name) for name in names} | {"traps": dict(context.traps)}
+
+    def put(value: Mapping[str, Any]) -> None:
+        context = get()
+        context.traps.update(value["traps"])
+        for name in names:
+            setattr(context, name, value[name])
+        context.clear_flags()
+
+    return Kind(name, read, put)
 
 
 def _put_warnings(filters: tuple[Any, ...]) -> None:
@@ -97,35 +121,11 @@ def _put_warnings(filters: tuple[Any, ...]) -> None:
     warnings.filters[:] = filters  # type: ignore[index]
 
 
-def _showing() -> tuple[Any, ...]:
-    held: Any = logging
-    return warnings.showwarning, warnings.formatwarning, held._warnings_showwarning
-
-
-def _put_showing(value: tuple[Any, ...]) -> None:
-    held: Any = logging
-    warnings.showwarning, warnings.formatwarning, held._warnings_showwarning = value
-
-
 def _folder() -> str:
     try:
         return os.getcwd()
     except OSError:  # it was deleted
         return ""
-
-
-def _decimal_of(context: Context) -> dict[str, Any]:
-    names = ("prec", "rounding", "Emin", "Emax", "capitals", "clamp")
-    return {name: getattr(context, name) for name in names} | {"traps": dict(context.traps)}
-
-
-def _put_decimal(context: Context, value: Mapping[str, Any]) -> None:
-    for name, was in value.items():
-        if name == "traps":
-            context.traps.update(was)
-        else:
-            setattr(context, name, was)
-    context.clear_flags()
 
 
 def _environment() -> dict[Any, Any]:
@@ -154,10 +154,10 @@ def _umask() -> int:
 
 
 def _signals() -> dict[Any, Any]:
-    found: dict[Any, Any] = {number: _handler_of(number) for number in _SIGNALS}
+    handlers: dict[Any, Any] = {number: _handler_of(number) for number in _SIGNALS}
     if sys.platform != "win32":
-        found["blocked"] = frozenset(signal.pthread_sigmask(signal.SIG_BLOCK, ()))
-    return found
+        handlers["blocked"] = frozenset(signal.pthread_sigmask(signal.SIG_BLOCK, ()))
+    return handlers
 
 
 def _put_signals(value: Mapping[Any, Any]) -> None:
@@ -169,22 +169,10 @@ def _put_signals(value: Mapping[Any, Any]) -> None:
                 signal.signal(number, handler)
 
 
-def _timers() -> tuple[bool, ...]:
-    return tuple(any(signal.getitimer(which)) for which in _TIMERS)
-
-
-def _put_timers(value: tuple[bool, ...]) -> None:
-    for which, runs in zip(_TIMERS, value, strict=True):
-        if not runs:
-            signal.setitimer(which, 0)
-
-
 def _streams() -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for name in _STREAMS:
-        stream: Any = getattr(sys, name)
-        found[name] = stream, *(getattr(stream, what, None) for what in ("encoding", "errors", "closed"))
-    return found
+    streams: dict[str, Any] = {name: getattr(sys, name) for name in ("stdin", "stdout", "stderr")}
+    about = ("encoding", "errors", "closed")
+    return {name: (one, *(getattr(one, what, None) for what in about)) for name, one in streams.items()}
 
 
 def _put_streams(value: Mapping[str, Any]) -> None:
@@ -193,56 +181,6 @@ def _put_streams(value: Mapping[str, Any]) -> None:
         if (getattr(stream, "encoding", None), getattr(stream, "errors", None)) != (encoding, errors):
             with suppress(Exception):
                 stream.reconfigure(encoding=encoding, errors=errors)
-
-
-def _hooks() -> dict[str, Any]:
-    found = {name: getattr(sys, name) for name in _HOOKS}
-    return found | {"trace": sys.gettrace(), "profile": sys.getprofile(), "threads": threading.excepthook}
-
-
-def _put_hooks(value: Mapping[str, Any]) -> None:
-    for name in _HOOKS:
-        setattr(sys, name, value[name])
-    threading.excepthook = value["threads"]
-    if sys.gettrace() is not value["trace"]:
-        sys.settrace(value["trace"])
-    if sys.getprofile() is not value["profile"]:
-        sys.setprofile(value["profile"])
-
-
-def _logging() -> tuple[Any, ...]:
-    root = logging.root
-    return root.level, root.disabled, root.manager.disable, logging.raiseExceptions, tuple(root.handlers)
-
-
-def _put_logging(value: tuple[Any, ...]) -> None:
-    root = logging.root
-    level, root.disabled, root.manager.disable, logging.raiseExceptions, handlers = value
-    root.handlers[:] = handlers
-    root.setLevel(level)  # it also forgets what was decided by the level before
-
-
-def _put_gc(value: tuple[bool, tuple[int, int, int]]) -> None:
-    (gc.enable if value[0] else gc.disable)()
-    gc.set_threshold(*value[1])
-
-
-def _threads_of_libraries() -> dict[str, int]:
-    return {one.filepath: one.get_num_threads() for one in libraries().lib_controllers}
-
-
-def _no_other_number(before: Mapping[str, int], after: Mapping[str, int]) -> bool:
-    return all(after.get(name, number) == number for name, number in before.items())  # others may have been loaded
-
-
-def _put_threads_of_libraries(value: Mapping[str, int]) -> None:
-    for one in libraries().lib_controllers:
-        if one.filepath in value:
-            one.set_num_threads(value[one.filepath])
-
-
-def _running_threads() -> frozenset[threading.Thread]:
-    return frozenset(one for one in threading.enumerate() if not one.name.startswith(OWN_THREAD))
 
 
 def _no_more_threads(before: frozenset[threading.Thread], after: frozenset[threading.Thread]) -> bool:
@@ -254,30 +192,26 @@ def _no_more_threads(before: frozenset[threading.Thread], after: frozenset[threa
     return not any(thread.is_alive() for thread in after - before)
 
 
-def _limits() -> dict[int, tuple[int, int]]:
-    """Return number of a resource -> its limit, and the highest it may be set to."""
-    return {number: resource.getrlimit(number) for number in _LIMITS}
-
-
 def _put_limits(value: Mapping[int, tuple[int, int]]) -> None:
     for number, limit in value.items():
         with suppress(OSError, ValueError):  # a hard limit that was lowered can be raised again by root alone
             resource.setrlimit(number, limit)
 
 
-def _floating_point() -> _FloatingPoint | None:
+def _floating_point() -> tuple[int, bool, bytes] | None:
+    """Return how the processor rounds, whether it takes the smallest numbers for 0, and its whole environment."""
     mathematics = _mathematics()
     if mathematics is None:
         return None
     environment = _MASKS()
     mathematics.fegetenv(environment)
-    return _FloatingPoint(mathematics.fegetround(), _SMALLEST * _ONE == 0.0, environment.raw)
+    return mathematics.fegetround(), _SMALLEST * _ONE == 0.0, environment.raw
 
 
-def _put_floating_point(value: _FloatingPoint | None) -> None:
+def _put_floating_point(value: tuple[int, bool, bytes] | None) -> None:
     mathematics = _mathematics()
     if value is not None and mathematics is not None:
-        mathematics.fesetenv(_MASKS.from_buffer_copy(value.environment))
+        mathematics.fesetenv(_MASKS.from_buffer_copy(value[2]))
 
 
 @cache
@@ -285,51 +219,72 @@ def _mathematics() -> Any:
     """Return the library that has the processor's floating-point environment; None where it is not found."""
     for name in (None, "libm.so.6"):
         with suppress(OSError, AttributeError, TypeError):
-            found = ctypes.CDLL(name)
-            found.fegetenv, found.fesetenv, found.fegetround  # noqa: B018 (they are there)
-            return found
+            library = ctypes.CDLL(name)
+            library.fegetenv, library.fesetenv, library.fegetround  # noqa: B018 (they are there)
+            return library
     return None
 
 
-def _list_of_sys(name: str) -> Kind:
-    return Kind(
-        f"sys.{name}",
-        lambda: tuple(getattr(sys, name)),
-        lambda value: operator.setitem(getattr(sys, name), _ALL, value),
-    )
-
-
 KINDS: tuple[Kind, ...] = (
-    Kind("threads of libraries", _threads_of_libraries, _put_threads_of_libraries, _no_other_number),
-    Kind("threads", _running_threads, lambda _: None, _no_more_threads),  # none can be ended from outside
-    Kind("timers", _timers, _put_timers),
+    Kind(
+        "threads of libraries",
+        lambda: {one.filepath: one.get_num_threads() for one in libraries().lib_controllers},
+        lambda value: [
+            one.set_num_threads(value[one.filepath]) for one in libraries().lib_controllers if one.filepath in value
+        ],
+        lambda was, now: all(now.get(name, number) == number for name, number in was.items()),  # more may be loaded
+    ),
+    Kind(
+        "threads",
+        lambda: frozenset(one for one in threading.enumerate() if not one.name.startswith(OWN_THREAD)),
+        lambda _: None,  # none can be ended from outside
+        _no_more_threads,
+    ),
+    Kind(
+        "timers",
+        lambda: tuple(any(signal.getitimer(which)) for which in _TIMERS),
+        lambda value: [signal.setitimer(which, 0) for which, runs in zip(_TIMERS, value, strict=True) if not runs],
+    ),
     Kind("signals", _signals, _put_signals),
     Kind("np.seterr", np.geterr, lambda value: np.seterr(**value)),
     Kind("np.seterrcall", np.geterrcall, np.seterrcall),
     Kind("np.setbufsize", np.getbufsize, np.setbufsize),
     Kind("np.set_printoptions", np.get_printoptions, lambda value: np.set_printoptions(**value)),
     Kind("warnings filters", lambda: tuple(warnings.filters), _put_warnings),
-    Kind("warnings.showwarning", _showing, _put_showing),
-    Kind("working folder", _folder, os.chdir),
-    Kind("decimal context", lambda: _decimal_of(getcontext()), lambda value: _put_decimal(getcontext(), value)),
-    Kind(
-        "decimal.DefaultContext", lambda: _decimal_of(DefaultContext), lambda value: _put_decimal(DefaultContext, value)
+    _attributes(
+        "warnings.showwarning",
+        (warnings, "showwarning"),
+        (warnings, "formatwarning"),
+        (logging, "_warnings_showwarning"),
     ),
+    Kind("working folder", _folder, os.chdir),
+    _decimal("decimal context", getcontext),
+    _decimal("decimal.DefaultContext", lambda: DefaultContext),
     Kind("locale", lambda: locale.setlocale(locale.LC_ALL), lambda value: locale.setlocale(locale.LC_ALL, value)),
     Kind("environment", _environment, _put_environment),
     Kind("umask", _umask, os.umask),
     Kind("recursion limit", sys.getrecursionlimit, sys.setrecursionlimit),
     Kind("limit of digits", sys.get_int_max_str_digits, sys.set_int_max_str_digits),
     Kind("switch interval", sys.getswitchinterval, sys.setswitchinterval),
-    *map(_list_of_sys, ("path", "argv", "meta_path")),
+    *(_items(f"sys.{name}", sys, name) for name in ("path", "argv", "meta_path")),
     Kind("standard streams", _streams, _put_streams),
-    Kind("hooks of sys", _hooks, _put_hooks),
-    Kind("logging", _logging, _put_logging),
-    Kind("garbage collection", lambda: (gc.isenabled(), gc.get_threshold()), _put_gc),
+    _attributes("hooks of sys", *((sys, name) for name in _HOOKS), (threading, "excepthook")),
+    Kind("hooks of sys", sys.gettrace, sys.settrace),
+    Kind("hooks of sys", sys.getprofile, sys.setprofile),
+    _attributes("logging", (logging.root, "disabled"), (logging.root.manager, "disable"), (logging, "raiseExceptions")),
+    _items("logging", logging.root, "handlers"),
+    Kind("logging", lambda: logging.root.level, logging.root.setLevel),  # which forgets what was decided before
+    Kind("garbage collection", gc.isenabled, lambda collects: gc.enable() if collects else gc.disable()),
+    Kind("garbage collection", gc.get_threshold, lambda value: gc.set_threshold(*value)),
     Kind("socket timeout", socket.getdefaulttimeout, socket.setdefaulttimeout),
     Kind("start of processes", partial(get_start_method, allow_none=True), partial(set_start_method, force=True)),
-    Kind("floating-point environment", _floating_point, _put_floating_point),
-    Kind("resource limits", _limits, _put_limits),
+    Kind(
+        "floating-point environment",
+        _floating_point,
+        _put_floating_point,
+        lambda was, now: (was or ())[:2] == (now or ())[:2],
+    ),
+    Kind("resource limits", lambda: {number: resource.getrlimit(number) for number in _LIMITS}, _put_limits),
 )
 if sys.platform == "linux":
     KINDS += (Kind("processor affinity", partial(os.sched_getaffinity, 0), partial(os.sched_setaffinity, 0)),)

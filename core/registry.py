@@ -1,31 +1,30 @@
 """Names with checked options: a decorator and a dictionary; a class in a user's own file by its path, or its refusal.
 
-An entry's options are the parameters of its factory's signature, declared there once with type and default. They are
-checked here and nowhere else, so that Python and the command line get the same sentence for the same mistake. People
-outside add entries from their own package through an entry point, or name a class as ``pkg.module:Class`` or
-``./file.py:Class``. What an entry was made with is remembered, so that a result can say it.
-
-Who types such a path asks for its code. A file that names one does not: within `names_of_files` a registry has what is
-registered, and what somebody has typed in this process; it imports nothing else unless the user trusts the files.
+An entry's options are the parameters of its factory's signature, and are checked here and nowhere else. People outside
+add entries through an entry point, or name a class as ``pkg.module:Class`` or ``./file.py:Class``. Who types such a
+path asks for its code. A file that names one does not: within `names_of_files` a registry has what is registered, and
+what was typed in this process; it imports nothing else unless the user trusts the files.
 """
 
 from __future__ import annotations
 
+import ast
 import difflib
 import importlib
 import sys
-import types
 import weakref
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Generic, Literal, TypeVar
 
 from calibench.core import sources, user_file
-from calibench.core.options import Option, declared_options, shown, suggest
+from calibench.core.options import Option, checked_options, declared_options, shown, suggest
 
 T = TypeVar("T")
 _DEPTH = 12  # of lists in lists, as rows tell them
@@ -50,10 +49,7 @@ class NotImported(ValueError):
 
 @contextmanager
 def names_of_files(trust: bool = False, leaves_out: str = "") -> Iterator[None]:
-    """Let registries import no class for a name, as names come from files here; with `trust` they may, inside too.
-
-    `leaves_out` is what is not told where one is not imported.
-    """
+    """Let registries import no class that a file names, unless `trust`; `leaves_out` is what goes untold without it."""
     before = _NAMES.set("trusted" if trust or _NAMES.get() == "trusted" else "read")
     untold = _LEAVES_OUT.set(leaves_out)
     try:
@@ -65,9 +61,9 @@ def names_of_files(trust: bool = False, leaves_out: str = "") -> Iterator[None]:
 
 def take_not_imported() -> dict[tuple[str, str], list[str]]:
     """Return by kind and name, of each class that was not imported since the last call, what was left out for it."""
-    found = {key: [what for what in untold if what] for key, untold in _NOT_IMPORTED.items()}
+    taken = {key: [what for what in left_out if what] for key, left_out in _NOT_IMPORTED.items()}
     _NOT_IMPORTED.clear()
-    return found
+    return taken
 
 
 @dataclass(frozen=True)
@@ -158,7 +154,7 @@ class Registry(Generic[T]):
 
     def options(self, name: str) -> dict[str, Option]:
         """Return the options of `name` in the order they are declared."""
-        return self._declared(self._known(name))
+        return self._declared(self.told_name(name))
 
     def option(self, name: str, key: str) -> Option:
         """Return the option `key` of `name`, ``noise.sigma`` inside another; raise `ValueError` where there is none."""
@@ -173,14 +169,10 @@ class Registry(Generic[T]):
         return option
 
     def make(self, name: str, /, **options: Any) -> T:
-        """Build the entry `name` with `options`.
-
-        Raises `ValueError` for an unknown name or option and for a value of the wrong type or outside its choices;
-        the message lists the choices and proposes the nearest.
-        """
-        known = self._known(name)
-        given = self._checked(known, options)
-        factory = self._factory(known)
+        """Build the entry `name` with `options`; raise `ValueError` for what is no name, option or value of one."""
+        known = self.told_name(name)
+        given = checked_options(known, self._declared(known), options)
+        factory = self._by_path[known] if ":" in known else self._factories[known]
         shared = {key: option.default for key, option in self._declared(known).items()}
         defaults = {key: _copied(value) for key, value in shared.items()}
         try:
@@ -196,7 +188,12 @@ class Registry(Generic[T]):
                     f"{known} changes its own default {key}={shown(value)}, which all its objects share, to "
                     f"{shown(shared[key])}; let it change a copy"
                 )
-        self._remember(thing, Made(known, given, defaults | given, factory))
+        number = id(thing)
+        try:
+            get: Callable[[], Any] = weakref.ref(thing, lambda _: self._made.pop(number, None))
+        except TypeError:  # it takes no weak reference (__slots__): keep it, so that nothing else gets its id
+            get = partial([thing].__getitem__, 0)
+        self._made[number] = get, Made(known, given, defaults | given, factory)
         return thing
 
     def made(self, thing: Any) -> Made | None:
@@ -206,31 +203,18 @@ class Registry(Generic[T]):
 
     def factory(self, name: str) -> Callable[..., T]:
         """Return what builds the entry `name`."""
-        return self._factory(self._known(name))
-
-    def told_name(self, name: str) -> str:
-        """Return the name of the entry `name` in results; for a user's file it has no path of this machine."""
-        return self._known(name)
+        known = self.told_name(name)
+        return self._by_path[known] if ":" in known else self._factories[known]
 
     def place(self, name: str) -> str:
         """Return the name under which another process, in any folder, finds the entry `name`."""
-        known = self._known(name)
+        known = self.told_name(name)
         return f"{self._places[known]}:{known.rpartition(':')[2]}" if known in self._places else known
 
     def check(self, name: str, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return `options` with values in the types their declarations ask for; raise `ValueError` as `make` does."""
-        return self._checked(self._known(name), options)
-
-    def _checked(self, known: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        declared = self._declared(known)
-        for key in options:
-            if key not in declared:
-                raise ValueError(f"{known} has no option {key!r}; {suggest(key, declared)}")
-        checked = {key: declared[key].taken(f"{known}.{key}", value) for key, value in options.items()}
-        missing = [key for key, option in declared.items() if option.required and key not in options]
-        if missing:
-            raise ValueError(f"{known} needs {', '.join(missing)}")
-        return checked
+        known = self.told_name(name)
+        return checked_options(known, self._declared(known), options)
 
     def _declared(self, known: str) -> dict[str, Option]:
         factory = self._by_path[known] if ":" in known else self._options[known]
@@ -239,35 +223,48 @@ class Registry(Generic[T]):
             before = self._read[known] = factory, declared_options(factory)
         return before[1]
 
-    def _factory(self, known: str) -> Callable[..., T]:
-        return self._by_path[known] if ":" in known else self._factories[known]
-
-    def _known(self, name: str) -> str:
+    def told_name(self, name: str) -> str:
+        """Return the name of an entry in results, after it was loaded; a user's file has no path of this machine."""
         if name in self:
             if name in self._promised:
                 self._load_promised(self._promised[name])
             return name
         if _NAMES.get() == "read" and (":" in name or name.endswith(".py")):
-            return self._typed_before(name)
-        if user_file.is_file_path(name):
-            return self._load_file(name)
+            if name not in self._by_path:
+                _NOT_IMPORTED.setdefault((self.kind, name), {})[_LEAVES_OUT.get()] = None
+                raise NotImported(f"the {self.kind} is {name}, which reading does not import; --trust does")
+            return name
+        if user_file.is_file_path(name):  # by itself too once it was loaded, wherever one stands
+            file, attribute = user_file.place_of(name), name.rpartition(":")[2]
+            if name in self._places and not file.is_file():
+                file = self._places[name]
+            known = f"{user_file.told_name(self._file(name, file))}:{attribute}"
+            before = self._places.get(known, file)
+            if before != file and before.is_file():
+                raise ValueError(
+                    f"{self.kind} {name!r}: {known} is also {before}, and results could not tell the two apart; rename "
+                    "one file, or make their folders packages (an empty __init__.py in each)"
+                )
+            module = self._module(name, file)
+            self._by_path[known], self._places[known] = self._attribute(name, module, attribute), file
+            return known
         if ":" in name:
-            self._load_path(name)
+            if name not in self._by_path:
+                home, _, attribute = name.partition(":")
+                with user_file.no_bytecode():
+                    self._by_path[name] = self._attribute(name, self._module(name, home), attribute)
             return name
         self._load_promised()  # it may be one that they leave out
         if name in self._left_out:
             raise ValueError(f"{self.kind} {name!r} is left out: {self._left_out[name]}")
         if name.endswith(".py"):
+            file = self._file(name, user_file.place_of(f"{name}:"))
+            classes = [f"{name}:{one}" for one in _own_names(self._module(name, file), self.kind)]
+            inside = suggest("", classes) if classes else "it has no class or function"
             raise ValueError(
-                f"{self.kind} {name!r}: which class of the file is not said; write FILE.py:CLASS; {self._in_file(name)}"
+                f"{self.kind} {name!r}: which class of the file is not said; write FILE.py:CLASS; {inside}"
             )
         raise UnknownName(f"unknown {self.kind} {name!r}; {beside(self.kind, name)}{suggest(name, self._order)}")
-
-    def _typed_before(self, name: str) -> str:
-        if name not in self._by_path:
-            _NOT_IMPORTED.setdefault((self.kind, name), {})[_LEAVES_OUT.get()] = None
-            raise NotImported(f"the {self.kind} is {name}, which reading does not import; --trust does")
-        return name
 
     def _load_promised(self, module: str = "") -> None:
         """Load `module`, or all that register what was promised."""
@@ -288,77 +285,45 @@ class Registry(Generic[T]):
             try:
                 from calibench.core.own_state import loaded_apart
 
-                found = loaded_apart(point.load, point.module)
+                entry = loaded_apart(point.load, point.module)
                 if point.name in before or point.name not in self._factories:  # or it entered itself as it was loaded
-                    self.register(point.name)(found)
+                    self.register(point.name)(entry)
             except Exception as error:  # another package's fault must not take our names away
                 reason = f"{point.value}, which announces it, cannot be loaded: {error}"
                 self._left_out.setdefault(point.name, reason)
 
-    def _load_path(self, path: str) -> None:
-        """Remember the class or function at ``pkg.module:Class``; it can be made, but is not listed."""
-        if path in self._by_path:
-            return
-        from calibench.core.own_state import loaded_apart
-
-        module_name, _, attribute = path.partition(":")
-        try:
-            with user_file.no_bytecode():
-                module = loaded_apart(lambda: importlib.import_module(module_name))
-        except Exception as error:  # whatever a user's module raises as it is loaded
-            raise ValueError(f"cannot import {self.kind} {path!r}: {_told(error)}") from error
-        sources.module_digest(module_name)  # of what was loaded, before the file is edited again
-        self._by_path[path] = self._attribute(path, module, attribute)
-
-    def _load_file(self, path: str) -> str:
-        """Remember the class or function at ``FILE.py:NAME``; return its name in results.
-
-        Such a name is also found by itself once its file was loaded, wherever one stands.
-        """
-        file, attribute = user_file.place_of(path), path.rpartition(":")[2]
-        if path in self._places and not file.is_file():
-            file = self._places[path]
-        self._check_file(path, file)
-        name = f"{user_file.told_name(file)}:{attribute}"
-        before = self._places.get(name, file)
-        if before != file and before.is_file():
-            raise ValueError(
-                f"{self.kind} {path!r}: {name} is also {before}, and results could not tell the two apart; rename one "
-                "file, or make their folders packages (an empty __init__.py in each)"
-            )
-        module = self._module(path, file)
-        self._by_path[name], self._places[name] = self._attribute(path, module, attribute), file
-        return name
-
-    def _check_file(self, path: str, file: Path) -> None:
+    def _file(self, path: str, file: Path) -> Path:
+        """Return `file`; raise `MissingFile` where there is none."""
         if not file.is_file():
             beside = sorted(p.name for p in file.parent.glob("*.py"))
             none = "its folder has no file of Python" if file.parent.is_dir() else "nor is its folder there"
             way = suggest(file.name, beside) if beside else f"{none}; give its path from here, or from the root"
             raise MissingFile(f"{self.kind} {path!r}: there is no file {file}; {way}")
+        return file
 
-    def _module(self, path: str, file: Path) -> types.ModuleType:
+    def _module(self, path: str, place: Path | str) -> ModuleType:
+        """Return the module in a file or of a name, whose digest is that of what was loaded."""
+        from calibench.core.own_state import loaded_apart
+
         try:
-            module = user_file.load(file)
-        except Exception as error:
-            raise ValueError(f"cannot import {self.kind} {path!r}: {_told(error)}") from error
-        sources.module_digest(module.__name__)
+            if isinstance(place, Path):
+                module = user_file.load(place)
+            else:
+                module = loaded_apart(lambda: importlib.import_module(place))
+        except Exception as error:  # whatever a user's module raises as it is loaded
+            words = " ".join(str(error).split())
+            words = words if isinstance(error, ImportError) else f"{type(error).__name__}: {words}"
+            raise ValueError(f"cannot import {self.kind} {path!r}: {words}") from error
+        sources.module_digest(module.__name__)  # before the file is edited again
         return module
 
-    def _in_file(self, path: str) -> str:
-        """Return what stands in the file `path`, each as one names it."""
-        file = user_file.place_of(f"{path}:")
-        self._check_file(path, file)
-        found = [f"{path}:{name}" for name in _own_names(self._module(path, file), self.kind)]
-        return suggest("", found) if found else "it has no class or function"
-
-    def _attribute(self, path: str, module: types.ModuleType, attribute: str) -> Callable[..., T]:
-        factory = getattr(module, attribute, None) if attribute else None
+    def _attribute(self, path: str, module: ModuleType, attribute: str) -> Callable[..., T]:
+        factory: Callable[..., T] | None = getattr(module, attribute, None) if attribute else None
         if factory is None:
             theirs = _own_names(module, self.kind)
-            where = path.rpartition(":")[0]
             many = len(theirs) > _LISTED
             near = difflib.get_close_matches(attribute, theirs, n=_LISTED, cutoff=0.3) if many else theirs
+            where = path.rpartition(":")[0]
             raise ValueError(
                 f"cannot find {self.kind} {path!r}: {where} has no {attribute!r}; {suggest(attribute, near)}"
             )
@@ -369,16 +334,7 @@ class Registry(Generic[T]):
             )
         if not callable(factory):
             raise ValueError(f"{self.kind} {path!r} is not a class or function")
-        found: Callable[..., T] = factory
-        return found
-
-    def _remember(self, thing: Any, made: Made) -> None:
-        key = id(thing)
-        try:
-            get: Callable[[], Any] = weakref.ref(thing, lambda _: self._made.pop(key, None))
-        except TypeError:  # it takes no weak reference (__slots__): keep it, so that nothing else gets its id
-            get = _holder(thing)
-        self._made[key] = (get, made)
+        return factory
 
 
 def _copied(value: Any, depth: int = 0) -> Any:
@@ -407,7 +363,7 @@ def _is_as_before(value: Any, before: Any) -> bool:
     return type(value) is set and bool(value == before)
 
 
-def _own_names(module: types.ModuleType, kind: str) -> list[str]:
+def _own_names(module: ModuleType, kind: str) -> list[str]:
     """Return the names of the classes of a module that can be of a kind; if none can, of all that it defines."""
     own = {
         name: value
@@ -421,18 +377,14 @@ def _own_names(module: types.ModuleType, kind: str) -> list[str]:
 
 def beside(kind: str, name: str) -> str:
     """Return how the classes of a file ``NAME.py`` in the working folder are named, before other ways out; or ""."""
-    found = user_file.classes_beside(name)
-    return f"of the file here: {' or '.join(f'{kind}={one}' for one in found[:_LISTED])}; " if found else ""
-
-
-def suggest_or_own(name: str, choices: Iterable[str]) -> str:
-    """Return the way out of an unknown name: one that is near it, or else how a class of one's own is named."""
-    advice = suggest(name, choices)
-    return (
-        advice
-        if advice.startswith("did you mean")
-        else f"a class of your own is FILE.py:CLASS or MODULE:CLASS; {advice}"
-    )
+    file = Path(f"{name}.py")
+    try:  # it is parsed, not run
+        body = ast.parse(file.read_bytes()).body if name.isidentifier() and file.is_file() else []
+    except (OSError, SyntaxError, ValueError):
+        body = []
+    public = [node.name for node in body if isinstance(node, ast.ClassDef) and not node.name.startswith("_")]
+    classes = [f"{kind}={file}:{one}" for one in public[:_LISTED]]
+    return f"of the file here: {' or '.join(classes)}; " if classes else ""
 
 
 def about(factory: Callable[..., Any]) -> str:
@@ -440,13 +392,3 @@ def about(factory: Callable[..., Any]) -> str:
     described = "__doc__" in getattr(factory, "__dict__", {})  # a partial tells of itself, or of what it calls
     target = factory.func if hasattr(factory, "func") and not described else factory
     return (target.__doc__ or "").strip().partition("\n")[0]
-
-
-def _holder(thing: Any) -> Callable[[], Any]:
-    return lambda: thing
-
-
-def _told(error: Exception) -> str:
-    """Return an exception in one line: its own text for a missing module, its type as well for others."""
-    words = " ".join(str(error).split())
-    return words if isinstance(error, ImportError) else f"{type(error).__name__}: {words}"

@@ -8,36 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
-def cos(x: ArrayLike) -> NDArray[np.float64]:
-    """Return the cosine of angles [rad], of their shape.
-
-    >>> cos([0.0, 1.0]).tolist()
-    [1.0, 0.5403023058681398]
-    """
-    return _each(math.cos, x)
-
-
-def sin(x: ArrayLike) -> NDArray[np.float64]:
-    """Return the sine of angles [rad], of their shape."""
-    return _each(math.sin, x)
-
-
-def arccos(x: ArrayLike) -> NDArray[np.float64]:
-    """Return the angles [rad] whose cosines are x, of its shape; NaN beyond -1 and 1."""
-    return _each(lambda value: math.acos(value) if -1 <= value <= 1 else math.nan, x)
-
-
-def arctan2(y: ArrayLike, x: ArrayLike) -> NDArray[np.float64]:
-    """Return the angles [rad] of points (x, y), of the shape that these have together."""
-    return _each(math.atan2, y, x)
-
-
 def _each(of: Callable[..., float], *arrays: ArrayLike) -> NDArray[np.float64]:
     values: Any = np.frompyfunc(of, len(arrays), 1)(*(np.asarray(array, dtype=float) for array in arrays))
     return np.asarray(values, dtype=float)
+
+
+cos, sin = partial(_each, math.cos), partial(_each, math.sin)  # of angles [rad], of their shape
+# the angles [rad] whose cosines are x, of its shape; NaN beyond -1 and 1
+arccos = partial(_each, lambda value: math.acos(value) if -1 <= value <= 1 else math.nan)
+arctan2 = partial(_each, math.atan2)  # (y, x): the angles [rad] of points, of the shape that y and x have together

@@ -11,14 +11,14 @@ from __future__ import annotations
 import ast
 import sys
 import sysconfig
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import blake2b
 from importlib.util import find_spec
 from os.path import isfile
 from pathlib import Path
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 from calibench.core.kept import kept
 
@@ -27,11 +27,11 @@ _FACES = (_HOME / "calibench" / "__init__.py", _HOME / "__init__.py")  # of a ch
 # here and not when it is asked for: that may be within an import, and `sysconfig` imports what it reads
 _STANDARD = tuple({Path(sysconfig.get_paths()[key]).resolve() for key in ("stdlib", "platstdlib")})
 _OURS = ("core", "calibration", "problems", "optimizers", "discrepancy")  # what a run can go through, beside its gate
+_READER = Path(__file__).read_bytes()  # another way to read a source is another meaning
+_Specs = tuple[tuple[str, Any], ...]  # modules, and their specs: a module that is loaded again has another
 
 
-@final
-@dataclass(frozen=True)
-class _Import:
+class _Import(NamedTuple):
     """One import statement: module (absolute, dotted) and the name taken from it; none for ``import module``."""
 
     module: str
@@ -50,89 +50,65 @@ class _Source:
     provides: dict[str, str]  # name -> the module it comes from, of what the file imports by name
 
 
-@final
-@dataclass(frozen=True)
-class _Told:
-    """A digest, and the specs of the modules it covers as they were: a module that is loaded again has another."""
-
-    digest: str
-    loaded_as: tuple[tuple[str, Any], ...]
-
-
-@final
-@dataclass(frozen=True)
-class _Reached:
-    """The files that a file leads to, and what was loaded when they were looked for."""
-
-    files: frozenset[Path]
-    modules: int
-    loaded_as: tuple[tuple[str, Any], ...]
-
-    @classmethod
-    def now(cls, files: frozenset[Path]) -> _Reached:
-        return cls(files, len(sys.modules), tuple((name, _spec(name)) for name in map(dotted, files)))
-
-    def holds(self) -> bool:
-        """Tell whether nothing was loaded since, nor loaded again."""
-        return len(sys.modules) == self.modules and all(_spec(name) is was for name, was in self.loaded_as)
-
-
 _SEEN: dict[Path, _Source] = {}
-_REACHED: dict[Path, _Reached] = {}  # a file of ours leads to hundreds, and a request asks a dozen times
+# the files that a file leads to, how many modules were loaded when they were looked for, and theirs: a file of ours
+# leads to hundreds, and a request asks a dozen times
+_REACHED: dict[Path, tuple[frozenset[Path], int, _Specs]] = {}
 _SENT: dict[Path, str] = {}  # a file that came from another machine -> what it is called there
-_TOLD: dict[str, _Told] = {}  # a digest is asked for with every run, and its files cost a tenth of a second
+_DIGESTS: dict[str, tuple[str, _Specs]] = {}  # one is asked for with every run, and its files cost a tenth of a second
 
 
 def module_digest(module: str) -> str:
-    """Return 12 hexadecimal digits for the code of `module` (dotted name) and its local imports; "" without a source.
-
-    A file is read when it is first asked for, and again after its module was reloaded: later edits did not run.
-    """
-    known = _TOLD.get(module)
-    if known is not None and all(was is None or _spec(name) is was for name, was in known.loaded_as):
-        return known.digest
+    """Return 12 hexadecimal digits for the code that `module` (dotted name) was loaded from; "" without a source."""
+    if module in _DIGESTS:
+        digest, loaded_as = _DIGESTS[module]
+        if all(was is None or _spec(name) is was for name, was in loaded_as):
+            return digest
     file = file_of(module)
     if file is None:
         return ""
+    root, names = root_of(file), {}
+    for path in closure(file):  # a path that is the same on every machine
+        base = next((base for base in (_HOME, root) if path.is_relative_to(base)), None)
+        names[path] = _SENT.get(path) or (dotted(path) if base is None else path.relative_to(base).as_posix())
     whole = blake2b(digest_size=6)
-    root = root_of(file)
-    files = sorted(closure(file), key=lambda p: _told_name(p, root))
+    files = sorted(names, key=names.__getitem__)
     for path in files:
-        whole.update(f"{_told_name(path, root)}:{_source(path).digest};".encode())
-    names = dict.fromkeys((module, *map(dotted, files)))
-    _TOLD[module] = _Told(whole.hexdigest(), tuple((name, _spec(name)) for name in names))
-    return _TOLD[module].digest
+        whole.update(f"{names[path]}:{_source(path).digest};".encode())
+    modules = dict.fromkeys((module, *map(dotted, files)))
+    _DIGESTS[module] = whole.hexdigest(), tuple((name, _spec(name)) for name in modules)
+    return _DIGESTS[module][0]
 
 
 def closure(file: Path) -> frozenset[Path]:
     """Return `file` and all local files that it imports, directly or through others."""
-    if file not in _REACHED or not _REACHED[file].holds():
-        found: set[Path] = set()
-        leads: dict[tuple[_Import, Path], list[Path]] = {}
-        left = [file]
-        while left:
-            path = left.pop()
-            if path not in found:
-                found.add(path)
-                root = root_of(path)
-                for one in dict.fromkeys(_source(path).imports):
-                    if (one, root) not in leads:  # most files import what others do
-                        leads[one, root] = _files_of(one, root)
-                    left += leads[one, root]
-        _REACHED[file] = _Reached.now(frozenset(found))
-    return _REACHED[file].files
+    if file in _REACHED:
+        files, modules, loaded_as = _REACHED[file]
+        if len(sys.modules) == modules and all(_spec(name) is was for name, was in loaded_as):
+            return files
+    reached: set[Path] = set()
+    leads: dict[tuple[_Import, Path], list[Path]] = {}
+    ahead = [file]
+    while ahead:
+        path = ahead.pop()
+        if path in reached:
+            continue
+        reached.add(path)
+        root = root_of(path)
+        for one in dict.fromkeys(_source(path).imports):
+            if (one, root) not in leads:  # most files import what others do
+                leads[one, root] = _files_of(one, root)
+            ahead += leads[one, root]
+    files = frozenset(reached)
+    _REACHED[file] = files, len(sys.modules), tuple((name, _spec(name)) for name in map(dotted, files))
+    return files
 
 
 def hidden_beside(file: Path, root: Path) -> dict[str, Path]:
     """Return what `file` imports from its own folder by name, if Python or a package has a module of that name too."""
     tops = {one.module for one in _source(file).imports}
-    found = {top: _search(top, root) for top in tops if top and "." not in top and _is_installed(top, root)}
-    return {top: beside for top, beside in found.items() if beside is not None and not is_ours(beside)}
-
-
-def is_home(folder: str) -> bool:
-    """Tell whether `folder` is where this package lies, and what Python imports it from."""
-    return Path(folder).resolve() == _HOME
+    by_top = {top: _search(top, root) for top in tops if top and "." not in top and _is_installed(top, root)}
+    return {top: beside for top, beside in by_top.items() if beside is not None and not is_ours(beside)}
 
 
 def name_at_home(file: Path) -> str | None:
@@ -156,14 +132,13 @@ def _resolved(file: str) -> Path | None:
     return Path(file).resolve() if isfile(file) else None
 
 
+@cache
 def root_of(file: Path) -> Path:
     """Return the folder from which `file` is imported: the first one upwards that is no package."""
-    return _root(file.parent)
-
-
-@cache
-def _root(folder: Path) -> Path:
-    return _root(folder.parent) if _is_package(folder) and folder != folder.parent else folder
+    folder = file.parent
+    while _is_package(folder) and folder != folder.parent:
+        folder = folder.parent
+    return folder
 
 
 @cache
@@ -180,7 +155,7 @@ def dotted(file: Path) -> str:
 
 def forget(files: Set[Path]) -> None:
     """Read these files again when they are next asked for."""
-    _TOLD.clear()
+    _DIGESTS.clear()
     _REACHED.clear()
     for path in files:
         _SEEN.pop(path, None)
@@ -188,10 +163,8 @@ def forget(files: Set[Path]) -> None:
 
 def changed(files: Set[Path]) -> bool:
     """Tell whether the code of some of `files` differs from the code that was loaded."""
-    return any(
-        path in _SEEN and _stamp(path) != _SEEN[path].stamp and _read(path).digest != _SEEN[path].digest
-        for path in files
-    )
+    loaded = {path: _SEEN[path] for path in files if path in _SEEN}
+    return any(_stamp(path) != was.stamp and _read(path).digest != was.digest for path, was in loaded.items())
 
 
 def _spec(module: str) -> Any:
@@ -211,10 +184,10 @@ def _source(path: Path) -> _Source:
 
 def _stamp(path: Path) -> tuple[int, int]:
     try:
-        found = path.stat()
+        about = path.stat()
     except OSError:
         return 0, -1
-    return found.st_mtime_ns, found.st_size
+    return about.st_mtime_ns, about.st_size
 
 
 def _read(path: Path) -> _Source:
@@ -224,14 +197,9 @@ def _read(path: Path) -> _Source:
     except OSError:
         return _Source(None, stamp, "", (), {})
     package = dotted(path) if path.name == "__init__.py" else dotted(path).rpartition(".")[0]
-    about = (raw, package.encode(), sys.version.encode(), _reader())
+    about = (raw, package.encode(), sys.version.encode(), _READER)
     digest, imports, provides = kept("sources", about, lambda: _meaning(raw, package))
     return _Source(None, stamp, digest, tuple(_Import(*one) for one in imports), provides)
-
-
-@cache
-def _reader() -> bytes:
-    return Path(__file__).read_bytes()  # another way to read is another meaning
 
 
 def _meaning(raw: bytes, package: str) -> tuple[str, list[tuple[str, str | None]], dict[str, str]]:
@@ -240,41 +208,30 @@ def _meaning(raw: bytes, package: str) -> tuple[str, list[tuple[str, str | None]
         tree = ast.parse(raw)
     except (SyntaxError, ValueError):  # a compiled extension, or what Python itself will refuse
         return blake2b(raw, digest_size=8).hexdigest(), [], {}
-    imports = [(one.module, one.name) for one in _imports(tree, package)]
+
+    def absolute(node: ast.ImportFrom) -> str:
+        parts = package.split(".") if node.level and package else []
+        base = parts[: len(parts) - (node.level - 1)] if node.level else []
+        return ".".join([*base, *([node.module] if node.module else [])])
+
+    imports: list[tuple[str, str | None]] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            imports += [(name.name, None) for name in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            imports += [(absolute(node), name.name) for name in node.names]
     provides = {
-        name.asname or name.name: _absolute(node, package)
+        name.asname or name.name: absolute(node)
         for node in [*tree.body, *(one for block in tree.body if isinstance(block, ast.If) for one in block.body)]
         if isinstance(node, ast.ImportFrom)  # in a block as well: names that are loaded when they are asked for
         for name in node.names
     }
-    text = ast.unparse(_without_docstrings(tree)).encode(errors="replace")
-    return blake2b(text, digest_size=8).hexdigest(), imports, provides
-
-
-def _imports(tree: ast.AST, package: str) -> Iterator[_Import]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            for name in node.names:
-                yield _Import(name.name, None)
-        elif isinstance(node, ast.ImportFrom):
-            for name in node.names:
-                yield _Import(_absolute(node, package), name.name)
-
-
-def _absolute(node: ast.ImportFrom, package: str) -> str:
-    """Return the absolute name of the module of ``from ..a import b`` in `package`."""
-    parts = package.split(".") if node.level and package else []
-    base = parts[: len(parts) - (node.level - 1)] if node.level else []
-    return ".".join([*base, *([node.module] if node.module else [])])
-
-
-def _without_docstrings(tree: ast.Module) -> ast.Module:
-    for node in ast.walk(tree):
+    for node in ast.walk(tree):  # without docstrings
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             first = node.body[0] if node.body else None
             if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and type(first.value.value) is str:
                 node.body = node.body[1:] or [ast.Pass()]
-    return tree
+    return blake2b(ast.unparse(tree).encode(errors="replace"), digest_size=8).hexdigest(), imports, provides
 
 
 def _files_of(one: _Import, root: Path) -> list[Path]:
@@ -282,32 +239,26 @@ def _files_of(one: _Import, root: Path) -> list[Path]:
     if _is_installed(one.module.partition(".")[0], root):
         return []
     target = _find(one.module, root)
-    if target is not None and is_ours(target):
-        # the files of ours that an import runs: not the whole package where a name leads to one module of it
-        if target in _FACES:  # from calibench import problems
-            whole = f"{one.module}.{one.name}"
-            return [] if one.name is None or _find(whole, root) is None else _files_of(_Import(whole, None), root)
-        if not _can_be_run_through(target):
-            return []
-        if target.name != "__init__.py":
-            return [target]
-        if one.name in (None, "*"):
-            return sorted(target.parent.rglob("*.py"))
-        inside = _find(f"{one.module}.{one.name}", root)
-        if inside is not None:
-            return [inside]
-        home = _source(target).provides.get(one.name or "")
-        return [] if home is None else _files_of(_Import(home, one.name), root)
-    parts = one.module.split(".")
-    names = [".".join(parts[:i]) for i in range(1, len(parts) + 1)]
-    names += [] if one.name is None else [f"{one.module}.{one.name}"]
-    files = [_find(name, root) for name in names]
-    return [file for file in files if file is not None and not is_ours(file) and is_local(file)]
-
-
-@cache
-def _can_be_run_through(target: Path) -> bool:
-    return target.relative_to(_HOME).parts[0] in _OURS or target.match("_*_kernels.py")
+    if target is None or not is_ours(target):
+        parts = one.module.split(".")
+        names = [".".join(parts[:i]) for i in range(1, len(parts) + 1)]
+        names += [] if one.name is None else [f"{one.module}.{one.name}"]
+        files = [_find(name, root) for name in names]
+        return [file for file in files if file is not None and not is_ours(file) and is_local(file)]
+    if target in _FACES:  # from calibench import problems
+        whole = f"{one.module}.{one.name}"
+        return [] if one.name is None or _find(whole, root) is None else _files_of(_Import(whole, None), root)
+    if target.relative_to(_HOME).parts[0] not in _OURS and not target.match("_*_kernels.py"):
+        return []
+    if target.name != "__init__.py":
+        return [target]
+    if one.name in (None, "*"):
+        return sorted(target.parent.rglob("*.py"))
+    inside = _find(f"{one.module}.{one.name}", root)
+    if inside is not None:
+        return [inside]
+    home = _source(target).provides.get(one.name or "")
+    return [] if home is None else _files_of(_Import(home, one.name), root)
 
 
 @cache
@@ -330,35 +281,25 @@ def _begins_in(root: Path, top: str) -> bool:
     return (root / top).is_dir() or (root / f"{top}.py").is_file()
 
 
-@cache
-def _is_package_in(root: Path, top: str) -> bool:
-    return _is_package(root / top)
-
-
 def _find(name: str, root: Path) -> Path | None:
     """Return the file of the module `name`: beside the importing file, or where it was loaded from."""
     if not name:
         return None
-    # tell whether a package stands before the folder of `root` that `name` begins with
     top, _, inside = name.partition(".")
-    return (
-        None if (bool(inside) and not _is_package_in(root, top) and file_of(top) is not None) else _search(name, root)
-    ) or file_of(name)
+    is_elsewhere = bool(inside) and not _is_package(root / top) and file_of(top) is not None  # a package of that name
+    return (None if is_elsewhere else _search(name, root)) or file_of(name)
 
 
 def _is_installed(top: str, root: Path) -> bool:
     """Tell whether the package or module `top` is installed, or Python's own: those stand before the folder `root`."""
-    file = file_of(top) or (_origin(top) if _begins_in(root, top) else None)
+    file = file_of(top)
+    if file is None and _begins_in(root, top) and top not in sys.modules:
+        try:
+            spec = find_spec(top)
+        except (ImportError, ValueError):
+            spec = None
+        file = _resolved(spec.origin) if spec is not None and spec.origin is not None else None
     return top in sys.stdlib_module_names if file is None else not is_local(file)
-
-
-def _origin(top: str) -> Path | None:
-    """Return the file of a module that is not loaded; None where it has none, or there is no such module."""
-    try:
-        spec = None if top in sys.modules else find_spec(top)
-    except (ImportError, ValueError):
-        return None
-    return _resolved(spec.origin) if spec is not None and spec.origin is not None else None
 
 
 @cache
@@ -371,13 +312,8 @@ def is_ours(file: Path) -> bool:
 
 
 def is_foreign(thing: Any) -> bool:
-    """Tell whether the class of a problem or optimiser is not this package's."""
-    return is_foreign_module(type(thing).__module__)
-
-
-def is_foreign_module(name: str) -> bool:
-    """Tell whether the module of this name is not this package's."""
-    file = file_of(name)
+    """Tell whether the class of a problem or optimiser, or the module of a name, is not this package's."""
+    file = file_of(thing if isinstance(thing, str) else type(thing).__module__)
     return file is None or not is_ours(file)
 
 
@@ -387,13 +323,3 @@ def is_local(file: Path) -> bool:
     if {"site-packages", "dist-packages"} & set(file.parts):
         return False
     return not any(file.is_relative_to(folder) for folder in _STANDARD)
-
-
-def _told_name(file: Path, root: Path) -> str:
-    """Return the path of a file, the same on every machine."""
-    if file in _SENT:
-        return _SENT[file]
-    for base in (_HOME, root):
-        if file.is_relative_to(base):
-            return file.relative_to(base).as_posix()
-    return f"{dotted(file)}"

@@ -1,10 +1,9 @@
 """A class or function in a user's own file: ``./mine.py:Class``.
 
-A file is named in rows as it would be imported: by its file name, and inside a package (folders with ``__init__.py``)
-by its path from the top of the package. So the name depends neither on the folder one stands in nor on the machine.
-The folder from which it is imported goes to the end of `sys.path`: its neighbours can be imported, and of a name that
-Python or an installed package has too, theirs is taken, since they import it as well. A neighbour of such a name that
-the file means (it has what the file takes from it) is refused.
+A file is named in rows as it would be imported: by its file name, and inside a package by its path from the top of the
+package. The folder from which it is imported goes to the end of `sys.path`: its neighbours can be imported, and of a
+name that Python or an installed package has too, theirs is taken. A neighbour of such a name that the file means (it
+has what the file takes from it) is refused.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from contextlib import contextmanager
 from hashlib import blake2b
 from pathlib import Path
 from types import ModuleType
+from typing import cast
 
 from calibench.core import sources
 
@@ -30,20 +30,6 @@ _KEPT: list[None] = []  # not empty: what is loaded is kept, whatever has become
 def is_file_path(name: str) -> bool:
     """Tell whether `name` is FILE.py:NAME."""
     return name.rpartition(":")[0].endswith(".py")
-
-
-def classes_beside(name: str) -> list[str]:
-    """Return the public classes in the file ``NAME.py`` of the working folder, each as FILE.py:CLASS; none without one.
-
-    The file is parsed, not run: nobody has asked for it yet.
-    """
-    file = Path(f"{name}.py")
-    try:
-        tree = ast.parse(file.read_bytes()) if name.isidentifier() and file.is_file() else None
-    except (OSError, SyntaxError, ValueError):
-        return []
-    found = [node.name for node in tree.body if isinstance(node, ast.ClassDef)] if tree else []
-    return [f"{file}:{one}" for one in found if not one.startswith("_")]
 
 
 def place_of(name: str) -> Path:
@@ -78,20 +64,42 @@ def load(file: Path) -> ModuleType:
     if root not in sys.path:
         sys.path.append(root)
     importlib.invalidate_caches()
-    _check_hidden(file)
+    for path in sources.closure(file):  # a name that Python or a package has too, where the file beside is meant
+        for name, beside in sources.hidden_beside(path, sources.root_of(path)).items():
+            try:
+                tree, other = (ast.parse(each.read_bytes()) for each in (path, beside))
+            except (OSError, SyntaxError, ValueError):
+                continue
+            nodes = list(ast.walk(tree))
+            from_it = [n for n in nodes if isinstance(n, ast.ImportFrom) and n.module == name and not n.level]
+            used = {part.name for node in from_it for part in node.names}
+            imports = (part for node in nodes if isinstance(node, ast.Import) for part in node.names)
+            called = {part.asname or part.name for part in imports if part.name == name}
+            points = (n for n in nodes if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name))
+            used |= {node.attr for node in points if cast(ast.Name, node.value).id in called}
+            defined = {
+                n.name for n in other.body if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+            }
+            defined |= {n.id for n in ast.walk(other) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+            if both := sorted(used & defined):
+                raise ImportError(
+                    f"{path.name} takes {both[0]} from {name}, which is {beside} beside it, and also a module of "
+                    "Python or of an installed package; rename the file"
+                )
     from calibench.core.own_state import loaded_apart  # it needs NumPy, which most commands do without
 
     with no_bytecode():
         module = loaded_apart(lambda: _import(file))
-    _check_neighbours(file)
+    for path in sources.closure(file) - {file}:  # a file beside it is to be what Python has under its name
+        name = sources.dotted(path)
+        loaded = sources.file_of(name)
+        if path.is_relative_to(root) and loaded is not None and loaded != path:
+            raise ImportError(
+                f"it imports {name}, which in this process is {loaded} and not {path}; "
+                "rename one of the two, or run them one by one"
+            )
     _LOADED[file] = module
     return module
-
-
-def put_last(folder: str) -> None:
-    """Let the modules in `folder` be imported after all others of their names; our own folder stays where it is."""
-    if not sources.is_home(folder):
-        sys.path[:] = [entry for entry in sys.path if entry not in ("", folder)] + [folder]
 
 
 @contextmanager
@@ -137,7 +145,11 @@ def _import(file: Path) -> ModuleType:
         loaded = sys.modules.get(name)
         if loaded is not None and sources.file_of(name) == file:
             return loaded
-        if loaded is None and _leads_to(name, file):
+        try:
+            spec = importlib.util.find_spec(name) if loaded is None else None
+        except (ImportError, ValueError, AttributeError):
+            spec = None
+        if spec is not None and spec.origin is not None and Path(spec.origin).resolve() == file:
             return importlib.import_module(name)
     if "." in name:
         raise ImportError(f"another {name} stands before it on Python's path; rename the package or the file")
@@ -153,66 +165,3 @@ def _import(file: Path) -> ModuleType:
         del sys.modules[alias]
         raise
     return module
-
-
-def _leads_to(name: str, file: Path) -> bool:
-    try:
-        spec = importlib.util.find_spec(name)
-    except (ImportError, ValueError, AttributeError):
-        return False
-    return spec is not None and spec.origin is not None and Path(spec.origin).resolve() == file
-
-
-def _check_hidden(file: Path) -> None:
-    """Refuse where a file imports a name that Python or a package has too, and means the file beside it."""
-    for path in sources.closure(file):
-        root = sources.root_of(path)
-        for name, beside in sources.hidden_beside(path, root).items():
-            tree, other = _parsed(path), _parsed(beside)
-            both = sorted(_taken(tree, name) & _defined(other)) if tree and other else []
-            if both:
-                raise ImportError(
-                    f"{path.name} takes {both[0]} from {name}, which is {beside} beside it, and also a module of "
-                    "Python or of an installed package; rename the file"
-                )
-
-
-def _parsed(file: Path) -> ast.Module | None:
-    try:
-        return ast.parse(file.read_bytes())
-    except (OSError, SyntaxError, ValueError):
-        return None
-
-
-def _taken(tree: ast.Module, module: str) -> set[str]:
-    """Return the names that a source takes from `module`, by from-imports or with a point."""
-    taken: set[str] = set()
-    called: set[str] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module == module and not node.level:
-            taken |= {one.name for one in node.names}
-        elif isinstance(node, ast.Import):
-            called |= {one.asname or one.name for one in node.names if one.name == module}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in called:
-            taken.add(node.attr)
-    return taken
-
-
-def _defined(tree: ast.Module) -> set[str]:
-    """Return the names that a source defines at its top, not those that it imports."""
-    named = {n.name for n in tree.body if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)}
-    stored = (n for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store))
-    return named | {n.id for n in stored}
-
-
-def _check_neighbours(file: Path) -> None:
-    """Refuse where a file beside `file` that it imports is not what Python has under that name."""
-    for path in sources.closure(file) - {file}:
-        name = sources.dotted(path)
-        loaded = sources.file_of(name)
-        if path.is_relative_to(sources.root_of(file)) and loaded is not None and loaded != path:
-            raise ImportError(
-                f"it imports {name}, which in this process is {loaded} and not {path}; "
-                "rename one of the two, or run them one by one"
-            )

@@ -1,12 +1,7 @@
-"""Checks of the words of a request, and how a message shows a word.
+"""Words of a request and of messages: what is refused before anything parses it, and how all messages write things.
 
 A parser calls itself for each nested bracket, and Python ends that after some hundred calls; a terminal obeys control
-characters; a table holds no text that is not Unicode. All of it is refused here, in one line, before anything parses
-the word.
-
-Counts with their nouns (``1 run``, ``2 runs``), numbers and lengths of time, in the form that all messages use.
-
-A small table in HTML: what a notebook shows of a problem, a run, a store or a report.
+characters; a table holds no text that is not Unicode.
 """
 
 from __future__ import annotations
@@ -28,18 +23,13 @@ _QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 
 
 def check_word(word: str) -> None:
-    """Raise `ValueError` for a word that no option can be: too long, nested too deep, or no text.
-
-    >>> check_word("problem.free=" + 99 * "[")
-    Traceback (most recent call last):
-        ...
-    ValueError: problem.free=: brackets stand 99 deep in each other; at most 30 are read
-    """
+    """Raise `ValueError` for a word that no option can be: too long, nested too deep, or no text."""
     key, equals, _ = word.partition("=")
     beginning = shortened(key) + equals
     if len(word) > LONGEST_WORD:
         raise ValueError(f"{beginning}: has {len(word)} characters; an argument has at most {LONGEST_WORD}")
-    wrong = next((c for c in word if not c.isprintable() and _is_no_text(c)), None)
+    controls = (c for c in word if not c.isprintable() and c not in "\t\n\r")  # or a space, a sign without a shape
+    wrong = next((c for c in controls if ord(c) < 0xA0 or "\ud800" <= c <= "\udfff"), None)
     if wrong is not None:
         what = "bytes that are no UTF-8" if "\ud800" <= wrong <= "\udfff" else f"the control character {wrong!a}"
         raise ValueError(f"{beginning}: holds {what}; an argument is plain text")
@@ -49,11 +39,7 @@ def check_word(word: str) -> None:
 
 
 def depth(text: str) -> int:
-    """Return how deep brackets and braces stand in each other, those in double quotes left out.
-
-    >>> depth('{"a": [1, "[[["]}')
-    2
-    """
+    """Return how deep brackets and braces stand in each other, those in double quotes left out."""
     deepest = now = 0
     for bracket in re.findall(r"[\[\](){}]", _QUOTED.sub("", text)):
         now = now + 1 if bracket in "[({" else max(0, now - 1)
@@ -69,11 +55,7 @@ def print_plain(
 
 
 def printable(text: str) -> str:
-    """Return `text` with control characters as Python writes them, but for ends of lines and tabulators.
-
-    >>> print(printable(chr(27) + "[31m red"))
-    \\x1b[31m red
-    """
+    """Return `text` with control characters as Python writes them, but for ends of lines and tabulators."""
     return _STEERING.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
@@ -89,53 +71,23 @@ def shortened(text: str, most: int = _SHOWN) -> str:
 
 
 def as_columns(names: Mapping[str, str]) -> str:
-    """Return the word that gives columns other names, as a shell reads it.
-
-    >>> print(as_columns({"x": "Weg X", "y": "Weg Y"}))
-    columns='{"x":"Weg X","y":"Weg Y"}'
-    """
+    """Return the word that gives columns other names, `columns='{"x":"Weg X"}'`, as a shell reads it."""
     return f"columns={shlex.quote(json.dumps(dict(names), ensure_ascii=False, separators=(',', ':')))}"
 
 
-def _is_no_text(character: str) -> bool:
-    """Tell a control character, or a half of a surrogate pair, from a space or a sign without a shape."""
-    return character not in "\t\n\r" and (ord(character) < 0xA0 or "\ud800" <= character <= "\udfff")
-
-
 def plural(what: str, n: float) -> str:
-    """Return the word for `n` of `what`.
-
-    >>> plural("run", 1), plural("run", 0)
-    ('run', 'runs')
-    """
+    """Return the word for `n` of `what`: run, runs."""
     return what if n == 1 else f"{what}s"
 
 
 def counted(n: int, what: str) -> str:
-    """Return a count with what is counted; the last word of `what` takes the s.
-
-    >>> counted(1, "finished run"), counted(12, "finished run")
-    ('1 finished run', '12 finished runs')
-    """
+    """Return a count with what is counted, 12 finished runs; the last word of `what` takes the s."""
     return f"{n} {plural(what, n)}"
 
 
 def listed(names: Sequence[str], most: int) -> str:
-    """Return names one after another, of a long list the first `most` and how many more there are.
-
-    >>> listed(["a", "b", "c", "d"], 2)
-    'a, b and 2 more'
-    """
+    """Return names one after another, of a long list the first `most` and how many more there are."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
-
-
-def grouped(n: int) -> str:
-    """Return a whole number with its thousands apart.
-
-    >>> grouped(1234567)
-    '1 234 567'
-    """
-    return f"{n:,}".replace(",", " ")
 
 
 def plain(value: float, digits: int = 3, sign: str = "") -> str:
@@ -164,19 +116,15 @@ def span(seconds: float) -> str:
 
 
 def html_table(title: str, heads: Sequence[str], rows: Iterable[Sequence[object]], most: int = 30) -> str:
-    """Return a table with its title above; floats in six digits, and of many rows the first `most`.
+    """Return a table with its title above; floats in six digits, and of many rows the first `most`."""
 
-    >>> html_table("a < b", [], [[1.0], [2.0]], most=1).partition("<tbody>")[2]
-    '<tr><td>1</td></tr></tbody></table>and 1 more</div>'
-    """
+    def cell(value: object) -> str:
+        if value is None or value != value:
+            return "<td>–</td>"
+        return f"<td>{value:.6g}</td>" if isinstance(value, float) else f"<td>{escape(str(value))}</td>"
+
     listed = list(rows)
     head = "".join(f"<th>{escape(name)}</th>" for name in heads)
-    body = "".join("<tr>" + "".join(f"<td>{_cell(cell)}</td>" for cell in row) + "</tr>" for row in listed[:most])
+    body = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in listed[:most])
     more = f"and {len(listed) - most} more" if len(listed) > most else ""
     return f"<div><b>{escape(title)}</b><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more}</div>"
-
-
-def _cell(value: object) -> str:
-    if value is None or value != value:
-        return "–"
-    return f"{value:.6g}" if isinstance(value, float) else escape(str(value))

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from calibench.discrepancy.model.machine import Quantity
-from calibench.discrepancy.registries import description_of, descriptions, family_of
+from calibench.core.tables.columns import Quantity
+from calibench.discrepancy.registries import description_of, family_of
 
 NO_WORDS: Mapping[str, str] = {}
-COLUMNS_OF_NAMES = frozenset({"pose_id", "visit_id"})  # whose numbers are names: words do as well
 _NOISE = {"outlier": "outlying readings", "heavy_tails": "heavy-tailed noise", "quantisation": "coarse quantisation"}
 _PLACE = {
     "place": Quantity("place", "", "place in the workspace"),
@@ -84,19 +83,3 @@ def quantity_label(machine: str, name: str, words: Mapping[str, str] = NO_WORDS)
     ['angle of joint 2', 'direction of joint 1', 'distal link 3', 'time']
     """
     return quantity_of(machine, name).label or words.get(name) or name.replace("_", " ")
-
-
-def column_units() -> dict[str, str]:
-    """Return column -> unit of the files of all machines that declare theirs."""
-    return {q.name: q.unit for known in descriptions().values() for q in known.columns if q.unit}
-
-
-def columns_of_text() -> frozenset[str]:
-    """Return the columns that hold words in the files of the machines that declare theirs."""
-    return frozenset(q.name for known in descriptions().values() for q in known.columns if q.text)
-
-
-def columns_of_numbers() -> frozenset[str]:
-    """Return the columns that hold numbers in the files of the machines that declare theirs, but for names of poses."""
-    numbers = (q.name for known in descriptions().values() for q in known.columns if not q.text)
-    return frozenset(numbers) - COLUMNS_OF_NAMES

@@ -1,7 +1,14 @@
-"""The registered machines and effects, by name; other packages register theirs through entry points."""
+"""The registered machines and effects, by name; other packages register theirs through entry points.
+
+The machines that ship are loaded when one of them, or what they declare, is first asked for.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
 from calibench.core.registry import Registry
@@ -12,12 +19,20 @@ if TYPE_CHECKING:
 
 machines: Registry[Machine] = Registry("machine", "calibench.machines")
 effects: Registry[EffectFamily] = Registry("effect", "calibench.effects")
+_FOLDERS = iter_modules([str(Path(__file__).parent / "machines")])  # a folder each, of its name
+machines.promise("calibench.discrepancy.machines", *(one.name for one in _FOLDERS if one.ispkg))
 GENERAL = "general"  # the machine of families that serve every machine whose roles allow it
 _descriptions: dict[str, Description] = {}
 
 
+def load_shipped() -> None:
+    """Load the machines that ship, each of which registers itself and its effects; again it does nothing."""
+    import_module("calibench.discrepancy.machines")
+
+
 def describe(machine: str, description: Description) -> None:
     """Declare the columns, words, plans and shipped sets of a machine, once. Raises `ValueError` the second time."""
+    load_shipped()  # first, so that they stand first
     if machine in _descriptions:
         raise ValueError(f"machine {machine!r} is described twice")
     _descriptions[machine] = description
@@ -25,12 +40,13 @@ def describe(machine: str, description: Description) -> None:
 
 def description_of(machine: str) -> Description:
     """Return the description of a machine; an empty one where it declares none."""
-    return _descriptions.get(machine, Description())
+    return descriptions().get(machine, Description())
 
 
-def descriptions() -> dict[str, Description]:
+def descriptions() -> Mapping[str, Description]:
     """Return machine -> its description, in order of registration."""
-    return dict(_descriptions)
+    load_shipped()
+    return _descriptions
 
 
 def families(machine: str) -> tuple[EffectFamily, ...]:
@@ -47,6 +63,7 @@ def families(machine: str) -> tuple[EffectFamily, ...]:
 
 def own_families(machine: str) -> tuple[EffectFamily, ...]:
     """Return the families entered for one machine, by name, those of other packages among them."""
+    load_shipped()
     known = (effects.make(name) for name in effects.names())
     return tuple(family for family in known if family.machine == machine)
 

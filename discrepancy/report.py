@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from math import isfinite, nan
 from typing import Any, Literal, cast, final, get_args
 
@@ -12,14 +12,19 @@ import numpy as np
 from calibench.core.notes import Note
 from calibench.core.plain import finite, value_of
 from calibench.core.words import html_table
-from calibench.discrepancy.fitting.residual_problem import ResidualProblem
+from calibench.discrepancy.diagnostics.smooth_term import smooth_columns
+from calibench.discrepancy.fitting.fit import ResidualProblem
 from calibench.discrepancy.model.effect import Untestable
-from calibench.discrepancy.model.machine import Machine
-from calibench.discrepancy.model.measured import DataError, MeasuredData
-from calibench.discrepancy.prediction import Prediction, predicted_at
+from calibench.discrepancy.model.formulations import BLOCK
+from calibench.discrepancy.model.machine import Formulation, Machine
+from calibench.discrepancy.model.measured import TO_PREDICT, DataError, MeasuredData
+from calibench.discrepancy.model.model import Model, signature
+from calibench.discrepancy.model.roles import inputs_of
 from calibench.discrepancy.registries import machines
+from calibench.problems.base import Array
 
 SCHEMA_VERSION = 1
+_ROUNDS, _SETTLED = 50, 1e-12  # an instrument whose scale is wrong makes its own reading part of what it will read
 _OF_THE_SEARCH = ("candidates", "fitted")  # parts that a report keeps to itself
 Verdict = Literal["none", "negligible", "named", "ambiguous", "partly", "unknown"]
 
@@ -305,7 +310,7 @@ class Report:
 
     def __repr__(self) -> str:
         """Return the verdict in a line; `to_dict()` has everything."""
-        effects = "".join(f" {', '.join(finding.effect for finding in self.findings)}" if self.findings else "")
+        effects = f" {', '.join(finding.effect for finding in self.findings)}" if self.findings else ""
         gap = self.gap
         error = f"; error {gap.held_out_before:.2f}" if isfinite(gap.held_out_before) else ""
         error += f" to {gap.held_out_after:.2f}" if error and isfinite(gap.held_out_after) else ""
@@ -314,18 +319,10 @@ class Report:
 
     def _repr_html_(self) -> str:
         """Return the verdict and the findings, as a notebook shows them."""
-        rows = [
-            (
-                f.effect,
-                a.value,
-                a.unit,
-                a.ci95[0],
-                a.ci95[1],
-                ", ".join(r.effect for r in f.set if r.effect != f.effect),
-            )
-            for f in self.findings
-            for a in (f.amplitude,)
-        ]
+        rows = []
+        for f in self.findings:
+            others = ", ".join(rival.effect for rival in f.set if rival.effect != f.effect)
+            rows.append((f.effect, f.amplitude.value, f.amplitude.unit, *f.amplitude.ci95, others))
         return html_table(repr(self).strip("<>"), ("effect", "size", "unit", "95 % from", "to", "or"), rows)
 
     def to_dict(self) -> dict[str, Any]:
@@ -348,3 +345,111 @@ class Report:
         if self.fitted is None:
             raise LookupError(f"{self.case}: this report was read from a file; search the data again for its model")
         return self.fitted
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What is expected at n new readings, in the units in which the machine is fitted.
+
+    `measured` is column -> (n,), NaN in rows of another kind. `sd` is the uncertainty of the calibrated numbers and of
+    the findings in it; the noise of a reading comes on top. `residuals`, (n, c), are measured less predicted; NaN in
+    rows that hold no measured value. A machine that predicts has one measured column in each constraint, with a slope
+    of 1 or -1: its prediction is that column less the constraint. For one that states only constraints, `measured` is
+    empty, and `residuals` are the constraints at the new readings.
+    """
+
+    measured: Mapping[str, Array] = field(default_factory=dict)
+    sd: Mapping[str, Array] = field(default_factory=dict)
+    residuals: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+
+def predicted_at(
+    model: Model, x: Array, covariance: Array, start: Array, data: MeasuredData, machine: Callable[[], Machine | None]
+) -> Prediction:
+    """Return the prediction of `model` at `x`, with `covariance` (p, p), for `data`.
+
+    `start` are the parameters of the machine without effects, at which unnamed smooth functions were found. `machine()`
+    makes the columns of the model from those of a file, where they differ.
+    """
+    if not len(data):
+        raise DataError(f"{data.name}: there are no rows to predict")
+    there, known = _placed(model.formulation, data, machine)
+    there = there.on(there.data.with_columns(smooth_columns(there, start)))
+    at = Model(there, model.effects)
+    order = np.argsort(there.data[TO_PREDICT]) if TO_PREDICT in there.data else np.arange(len(there.data))
+    # the sign of each reading in the constraints, (n, c) of 1, -1 and 0
+    known_slopes = at.formulation.slopes(at.quantities(x)[1])
+    signs = {name: np.asarray(known_slopes[name]) for name in there.readings}
+    size = np.abs(np.stack(list(signs.values())))
+    if not ((np.isclose(size, 1.0) | (size == 0)).all() and (np.sum(size > 0, axis=0) == 1).all()):  # some are mixed
+        lost = [name for name in there.readings if not known[name].all()]
+        if lost:
+            raise DataError(
+                f"{data.name}: no value of {', '.join(lost)} in every row; {data.machine} states what vanishes "
+                "and predicts no reading, so all that it reads is needed"
+            )
+        return Prediction(residuals=np.asarray(at.formulation.constraints(at.quantities(x)[1])).real[order])
+    signs = {name: np.sign(sign) for name, sign in signs.items()}
+    found = {name: np.asarray(there.data[name], dtype=float) for name in signs}
+    before = {name: np.where(known[name], value, np.nan) for name, value in found.items()}
+    for _ in range(_ROUNDS):
+        left = np.asarray(at.formulation.constraints(at.quantities(x)[1])).real
+        change = {name: (sign * left).sum(axis=1) for name, sign in signs.items()}
+        found = {name: found[name] - change[name] for name in found}
+        at = Model(there.on(there.data.with_columns(found)), model.effects)
+        if all(np.max(np.abs(change[n])) <= _SETTLED * (1 + np.max(np.abs(found[n]))) for n in found):
+            break
+    # the derivative of the constraints in x, (n, c, p)
+    recorded, true = at.quantities(x)
+    each = at.formulation.slopes(true)
+    columns = [np.stack([each[p.name] for p in at.formulation.parameters], axis=-1)]
+    columns += [signature(effect, c, recorded, each, at.formulation) for effect, c in at.coefficients(x)]
+    slopes = np.concatenate(columns, axis=2)
+    spread = np.sqrt(np.maximum(np.einsum("ncp,pq,ncq->nc", slopes, covariance, slopes), 0.0))
+    read = {name: np.abs(sign).sum(axis=1) > 0 for name, sign in signs.items()}
+    left = np.zeros_like(spread)
+    for name, sign in signs.items():
+        left = left + np.where(sign != 0, (before[name] - found[name])[:, None], 0.0)
+    return Prediction(
+        {name: np.where(read[name], value, np.nan)[order] for name, value in found.items()},
+        {n: np.where(read[n], (np.abs(sign) * spread).sum(axis=1), np.nan)[order] for n, sign in signs.items()},
+        left[order],
+    )
+
+
+def _placed(
+    formulation: Formulation, data: MeasuredData, machine: Callable[[], Machine | None]
+) -> tuple[Formulation, dict[str, Array]]:
+    """Return the formulation over new rows, and in which of them each reading has a value, (n,) of booleans."""
+    n, fitted = len(data), formulation.data
+    of_new = getattr(formulation, "of_new", None)
+    if of_new is not None:
+        data = of_new(replace(data, metadata={**fitted.metadata, **data.metadata}))
+    for name, column in data.columns.items():
+        if column.dtype.kind not in "iufb" and name in fitted and fitted[name].dtype.kind in "iufb":
+            raise DataError(f"{data.name}: column {name} holds words; give the numbers that the report reads them as")
+    own = {name: np.asarray(data[name], dtype=float) for name in formulation.readings if name in data}
+    finite = {name: np.isfinite(own[name]) if name in own else np.zeros(n, dtype=bool) for name in formulation.readings}
+    fill = {name: np.where(there, own.get(name, 0.0), 0.0) for name, there in finite.items()}
+    filled = replace(
+        data.with_columns({**fill, TO_PREDICT: np.arange(n)}), metadata={**formulation.data.metadata, **data.metadata}
+    )
+    needed = [*inputs_of(formulation), *([BLOCK] if BLOCK in formulation.data else [])]
+    missing = [name for name in needed if name not in filled]
+    if not missing:
+        return formulation.on(filled), finite
+    maker = machine()
+    if maker is None:
+        raise DataError(f"{data.name}: no column {', '.join(missing)}; machine= makes it of a file's own columns")
+    made = maker.formulate(filled).data
+    if TO_PREDICT not in made:
+        raise DataError(
+            f"{data.name}: {data.machine} leaves columns out of its rows, so nothing tells which row is which; take "
+            "the rows of a block by data.rows(...), which keeps all columns"
+        )
+    if len(made) != n:
+        raise DataError(f"{data.name}: {data.machine} takes {len(made)} of {n} rows; leave out those it cannot read")
+    rows = np.asarray(made[TO_PREDICT], dtype=int)
+    known = {name: there[rows] | (np.asarray(made[name], dtype=float) != 0) for name, there in finite.items()}
+    return formulation.on(made), known

@@ -14,8 +14,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from calibench.discrepancy.diagnostics.noise import outliers_under
-from calibench.discrepancy.fitting.fit import Fit, fit, linearise, readings_of
-from calibench.discrepancy.fitting.residual_problem import predicted
+from calibench.discrepancy.fitting.fit import Fit, fit, linearise, predicted, readings_of
 from calibench.discrepancy.model.effect import ChangePoint
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import MeasuredData
@@ -44,10 +43,7 @@ class Lone:
 def gap_of(
     base: Fit, final: Fit, hold: Formulation | None, suspects: Sequence[NoiseFinding], rng: np.random.Generator
 ) -> tuple[Gap, Lone | None]:
-    """Return the gap of the model without effects and of the final one; by cross-validation where nothing is held.
-
-    With it comes the unseen reading that makes most of the error of the final model, where there is one.
-    """
+    """Return the gap of the model without effects and of the final one; by cross-validation where nothing is held."""
     rows = base.model.formulation
     c = final.at.misclosure.shape[1]
     before = predicted(base.model, base.x, rows.data, Noise()).reshape(-1, c)
@@ -67,9 +63,9 @@ def gap_of(
     unseen = predicted(base.model, base.x, hold.data, Noise())
     law = _law(final, hold, suspects)
     left = predicted(final.model, final.x, hold.data, law)
-    floor, spread = _floor(final, [(final, hold, law)], hold.data, left, _wild(final, suspects))
-    seen = held_out(unseen, left, hold.data, rng, spread)
-    gap = Gap(floor, *train, seen.before, seen.after, seen.ci95, shrink(seen.before, seen.after, floor))
+    floor, spread = _floor(final, [(final, hold, law)], hold.data, left, suspects)
+    worse, better, ci95 = held_out(unseen, left, hold.data, rng, spread)
+    gap = Gap(floor, *train, worse, better, ci95, shrink(worse, better, floor))
     return gap, _lone(unseen, left, hold)
 
 
@@ -100,12 +96,11 @@ def _crossed(
     order = np.concatenate(parts)
     before, after = np.concatenate(unseen), np.concatenate(left)
     back = after[np.argsort(order)]
-    floor, spread = _floor(final, learned, rows.data, back, _wild(final, suspects))
+    floor, spread = _floor(final, learned, rows.data, back, suspects)
     if not floor <= thresholds().floor_unseen * own:  # the parameters are all but free without the rows left out
         return untold, None
-    seen = held_out(before, after, rows.data.rows(order), rng, spread)
-    shrunk = shrink(seen.before, seen.after, floor)
-    gap = Gap(floor, *train, seen.before, seen.after, seen.ci95, shrunk, cross_validated=True)
+    worse, better, ci95 = held_out(before, after, rows.data.rows(order), rng, spread)
+    gap = Gap(floor, *train, worse, better, ci95, shrink(worse, better, floor), cross_validated=True)
     return gap, _lone(before[np.argsort(order)], back, rows)
 
 
@@ -119,27 +114,16 @@ def _lone(before: Array, after: Array, unseen: Formulation) -> Lone | None:
     return Lone(unseen, k, root(after[others]) / root(before[others]))
 
 
-def _wild(final: Fit, suspects: Sequence[NoiseFinding]) -> bool:
-    """Return whether a few outlying readings dominate the noise floor."""
-    return bool(np.isfinite(final.noise.t_degrees)) or any(s.family in ("outlier", "heavy_tails") for s in suspects)
-
-
 def _floor(
-    final: Fit, learned: Sequence[tuple[Fit, Formulation, Noise]], unseen: MeasuredData, left: Array, wild: bool
-) -> tuple[float, float]:
-    """Return the rms error of noise alone on unseen rows, of their readings and of the parameters, and its spread.
-
-    `learned` are the calibrations, each with the rows it predicts and their law. Few readings predict the others worse
-    than themselves, so the calibrations of a cross-validation are used one by one. The spread is the standard deviation
-    of the logarithm over repeated calibrations: errors of parameters are common to all rows, so resampling rows does
-    not show them. Where a few outlying readings dominate, the variance cannot be computed beforehand; it is then taken
-    from the differences between repeats of the unseen rows, which the same readings dominate.
-    """
+    final: Fit, learned: Sequence[tuple[Fit, Formulation, Noise]], unseen: MeasuredData, left: Array,
+    suspects: Sequence[NoiseFinding],
+) -> tuple[float, float]:  # fmt: skip
+    """Return the rms error of noise alone on unseen rows, of their readings and of the parameters, and its spread."""
     own, spread = final.noise.scale**2, 0.0
     estimated = not final.noise.profiled or final.noise.from_repeats  # else errors are compared with each other
     if np.isfinite(final.noise.known) and estimated:
         spread = 2 * own**2 / max(final.noise.known, 1.0)
-    if wild:
+    if np.isfinite(final.noise.t_degrees) or any(s.family in ("outlier", "heavy_tails") for s in suspects):
         first, second = pairs_of(unseen)
         squares = (left[first] - left[second]).ravel() ** 2 / 2
         if len(squares) >= thresholds().repeat_pairs:
@@ -172,56 +156,48 @@ def _law(final: Fit, rows: Formulation, suspects: Sequence[NoiseFinding]) -> Noi
     return Noise(extra=extra)
 
 
-@final
-@dataclass(frozen=True)
-class HeldOut:
-    """Root mean squares before and after, and the 95 % interval of the one after."""
-
-    before: float
-    after: float
-    ci95: tuple[float, float]
-
-
-def held_out(before: Array, after: Array, data: MeasuredData, rng: np.random.Generator, common: float = 0.0) -> HeldOut:
-    """Return the gap of whitened residuals (n, c) on held-out rows; its interval by a bootstrap over whole poses.
-
-    The interval is symmetric in the logarithm, Student's with one degree of freedom a pose: percentiles of the
-    resamples themselves are too narrow for the few dozen poses that are held out. `common` is the part of the spread
-    that all rows share: the standard deviation of the logarithm that the errors of the parameters add.
-    """
-    poses = np.unique(
-        np.asarray(data["pose_id"] if data.has("pose_id") else np.arange(len(data))), return_inverse=True
-    )[1]
+def held_out(
+    before: Array, after: Array, data: MeasuredData, rng: np.random.Generator, common: float
+) -> tuple[float, float, tuple[float, float]]:
+    """Return the rms of whitened residuals (n, c) before and after, and the interval of the latter by a bootstrap."""
+    of_pose = np.asarray(data["pose_id"] if data.has("pose_id") else np.arange(len(data)))
+    poses = np.unique(of_pose, return_inverse=True)[1]
     squares = np.bincount(poses, (after**2).mean(axis=1))
     counts = np.bincount(poses).astype(float)
     k = len(counts)
-    drawn = (
-        rng.multinomial(k, np.full(k, 1 / k), size=thresholds().bootstrap_draws)
-        if k <= 5000
-        else rng.poisson(1.0, (200, k))
-    )
+    few, draws = k <= 5000, thresholds().bootstrap_draws
+    drawn = rng.multinomial(k, np.full(k, 1 / k), size=draws) if few else rng.poisson(1.0, (200, k))
     logs = 0.5 * np.log(np.maximum((drawn @ squares) / np.maximum(drawn @ counts, 1), 1e-300))
     with np.errstate(divide="ignore"):  # readings that are met exactly: 0 with the interval 0 to 0
         middle = np.log(root(after))
     spread = float(np.hypot(np.std(logs) * np.sqrt(k / max(k - 1, 1)), common))
     reach = stdtrit(max(k - 1, 1), 0.975) * spread
-    return HeldOut(root(before), root(after), (float(np.exp(middle - reach)), float(np.exp(middle + reach))))
+    return root(before), root(after), (float(np.exp(middle - reach)), float(np.exp(middle + reach)))
 
 
 def root(values: Array) -> float:
-    """Return the root of the mean square, NaN of nothing."""
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
 def folds(data: MeasuredData, count: int) -> Array:
-    """Return the fold of each row, (n,): whole poses, distributed in the order of their names.
-
-    Where data have a `shared_id`, of poses whose readings share noise, all rows of one are in one fold: noise in both
-    the fit and the left-out rows would look like a prediction.
-    """
+    """Return the fold of each row, (n,): whole poses, distributed in the order of their names."""
     name = next((name for name in ("shared_id", "pose_id") if data.has(name)), None)
     whole = np.asarray(data[name]) if name else np.arange(len(data))
     return np.asarray(np.unique(whole, return_inverse=True)[1] % count)
+
+
+def errors_left_out(J: Array, y: Array, fold: Array, held: Array) -> Array:
+    """Return the errors of y, (N,), in each fold left out in turn, predicted by the columns J, (N, p), of the others.
+
+    `held`, (p,), is added to the squares of the columns.
+    """
+    whole, right, errors = J.T @ J, J.T @ y, np.empty(len(y))
+    for k in np.unique(fold):
+        out = fold == k
+        part = J[out]
+        w = np.linalg.solve(whole - part.T @ part + np.diag(held), right - part.T @ y[out])
+        errors[out] = y[out] - part @ w
+    return errors
 
 
 def shrink(before: float, after: float, floor: float) -> float:

@@ -60,20 +60,11 @@ make = registry.make
 names = registry.names
 
 __all__ = [
-    "BudgetExhausted",
-    "Objective",
-    "Optimizer",
-    "Stop",
-    "TargetReached",
-    "TimeUp",
-    "Traits",
-    "make",
-    "names",
+    "BudgetExhausted", "Objective", "Optimizer", "Stop", "TargetReached", "TimeUp", "Traits", "make", "names",
     "registry",
-]
+]  # fmt: skip
 
 __getattr__ = loader("calibench.optimizers", {}, _MODULES)  # a start loads the optimisers that it asks for
-
 
 __dir__ = public_names(__all__)
 if __name__ == "optimizers":  # a short name, in a checkout: public names only, as a module has its whole name alone

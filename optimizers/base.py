@@ -1,8 +1,7 @@
 """The interface of an optimiser: it proposes points to an objective until the objective stops it, or it is done.
 
-An optimiser knows no problem and no budget. It calls ``objective(x)`` or ``objective.batch(points)``; the call after
-the last one allowed raises `BudgetExhausted`, and whoever runs the optimiser catches it. So no optimiser needs to
-count, keep the best, or catch anything.
+An optimiser calls ``objective(x)`` or ``objective.batch(points)``; the call after the last one allowed raises
+`BudgetExhausted`, which whoever runs it catches. So none needs to count, keep the best, or catch anything.
 """
 
 from __future__ import annotations

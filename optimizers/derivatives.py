@@ -30,26 +30,14 @@ def value_and_gradient(objective: Objective, x: Array) -> tuple[float, Array]:
     value = objective(x)
     # what steps are relative to, shape (dim,): the box where it is closed, and at least the point
     width = objective.upper - objective.lower
-    return value, differences(
-        objective,
-        x,
-        value,
-        objective.lower,
-        objective.upper,
-        np.maximum(np.abs(x), np.where(np.isfinite(width), width, 1.0)),
-    )
+    size = np.maximum(np.abs(x), np.where(np.isfinite(width), width, 1.0))
+    return value, differences(objective, x, value, objective.lower, objective.upper, size)
 
 
 def differences(
-    function: Callable[[Array], Any],
-    x: Array,
-    value: float | Array,
-    lower: Array,
-    upper: Array,
-    size: Array,
-    kind: Literal["forward", "central"] = "forward",
-    steps: Array | None = None,
-) -> NDArray[np.float64]:
+    function: Callable[[Array], Any], x: Array, value: float | Array, lower: Array, upper: Array, size: Array,
+    kind: Literal["forward", "central"] = "forward", steps: Array | None = None,
+) -> NDArray[np.float64]:  # fmt: skip
     """Return the slopes of `function` at x, shape (dim,) for a number, (dim, m) for a vector of m, inside the box.
 
     `value` is ``function(x)`` and `size`, shape (dim,), what a step is relative to: eps^(1/2) for forward (one call a
@@ -58,16 +46,21 @@ def differences(
 
     `steps`, shape (dim,), are the steps themselves in place of those of `size`; a sign is a side, where there is room.
     """
+
+    def at(i: int, step: float) -> Array:
+        moved = x.copy()
+        moved[i] = min(max(x[i] + step, lower[i]), upper[i])
+        return moved
+
     slopes = np.zeros((len(x), *np.shape(value)))
     for i in range(len(x)):
-        at = _shifted(x, i, lower, upper)
         if kind == "forward":
             step = _FORWARD * size[i] if steps is None else float(steps[i])
             if not lower[i] <= x[i] + step <= upper[i]:
                 step = -step
                 if not lower[i] <= x[i] + step <= upper[i]:  # neither side is wide enough: as far as the wider one goes
                     step = max(upper[i] - x[i], lower[i] - x[i], key=abs)
-            ahead = at(step)
+            ahead = at(i, step)
             taken = ahead[i] - x[i]
             slopes[i] = (function(ahead) - value) / taken if taken else 0.0
             continue
@@ -78,7 +71,7 @@ def differences(
         first, second = (1, -1) if lower[i] <= x[i] - step and x[i] + step <= upper[i] else (1, 2)
         if x[i] + step > upper[i] and second == 2:
             first, second = -1, -2
-        near, far = at(first * step), at(second * step)
+        near, far = at(i, first * step), at(i, second * step)
         h, k = near[i] - x[i], far[i] - x[i]
         if h and k and h != k:  # exact for a parabola through the three points
             rise, fall = function(near) - value, function(far) - value
@@ -120,48 +113,27 @@ class Memoized:
         return self._value
 
     def gradient(self, x: Array, steps: Array | None = None) -> Array:
-        """Return the gradient at x, shape (dim,); a slope into where f is not defined is 0.
-
-        Where a Jacobian is no longer affordable, differences spend what is left. `steps` are those of `differences`.
-        """
+        """Return the gradient at x, shape (dim,); a slope into where f is not defined is 0."""
         gate = self._objective
         if self._own and gate.remaining >= gate.dimension:
             return gate.gradient(x)
         value = self.value(x)
         if self._r is not None and gate.remaining >= gate.dimension:
             self._J = x.copy(), gate.jacobian(x)
-            slopes: Array = 2.0 * (self._J[1].T @ self._r)
-            return slopes
+            return np.asarray(2.0 * (self._J[1].T @ self._r))
         width = gate.upper - gate.lower
         size = np.where(np.isfinite(width), width, np.maximum(np.abs(x), 1.0))
-        paid = differences(
-            self._counted, x, value=value, lower=self._lower, upper=self._upper, size=size, kind=self._kind, steps=steps
-        )
+        paid = differences(self._counted, x, value, self._lower, self._upper, size=size, kind=self._kind, steps=steps)
         return np.nan_to_num(paid, posinf=0.0, neginf=0.0)
 
     def curvature(self, x: Array) -> Array | None:
-        """Return Gauss and Newton's 2 J^T J at x, shape (dim, dim), where the value is that of residuals; else None.
-
-        It costs nothing where the gradient at x came last.
-        """
+        """Return Gauss and Newton's 2 J^T J (dim, dim) of residuals, or None; free after the gradient at x."""
         if not self._analytic:
             return None
         if self._J is None or not np.array_equal(x, self._J[0]):
             self._J = x.copy(), self._objective.jacobian(x)
-        curvature: Array = 2.0 * (self._J[1].T @ self._J[1])
-        return curvature
+        return np.asarray(2.0 * (self._J[1].T @ self._J[1]))
 
     def _counted(self, x: Array) -> float:
         self.count += 1
         return self._objective(x)
-
-
-def _shifted(x: Array, i: int, lower: Array, upper: Array) -> Callable[[float], Array]:
-    """Return a function of a step: x moved by it in variable i, held inside the box."""
-
-    def at(step: float) -> Array:
-        moved = x.copy()
-        moved[i] = min(max(x[i] + step, lower[i]), upper[i])
-        return moved
-
-    return at

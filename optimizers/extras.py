@@ -46,38 +46,32 @@ class DFOLS:
     def traits(self) -> Traits:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
         return Traits(
-            stochastic=self.restarts,
-            uses_residuals=True,
-            self_terminating=not self.restarts,
-            minimum_budget_per_dimension=1,
-            needs_finite_bounds=True,
-            package="dfols",
-        )
+            stochastic=self.restarts, uses_residuals=True, self_terminating=not self.restarts,
+            minimum_budget_per_dimension=1, needs_finite_bounds=True, package="dfols",
+        )  # fmt: skip
 
     def compile(self) -> None:
-        """Import DFO-LS, so that no clock sees it."""
         import dfols  # noqa: F401
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
         import dfols
 
-        outside = _of_the_unit_box(objective)
-        free = objective.lower < objective.upper
-        zeros, most = np.zeros(int(free.sum())), objective.remaining + 2 * objective.dimension + 10
+        most = objective.remaining + 2 * objective.dimension + 10
 
         def descend(start: Array) -> None:
+            u0, outside = _of_the_unit_box(objective, start)
             first: list[float] = []
 
             def residuals(u: Array) -> Array:
-                r = objective.residuals(outside(u, start))
+                r = objective.residuals(outside(u))
                 first.append(float(np.linalg.norm(r)) or 1.0) if not first else None
                 return r / first[0]
 
-            if not free.any():
+            if not u0.size:
                 objective.residuals(start)
                 return
-            u0 = ((start - objective.lower) / (objective.upper - objective.lower + ~free))[free]
+            zeros = np.zeros(len(u0))
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")
                 dfols.solve(
@@ -113,17 +107,12 @@ class CMAES:
 
     @property
     def traits(self) -> Traits:
-        """Return the traits."""
         return Traits(
-            stochastic=True,
-            minimum_budget=4 if self.popsize is None else self.popsize,
-            needs_finite_bounds=True,
-            batches=True,
-            package="cma",
-        )
+            stochastic=True, minimum_budget=4 if self.popsize is None else self.popsize, needs_finite_bounds=True,
+            batches=True, package="cma",
+        )  # fmt: skip
 
     def compile(self) -> None:
-        """Import pycma, so that no clock sees it."""
         import cma  # noqa: F401
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
@@ -131,11 +120,10 @@ class CMAES:
         import cma
 
         logging.getLogger("cma").setLevel(logging.ERROR)
-        outside = _of_the_unit_box(objective)
-        free = objective.lower < objective.upper
 
         def evolve(start: Array) -> None:
-            if not free.any():
+            u0, outside = _of_the_unit_box(objective, start)
+            if not u0.size:
                 objective(start)
                 return
             off = dict.fromkeys(("tolfun", "tolfunhist", "tolfunrel", "tolx", "tolxstagnation"), 0)
@@ -144,29 +132,28 @@ class CMAES:
                 "verbose": -9, "popsize": self.popsize, "maxiter": np.inf, "tolstagnation": 0, "tolflatfitness": np.inf,
                 **off,
             }  # fmt: skip
-            u0 = ((start - objective.lower) / (objective.upper - objective.lower + ~free))[free]
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")
                 search = cma.CMAEvolutionStrategy(u0, self.sigma0, options)
                 while not search.stop():
                     members = search.ask()
-                    values = objective.batch(np.array([outside(u, start) for u in members]))
+                    values = objective.batch(np.array([outside(u) for u in members]))
                     search.tell(members, [min(value, 1e100) for value in values.tolist()])
 
         return with_restarts(evolve, objective, restarts=True)
 
 
-def _of_the_unit_box(objective: Objective) -> Callable[[Array, Array], Array]:
-    """Return a function of (u, start): the point of the box whose free coordinates are shares u of their widths."""
+def _of_the_unit_box(objective: Objective, start: Array) -> tuple[Array, Callable[[Array], Array]]:
+    """Return the start in shares of the widths that are free, and a function of such shares: the point of the box."""
     free = objective.lower < objective.upper
     lower, width = objective.lower[free], (objective.upper - objective.lower)[free]
 
-    def outside(u: Array, start: Array) -> Array:
+    def outside(u: Array) -> Array:
         x = np.array(start)
         x[free] = lower + np.asarray(u) * width
         return x.clip(objective.lower, objective.upper)
 
-    return outside
+    return ((start - objective.lower) / (objective.upper - objective.lower + ~free))[free], outside
 
 
 if find_spec("dfols"):

@@ -1,185 +1,73 @@
 """`lm`, `trf`, `dogbox`: SciPy's nonlinear least squares, on the residuals and, where there is one, the Jacobian.
 
-Tolerances stand at rounding and are relative, so that a run ends where double precision does, whatever the unit of the
-residuals. `lm` (MINPACK) knows no bounds: its answer
-may lie outside the box, and the row says so. A coordinate whose bounds are equal is held by `trf` and `dogbox`.
+Tolerances stand at rounding and are relative, so that double precision ends a run. `lm` (MINPACK) knows no bounds: its
+answer may lie outside the box, and the row says so. `trf` and `dogbox` hold a coordinate whose bounds are equal.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 
-Scale = Literal["box", "jac", "unit"]
-Loss = Literal["linear", "soft_l1", "huber", "cauchy", "arctan"]
-
-
-@registry.register("lm")
-@final
-@dataclass(frozen=True)
-class LevenbergMarquardt:
-    """Levenberg-Marquardt without bounds (MINPACK).
-
-    `first_step` is the radius of the first trust region in widths of the box. MINPACK's own choice, a hundred times the
-    norm of x, lets a first step leave for another valley in one start of fifty; half a box never did in 800 starts.
-    """
-
-    first_step: float = 0.5
-    tolerance: float = 1e-15
-    restarts: bool = False
-
-    name: ClassVar[str] = "lm"
-    library: ClassVar[str] = "scipy"
-
-    def __post_init__(self) -> None:
-        if not 0 < self.first_step < np.inf:
-            raise ValueError(f"lm.first_step={self.first_step:g}: must be above 0 (widths of the box)")
-        _check_tolerance(self.name, self.tolerance)
-
-    @property
-    def traits(self) -> Traits:
-        """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
-        return _traits(self.restarts, bounded=False)
-
-    def compile(self) -> None:
-        """Import SciPy's part, so that no clock sees it."""
-        import scipy.optimize  # noqa: F401
-
-    def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
-        """Descend from the start; with `restarts`, again from random points of the box."""
-        return with_restarts(lambda start: self._descend(objective, start), objective, self.restarts)
-
-    def _descend(self, objective: Objective, start: Array) -> None:
-        from scipy.optimize import least_squares
-
-        # MINPACK's first radius is its factor where the point is zero: so zero is the start, and a unit first_step/100
-        unit = _box_width(objective, start) * self.first_step / _MINPACK_FACTOR
-        slope = _remembering(lambda y: objective.jacobian(start + y * unit) * unit)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # overflow far outside the box is a refused step
-            least_squares(
-                _remembering(lambda y: objective.residuals(start + y * unit)),
-                np.zeros(objective.dimension),
-                jac=slope if objective.has_jacobian else "2-point",
-                method="lm",
-                x_scale=1.0,
-                ftol=self.tolerance,
-                xtol=self.tolerance,
-                gtol=self.tolerance,
-                max_nfev=objective.remaining + 1,
-            )
-
-
-@registry.register("trf")
-@final
-@dataclass(frozen=True)
-class TrustRegionReflective:
-    """Trust region reflective: bounded (Branch, Coleman, Li 1999).
-
-    With a `loss` it searches the least sum of f_scale^2 rho((r / f_scale)^2), in which residuals above `f_scale`, in
-    their own unit, count less. The run's value stays r @ r, of which that answer is not the minimum.
-    """
-
-    x_scale: Scale = "box"
-    tolerance: float = 1e-15
-    restarts: bool = False
-    loss: Loss = "linear"
-    f_scale: float = 1.0
-
-    name: ClassVar[str] = "trf"
-    library: ClassVar[str] = "scipy"
-
-    def __post_init__(self) -> None:
-        _check_tolerance(self.name, self.tolerance)
-        if not 0 < self.f_scale < np.inf:
-            raise ValueError(f"{self.name}.f_scale={self.f_scale:g}: must be above 0 (in the unit of the residuals)")
-
-    @property
-    def traits(self) -> Traits:
-        """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
-        return _traits(self.restarts)
-
-    def compile(self) -> None:
-        """Import SciPy's part, so that no clock sees it."""
-        import scipy.optimize  # noqa: F401
-
-    def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
-        """Descend from the start; with `restarts`, again from random points of the box."""
-        return _minimize("trf", self, objective)
-
-
-@registry.register("dogbox")
-@final
-@dataclass(frozen=True)
-class Dogbox:
-    """Dogleg in a rectangular trust region: bounded (Voglis, Lagaris 2004).
-
-    With a `loss` it searches the least sum of f_scale^2 rho((r / f_scale)^2), in which residuals above `f_scale`, in
-    their own unit, count less. The run's value stays r @ r, of which that answer is not the minimum.
-    """
-
-    x_scale: Scale = "box"
-    tolerance: float = 1e-15
-    restarts: bool = False
-    loss: Loss = "linear"
-    f_scale: float = 1.0
-
-    name: ClassVar[str] = "dogbox"
-    library: ClassVar[str] = "scipy"
-
-    def __post_init__(self) -> None:
-        _check_tolerance(self.name, self.tolerance)
-        if not 0 < self.f_scale < np.inf:
-            raise ValueError(f"{self.name}.f_scale={self.f_scale:g}: must be above 0 (in the unit of the residuals)")
-
-    @property
-    def traits(self) -> Traits:
-        """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
-        return _traits(self.restarts)
-
-    def compile(self) -> None:
-        """Import SciPy's part, so that no clock sees it."""
-        import scipy.optimize  # noqa: F401
-
-    def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
-        """Descend from the start; with `restarts`, again from random points of the box."""
-        return _minimize("dogbox", self, objective)
-
-
-def _check_tolerance(name: str, tolerance: float) -> None:
-    if not _EPS <= tolerance < 1:
-        raise ValueError(f"{name}.tolerance={tolerance:g}: must lie between rounding, {_EPS:.3g}, and 1")
-
-
-def _traits(restarts: bool, bounded: bool = True) -> Traits:
-    return Traits(
-        stochastic=restarts,
-        uses_residuals=True,
-        uses_gradient=True,
-        bounded=bounded,
-        self_terminating=not restarts,
-        needs_finite_bounds=restarts,
-    )
-
-
 _EPS = float(np.finfo(float).eps)
 _MINPACK_FACTOR = 100.0
 
 
-def _minimize(
-    method: Literal["trf", "dogbox"], options: TrustRegionReflective | Dogbox, objective: Objective
-) -> Reason:
-    from scipy.optimize import least_squares
+@final
+@dataclass(frozen=True)
+class LeastSquares:
+    """One method of SciPy's `least_squares` with its options."""
 
-    free = objective.lower < objective.upper  # SciPy refuses a bound that holds its variable: it is no variable here
+    options_tell_all: ClassVar[bool] = True  # what else it is follows from the options
+    name: Literal["lm", "trf", "dogbox"]
+    options: Mapping[str, Any]
+    library: ClassVar[str] = "scipy"
 
-    def descend(start: Array) -> None:
+    def __post_init__(self) -> None:
+        tolerance = self.options["tolerance"]
+        if not _EPS <= tolerance < 1:
+            raise ValueError(f"{self.name}.tolerance={tolerance:g}: must lie between rounding, {_EPS:.3g}, and 1")
+
+    @property
+    def traits(self) -> Traits:
+        """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
+        restarts = self.options["restarts"]
+        return Traits(
+            stochastic=restarts, uses_residuals=True, uses_gradient=True, bounded=self.name != "lm",
+            self_terminating=not restarts, needs_finite_bounds=restarts,
+        )  # fmt: skip
+
+    def compile(self) -> None:
+        import scipy.optimize  # noqa: F401
+
+    def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
+        """Descend from the start; with `restarts`, again from random points of the box."""
+        return with_restarts(partial(self._descend, objective), objective, self.options["restarts"])
+
+    def _descend(self, objective: Objective, start: Array) -> None:
+        from scipy.optimize import least_squares
+
+        options, tolerance, method = self.options, self.options["tolerance"], self.name
+        if method == "lm":
+            # MINPACK's first radius is its factor where the point is zero: so zero is the start, a unit first_step/100
+            unit = _box_width(objective, start) * options["first_step"] / _MINPACK_FACTOR
+            jac = _remembering(lambda y: objective.jacobian(start + y * unit) * unit)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # overflow far outside the box is a refused step
+                least_squares(
+                    _remembering(lambda y: objective.residuals(start + y * unit)), np.zeros(objective.dimension),
+                    jac=jac if objective.has_jacobian else "2-point", method="lm", x_scale=1.0,
+                    ftol=tolerance, xtol=tolerance, gtol=tolerance, max_nfev=objective.remaining + 1,
+                )  # fmt: skip
+            return
+        free = objective.lower < objective.upper  # SciPy refuses a bound that holds its variable: it is no variable
         if not free.any():
             objective.residuals(start)
             return
@@ -195,25 +83,54 @@ def _minimize(
             every = objective.jacobian(whole(y))
             return every if free.all() else every[:, free]
 
-        scale: Any = {"box": _box_width(objective, start)[free], "jac": "jac", "unit": 1.0}[options.x_scale]
+        scale: Any = {"box": _box_width(objective, start)[free], "jac": "jac", "unit": 1.0}[options["x_scale"]]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # overflow far outside the box is a refused step
             least_squares(
-                _remembering(lambda y: objective.residuals(whole(y))),
-                start[free],
+                _remembering(lambda y: objective.residuals(whole(y))), start[free],
                 jac=_remembering(slope) if objective.has_jacobian else "2-point",
-                bounds=(objective.lower[free], objective.upper[free]),
-                method=method,
-                x_scale=scale,
-                ftol=options.tolerance,
-                xtol=options.tolerance,
+                bounds=(objective.lower[free], objective.upper[free]), method=method,
+                x_scale=scale, ftol=tolerance, xtol=tolerance,
                 gtol=None,  # absolute: it would end a search of small residuals early
-                loss=options.loss,
-                f_scale=options.f_scale,
+                loss=options["loss"], f_scale=options["f_scale"],
                 max_nfev=objective.remaining + 1,  # the wall is the objective's, not SciPy's default
-            )
+            )  # fmt: skip
 
-    return with_restarts(descend, objective, options.restarts)
+
+@registry.register("lm")
+def lm(first_step: float = 0.5, tolerance: float = 1e-15, restarts: bool = False) -> LeastSquares:
+    """Levenberg-Marquardt without bounds (MINPACK).
+
+    `first_step` is the radius of the first trust region in widths of the box. MINPACK's own choice, a hundred times the
+    norm of x, lets a first step leave for another valley in one start of fifty; half a box never did in 800 starts.
+    """
+    if not 0 < first_step < np.inf:
+        raise ValueError(f"lm.first_step={first_step:g}: must be above 0 (widths of the box)")
+    return LeastSquares("lm", {"first_step": first_step, "tolerance": tolerance, "restarts": restarts})
+
+
+def _in_the_box(
+    name: Literal["trf", "dogbox"], x_scale: Literal["box", "jac", "unit"] = "box", tolerance: float = 1e-15,
+    restarts: bool = False, loss: Literal["linear", "soft_l1", "huber", "cauchy", "arctan"] = "linear",
+    f_scale: float = 1.0,
+) -> LeastSquares:  # fmt: skip
+    chosen = {"x_scale": x_scale, "tolerance": tolerance, "restarts": restarts, "loss": loss, "f_scale": f_scale}
+    method = LeastSquares(name, chosen)
+    if not 0 < f_scale < np.inf:
+        raise ValueError(f"{name}.f_scale={f_scale:g}: must be above 0 (in the unit of the residuals)")
+    return method
+
+
+_LOSS = """
+
+With a `loss` it searches the least sum of f_scale^2 rho((r / f_scale)^2), in which residuals above `f_scale`, in their
+own unit, count less. The run's value stays r @ r, of which that answer is not the minimum.
+"""
+_trf, _dogbox = partial(_in_the_box, "trf"), partial(_in_the_box, "dogbox")
+_trf.__doc__ = f"Trust region reflective: bounded (Branch, Coleman, Li 1999).{_LOSS}"
+_dogbox.__doc__ = f"Dogleg in a rectangular trust region: bounded (Voglis, Lagaris 2004).{_LOSS}"
+registry.register("trf")(_trf)
+registry.register("dogbox")(_dogbox)
 
 
 def _box_width(objective: Objective, start: Array) -> Array:

@@ -1,38 +1,14 @@
 """NLopt's algorithms, each under its own name: ``nlopt_LN_BOBYQA`` is NLopt's LN_BOBYQA.
 
-`_table` has the traits of each, `settings` the parameters of each and the reasons, `adapter` runs one, `algorithms`
-registers them with the options of their family.
-
-NLopt's algorithms in the registry, each with the options of its family and the traits of the table.
-
-Methods inside another (`local`) are those that never failed at the rounding floor: a failure there would end the method
-around them too.
-
-Run one NLopt algorithm through the gate: scaling, tolerances, restarts.
-
-The search runs in the unit box and on the value divided by its first size, as J in mm^4 with rad and mm side by side
-breaks most of them by scale alone. Nothing may be raised inside NLopt's callback (some algorithms hang, others change
-the exception): it is kept, NLopt is asked to stop, and it is raised again outside.
-
-The settings of each NLopt algorithm, with reasons: scaling, tolerances, memory, population.
-
-Every algorithm searches the unit box: rad and mm side by side become shares of their own range. What differs is what
-the value's size, a tolerance or a store changes. docs/optimizers.md shows the table; the tests hold its claims.
-
-The traits of NLopt's algorithms, measured with NLopt 2.11, tolerances off, on nine test functions.
-
-The table is static, so that listing needs no NLopt. `stops`: was seen to end by itself before its evaluations were
-spent (converged, or failed at the rounding floor). `uses_start`: proposes other points from another start. `first` and
-`first_per_dimension`: evaluations of its first sample or model, which it chooses before it has learnt anything.
-`maximum_dimension` is measured (``python -m benchmarks.dimensions``): beyond it the DIRECT of Gablonsky writes outside
-its arrays, and the population of ISRES takes more than a gigabyte.
+`SETTINGS` says what each is given and why; listing needs no NLopt. The search runs in the unit box and on the value
+divided by its first size. Nothing may be raised inside NLopt's callback: it is kept, and raised again outside.
 """
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, make_dataclass
+from functools import partial
 from typing import Any, ClassVar, Literal, final
 
 import numpy as np
@@ -41,11 +17,7 @@ from calibench.optimizers.base import Array, Objective, Reason, Traits, registry
 from calibench.optimizers.derivatives import value_and_gradient
 
 _LARGEST = 1e100  # stands for an infinite value: models built through inf become NaN
-
-
-def _nothing(_point: Array, _gradient: Array) -> float:
-    """Be the objective of a search that is over."""
-    return 0.0
+_NOTHING: Any = lambda _point, _gradient: 0.0  # noqa: E731  (the objective of a search that is over)
 
 
 @final
@@ -56,12 +28,13 @@ class NLopt:
     options_tell_all: ClassVar[bool] = True  # what else it is follows from the options
     algorithm: str
     options: Mapping[str, Any]
+    library: ClassVar[str] = "nlopt"
 
     def __post_init__(self) -> None:
-        for option, least in (("population", 1), ("storage", 1)):
+        for option in ("population", "storage"):
             value = self.options.get(option)
-            if value is not None and value < least:
-                raise ValueError(f"{self.name}.{option}={value}: must be {least} or more, or null for NLopt's own")
+            if value is not None and value < 1:
+                raise ValueError(f"{self.name}.{option}={value}: must be 1 or more, or null for NLopt's own")
         step = self.options.get("initial_step")
         if step is not None and not 0 < step <= 1:
             raise ValueError(f"{self.name}.initial_step={step:g}: must lie in 0 .. 1 (widths of the box), above 0")
@@ -71,33 +44,22 @@ class NLopt:
 
     @property
     def name(self) -> str:
-        """Return the name in the registry."""
         return f"nlopt_{self.algorithm}"
-
-    @property
-    def library(self) -> str:
-        """Return the package that does the work."""
-        return "nlopt"
 
     @property
     def traits(self) -> Traits:
         """Return the traits that the table holds; with `restarts` it goes on, at random, until it is stopped."""
         known, restarts = ALGORITHMS[self.algorithm], self.options.get("restarts", False)
-        local = self.options.get("local", self.algorithm)
         population = self.options.get("population")
         return Traits(
-            stochastic=known.stochastic or restarts,
-            uses_gradient=local[1] == "D",
-            bounded=known.bounded,
-            self_terminating=known.stops and not restarts,
-            uses_start=known.uses_start,
+            stochastic=known.stochastic or restarts, bounded=known.bounded,
+            uses_gradient=self.options.get("local", self.algorithm)[1] == "D",
+            self_terminating=known.stops and not restarts, uses_start=known.uses_start,
             minimum_budget=known.first if population is None else population,
             minimum_budget_per_dimension=known.first_per_dimension if population is None else 0,
-            minimum_dimension=known.minimum_dimension,
-            maximum_dimension=known.maximum_dimension,
-            needs_finite_bounds=True,
-            may_hang=known.may_hang,
-        )
+            minimum_dimension=known.minimum_dimension, maximum_dimension=known.maximum_dimension,
+            needs_finite_bounds=True, may_hang=known.may_hang,
+        )  # fmt: skip
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Run from the start; with `restarts`, or where it ends against its habit, again from random points."""
@@ -105,15 +67,13 @@ class NLopt:
 
         nlopt.srand(int(rng.integers(1, 2**31)))
         again = not self.traits.self_terminating
-        return with_restarts(lambda start: self._descend(objective, start), objective, again)
+        return with_restarts(lambda start: self._descend(nlopt, objective, start), objective, again)
 
-    def _descend(self, objective: Objective, start: Array) -> None:
-        import nlopt
-
+    def _descend(self, nlopt: Any, objective: Objective, start: Array) -> None:
         lower, width = objective.lower, objective.upper - objective.lower
         width = np.where(width > 0, width, 1.0)
         clipped = ALGORITHMS[self.algorithm].bounded  # what keeps to its box may miss it by rounding
-        search = self._search(objective)
+        search = self._search(nlopt, objective)
         caught: list[BaseException | None] = []  # why it was asked to stop; None: it lost its way
         size: list[float] = []
 
@@ -135,10 +95,7 @@ class NLopt:
                     return stop(gradient, None)
                 x = lower + u * width
                 x = x.clip(objective.lower, objective.upper) if clipped else x  # np.clip takes twice as long
-                if gradient.size:
-                    value, slope = value_and_gradient(objective, x)
-                else:
-                    value = objective(x)
+                value, slope = value_and_gradient(objective, x) if gradient.size else (objective(x), gradient)
                 if not size:
                     scaled = self.options["scale_value"] and np.isfinite(value) and value
                     size.append(abs(value) if scaled else 1.0)
@@ -154,39 +111,34 @@ class NLopt:
         except (nlopt.ForcedStop, nlopt.RoundoffLimited, RuntimeError, getattr(nlopt, "runtime_error", RuntimeError)):
             pass  # told apart by what was caught; a bare failure at the rounding floor is the end of a descent
         except getattr(nlopt, "invalid_argument", ValueError) as error:
-            raise ValueError(
-                f"{self.name}: NLopt refuses {self.options} in {objective.dimension} dimensions"
-            ) from error
-        finally:
-            search.set_min_objective(
-                _nothing
-            )  # each holds the other, which Python cannot see: they would stay for ever
+            refused = f"{self.name}: NLopt refuses {self.options} in {objective.dimension} dimensions"
+            raise ValueError(refused) from error
+        finally:  # each holds the other, which Python cannot see: they would stay for ever
+            search.set_min_objective(_NOTHING)
         if caught and caught[0] is not None:
             raise caught[0]
 
-    def _search(self, objective: Objective) -> Any:
+    def _search(self, nlopt: Any, objective: Objective) -> Any:
         """Return NLopt's own object in the unit box, with the options of this algorithm."""
-        import nlopt
-
+        options, setting = self.options, SETTING_OF[self.algorithm]
         search = nlopt.opt(getattr(nlopt, self.algorithm), objective.dimension)
         search.set_lower_bounds(np.zeros(objective.dimension))
         search.set_upper_bounds(np.where(objective.upper > objective.lower, 1.0, 0.0))
         search.set_maxeval(objective.remaining + 1)  # the wall is the objective's; this one ends what ignores a stop
-        setting = SETTING_OF[self.algorithm]
         for name, value in setting.parameters.items():
             search.set_param(name, value)
-        if setting.step_ends == "always" or (setting.step_ends == "restarted" and self.options.get("restarts")):
+        if setting.step_ends == "always" or (setting.step_ends == "restarted" and options.get("restarts")):
             search.set_xtol_rel(ROUNDING)
-        if self.options.get("initial_step") is not None:
-            search.set_initial_step(self.options["initial_step"])
-        if self.options.get("population") is not None:
-            search.set_population(self.options["population"])
-        if self.options.get("storage") is not None:
-            search.set_vector_storage(self.options["storage"])
-        if "local" in self.options:
-            local = nlopt.opt(getattr(nlopt, self.options["local"]), objective.dimension)
-            local.set_ftol_rel(self.options["local_tolerance"])
-            local.set_xtol_rel(self.options["local_tolerance"])
+        for option, set_it in (
+            ("initial_step", search.set_initial_step), ("population", search.set_population),
+            ("storage", search.set_vector_storage),
+        ):  # fmt: skip
+            if options.get(option) is not None:
+                set_it(options[option])
+        if "local" in options:
+            local = nlopt.opt(getattr(nlopt, options["local"]), objective.dimension)
+            local.set_ftol_rel(options["local_tolerance"])
+            local.set_xtol_rel(options["local_tolerance"])
             search.set_local_optimizer(local)
         return search
 
@@ -199,9 +151,8 @@ NO_GRADIENT_TEST = 1e-30  # 0 would mean NLopt's own 1e-8
 class Setting:
     """How `algorithms` are set, and `why`.
 
-    `size_matters`: the candidates depend on the size of the value, so that the division by its first size is needed;
-    where not, it changes no candidate. `parameters` go to NLopt's `set_param`. `step_ends`: when a step below 1e-15
-    of the point ends a descent: never, with restarts, or always. `memory`, `population`: in words.
+    `size_matters`: the division by the value's first size is needed. `parameters` go to `set_param`. `step_ends`: when
+    a step below 1e-15 of the point ends a descent. `memory`, `population`: in words.
     """
 
     algorithms: tuple[str, ...]
@@ -212,17 +163,6 @@ class Setting:
     inner_tolerance: float | None = None
     memory: str = "none to choose"
     population: str = "none"
-
-    @property
-    def tolerances(self) -> str:
-        """Return the tests that may end a search, in words."""
-        tests = [f"`{name}` = {value:g}" for name, value in self.parameters.items()]
-        if self.inner_tolerance is not None:
-            tests.append(f"`local_tolerance` = {self.inner_tolerance:g} (ftol_rel and xtol_rel of the inner method)")
-        if self.step_ends != "never":
-            only = " with restarts" if self.step_ends == "restarted" else ""
-            tests.append(f"`xtol_rel` = {ROUNDING:g}{only}")
-        return ", ".join(tests) if tests else "none"
 
 
 _RESTARTED = "With `restarts` a step at rounding ends a descent, as some never end by themselves."
@@ -251,8 +191,7 @@ SETTINGS = (
     ),
     Setting(("GN_AGS",), "It divides by its own estimate of the slope: a factor on the value changes nothing."),
     Setting(
-        ("GD_STOGO", "GD_STOGO_RAND"),
-        "Its local search proposes other points when the value is multiplied.",
+        ("GD_STOGO", "GD_STOGO_RAND"), "Its local search proposes other points when the value is multiplied.",
         size_matters=True,
     ),
     Setting(
@@ -315,10 +254,9 @@ SETTINGS = (
 
 SETTING_OF: dict[str, Setting] = {algorithm: setting for setting in SETTINGS for algorithm in setting.algorithms}
 
-
 Family = Literal[
-    "global", "population", "derivative_free", "gradient", "limited_memory", "endless_gradient",
-    "mlsl_free", "mlsl_gradient", "mlsl_any", "auglag_free", "auglag_gradient", "auglag_any",
+    "global", "population", "derivative_free", "gradient", "limited_memory", "mlsl_free", "mlsl_gradient", "mlsl_any",
+    "auglag_free", "auglag_gradient", "auglag_any",
 ]  # fmt: skip
 
 
@@ -340,18 +278,12 @@ class Algorithm:
 
 
 def _direct(about: str, stochastic: bool = False, most: int | None = None) -> Algorithm:
-    source = "(Jones, Perttunen, Stuckman 1993); ignores the start."
-    return Algorithm("global", f"{about} {source}", stochastic, uses_start=False, maximum_dimension=most)
+    about += " (Jones, Perttunen, Stuckman 1993); ignores the start."
+    return Algorithm("global", about, stochastic, uses_start=False, maximum_dimension=most)
 
 
-def _free(about: str, first_per_dimension: int) -> Algorithm:
-    return Algorithm("derivative_free", about, stops=True, first_per_dimension=first_per_dimension)
-
-
-def _with_gradient(about: str, family: Family = "limited_memory", stops: bool = True) -> Algorithm:
-    return Algorithm(family, about, stops=stops, first_per_dimension=1)
-
-
+_free = partial(Algorithm, "derivative_free", stops=True)
+_limited = partial(Algorithm, "limited_memory", stops=True, first_per_dimension=1)
 ALGORITHMS: dict[str, Algorithm] = {
     "GN_DIRECT": _direct("Divide the box into rectangles"),
     "GN_DIRECT_L": _direct("Divide the box, biased to local search (Gablonsky, Kelley 2001)"),
@@ -395,8 +327,8 @@ ALGORITHMS: dict[str, Algorithm] = {
     ),
     "G_MLSL": Algorithm("mlsl_any", "Multi-level single linkage over any local method.", stochastic=True, first=5),
     "G_MLSL_LDS": Algorithm("mlsl_any", "Multi-level single linkage over any, low-discrepancy starts.", first=5),
-    "LN_COBYLA": _free("Linear models on a simplex (Powell 1994).", 1),
-    "LN_BOBYQA": _free("Quadratic models in a box (Powell 2009).", 2),
+    "LN_COBYLA": _free("Linear models on a simplex (Powell 1994).", first_per_dimension=1),
+    "LN_BOBYQA": _free("Quadratic models in a box (Powell 2009).", first_per_dimension=2),
     "LN_NEWUOA": Algorithm(
         "derivative_free", "Quadratic models without bounds (Powell 2004): evaluates outside the box.",
         stops=True, bounded=False, first_per_dimension=2, minimum_dimension=2,
@@ -407,22 +339,24 @@ ALGORITHMS: dict[str, Algorithm] = {
         " `time_limit` only.",
         stops=True, may_hang=True, first_per_dimension=2, minimum_dimension=2,
     ),
-    "LN_NELDERMEAD": _free("The simplex of Nelder and Mead (1965), kept in the box.", 1),
-    "LN_SBPLX": _free("Nelder-Mead on subspaces (after Rowan 1990).", 0),
+    "LN_NELDERMEAD": _free("The simplex of Nelder and Mead (1965), kept in the box.", first_per_dimension=1),
+    "LN_SBPLX": _free("Nelder-Mead on subspaces (after Rowan 1990).", first_per_dimension=0),
     "LN_PRAXIS": Algorithm(
         "derivative_free", "Principal axes (Brent 1972); draws random steps where it is stuck.",
         stochastic=True, stops=True,
     ),
-    "LD_SLSQP": _with_gradient("Sequential quadratic programming (Kraft 1994).", "gradient"),
-    "LD_LBFGS": _with_gradient("Limited-memory BFGS (Luksan's)."),
-    "LD_VAR1": _with_gradient("Limited-memory variable metric, rank 1 (Vlcek, Luksan)."),
-    "LD_VAR2": _with_gradient("Limited-memory variable metric, rank 2 (Vlcek, Luksan)."),
-    "LD_TNEWTON": _with_gradient("Truncated Newton (Dembo, Steihaug 1983)."),
-    "LD_TNEWTON_RESTART": _with_gradient("Truncated Newton with restarts along the gradient."),
-    "LD_TNEWTON_PRECOND": _with_gradient("Truncated Newton, preconditioned by BFGS."),
-    "LD_TNEWTON_PRECOND_RESTART": _with_gradient("Truncated Newton, preconditioned, with restarts along the gradient."),
-    "LD_MMA": _with_gradient("Moving asymptotes (Svanberg 2002).", "endless_gradient", stops=False),
-    "LD_CCSAQ": _with_gradient("Convex separable quadratic models (Svanberg 2002).", "endless_gradient", stops=False),
+    "LD_SLSQP": Algorithm(
+        "gradient", "Sequential quadratic programming (Kraft 1994).", stops=True, first_per_dimension=1
+    ),
+    "LD_LBFGS": _limited("Limited-memory BFGS (Luksan's)."),
+    "LD_VAR1": _limited("Limited-memory variable metric, rank 1 (Vlcek, Luksan)."),
+    "LD_VAR2": _limited("Limited-memory variable metric, rank 2 (Vlcek, Luksan)."),
+    "LD_TNEWTON": _limited("Truncated Newton (Dembo, Steihaug 1983)."),
+    "LD_TNEWTON_RESTART": _limited("Truncated Newton with restarts along the gradient."),
+    "LD_TNEWTON_PRECOND": _limited("Truncated Newton, preconditioned by BFGS."),
+    "LD_TNEWTON_PRECOND_RESTART": _limited("Truncated Newton, preconditioned, with restarts along the gradient."),
+    "LD_MMA": Algorithm("gradient", "Moving asymptotes (Svanberg 2002).", first_per_dimension=1),
+    "LD_CCSAQ": Algorithm("gradient", "Convex separable quadratic models (Svanberg 2002).", first_per_dimension=1),
     "AUGLAG": Algorithm("auglag_any", "Augmented Lagrangian: without constraints, its local method.", stops=True),
     "AUGLAG_EQ": Algorithm("auglag_any", "Augmented Lagrangian for equalities: here its local method.", stops=True),
     "LN_AUGLAG": Algorithm("auglag_free", "Augmented Lagrangian: without constraints, its local method.", stops=True),
@@ -441,124 +375,34 @@ EXCLUDED: dict[str, str] = {
     "LD_LBFGS_NOCEDAL": "NLopt is built without Nocedal's code: every call ends as an invalid argument",
 }
 
-
-FreeLocal = Literal["LN_BOBYQA", "LN_COBYLA", "LN_NELDERMEAD", "LN_SBPLX"]
-GradientLocal = Literal["LD_SLSQP", "LD_MMA", "LD_CCSAQ"]
-AnyLocal = Literal["LD_SLSQP", "LD_MMA", "LD_CCSAQ", "LN_BOBYQA", "LN_COBYLA", "LN_NELDERMEAD", "LN_SBPLX"]
-
-
-def _global(algorithm: str, scale_value: bool = True) -> NLopt:
-    """Search the box until the budget is spent."""
-    return NLopt(algorithm, {"scale_value": scale_value})
-
-
-def _population(algorithm: str, population: int | None = None, scale_value: bool = True) -> NLopt:
-    """Search with a `population`; null leaves its size to NLopt."""
-    return NLopt(algorithm, {"population": population, "scale_value": scale_value})
-
-
-def _derivative_free(
-    algorithm: str, initial_step: float | None = None, scale_value: bool = True, restarts: bool = False
-) -> NLopt:
-    """Descend without derivatives; `initial_step` in widths of the box, null leaves it to NLopt."""
-    return NLopt(algorithm, {"initial_step": initial_step, "scale_value": scale_value, "restarts": restarts})
-
-
-def _gradient(algorithm: str, scale_value: bool = True, restarts: bool = False) -> NLopt:
-    """Descend along gradients."""
-    return NLopt(algorithm, {"scale_value": scale_value, "restarts": restarts})
+_Free = Literal["LN_BOBYQA", "LN_COBYLA", "LN_NELDERMEAD", "LN_SBPLX"]
+_Gradient = Literal["LD_SLSQP", "LD_MMA", "LD_CCSAQ"]
+_Any = Literal["LD_SLSQP", "LD_MMA", "LD_CCSAQ", "LN_BOBYQA", "LN_COBYLA", "LN_NELDERMEAD", "LN_SBPLX"]
+_SCALED, _RESTARTS = ("scale_value", bool, True), ("restarts", bool, False)
+_POPULATION = ("population", int | None, None)  # null leaves it to NLopt, as it does the next two
+_STEP, _STORAGE = ("initial_step", float | None, None), ("storage", int | None, None)  # a step in widths of the box
+_INNER = ("local_tolerance", float, ROUNDING)
+FAMILIES: dict[Family, tuple[tuple[str, Any, Any], ...]] = {  # the options of each: name, type, default
+    "global": (_SCALED,),
+    "population": (_POPULATION, _SCALED),
+    "derivative_free": (_STEP, _SCALED, _RESTARTS),
+    "gradient": (_SCALED, _RESTARTS),
+    "limited_memory": (_STORAGE, _SCALED, _RESTARTS),
+    "mlsl_free": (("local", _Free, "LN_BOBYQA"), _INNER, _POPULATION, _SCALED),
+    "mlsl_gradient": (("local", _Gradient, "LD_SLSQP"), _INNER, _POPULATION, _SCALED),
+    "mlsl_any": (("local", _Any, "LD_SLSQP"), _INNER, _POPULATION, _SCALED),
+    "auglag_free": (("local", _Free, "LN_BOBYQA"), _INNER, _SCALED, _RESTARTS),
+    "auglag_gradient": (("local", _Gradient, "LD_SLSQP"), _INNER, _SCALED, _RESTARTS),
+    "auglag_any": (("local", _Any, "LD_SLSQP"), _INNER, _SCALED, _RESTARTS),
+}
 
 
-def _limited_memory(
-    algorithm: str, storage: int | None = None, scale_value: bool = True, restarts: bool = False
-) -> NLopt:
-    """Descend along gradients, remembering `storage` of them; null leaves the number to NLopt."""
-    return NLopt(algorithm, {"storage": storage, "scale_value": scale_value, "restarts": restarts})
+def _build(algorithm: str, **chosen: Any) -> NLopt:
+    return NLopt(algorithm, {name: default for name, _, default in FAMILIES[ALGORITHMS[algorithm].family]} | chosen)
 
-
-def _endless(algorithm: str, scale_value: bool = True, restarts: bool = False) -> NLopt:
-    """Descend along gradients, without an end unless there are `restarts`."""
-    return NLopt(algorithm, {"scale_value": scale_value, "restarts": restarts})
-
-
-def _mlsl_free(
-    algorithm: str,
-    local: FreeLocal = "LN_BOBYQA",
-    local_tolerance: float = ROUNDING,
-    population: int | None = None,
-    scale_value: bool = True,
-) -> NLopt:
-    """Start `local` from the best of `population` (null: 4) new random points, again and again."""
-    return _mlsl_any(algorithm, local, local_tolerance, population, scale_value)
-
-
-def _mlsl_gradient(
-    algorithm: str,
-    local: GradientLocal = "LD_SLSQP",
-    local_tolerance: float = ROUNDING,
-    population: int | None = None,
-    scale_value: bool = True,
-) -> NLopt:
-    """Start `local` from the best of `population` (null: 4) new random points, again and again."""
-    return _mlsl_any(algorithm, local, local_tolerance, population, scale_value)
-
-
-def _mlsl_any(
-    algorithm: str,
-    local: AnyLocal = "LD_SLSQP",
-    local_tolerance: float = ROUNDING,
-    population: int | None = None,
-    scale_value: bool = True,
-) -> NLopt:
-    """Start `local` from the best of `population` (null: 4) new random points, again and again."""
-    chosen = {"local": local, "local_tolerance": local_tolerance, "population": population}
-    return NLopt(algorithm, {**chosen, "scale_value": scale_value})
-
-
-def _auglag_free(
-    algorithm: str,
-    local: FreeLocal = "LN_BOBYQA",
-    local_tolerance: float = ROUNDING,
-    scale_value: bool = True,
-    restarts: bool = False,
-) -> NLopt:
-    """Run `local` inside the augmented Lagrangian."""
-    return _auglag_any(algorithm, local, local_tolerance, scale_value, restarts)
-
-
-def _auglag_gradient(
-    algorithm: str,
-    local: GradientLocal = "LD_SLSQP",
-    local_tolerance: float = ROUNDING,
-    scale_value: bool = True,
-    restarts: bool = False,
-) -> NLopt:
-    """Run `local` inside the augmented Lagrangian."""
-    return _auglag_any(algorithm, local, local_tolerance, scale_value, restarts)
-
-
-def _auglag_any(
-    algorithm: str,
-    local: AnyLocal = "LD_SLSQP",
-    local_tolerance: float = ROUNDING,
-    scale_value: bool = True,
-    restarts: bool = False,
-) -> NLopt:
-    """Run `local` inside the augmented Lagrangian."""
-    chosen = {"local": local, "local_tolerance": local_tolerance}
-    return NLopt(algorithm, {**chosen, "scale_value": scale_value, "restarts": restarts})
-
-
-_FAMILIES: dict[str, Callable[..., NLopt]] = {
-    "global": _global, "population": _population, "derivative_free": _derivative_free, "gradient": _gradient,
-    "limited_memory": _limited_memory, "endless_gradient": _endless, "mlsl_free": _mlsl_free,
-    "mlsl_gradient": _mlsl_gradient, "mlsl_any": _mlsl_any, "auglag_free": _auglag_free,
-    "auglag_gradient": _auglag_gradient, "auglag_any": _auglag_any,
-}  # fmt: skip
 
 for _name, _known in ALGORITHMS.items():
-    _entry = functools.partial(_FAMILIES[_known.family], _name)
+    _entry = partial(_build, _name)
     _entry.__doc__ = _known.about
-    registry.register(f"nlopt_{_name}")(_entry)
-for _name, _reason in EXCLUDED.items():
-    registry.exclude(f"nlopt_{_name}", _reason)
+    registry.register(f"nlopt_{_name}", options=make_dataclass(_known.family, FAMILIES[_known.family]))(_entry)
+registry.exclude("nlopt_LD_LBFGS_NOCEDAL", EXCLUDED["LD_LBFGS_NOCEDAL"])

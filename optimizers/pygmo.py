@@ -1,441 +1,107 @@
 """pygmo's algorithms, each under its own name: ``pygmo_de`` is pygmo's de.
 
-`population_sizes` says how many members each has and why, `adapter` runs one, `populations` and `trajectories` register
-them: those that evolve a random population, and those that move one point from the start.
-
-pygmo's population methods: a random population in the box, evolved until the budget is spent.
-
-The start is ignored. Defaults are pygmo's own, but for the population, which pygmo leaves to its user: a rule of
-`population_sizes` gives it, whose formula is the default (d: dimension, B: budget), and null too. Ranges are checked
-here, at construction, so that the sentence names the option and not a line of C++.
-
-pygmo's methods that move one point: from the start, where the population methods ignore it.
-
-Run one pygmo algorithm through the gate: one problem, one population, one budget.
-
-pygmo owns the loop: it evolves a population of which every member passes our objective. Tolerances are off; a method
-that stops all the same begins again with a new population, and the restart stands in the trace. pygmo's own counts are
-not used (they miss the differences). Where it can take a generation's values at once, they come from our batch.
-
-The default population size of each pygmo method: a rule for each, with its source.
-
-pygmo leaves the number to its user. A rule gives it from the dimension d of the problem and the budget B that is left:
-the number of the method's paper or of its authors' code, and where such a number spends a small budget on too few
-generations, at most a share of the budget. What the numbers cost and bring is measured in docs/optimizers.md on our
-problems and on functions that are not ours (``python -m benchmarks.populations.sizes``).
+Defaults are pygmo's, but for the population, which `RULES` gives from the dimension d and the budget B
+(docs/optimizers.md). pygmo owns the loop: every member passes our objective. What stops all the same begins again.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from math import floor, log, sqrt
-from typing import Any, ClassVar, Literal, TypeVar, final
+from dataclasses import dataclass, field, make_dataclass
+from functools import partial, wraps
+from math import floor, inf, log, sqrt
+from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 from calibench.optimizers.derivatives import Memoized
 
-_NEVER: dict[str, Any] = {"ftol": 0.0, "xtol": 0.0}
-
-
-@registry.register("pygmo_de")
-def pygmo_de(
-    population: int | Literal["min(10d,B/500)"] | None = "min(10d,B/500)",
-    F: float = 0.8,
-    CR: float = 0.9,
-    variant: int = 2,
-) -> Pygmo:
-    """Differential evolution; `variant` 1-10 as pygmo numbers them (2 is rand/1/exp)."""
-    within("de", 0, 1, F=F, CR=CR)
-    within("de", 1, 10, variant=variant)
-    return evolved("de", population, {"F": F, "CR": CR, "variant": variant}, least=5, fixed=_NEVER)
-
-
-@registry.register("pygmo_sade")
-def pygmo_sade(
-    population: int | Literal["min(100,B/500)"] | None = "min(100,B/500)", variant: int = 2, variant_adptv: int = 1
-) -> Pygmo:
-    """Self-adaptive differential evolution; `variant` 1-18, `variant_adptv` 1 (jDE) or 2 (iDE)."""
-    within("sade", 1, 18, variant=variant)
-    within("sade", 1, 2, variant_adptv=variant_adptv)
-    arguments = {"variant": variant, "variant_adptv": variant_adptv}
-    return evolved("sade", population, arguments, least=7, fixed=_NEVER)
-
-
-@registry.register("pygmo_de1220")
-def pygmo_de1220(
-    population: int | Literal["min(100,B/500)"] | None = "min(100,B/500)",
-    allowed_variants: tuple[int, ...] = (2, 3, 7, 10, 13, 14, 15, 16),
-    variant_adptv: int = 1,
-) -> Pygmo:
-    """Differential evolution that adapts its variant too, out of `allowed_variants` (each 1-18)."""
-    rule = "one or more whole numbers in 1 .. 18 are needed"
-    good = bool(allowed_variants) and all(1 <= variant <= 18 for variant in allowed_variants)
-    require("pygmo_de1220.allowed_variants", list(allowed_variants), good, rule)
-    within("de1220", 1, 2, variant_adptv=variant_adptv)
-    arguments = {"allowed_variants": list(allowed_variants), "variant_adptv": variant_adptv}
-    return evolved("de1220", population, arguments, least=7, fixed=_NEVER)
-
-
-def _swarm(algorithm: str, population: int | str | None, arguments: dict[str, Any]) -> Pygmo:
-    within(algorithm, 0, 1, omega=arguments["omega"])
-    within(algorithm, 0, 4, eta1=arguments["eta1"], eta2=arguments["eta2"])
-    within(algorithm, 1e-300, 1, max_vel=arguments["max_vel"])
-    within(algorithm, 1, 6, variant=arguments["variant"])
-    within(algorithm, 1, 4, neighb_type=arguments["neighb_type"])
-    require(
-        f"pygmo_{algorithm}.neighb_param",
-        arguments["neighb_param"],
-        arguments["neighb_param"] >= 1,
-        "must be 1 or more",
-    )
-    return evolved(algorithm, population, arguments, least=2, batches=algorithm == "pso_gen")
-
-
-@registry.register("pygmo_pso")
-def pygmo_pso(
-    population: int | Literal["10+2sqrt(d)"] | None = "10+2sqrt(d)",
-    omega: float = 0.7298,
-    eta1: float = 2.05,
-    eta2: float = 2.05,
-    max_vel: float = 0.5,
-    variant: int = 5,
-    neighb_type: int = 2,
-    neighb_param: int = 4,
-) -> Pygmo:
-    """Particle swarm; `variant` 1-6 (5: constriction), `neighb_type` 1-4 (2: ring of `neighb_param`)."""
-    options = dict(omega=omega, eta1=eta1, eta2=eta2, max_vel=max_vel)
-    topology = dict(variant=variant, neighb_type=neighb_type, neighb_param=neighb_param)
-    return _swarm("pso", population, {**options, **topology})
-
-
-@registry.register("pygmo_pso_gen")
-def pygmo_pso_gen(
-    population: int | Literal["10+2sqrt(d)"] | None = "10+2sqrt(d)",
-    omega: float = 0.7298,
-    eta1: float = 2.05,
-    eta2: float = 2.05,
-    max_vel: float = 0.5,
-    variant: int = 5,
-    neighb_type: int = 2,
-    neighb_param: int = 4,
-) -> Pygmo:
-    """Particle swarm whose particles move all at once, a generation at a time; options as pygmo_pso."""
-    options = dict(omega=omega, eta1=eta1, eta2=eta2, max_vel=max_vel)
-    topology = dict(variant=variant, neighb_type=neighb_type, neighb_param=neighb_param)
-    return _swarm("pso_gen", population, {**options, **topology})
-
-
-@registry.register("pygmo_sga")
-def pygmo_sga(
-    population: int | Literal["min(200,B/25)"] | None = "min(200,B/25)",
-    cr: float = 0.9,
-    eta_c: float = 1.0,
-    m: float = 0.02,
-    param_m: float = 1.0,
-    param_s: int = 2,
-    crossover: Literal["exponential", "binomial", "single", "sbx"] = "exponential",
-    mutation: Literal["gaussian", "polynomial", "uniform"] = "polynomial",
-    selection: Literal["tournament", "truncated"] = "tournament",
-) -> Pygmo:
-    """Simple genetic algorithm; probabilities `cr`, `m`, and the parameters of its three operators."""
-    within("sga", 0, 1, cr=cr, m=m)
-    within("sga", 1, 100, eta_c=eta_c)
-    low, high = (1.0, 100.0) if mutation == "polynomial" else (0.0, 1.0)
-    within("sga", low, high, param_m=param_m)
-    even = crossover != "sbx" or not isinstance(population, int) or population % 2 == 0
-    require("pygmo_sga.population", population, even, "sbx mates pairs: an even number is needed")
-    within("sga", 1, population if isinstance(population, int) else RULES["sga"].least, param_s=param_s)
-    operators = dict(crossover=crossover, mutation=mutation, selection=selection)
-    numbers = dict(cr=cr, eta_c=eta_c, m=m, param_m=param_m, param_s=param_s)
-    return evolved("sga", population, {**numbers, **operators}, least=2)
-
-
-@registry.register("pygmo_bee_colony")
-def pygmo_bee_colony(population: int | None = 62, limit: int = 20) -> Pygmo:
-    """Artificial bee colony; a source that did not improve `limit` times is left.
-
-    A generation costs two populations.
-    """
-    require("pygmo_bee_colony.limit", limit, limit >= 1, "must be 1 or more")
-    return evolved("bee_colony", population, {"limit": limit}, least=2, per_generation=lambda size: 2 * size)
-
-
-@registry.register("pygmo_gaco")
-def pygmo_gaco(
-    population: int | Literal["min(50,B/250)"] | None = "min(50,B/250)",
-    ker: int | None = None,
-    q: float = 1.0,
-    acc: float = 0.01,
-    focus: float = 0.0,
-) -> Pygmo:
-    """Extended ant colony; `ker` solutions are remembered, `q` weighs the better ones, `focus` narrows the search.
-
-    `ker` null: pygmo's 63, or the whole population where it is smaller.
-
-    `acc` is the least distance between what is remembered. pygmo's two stops by count are switched off.
-    """
-    smallest = population if isinstance(population, int) else RULES["gaco"].least
-    if ker is not None:
-        within("gaco", 2, smallest, ker=ker)
-    require("pygmo_gaco.q", q, q >= 0, "must be 0 or more")
-    require("pygmo_gaco.acc", acc, acc >= 0, "must be 0 or more")
-    require("pygmo_gaco.focus", focus, focus >= 0, "must be 0 or more")
-    arguments = {"ker": ker, "q": q, "acc": acc, "focus": focus}
-    never = {"impstop": 2**31 - 1, "evalstop": 2**31 - 1}
-    return evolved("gaco", population, arguments, least=2, batches=True, adapt=_with_kernel, fixed=never)
-
-
-def _with_kernel(options: dict[str, Any], size: int) -> dict[str, Any]:
-    return options if options["ker"] is not None else {**options, "ker": min(63, size)}
-
-
-@registry.register("pygmo_gwo")
-def pygmo_gwo(population: int | None = 30) -> Pygmo:
-    """Grey wolf optimiser: it narrows over the generations, of which it is given as many as the budget holds."""
-    return evolved("gwo", population, {}, least=3)
-
-
-@registry.register("pygmo_cmaes")
-def pygmo_cmaes(population: int | Literal["4+3ln(d)"] | None = "4+3ln(d)", sigma0: float = 0.5) -> Pygmo:
-    """Covariance matrix adaptation; `sigma0` is the first step size in shares of the box."""
-    require("pygmo_cmaes.sigma0", sigma0, sigma0 > 0, "must be above 0")
-    never = {**_NEVER, "force_bounds": True}
-    return evolved("cmaes", population, {"sigma0": sigma0}, least=5, fixed=never, batches=True)
-
-
-@registry.register("pygmo_xnes")
-def pygmo_xnes(population: int | Literal["4+3ln(d)"] | None = "4+3ln(d)", sigma0: float | None = None) -> Pygmo:
-    """Exponential natural evolution strategy; `sigma0` is the first step size, null leaves it to pygmo."""
-    require("pygmo_xnes.sigma0", sigma0, sigma0 is None or 0 < sigma0 <= 1, "must lie in 0 .. 1, above 0, or null")
-    never = {**_NEVER, "force_bounds": True}
-    return evolved("xnes", population, {"sigma0": sigma0}, least=4, adapt=_with_width, fixed=never)
-
-
-def _with_width(options: dict[str, Any], _size: int) -> dict[str, Any]:
-    return {**options, "sigma0": options["sigma0"] or -1.0}  # -1 leaves it to pygmo
-
-
-@registry.register("pygmo_ihs")
-def pygmo_ihs(
-    population: int | None = 5,
-    phmcr: float = 0.85,
-    ppar_min: float = 0.35,
-    ppar_max: float = 0.99,
-    bw_min: float = 1e-5,
-    bw_max: float = 1.0,
-) -> Pygmo:
-    """Improved harmony search: one new harmony an iteration; `ppar` rises and `bw` falls over the budget."""
-    within("ihs", 0, 1, phmcr=phmcr, ppar_min=ppar_min, ppar_max=ppar_max)
-    require("pygmo_ihs.ppar_min", ppar_min, ppar_min < ppar_max, f"must be below ppar_max={ppar_max:g}")
-    require("pygmo_ihs.bw_min", bw_min, 0 < bw_min < bw_max, f"must be above 0 and below bw_max={bw_max:g}")
-    arguments = dict(phmcr=phmcr, ppar_min=ppar_min, ppar_max=ppar_max, bw_min=bw_min, bw_max=bw_max)
-    return evolved("ihs", population, arguments, least=1, per_generation=lambda _size: 1)
-
-
-@registry.register("pygmo_compass_search")
-def pygmo_compass_search(
-    start_range: float = 0.1, stop_range: float = 1e-16, reduction_coeff: float = 0.5, restarts: bool = False
-) -> Pygmo:
-    """Compass search: steps along the axes, in shares of the box, which shrink from `start_range` to `stop_range`."""
-    within("compass_search", 1e-300, 1, start_range=start_range)
-    within("compass_search", 1e-300, start_range, stop_range=stop_range)
-    within("compass_search", 1e-3, 1 - 1e-3, reduction_coeff=reduction_coeff)
-    ranges = dict(start_range=start_range, stop_range=stop_range, reduction_coeff=reduction_coeff)
-    options = {**ranges, "restarts": restarts}
-    return Pygmo("compass_search", options, _compass(ranges), from_start=True, stops=True, stochastic=False)
-
-
-@registry.register("pygmo_simulated_annealing")
-def pygmo_simulated_annealing(
-    Ts: float = 0.1,
-    Tf: float = 1e-8,
-    n_T_adj: int | None = None,
-    n_range_adj: int = 1,
-    bin_size: int = 20,
-    start_range: float = 1.0,
-) -> Pygmo:
-    """Corana's annealing from temperature `Ts` to `Tf`, in units of the value at the start.
-
-    `n_T_adj` temperatures; null: as many as the budget holds. When the schedule is over it begins again at random.
-    """
-    require("pygmo_simulated_annealing.Tf", Tf, 0 < Tf < Ts, f"must be above 0 and below Ts={Ts:g}")
-    for option, value in (("n_T_adj", n_T_adj), ("n_range_adj", n_range_adj), ("bin_size", bin_size)):
-        require(f"pygmo_simulated_annealing.{option}", value, value is None or value >= 1, "must be 1 or more")
-    within("simulated_annealing", 1e-300, 1, start_range=start_range)
-    rest = dict(n_range_adj=n_range_adj, bin_size=bin_size, start_range=start_range)
-
-    def build(pygmo: Any, objective: Objective, _size: int) -> Any:
-        held = max(1, objective.remaining // (n_range_adj * bin_size * objective.dimension))
-        return pygmo.simulated_annealing(Ts=Ts, Tf=Tf, n_T_adj=n_T_adj or held, **rest)
-
-    options = {"Ts": Ts, "Tf": Tf, "n_T_adj": n_T_adj, **rest}
-    return Pygmo("simulated_annealing", options, build, from_start=True, scaled=True)
-
-
-@registry.register("pygmo_sea")
-def pygmo_sea() -> Pygmo:
-    """(1+1) evolution strategy: some coordinates drawn anew in the box, kept if better."""
-
-    def build(pygmo: Any, objective: Objective, _size: int) -> Any:
-        return pygmo.sea(gen=objective.remaining + 1)
-
-    return Pygmo("sea", {}, build, from_start=True)
-
-
-@registry.register("pygmo_ipopt")
-def pygmo_ipopt(tolerance: float = 1e-15, memory: int | None = None, restarts: bool = False) -> Pygmo:
-    """Ipopt: interior point with limited-memory curvature (Waechter, Biegler 2006); `tolerance` of optimality.
-
-    `memory`: steps that the curvature remembers; null: the dimension, and at least Ipopt's own 6. With fewer steps than
-    dimensions it crawls where the condition is high. The value is divided by its first size, so that the tolerance is
-    relative: 1e-15 is the goal of a calibration, and below it a descent ends by Ipopt's own smallest step.
-    """
-    within("ipopt", 1e-300, 1, tolerance=tolerance)
-    require("pygmo_ipopt.memory", memory, memory is None or memory >= 1, "must be 1 or more, or null")
-    options = {"tolerance": tolerance, "memory": memory, "restarts": restarts}
-    build = _ipopt(tolerance, memory)
-    return Pygmo(
-        "ipopt", options, build, from_start=True, scaled=True, stops=True, stochastic=False, uses_gradient=True
-    )
-
-
-@registry.register("pygmo_mbh")
-def pygmo_mbh(
-    inner: Literal["compass_search", "ipopt"] = "compass_search", perturb: float = 0.01, inner_tolerance: float = 1e-8
-) -> Pygmo:
-    """Monotonic basin hopping: `inner` from the best point, moved at random by up to `perturb` of the box, for ever.
-
-    `inner_tolerance` ends a descent: the stop range of compass search, the tolerance of Ipopt.
-    """
-    within("mbh", 1e-300, 1, perturb=perturb)
-    within("mbh", 1e-300, 0.1, inner_tolerance=inner_tolerance)
-    ranges = dict(start_range=0.1, stop_range=inner_tolerance, reduction_coeff=0.5)
-    descent = _compass(ranges) if inner == "compass_search" else _ipopt(inner_tolerance)
-
-    def build(pygmo: Any, objective: Objective, _size: int) -> Any:
-        local = pygmo.algorithm(descent(pygmo, objective, 1))
-        return pygmo.mbh(algo=local, stop=objective.remaining + 1, perturb=perturb)
-
-    options = {"inner": inner, "perturb": perturb, "inner_tolerance": inner_tolerance}
-    gradient = inner == "ipopt"
-    return Pygmo("mbh", options, build, from_start=True, scaled=gradient, uses_gradient=gradient)
-
-
-def _compass(ranges: Mapping[str, float]) -> Build:
-    def build(pygmo: Any, objective: Objective, _size: int) -> Any:
-        return pygmo.compass_search(max_fevals=objective.remaining + 1, **ranges)
-
-    return build
-
-
-def _ipopt(tolerance: float, memory: int | None = None) -> Build:
-    def build(pygmo: Any, objective: Objective, _size: int) -> Any:
-        ipopt = pygmo.ipopt()
-        ipopt.set_string_option("sb", "yes")  # no banner
-        ipopt.set_integer_option("print_level", 0)
-        ipopt.set_integer_option("max_iter", objective.remaining + 1)
-        ipopt.set_integer_option("limited_memory_max_history", memory or max(6, objective.dimension))
-        ipopt.set_integer_option("acceptable_iter", 0)  # no second, looser test
-        ipopt.set_numeric_option("tol", tolerance)
-        for looser in ("dual_inf_tol", "compl_inf_tol"):
-            ipopt.set_numeric_option(looser, tolerance)
-        ipopt.set_numeric_option("bound_relax_factor", 0.0)
-        return ipopt
-
-    return build
-
-
-# (the module pygmo, the objective, the number of members) -> pygmo's algorithm object
-Build = Callable[[Any, Objective, int], Any]
-T = TypeVar("T")
-
 
 @final
 @dataclass(frozen=True)
 class Pygmo:
-    """One pygmo algorithm with its options, and `build`, which makes pygmo's own object for what is left to spend.
-
-    `from_start`: one member at the start, instead of a random population; the trait `uses_start` is just this.
-    `scaled`: the search runs in the unit box and on the value divided by its first size. `stops`: may end by itself;
-    then `restarts` decides whether it begins again.
-    `batches`: takes the values of a generation at once, which changes no candidate and saves most of the calls.
-    The option `population` is a number, or the formula of the rule in `population_sizes` that gives one.
-    """
+    """One pygmo algorithm with its options; `population` is a number, or the formula of the rule that gives one."""
 
     options_tell_all: ClassVar[bool] = True  # what else it is follows from the options
     algorithm: str
     options: Mapping[str, Any]
-    build: Build = field(repr=False, compare=False)
-    from_start: bool = False
-    scaled: bool = False
-    stops: bool = False
-    batches: bool = False
-    stochastic: bool = True
-    uses_gradient: bool = False
+    library: ClassVar[str] = "pygmo"
+
+    def __post_init__(self) -> None:
+        for option, value in self.options.items():
+            low, high = _RANGES.get(f"{self.algorithm}.{option}", (-inf, inf))
+            if isinstance(value, int | float) and not low <= value <= high:
+                rule = f"must lie in {low:g} .. {high:g}" if high < inf else f"must be {low:g} or more"
+                raise ValueError(f"{self.name}.{option}={value}: {rule}")
+        population = self.options.get("population")
+        members = population if isinstance(population, int) else RULES[self.algorithm].least if population else 1
+        known = {**self.options, "members": members, "least": METHODS[self.algorithm].least}
+        for option, holds, rule in (*_CONDITIONS.get(self.algorithm, ()), _ENOUGH):
+            if not holds(known):
+                value = self.options[option]
+                shown = list(value) if isinstance(value, tuple) else value
+                raise ValueError(f"{self.name}.{option}={shown}: {rule.format(**known)}")
 
     @property
     def name(self) -> str:
-        """Return the name in the registry."""
         return f"pygmo_{self.algorithm}"
-
-    @property
-    def library(self) -> str:
-        """Return the package that does the work."""
-        return "pygmo"
 
     @property
     def traits(self) -> Traits:
         """Return the traits; the first sample is one population, of which a rule gives the most."""
-        restarts = self.options.get("restarts", False)
-        first, per_dimension = (1, int(self.uses_gradient)) if self.from_start else self._most_members()
+        known, restarts = METHODS[self.algorithm], self.options.get("restarts", False)
+        population = self.options.get("population", 1)
+        first, per_dimension = (population, 0) if isinstance(population, int) else RULES[self.algorithm].most
         return Traits(
-            stochastic=self.stochastic or restarts,
-            uses_gradient=self.uses_gradient,
-            self_terminating=self.stops and not restarts,
-            uses_start=self.from_start,
-            minimum_budget=first,
-            minimum_budget_per_dimension=per_dimension,
-            needs_finite_bounds=True,
-            batches=self.batches,
-            package="pygmo",
-        )
+            stochastic=known.stochastic or restarts, uses_gradient=self._uses_gradient,
+            self_terminating=known.stops and not restarts, uses_start=known.from_start, minimum_budget=first,
+            minimum_budget_per_dimension=per_dimension + self._uses_gradient, needs_finite_bounds=True,
+            batches=known.batches, package="pygmo",
+        )  # fmt: skip
+
+    @property
+    def _uses_gradient(self) -> bool:
+        return "ipopt" in (self.algorithm, self.options.get("inner"))
 
     def members(self, dimension: int, budget: int) -> int:
         """Return the size of the population in `dimension` dimensions with `budget` evaluations left."""
-        return 1 if self.from_start else members(self.algorithm, self.options["population"], dimension, budget)
-
-    def _most_members(self) -> tuple[int, int]:
-        population = self.options["population"]
-        return (population, 0) if isinstance(population, int) else RULES[self.algorithm].most
+        population = self.options.get("population", 1)
+        return population if isinstance(population, int) else RULES[self.algorithm].size(dimension, budget)
 
     def compile(self) -> None:
-        """Import pygmo, so that no clock sees it."""
-        _pygmo()
+        """Import pygmo, so that no clock sees it; raise `ValueError` where it is not there."""
+        try:
+            import pygmo  # noqa: F401
+        except ImportError as error:
+            raise ValueError(
+                f"pygmo cannot be imported ({error}): its wheels exist for Linux only, here is {sys.platform}; "
+                "choose an optimizer that does not begin with pygmo_"
+            ) from None
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Evolve until the objective stops it; what stops by itself begins again, if its options say so."""
-        pygmo = _pygmo()
+        self.compile()
+        import pygmo
+
+        known = METHODS[self.algorithm]
+        scaled = self._uses_gradient or self.algorithm == "simulated_annealing"
 
         def evolve(start: Array) -> None:
             size = self.members(objective.dimension, objective.remaining)
-            method = self.build(pygmo, objective, size)
-            if self.batches:
+            method = self._method(pygmo, objective, size)
+            if known.batches:
                 method.set_bfe(pygmo.bfe(pygmo.member_bfe()))
             algorithm = pygmo.algorithm(method)
             if algorithm.has_set_seed():
                 algorithm.set_seed(int(rng.integers(2**31)))
-            fitness = _Fitness(objective, self.scaled, self.uses_gradient)
+            fitness = _Fitness(objective, scaled, self._uses_gradient)
             try:
                 problem, seed = pygmo.problem(fitness), int(rng.integers(2**31))
-                if self.from_start:
-                    first = pygmo.population(problem, size=0, seed=seed)
+                first = pygmo.population(problem, size=0 if known.from_start else size, seed=seed)
+                if known.from_start:
                     first.push_back(fitness.inside(start))
-                else:
-                    first = pygmo.population(problem, size=size, seed=seed)
                 algorithm.evolve(first)
             finally:
                 caught = fitness.close()
@@ -443,6 +109,51 @@ class Pygmo:
                 raise caught
 
         return with_restarts(evolve, objective, restarts=not self.traits.self_terminating)
+
+    def _method(self, pygmo: Any, objective: Objective, size: int) -> Any:
+        """Return pygmo's own object for what is left to spend, with `size` members."""
+        beyond, known = objective.remaining + 1, METHODS[self.algorithm]
+        options = {key: value for key, value in self.options.items() if key not in ("population", "restarts")}
+        if self.algorithm == "ipopt":
+            return _ipopt(pygmo, objective, options["tolerance"], options["memory"])
+        if self.algorithm == "compass_search":
+            return pygmo.compass_search(max_fevals=beyond, **options)
+        if self.algorithm == "mbh":
+            end = options["inner_tolerance"]
+            if options["inner"] == "ipopt":
+                local = _ipopt(pygmo, objective, end)
+            else:
+                local = pygmo.compass_search(max_fevals=beyond, start_range=0.1, stop_range=end, reduction_coeff=0.5)
+            return pygmo.mbh(algo=pygmo.algorithm(local), stop=beyond, perturb=options["perturb"])
+        if self.algorithm == "simulated_annealing":
+            each = options["n_range_adj"] * options["bin_size"] * objective.dimension
+            options["n_T_adj"] = options["n_T_adj"] or max(1, objective.remaining // each)
+            return pygmo.simulated_annealing(**options)
+        if self.algorithm == "gaco" and options["ker"] is None:
+            options["ker"] = min(63, size)
+        if self.algorithm == "xnes":
+            options["sigma0"] = options["sigma0"] or -1.0  # leaves it to pygmo
+        if "allowed_variants" in options:
+            options["allowed_variants"] = list(options["allowed_variants"])
+        # some plan their course by the number of generations
+        cost = {"bee_colony": 2 * size, "ihs": 1, "sea": 1}.get(self.algorithm, size)
+        return getattr(pygmo, self.algorithm)(gen=objective.remaining // cost + 1, **options, **known.fixed)
+
+
+def _keeping(call: Callable[[_Fitness, Array], Any]) -> Callable[[_Fitness, Array], Any]:
+    """Let `call` keep what it raises as `caught`, and raise that again where it is called once more."""
+
+    @wraps(call)
+    def asked(self: _Fitness, u: Array) -> Any:
+        try:
+            if self.caught is not None:
+                raise self.caught
+            return call(self, u)
+        except BaseException as error:
+            self.caught = error
+            raise
+
+    return asked
 
 
 class _Fitness:
@@ -467,27 +178,8 @@ class _Fitness:
         self.__dict__.clear()
         return caught
 
+    @_keeping
     def fitness(self, u: Array) -> list[float]:
-        return self._ask(self._value, u)
-
-    def batch_fitness(self, flat: Array) -> Array:
-        """Return the values of points laid end to end; only where the search is not scaled."""
-        return self._ask(self._values, flat)
-
-    def gradient(self, u: Array) -> Array:
-        return self._ask(self._gradient, u)
-
-    def _ask(self, function: Callable[[Array], T], u: Array) -> T:
-        """Return ``function(u)``, unless something has been raised before."""
-        try:
-            if self.caught is not None:
-                raise self.caught
-            return function(u)
-        except BaseException as error:
-            self.caught = error
-            raise
-
-    def _value(self, u: Array) -> list[float]:
         x = self._outside(u)
         value = self._objective(x) if self._slope is None else self._slope.value(x)
         if not self._scaled:
@@ -496,10 +188,13 @@ class _Fitness:
             self._size = abs(value) if np.isfinite(value) and value else 1.0
         return [value / self._size]
 
-    def _values(self, flat: Array) -> Array:
+    @_keeping
+    def batch_fitness(self, flat: Array) -> Array:
+        """Return the values of points laid end to end; only where the search is not scaled."""
         return self._objective.batch(self._outside(flat.reshape(-1, self._objective.dimension)))
 
-    def _gradient(self, u: Array) -> Array:
+    @_keeping
+    def gradient(self, u: Array) -> Array:
         assert self._slope is not None
         slope = self._slope.gradient(self._outside(u)) * self._width / (self._size or 1.0)
         return np.nan_to_num(slope, posinf=0.0, neginf=0.0)
@@ -511,7 +206,6 @@ class _Fitness:
         return self.inside(self._objective.lower), self.inside(self._objective.upper)
 
     def inside(self, x: Array) -> Array:
-        """Return x in pygmo's coordinates."""
         return (x - self._origin) / self._width if self._scaled else x
 
     def _outside(self, u: Array) -> Array:
@@ -519,63 +213,22 @@ class _Fitness:
         x = self._origin + u * self._width if self._scaled else u
         return x.clip(self._objective.lower, self._objective.upper)  # np.clip takes twice as long
 
-    def __copy__(self) -> _Fitness:
-        return self
-
     def __deepcopy__(self, _memo: object) -> _Fitness:
         return self
 
 
-def evolved(
-    algorithm: str,
-    population: int | str | None,
-    arguments: Mapping[str, Any],
-    *,
-    least: int,
-    fixed: Mapping[str, Any] | None = None,
-    batches: bool = False,
-    per_generation: Callable[[int], int] = lambda size: size,
-    adapt: Callable[[dict[str, Any], int], dict[str, Any]] = lambda options, _size: options,
-) -> Pygmo:
-    """Return a method that evolves a random population for as long as the budget lasts.
-
-    `population` is a number >= `least`, or the name of the rule of `algorithm`; null is that rule too. `arguments` are
-    options of pygmo's constructor, `fixed` those that are not ours to choose, and `adapt` makes what pygmo is given out
-    of both once the size is known. `per_generation` is what a generation of a size costs, as some methods plan their
-    course by the number of generations.
-    """
-    population = RULES[algorithm].default if population is None else population
-    if isinstance(population, int):
-        require(f"pygmo_{algorithm}.population", population, population >= least, f"pygmo asks for {least} or more")
-
-    def build(pygmo: Any, objective: Objective, size: int) -> Any:
-        generations = objective.remaining // per_generation(size) + 1
-        return getattr(pygmo, algorithm)(gen=generations, **adapt({**arguments, **(fixed or {})}, size))
-
-    return Pygmo(algorithm, {"population": population, **arguments}, build, batches=batches)
-
-
-def require(option: str, value: Any, holds: bool, rule: str) -> None:
-    """Raise `ValueError` with option, value and rule unless the rule `holds`."""
-    if not holds:
-        raise ValueError(f"{option}={value}: {rule}")
-
-
-def within(algorithm: str, low: float, high: float, **options: float) -> None:
-    """Raise `ValueError` unless each of `options` lies in low .. high."""
-    for option, value in options.items():
-        require(f"pygmo_{algorithm}.{option}", value, low <= value <= high, f"must lie in {low:g} .. {high:g}")
-
-
-def _pygmo() -> Any:
-    try:
-        import pygmo
-    except ImportError as error:
-        raise ValueError(
-            f"pygmo cannot be imported ({error}): its wheels exist for Linux only, here is {sys.platform}; "
-            "choose an optimizer that does not begin with pygmo_"
-        ) from None
-    return pygmo
+def _ipopt(pygmo: Any, objective: Objective, tolerance: float, memory: int | None = None) -> Any:
+    ipopt = pygmo.ipopt()
+    ipopt.set_string_option("sb", "yes")  # no banner
+    for name, count in (
+        ("print_level", 0), ("max_iter", objective.remaining + 1), ("acceptable_iter", 0),  # no second, looser test
+        ("limited_memory_max_history", memory or max(6, objective.dimension)),
+    ):  # fmt: skip
+        ipopt.set_integer_option(name, count)
+    for name in ("tol", "dual_inf_tol", "compl_inf_tol"):
+        ipopt.set_numeric_option(name, tolerance)
+    ipopt.set_numeric_option("bound_relax_factor", 0.0)
+    return ipopt
 
 
 EXCLUDED = {
@@ -705,6 +358,200 @@ RULES: dict[str, PopulationRule] = {
 }  # fmt: skip
 
 
-def members(method: str, population: int | str | None, dimension: int, budget: int) -> int:
-    """Return `population` if it is a number, else what the rule of `method` gives."""
-    return population if isinstance(population, int) else RULES[method].size(dimension, budget)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Method:
+    """One method: its `options` (name, type, default), and `fixed`, those of pygmo's that are not ours to choose.
+
+    `from_start`: one member at the start, instead of a random population; the trait `uses_start` is just this. `stops`:
+    may end by itself; then `restarts` decides whether it begins again. `batches`: takes the values of a generation at
+    once, which changes no candidate and saves most of the calls.
+    """
+
+    about: str
+    least: int = 1
+    options: tuple[tuple[str, Any, Any], ...] = ()
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+    from_start: bool = False
+    stops: bool = False
+    batches: bool = False
+    stochastic: bool = True
+
+
+def _members(method: str) -> tuple[str, Any, Any]:
+    """Return the option `population`: a number, or the rule of `method`, which null is too."""
+    default = RULES[method].default
+    return ("population", int | None if isinstance(default, int) else int | Literal[default] | None, default)
+
+
+_NEVER: dict[str, Any] = {"ftol": 0.0, "xtol": 0.0}
+_IN_THE_BOX = {**_NEVER, "force_bounds": True}
+_SWARM = (
+    ("omega", float, 0.7298), ("eta1", float, 2.05), ("eta2", float, 2.05), ("max_vel", float, 0.5),
+    ("variant", int, 5), ("neighb_type", int, 2), ("neighb_param", int, 4),
+)  # fmt: skip
+_RESTARTS = ("restarts", bool, False)
+_CROSSOVER = Literal["exponential", "binomial", "single", "sbx"]
+_MUTATION, _SELECTION = Literal["gaussian", "polynomial", "uniform"], Literal["tournament", "truncated"]
+METHODS: dict[str, Method] = {
+    "de": Method(
+        about="Differential evolution; `variant` 1-10 as pygmo numbers them (2 is rand/1/exp).",
+        least=5, options=(_members("de"), ("F", float, 0.8), ("CR", float, 0.9), ("variant", int, 2)), fixed=_NEVER,
+    ),
+    "sade": Method(
+        about="Self-adaptive differential evolution; `variant` 1-18, `variant_adptv` 1 (jDE) or 2 (iDE).",
+        least=7, options=(_members("sade"), ("variant", int, 2), ("variant_adptv", int, 1)), fixed=_NEVER,
+    ),
+    "de1220": Method(
+        about="Differential evolution that adapts its variant too, out of `allowed_variants` (each 1-18).",
+        least=7, options=(
+            _members("de1220"), ("allowed_variants", tuple[int, ...], (2, 3, 7, 10, 13, 14, 15, 16)),
+            ("variant_adptv", int, 1),
+        ),
+        fixed=_NEVER,
+    ),
+    "pso": Method(
+        about="Particle swarm; `variant` 1-6 (5: constriction), `neighb_type` 1-4 (2: ring of `neighb_param`).",
+        least=2, options=(_members("pso"), *_SWARM),
+    ),
+    "pso_gen": Method(
+        about="Particle swarm whose particles move all at once, a generation at a time; options as pygmo_pso.",
+        least=2, options=(_members("pso_gen"), *_SWARM), batches=True,
+    ),
+    "sga": Method(
+        about="Simple genetic algorithm; probabilities `cr`, `m`, and the parameters of its three operators.",
+        least=2, options=(
+            _members("sga"), ("cr", float, 0.9), ("eta_c", float, 1.0), ("m", float, 0.02), ("param_m", float, 1.0),
+            ("param_s", int, 2), ("crossover", _CROSSOVER, "exponential"), ("mutation", _MUTATION, "polynomial"),
+            ("selection", _SELECTION, "tournament"),
+        ),
+    ),
+    "bee_colony": Method(
+        about="Artificial bee colony; a source that did not improve `limit` times is left.\n\nA generation costs two"
+        " populations.",
+        least=2, options=(_members("bee_colony"), ("limit", int, 20)),
+    ),
+    "gaco": Method(
+        about="Extended ant colony; `ker` solutions are remembered, `q` weighs the better ones, `focus` narrows the"
+        " search.\n\n`ker` null: pygmo's 63, or the whole population where it is smaller.\n\n`acc` is the least"
+        " distance between what is remembered. pygmo's two stops by count are switched off.",
+        least=2, options=(
+            _members("gaco"), ("ker", int | None, None), ("q", float, 1.0), ("acc", float, 0.01), ("focus", float, 0.0),
+        ),
+        fixed={"impstop": 2**31 - 1, "evalstop": 2**31 - 1}, batches=True,
+    ),
+    "gwo": Method(
+        about="Grey wolf optimiser: it narrows over the generations, of which it is given as many as the budget holds.",
+        least=3, options=(_members("gwo"),),
+    ),
+    "cmaes": Method(
+        about="Covariance matrix adaptation; `sigma0` is the first step size in shares of the box.",
+        least=5, options=(_members("cmaes"), ("sigma0", float, 0.5)), fixed=_IN_THE_BOX, batches=True,
+    ),
+    "xnes": Method(
+        about="Exponential natural evolution strategy; `sigma0` is the first step size, null leaves it to pygmo.",
+        least=4, options=(_members("xnes"), ("sigma0", float | None, None)), fixed=_IN_THE_BOX,
+    ),
+    "ihs": Method(
+        about="Improved harmony search: one new harmony an iteration; `ppar` rises and `bw` falls over the budget.",
+        options=(
+            _members("ihs"), ("phmcr", float, 0.85), ("ppar_min", float, 0.35), ("ppar_max", float, 0.99),
+            ("bw_min", float, 1e-5), ("bw_max", float, 1.0),
+        ),
+    ),
+    "compass_search": Method(
+        about="Compass search: steps along the axes, in shares of the box, which shrink from `start_range` to"
+        " `stop_range`.",
+        options=(
+            ("start_range", float, 0.1), ("stop_range", float, 1e-16), ("reduction_coeff", float, 0.5), _RESTARTS,
+        ),
+        from_start=True, stops=True, stochastic=False,
+    ),
+    "simulated_annealing": Method(
+        about="Corana's annealing from temperature `Ts` to `Tf`, in units of the value at the start.\n\n`n_T_adj`"
+        " temperatures; null: as many as the budget holds. When the schedule is over it begins again at random.",
+        options=(
+            ("Ts", float, 0.1), ("Tf", float, 1e-8), ("n_T_adj", int | None, None), ("n_range_adj", int, 1),
+            ("bin_size", int, 20), ("start_range", float, 1.0),
+        ),
+        from_start=True,
+    ),
+    "sea": Method(
+        about="(1+1) evolution strategy: some coordinates drawn anew in the box, kept if better.", from_start=True,
+    ),
+    "ipopt": Method(
+        about="Ipopt: interior point with limited-memory curvature (Waechter, Biegler 2006); `tolerance` of"
+        " optimality.\n\n`memory`: steps that the curvature remembers; null: the dimension, and at least Ipopt's own 6."
+        " With fewer steps than dimensions it crawls where the condition is high. The value is divided by its first"
+        " size, so that the tolerance is relative: 1e-15 is the goal of a calibration, and below it a descent ends by"
+        " Ipopt's own smallest step.",
+        options=(("tolerance", float, 1e-15), ("memory", int | None, None), _RESTARTS),
+        from_start=True, stops=True, stochastic=False,
+    ),
+    "mbh": Method(
+        about="Monotonic basin hopping: `inner` from the best point, moved at random by up to `perturb` of the box, for"
+        " ever.\n\n`inner_tolerance` ends a descent: the stop range of compass search, the tolerance of Ipopt.",
+        options=(
+            ("inner", Literal["compass_search", "ipopt"], "compass_search"), ("perturb", float, 0.01),
+            ("inner_tolerance", float, 1e-8),
+        ),
+        from_start=True,
+    ),
+}  # fmt: skip
+
+Condition = tuple[str, Callable[[dict[str, Any]], Any], str]  # an option, whether it is right, the rule
+_POSITIVE = (1e-300, 1.0)
+_RANGES: dict[str, tuple[float, float]] = {  # each end included
+    "de.F": (0, 1), "de.CR": (0, 1), "de.variant": (1, 10), "sade.variant": (1, 18), "sade.variant_adptv": (1, 2),
+    "de1220.variant_adptv": (1, 2), "sga.cr": (0, 1), "sga.m": (0, 1), "sga.eta_c": (1, 100),
+    "bee_colony.limit": (1, inf), "gaco.q": (0, inf), "gaco.acc": (0, inf), "gaco.focus": (0, inf),
+    "ihs.phmcr": (0, 1), "ihs.ppar_min": (0, 1), "ihs.ppar_max": (0, 1), "compass_search.start_range": _POSITIVE,
+    "compass_search.reduction_coeff": (1e-3, 1 - 1e-3), "simulated_annealing.n_T_adj": (1, inf),
+    "simulated_annealing.n_range_adj": (1, inf), "simulated_annealing.bin_size": (1, inf),
+    "simulated_annealing.start_range": _POSITIVE, "ipopt.tolerance": _POSITIVE, "mbh.perturb": _POSITIVE,
+    "mbh.inner_tolerance": (1e-300, 0.1),
+    **{f"{swarm}.{option}": ends for swarm in ("pso", "pso_gen") for option, ends in {
+        "omega": (0, 1), "eta1": (0, 4), "eta2": (0, 4), "max_vel": _POSITIVE, "variant": (1, 6), "neighb_type": (1, 4),
+        "neighb_param": (1, inf),
+    }.items()},
+}  # fmt: skip
+_ENOUGH: Condition = ("population", lambda o: o["members"] >= o["least"], "pygmo asks for {least} or more")
+_CONDITIONS: dict[str, tuple[Condition, ...]] = {
+    "de1220": ((
+        "allowed_variants", lambda o: o["allowed_variants"] and all(1 <= each <= 18 for each in o["allowed_variants"]),
+        "one or more whole numbers in 1 .. 18 are needed",
+    ),),
+    "sga": (
+        ("param_m", lambda o: o["mutation"] != "polynomial" or 1 <= o["param_m"] <= 100, "must lie in 1 .. 100"),
+        ("param_m", lambda o: o["mutation"] == "polynomial" or 0 <= o["param_m"] <= 1, "must lie in 0 .. 1"),
+        ("population", lambda o: o["crossover"] != "sbx" or o["members"] % 2 == 0,
+         "sbx mates pairs: an even number is needed"),
+        ("param_s", lambda o: 1 <= o["param_s"] <= o["members"], "must lie in 1 .. {members:g}"),
+    ),
+    "gaco": (("ker", lambda o: o["ker"] is None or 2 <= o["ker"] <= o["members"], "must lie in 2 .. {members:g}"),),
+    "cmaes": (("sigma0", lambda o: o["sigma0"] > 0, "must be above 0"),),
+    "xnes": ((
+        "sigma0", lambda o: o["sigma0"] is None or 0 < o["sigma0"] <= 1, "must lie in 0 .. 1, above 0, or null",
+    ),),
+    "ihs": (
+        ("ppar_min", lambda o: o["ppar_min"] < o["ppar_max"], "must be below ppar_max={ppar_max:g}"),
+        ("bw_min", lambda o: 0 < o["bw_min"] < o["bw_max"], "must be above 0 and below bw_max={bw_max:g}"),
+    ),
+    "compass_search": ((
+        "stop_range", lambda o: 1e-300 <= o["stop_range"] <= o["start_range"], "must lie in 1e-300 .. {start_range:g}",
+    ),),
+    "simulated_annealing": (("Tf", lambda o: 0 < o["Tf"] < o["Ts"], "must be above 0 and below Ts={Ts:g}"),),
+    "ipopt": (("memory", lambda o: o["memory"] is None or o["memory"] >= 1, "must be 1 or more, or null"),),
+}  # fmt: skip
+
+
+def _build(algorithm: str, **chosen: Any) -> Pygmo:
+    options = {name: default for name, _, default in METHODS[algorithm].options} | chosen
+    if "population" in options and options["population"] is None:
+        options["population"] = RULES[algorithm].default
+    return Pygmo(algorithm, options)
+
+
+for _name, _known in METHODS.items():
+    _entry = partial(_build, _name)
+    _entry.__doc__ = _known.about
+    registry.register(f"pygmo_{_name}", options=make_dataclass(_name, _known.options))(_entry)

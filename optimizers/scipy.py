@@ -1,30 +1,16 @@
 """SciPy's minimisers, each by SciPy's own name in lower case: ``scipy_l_bfgs_b`` is L-BFGS-B.
 
-`settings` says what each is given and why, `adapter` runs one, `methods` registers them. Its least squares, which take
-residuals, are `calibench.optimizers.least_squares`.
-
-SciPy's methods in the registry, each with its options under SciPy's names and with SciPy's defaults.
-
-`scaled`: search the unit box, on the value divided by its first size; false leaves both as they are.
-
-Run one method of SciPy through the gate: units, tolerances, derivatives, restarts.
-
-SciPy owns the loop and lets our exceptions pass. A search that is `scaled` runs in the unit box and on the value
-divided by its first size, so that rad and mm side by side become shares of their own range; otherwise SciPy gets
-coordinates and values as they are. A coordinate whose bounds are equal is held, and is no variable to SciPy.
-
-What each method of SciPy is given, with reasons: the tests that may end it, and what it asks for.
-
-The table is static, so that listing needs no SciPy. docs/optimizers.md shows it; the tests hold its claims. A tolerance
-of 0 is off. Options of SciPy that are ours to choose for a user are those of `methods`, under SciPy's names.
+`SETTINGS` has the options of each, under SciPy's names and with its defaults, and what it is given besides and why. A
+search that is `scaled` runs in the unit box and on the value divided by its first size. Equal bounds hold a coordinate.
 """
 
 from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, make_dataclass
+from functools import partial
 from itertools import count
 from typing import Any, ClassVar, Literal, final
 
@@ -33,340 +19,146 @@ import numpy as np
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 from calibench.optimizers.derivatives import Memoized, value_and_gradient
 
-_MOST_AT_ONCE = 2_000_000  # evaluations that DIRECT holds memory for, 50 bytes each and more
-
-
-def _minimize(method: str, options: Mapping[str, Any], scaled: bool, restarts: bool) -> SciPy:
-    """Return a method of SciPy's `minimize`."""
-    known = SETTINGS[method]
-
-    def search(units: Units, _rng: np.random.Generator, _turn: int) -> None:
-        scipy = optimize()
-        asked: dict[str, Any] = {"method": known.word, "options": {**options, **_limits(method, units), **known.given}}
-        value: Any = units.remembered if known.gradient else units.value
-        if known.gradient:
-            asked["jac"] = True if known.together else units.gradient
-        if known.hessian is not None:
-            asked |= {"hessp": units.product} if known.hessian == "products" else {"hess": units.hessian}
-        if known.bounded or method == "cobyla":
-            asked["bounds"] = scipy.Bounds(units.lower, units.upper, keep_feasible=method == "trust_constr")
-        scipy.minimize(units.both if known.together else value, units.start, **asked)
-
-    return SciPy(method, {**options, "scaled": scaled, "restarts": restarts}, search)
-
-
-def _limits(method: str, units: Units) -> dict[str, int]:
-    """Return limits that are never reached: the objective's wall comes before."""
-    return dict.fromkeys(SETTINGS[method].counts, units.remaining + 1)
-
-
-@registry.register("scipy_nelder_mead")
-def scipy_nelder_mead(adaptive: bool = False, scaled: bool = True, restarts: bool = False) -> SciPy:
-    """Nelder-Mead's simplex, its points clipped to the box; `adaptive`: coefficients that follow the dimension."""
-    return _minimize("nelder_mead", {"adaptive": adaptive}, scaled, restarts)
-
-
-@registry.register("scipy_powell")
-def scipy_powell(scaled: bool = True, restarts: bool = False) -> SciPy:
-    """Powell's method of conjugate directions, one line search after another."""
-    return _minimize("powell", {}, scaled, restarts)
-
-
-@registry.register("scipy_cg")
-def scipy_cg(c1: float = 1e-4, c2: float = 0.4, scaled: bool = True, restarts: bool = False) -> SciPy:
-    """Conjugate gradients of Polak and Ribiere, without bounds; `c1`, `c2` of the Wolfe conditions."""
-    _wolfe("scipy_cg", c1, c2)
-    return _minimize("cg", {"c1": c1, "c2": c2}, scaled, restarts)
-
-
-@registry.register("scipy_bfgs")
-def scipy_bfgs(c1: float = 1e-4, c2: float = 0.9, scaled: bool = True, restarts: bool = False) -> SciPy:
-    """BFGS, without bounds; `c1`, `c2` of the Wolfe conditions."""
-    _wolfe("scipy_bfgs", c1, c2)
-    return _minimize("bfgs", {"c1": c1, "c2": c2}, scaled, restarts)
-
-
-@registry.register("scipy_l_bfgs_b")
-def scipy_l_bfgs_b(maxcor: int = 10, maxls: int = 20, scaled: bool = True, restarts: bool = False) -> SciPy:
-    """BFGS in a box with limited memory (Byrd, Lu, Nocedal, Zhu 1995).
-
-    `maxcor` steps are remembered, and a line search has `maxls` evaluations.
-    """
-    _least("scipy_l_bfgs_b", 1, maxcor=maxcor, maxls=maxls)
-    return _minimize("l_bfgs_b", {"maxcor": maxcor, "maxls": maxls}, scaled, restarts)
-
-
-@registry.register("scipy_tnc")
-def scipy_tnc(
-    maxCGit: int = -1, eta: float = -1.0, rescale: float = -1.0, scaled: bool = True, restarts: bool = False
-) -> SciPy:
-    """Truncated Newton in a box (Nash 1984); -1 leaves an option to SciPy."""
-    return _minimize("tnc", {"maxCGit": maxCGit, "eta": eta, "rescale": rescale}, scaled, restarts)
-
-
-@registry.register("scipy_cobyla")
-def scipy_cobyla(rhobeg: float = 1.0, scaled: bool = True, restarts: bool = False) -> SciPy:
-    """Linear models over a simplex (Powell 1994, in PRIMA's Python); may leave the box on its way.
-
-    `rhobeg` is the first trust region, in widths of the box where it is `scaled`.
-    """
-    _above("scipy_cobyla", rhobeg=rhobeg)
-    return _minimize("cobyla", {"rhobeg": rhobeg}, scaled, restarts)
-
-
-@registry.register("scipy_cobyqa")
-def scipy_cobyqa(initial_tr_radius: float = 1.0, scaled: bool = True, restarts: bool = False) -> SciPy:
-    """Quadratic models in a box, without derivatives (Ragonneau 2022).
-
-    `initial_tr_radius` is the first trust region, in widths of the box where it is `scaled`.
-    """
-    _above("scipy_cobyqa", initial_tr_radius=initial_tr_radius)
-    return _minimize("cobyqa", {"initial_tr_radius": initial_tr_radius}, scaled, restarts)
-
-
-@registry.register("scipy_slsqp")
-def scipy_slsqp(scaled: bool = True, restarts: bool = False) -> SciPy:
-    """Sequential least-squares programming (Kraft 1988)."""
-    return _minimize("slsqp", {}, scaled, restarts)
-
-
-@registry.register("scipy_trust_constr")
-def scipy_trust_constr(
-    initial_tr_radius: float = 1.0,
-    initial_barrier_parameter: float = 0.1,
-    scaled: bool = True,
-    restarts: bool = False,
-) -> SciPy:
-    """Interior point with trust regions, strictly inside the box (Byrd, Hribar, Nocedal 1999)."""
-    chosen = {"initial_tr_radius": initial_tr_radius, "initial_barrier_parameter": initial_barrier_parameter}
-    _above("scipy_trust_constr", **chosen)
-    return _minimize("trust_constr", chosen, scaled, restarts)
-
-
-@registry.register("scipy_newton_cg")
-def scipy_newton_cg(c1: float = 1e-4, c2: float = 0.9, scaled: bool = True, restarts: bool = False) -> SciPy:
-    """Newton's method with conjugate gradients and a line search, without bounds."""
-    _wolfe("scipy_newton_cg", c1, c2)
-    return _minimize("newton_cg", {"c1": c1, "c2": c2}, scaled, restarts)
-
-
-@registry.register("scipy_trust_ncg")
-def scipy_trust_ncg(
-    initial_trust_radius: float = 1.0, max_trust_radius: float = 1000.0, eta: float = 0.15, scaled: bool = True,
-    restarts: bool = False,
-) -> SciPy:  # fmt: skip
-    """Newton with conjugate gradients in a trust region (Steihaug 1983), without bounds."""
-    return _trust("trust_ncg", initial_trust_radius, max_trust_radius, eta, scaled, restarts)
-
-
-@registry.register("scipy_trust_exact")
-def scipy_trust_exact(
-    initial_trust_radius: float = 1.0, max_trust_radius: float = 1000.0, eta: float = 0.15, scaled: bool = True,
-    restarts: bool = False,
-) -> SciPy:  # fmt: skip
-    """Newton in a trust region that is solved exactly (More, Sorensen 1983), without bounds."""
-    return _trust("trust_exact", initial_trust_radius, max_trust_radius, eta, scaled, restarts)
-
-
-@registry.register("scipy_dogleg")
-def scipy_dogleg(
-    initial_trust_radius: float = 1.0, max_trust_radius: float = 1000.0, eta: float = 0.15, scaled: bool = True,
-    restarts: bool = False,
-) -> SciPy:  # fmt: skip
-    """Powell's dogleg between the steepest descent and Newton's step, without bounds."""
-    return _trust("dogleg", initial_trust_radius, max_trust_radius, eta, scaled, restarts)
-
-
-def _trust(method: str, first: float, most: float, eta: float, scaled: bool, restarts: bool) -> SciPy:
-    chosen = {"initial_trust_radius": first, "max_trust_radius": most, "eta": eta}
-    if not 0 < first < most:
-        raise ValueError(
-            f"scipy_{method}.initial_trust_radius={first:g}: must be above 0 and below max_trust_radius={most:g}"
-        )
-    if not 0 <= eta < 0.25:
-        raise ValueError(f"scipy_{method}.eta={eta:g}: must lie in 0 .. 0.25")
-    return _minimize(method, chosen, scaled, restarts)
-
-
-@registry.register("scipy_differential_evolution")
-def scipy_differential_evolution(
-    strategy: Literal[
-        "best1bin", "best1exp", "rand1bin", "rand1exp", "rand2bin", "rand2exp", "randtobest1bin", "randtobest1exp",
-        "currenttobest1bin", "currenttobest1exp", "best2bin", "best2exp",
-    ] = "best1bin",
-    popsize: int = 15,
-    mutation: tuple[float, ...] = (0.5, 1.0),
-    recombination: float = 0.7,
-    init: Literal["latinhypercube", "sobol", "halton", "random"] = "latinhypercube",
-) -> SciPy:  # fmt: skip
-    """Differential evolution (Storn, Price 1997), a generation of `popsize` x dim members at a time.
-
-    `mutation`: one factor, or the two ends of what each generation draws its own from.
-    """
-    _least("scipy_differential_evolution", 1, popsize=popsize)
-    if len(mutation) not in (1, 2) or not all(0 <= one < 2 for one in mutation):
-        raise ValueError(f"scipy_differential_evolution.mutation={list(mutation)}: one or two numbers in 0 .. 2")
-    if not 0 <= recombination <= 1:
-        raise ValueError(f"scipy_differential_evolution.recombination={recombination:g}: must lie in 0 .. 1")
-    chosen = {"strategy": strategy, "popsize": popsize, "recombination": recombination, "init": init}
-    factor = mutation[0] if len(mutation) == 1 else mutation
-
-    def search(units: Units, rng: np.random.Generator, _turn: int) -> None:
-        scipy = optimize()
-        options = {**chosen, **_limits("differential_evolution", units), **SETTINGS["differential_evolution"].given}
-        box = scipy.Bounds(units.lower, units.upper)
-        scipy.differential_evolution(units.batch, box, mutation=factor, rng=rng, **options)
-
-    return SciPy("differential_evolution", {**chosen, "mutation": mutation}, search)
-
-
-@registry.register("scipy_dual_annealing")
-def scipy_dual_annealing(
-    initial_temp: float = 5230.0,
-    restart_temp_ratio: float = 2e-5,
-    visit: float = 2.62,
-    accept: float = -5.0,
-    no_local_search: bool = False,
-    scaled: bool = True,
-) -> SciPy:
-    """Generalised annealing with descents between (Xiang et al. 1997)."""
-    for option, value, low, high in (
-        ("initial_temp", initial_temp, 0.01, 5e4), ("restart_temp_ratio", restart_temp_ratio, 0.0, 1.0),
-        ("visit", visit, 1.0, 3.0), ("accept", accept, -1e4, -5.0),
-    ):  # fmt: skip
-        if not low < value < high and value not in (5e4, 3.0, -5.0):  # SciPy's ranges hold these ends
-            raise ValueError(f"scipy_dual_annealing.{option}={value:g}: must lie in {low:g} .. {high:g}")
-    chosen = {
-        "initial_temp": initial_temp, "restart_temp_ratio": restart_temp_ratio, "visit": visit, "accept": accept,
-        "no_local_search": no_local_search,
-    }  # fmt: skip
-
-    def search(units: Units, rng: np.random.Generator, _turn: int) -> None:
-        scipy = optimize()
-        box = scipy.Bounds(units.lower, units.upper)
-        descent = {"method": "L-BFGS-B", "jac": units.gradient, "bounds": box, "options": {**DESCENT}}
-        scipy.dual_annealing(
-            units.remembered, box, minimizer_kwargs=descent, x0=units.start, rng=rng, **chosen,
-            **_limits("dual_annealing", units),
-        )  # fmt: skip
-
-    return SciPy("dual_annealing", {**chosen, "scaled": scaled}, search)
-
-
-@registry.register("scipy_basinhopping")
-def scipy_basinhopping(T: float = 1.0, stepsize: float = 0.5, interval: int = 50, scaled: bool = True) -> SciPy:
-    """Basin hopping (Wales, Doye 1997): descents by L-BFGS-B from points moved at random.
-
-    `stepsize` in widths of the box and `T` in values of the start, where it is `scaled`.
-    """
-    _above("scipy_basinhopping", stepsize=stepsize)
-    _least("scipy_basinhopping", 1, interval=interval)
-    if T < 0:
-        raise ValueError(f"scipy_basinhopping.T={T:g}: must be 0 or more")
-    chosen = {"T": T, "stepsize": stepsize, "interval": interval}
-
-    def search(units: Units, rng: np.random.Generator, _turn: int) -> None:
-        scipy = optimize()
-        box = scipy.Bounds(units.lower, units.upper)
-        descent = {"method": "L-BFGS-B", "jac": True, "bounds": box, "options": {**DESCENT}}
-        options = {**chosen, **_limits("basinhopping", units), **SETTINGS["basinhopping"].given}
-        scipy.basinhopping(units.both, units.start, minimizer_kwargs=descent, rng=rng, **options)
-
-    return SciPy("basinhopping", {**chosen, "scaled": scaled}, search)
-
-
-@registry.register("scipy_shgo")
-def scipy_shgo(
-    n: int = 100,
-    iters: int = 1,
-    sampling_method: Literal["simplicial", "halton", "sobol"] = "simplicial",
-    scaled: bool = True,
-) -> SciPy:
-    """Simplicial homology (Endres, Sandrock, Focke 2018): descents from the minima of a complex of `n` points."""
-    _least("scipy_shgo", 1, n=n, iters=iters)
-    chosen: dict[str, Any] = {"n": n, "iters": iters, "sampling_method": sampling_method}
-
-    def search(units: Units, _rng: np.random.Generator, turn: int) -> None:
-        scipy = optimize()
-        box = scipy.Bounds(units.lower, units.upper)
-        descent = {"method": "SLSQP", "options": {"ftol": EQUAL, "maxiter": units.remaining + 1}}
-        finer = {**chosen, "n": n * 2**turn}
-        handlers = logging.root.handlers[:]
-        try:
-            scipy.shgo(units.remembered, box, minimizer_kwargs=descent, options={"jac": units.gradient}, **finer)
-        finally:
-            logging.root.handlers[:] = handlers  # it logs by functions that give the root one
-
-    return SciPy("shgo", {**chosen, "scaled": scaled}, search)
-
-
-@registry.register("scipy_direct")
-def scipy_direct(eps: float = 1e-4, locally_biased: bool = True) -> SciPy:
-    """Divide the box into rectangles (Jones et al. 1993; `locally_biased`: Gablonsky, Kelley 2001)."""
-    _above("scipy_direct", eps=eps)
-    chosen = {"eps": eps, "locally_biased": locally_biased}
-
-    def search(units: Units, _rng: np.random.Generator, _turn: int) -> None:
-        scipy = optimize()
-        limits = {key: min(most, _MOST_AT_ONCE) for key, most in _limits("direct", units).items()}
-        scipy.direct(
-            units.value, scipy.Bounds(units.lower, units.upper), **chosen, **limits, **SETTINGS["direct"].given
-        )
-
-    return SciPy("direct", chosen, search)
-
-
-@registry.register("scipy_brute")
-def scipy_brute(Ns: int | None = None, scaled: bool = True) -> SciPy:
-    """A grid of `Ns` points a coordinate, then a simplex from the best; null: what two thirds of the budget hold."""
-    if Ns is not None:
-        _least("scipy_brute", 2, Ns=Ns)
-
-    def search(units: Units, _rng: np.random.Generator, turn: int) -> None:
-        scipy = optimize()
-
-        def finish(function: Any, x0: Any, args: Any = (), **_quiet: Any) -> Any:
-            limits = dict.fromkeys(("maxiter", "maxfun"), units.remaining + 1)
-            tolerances = {"xtol": ROUNDING, "ftol": np.inf}
-            return scipy.fmin(function, x0, args=args, full_output=True, disp=False, **tolerances, **limits)
-
-        held = int(min(units.remaining * 2 / 3, _MOST_AT_ONCE) ** (1 / len(units.lower)))
-        points = (max(2, held) if Ns is None else Ns) + turn
-        ranges = tuple(zip(units.lower, units.upper, strict=True))
-        scipy.brute(units.value, ranges, Ns=points, full_output=True, finish=finish)
-
-    return SciPy("brute", {"Ns": Ns, "scaled": scaled}, search)
-
-
-def _above(name: str, **options: float) -> None:
-    for option, value in options.items():
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name}.{option}={value:g}: must be above 0")
-
-
-def _least(name: str, least: int, **options: int) -> None:
-    for option, value in options.items():
-        if value < least:
-            raise ValueError(f"{name}.{option}={value}: must be {least} or more")
-
-
-def _wolfe(name: str, c1: float, c2: float) -> None:
-    if not 0 < c1 < c2 < 1:
-        raise ValueError(f"{name}.c1={c1:g}: must be above 0 and below c2={c2:g}, and that below 1")
-
-
-EXCLUDED = {
-    "trust_krylov": "the same search from the same point goes another way (SciPy 1.17: five runs, two different ends)",
-    "leastsq": "it is `lm` here", "least_squares": "it is `lm`, `trf` and `dogbox` here",
-    "minimize_scalar": "it is for one variable", "linprog": "it is for linear programs",
-    "milp": "it is for whole numbers", "custom": "a method of your own is FILE.py:CLASS",
-}  # fmt: skip
-for _name, _reason in EXCLUDED.items():
-    registry.exclude(f"scipy_{_name}", _reason)
-
-
 _LARGEST = 1e100  # stands for an infinite value: models built through inf become NaN
 _EPS = float(np.finfo(float).eps)
+_MOST_AT_ONCE = 2_000_000  # evaluations that DIRECT holds memory for, 50 bytes each and more
+ROUNDING = 1e-15
+EQUAL = 1e-300  # only equal values differ by less; 0 would let SLSQP go on from them for ever
+_LEAST = {"maxcor": 1, "maxls": 1, "popsize": 1, "interval": 1, "n": 1, "iters": 1, "Ns": 2, "T": 0}
+_ABOVE_0 = ("rhobeg", "initial_tr_radius", "initial_barrier_parameter", "stepsize", "eps")
+_BETWEEN = {  # two ends, and that of them which SciPy's range holds
+    "initial_temp": (0.01, 5e4, 5e4), "restart_temp_ratio": (0.0, 1.0, None), "visit": (1.0, 3.0, 3.0),
+    "accept": (-1e4, -5.0, -5.0),
+}  # fmt: skip
+DESCENT = {"ftol": 0.0, "gtol": 0.0}  # of an L-BFGS-B inside another method: on to rounding
+
+
+@final
+@dataclass(frozen=True)
+class SciPy:
+    """One method of SciPy with its options."""
+
+    options_tell_all: ClassVar[bool] = True  # what else it is follows from the options
+    method: str
+    options: Mapping[str, Any]
+    library: ClassVar[str] = "scipy"
+
+    def __post_init__(self) -> None:
+        chosen: dict[str, Any] = {option: value for option, value in self.options.items() if value is not None}
+        for option, value in chosen.items():
+            asked = f"{self.name}.{option}={format(value, 'g') if isinstance(value, float) else value}"
+            if option in _LEAST and value < _LEAST[option]:
+                raise ValueError(f"{asked}: must be {_LEAST[option]} or more")
+            if option in _ABOVE_0 and not 0 < value < np.inf:
+                raise ValueError(f"{asked}: must be above 0")
+            if option in _BETWEEN:
+                low, high, is_in = _BETWEEN[option]
+                if not low < value < high and value != is_in:
+                    raise ValueError(f"{asked}: must lie in {low:g} .. {high:g}")
+        if "c1" in chosen and not 0 < chosen["c1"] < chosen["c2"] < 1:
+            rule = f"must be above 0 and below c2={chosen['c2']:g}, and that below 1"
+            raise ValueError(f"{self.name}.c1={chosen['c1']:g}: {rule}")
+        if "max_trust_radius" in chosen:
+            first, most, eta = chosen["initial_trust_radius"], chosen["max_trust_radius"], chosen["eta"]
+            if not 0 < first < most:
+                rule = f"must be above 0 and below max_trust_radius={most:g}"
+                raise ValueError(f"{self.name}.initial_trust_radius={first:g}: {rule}")
+            if not 0 <= eta < 0.25:
+                raise ValueError(f"{self.name}.eta={eta:g}: must lie in 0 .. 0.25")
+        mutation, recombination = chosen.get("mutation", (0,)), chosen.get("recombination", 0)
+        if len(mutation) not in (1, 2) or not all(0 <= one < 2 for one in mutation):
+            raise ValueError(f"{self.name}.mutation={list(mutation)}: one or two numbers in 0 .. 2")
+        if not 0 <= recombination <= 1:
+            raise ValueError(f"{self.name}.recombination={recombination:g}: must lie in 0 .. 1")
+
+    @property
+    def name(self) -> str:
+        return f"scipy_{self.method}"
+
+    @property
+    def traits(self) -> Traits:
+        """Return the traits that the table holds; with `restarts` it goes on, at random, until it is stopped."""
+        known, restarts = SETTINGS[self.method], self.options.get("restarts", False)
+        return Traits(
+            stochastic=known.stochastic or (restarts and known.uses_start), uses_gradient=known.gradient,
+            bounded=known.bounded, self_terminating=known.stops and not restarts, uses_start=known.uses_start,
+            minimum_budget=self.options.get("n", 1),
+            minimum_budget_per_dimension=self.options.get("popsize", 0) or known.first_per_dimension,
+            maximum_dimension=known.maximum_dimension,
+            needs_finite_bounds=known.needs_finite_bounds or restarts, batches=known.batches,
+        )  # fmt: skip
+
+    def compile(self) -> None:
+        import scipy.optimize  # noqa: F401
+
+    def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
+        """Run from the start; with `restarts`, or where it ends against its habit, again from random points."""
+        turns = count()
+
+        def descend(start: Array) -> None:
+            units = Units(objective, start, self.options.get("scaled", False), SETTINGS[self.method].bounded)
+            if not units.free.any():
+                objective(start)
+                return
+            with warnings.catch_warnings(), np.errstate(all="ignore"):
+                warnings.simplefilter("ignore")  # overflow far outside the box, a line search without an end
+                try:
+                    self._search(units, rng, next(turns))
+                except _Lost:
+                    pass
+
+        return with_restarts(descend, objective, restarts=not self.traits.self_terminating)
+
+    def _search(self, units: Units, rng: np.random.Generator, turn: int) -> None:
+        from scipy import optimize
+
+        scipy: Any = optimize  # its stubs know no options that are collected in a mapping
+        known, box = SETTINGS[self.method], optimize.Bounds(units.lower, units.upper)
+        chosen = {key: value for key, value in self.options.items() if key not in ("scaled", "restarts")}
+        limits = dict.fromkeys(known.counts, units.beyond)
+        descent: dict[str, Any] = {"method": "L-BFGS-B", "jac": True, "bounds": box, "options": {**DESCENT}}
+        if self.method == "differential_evolution":
+            one, *other = chosen["mutation"]
+            chosen["mutation"] = (one, *other) if other else one
+            scipy.differential_evolution(units.batch, box, rng=rng, **chosen, **limits, **known.given)
+        elif self.method == "dual_annealing":
+            descent["jac"] = units.gradient
+            chosen |= limits
+            scipy.dual_annealing(units.remembered, box, minimizer_kwargs=descent, x0=units.start, rng=rng, **chosen)
+        elif self.method == "basinhopping":
+            chosen |= {**limits, **known.given}
+            scipy.basinhopping(units.both, units.start, minimizer_kwargs=descent, rng=rng, **chosen)
+        elif self.method == "shgo":
+            descent = {"method": "SLSQP", "options": {"ftol": EQUAL, "maxiter": units.beyond}}
+            chosen["n"] *= 2**turn
+            handlers = logging.root.handlers[:]
+            try:
+                scipy.shgo(units.remembered, box, minimizer_kwargs=descent, options={"jac": units.gradient}, **chosen)
+            finally:
+                logging.root.handlers[:] = handlers  # it logs by functions that give the root one
+        elif self.method == "direct":
+            limits = {key: min(most, _MOST_AT_ONCE) for key, most in limits.items()}
+            scipy.direct(units.value, box, **chosen, **limits, **known.given)
+        elif self.method == "brute":
+            on_the_grid = int(min((units.beyond - 1) * 2 / 3, _MOST_AT_ONCE) ** (1 / len(units.lower)))
+            points = (max(2, on_the_grid) if chosen["Ns"] is None else chosen["Ns"]) + turn
+            ranges = tuple(zip(units.lower, units.upper, strict=True))
+
+            def finish(function: Any, x0: Any, args: Any = (), **_quiet: Any) -> Any:
+                ends = {"xtol": ROUNDING, "ftol": np.inf, "maxiter": units.beyond, "maxfun": units.beyond}
+                return scipy.fmin(function, x0, args=args, full_output=True, disp=False, **ends)
+
+            scipy.brute(units.value, ranges, Ns=points, full_output=True, finish=finish)
+        else:
+            asked: dict[str, Any] = {"method": known.word, "options": {**chosen, **limits, **known.given}}
+            value: Any = units.remembered if known.gradient else units.value
+            if known.gradient:
+                asked["jac"] = True if known.together else units.gradient
+            if known.hessian is not None:
+                asked |= {"hessp": units.product} if known.hessian == "products" else {"hess": units.hessian}
+            if known.bounded or self.method == "cobyla":
+                asked["bounds"] = scipy.Bounds(units.lower, units.upper, keep_feasible=self.method == "trust_constr")
+            scipy.minimize(units.both if known.together else value, units.start, **asked)
 
 
 class _Lost(Exception):
@@ -385,20 +177,19 @@ class Units:
         origin = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper - width, start - 0.5 * width))
         self._width = (width if scaled else np.ones(len(width)))[self.free]
         self._origin = (origin if scaled else np.zeros(len(width)))[self.free]
-        self.lower, self.upper = (self._of(x) for x in (lower, upper))
-        self.start = np.clip(self._of(start), self.lower, self.upper)
+        self.lower, self.upper, first = ((x[self.free] - self._origin) / self._width for x in (lower, upper, start))
+        self.start = np.clip(first, self.lower, self.upper)
         self._size = 0.0 if scaled else 1.0
         self._memo = Memoized(objective, analytic=True, kind="forward", bounded=bounded)
         self._slopes: tuple[Array, Array] | None = None  # where a gradient was asked for last, and what it was
         self.exact = objective.has_gradient or (objective.has_residuals and objective.has_jacobian)
 
     @property
-    def remaining(self) -> int:
-        """Return what is left of the budget, in the int of SciPy's compiled parts."""
-        return min(self._objective.remaining, 2**31 - 2)
+    def beyond(self) -> int:
+        """Return one more than what is left of the budget, in the int of SciPy's compiled parts: never reached."""
+        return min(self._objective.remaining, 2**31 - 2) + 1
 
     def value(self, u: Array) -> float:
-        """Return the value, of a method that asks for nothing else."""
         return self._sized(self._objective(self._point(u)))
 
     def remembered(self, u: Array) -> float:
@@ -406,7 +197,6 @@ class Units:
         return self._sized(self._memo.value(self._point(u)))
 
     def gradient(self, u: Array) -> Array:
-        """Return the gradient, shape (n,)."""
         slopes = self._scaled(self._memo.gradient(self._point(u)))
         self._slopes = np.array(u), slopes
         return slopes
@@ -427,25 +217,19 @@ class Units:
         curvature = self._memo.curvature(self._point(u))
         if curvature is not None:
             scale = np.outer(self._width, self._width) / self._size
-            product: Array = (curvature[np.ix_(self.free, self.free)] * scale) @ direction
-            return product
+            return np.asarray((curvature[np.ix_(self.free, self.free)] * scale) @ direction)
         base = self._slopes[1] if self._slopes and np.array_equal(self._slopes[0], u) else self.gradient(u)
         length = float(np.linalg.norm(direction))
         if not length:
             return np.zeros(len(u))
         step = _EPS ** (1 / 2 if self.exact else 1 / 4) * max(1.0, float(np.abs(u).max())) / length
         ahead = self._scaled(self._memo.gradient(self._point(u + step * direction)))
-        change: Array = (ahead - base) / step
-        return change
+        return np.asarray((ahead - base) / step)
 
     def hessian(self, u: Array) -> Array:
         """Return the Hessian at u, shape (n, n), a product a column, made symmetric."""
         columns = np.array([self.product(u, unit) for unit in np.eye(len(u))])
-        whole: Array = 0.5 * (columns + columns.T)
-        return whole
-
-    def _of(self, x: Array) -> Array:
-        return (x[self.free] - self._origin) / self._width
+        return np.asarray(0.5 * (columns + columns.T))
 
     def _point(self, u: Array) -> Array:
         """Return SciPy's point in ours; some miss the box by rounding."""
@@ -465,84 +249,19 @@ class Units:
         return np.nan_to_num(slopes[self.free] * self._width / (self._size or 1.0), posinf=0.0, neginf=0.0)
 
 
-# (the objective in SciPy's coordinates, a generator, which of the restarts this is): run SciPy once
-Search = Callable[[Units, np.random.Generator, int], object]
-
-
-@final
-@dataclass(frozen=True)
-class SciPy:
-    """One method of SciPy with its options, and `search`, which calls SciPy."""
-
-    options_tell_all: ClassVar[bool] = True  # what else it is follows from the options
-    method: str
-    options: Mapping[str, Any]
-    search: Search = field(repr=False, compare=False)
-
-    library: ClassVar[str] = "scipy"
-
-    @property
-    def name(self) -> str:
-        """Return the name in the registry."""
-        return f"scipy_{self.method}"
-
-    @property
-    def traits(self) -> Traits:
-        """Return the traits that the table holds; with `restarts` it goes on, at random, until it is stopped."""
-        known, restarts = SETTINGS[self.method], self.options.get("restarts", False)
-        population = self.options.get("popsize", 0)
-        return Traits(
-            stochastic=known.stochastic or (restarts and known.uses_start),
-            uses_gradient=known.gradient,
-            bounded=known.bounded,
-            self_terminating=known.stops and not restarts,
-            uses_start=known.uses_start,
-            minimum_budget=self.options.get("n", 1),
-            minimum_budget_per_dimension=population or known.first_per_dimension,
-            minimum_dimension=known.minimum_dimension,
-            maximum_dimension=known.maximum_dimension,
-            needs_finite_bounds=known.needs_finite_bounds or restarts,
-            batches=known.batches,
-        )
-
-    def compile(self) -> None:
-        """Import SciPy's part, so that no clock sees it."""
-        optimize()
-
-    def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
-        """Run from the start; with `restarts`, or where it ends against its habit, again from random points."""
-        known, turns = SETTINGS[self.method], count()
-
-        def descend(start: Array) -> None:
-            units = Units(objective, start, self.options.get("scaled", False), known.bounded)
-            if not units.free.any():
-                objective(start)
-                return
-            with warnings.catch_warnings(), np.errstate(all="ignore"):
-                warnings.simplefilter("ignore")  # overflow far outside the box, a line search without an end
-                try:
-                    self.search(units, rng, next(turns))
-                except _Lost:
-                    pass
-
-        return with_restarts(descend, objective, restarts=not self.traits.self_terminating)
-
-
-def optimize() -> Any:
-    """Return the module `scipy.optimize`; its stubs know no options that are collected in a mapping."""
-    import scipy.optimize
-
-    return scipy.optimize
-
-
-ROUNDING = 1e-15
-EQUAL = 1e-300  # only equal values differ by less; 0 would let SLSQP go on from them for ever
-DESCENT = {"ftol": 0.0, "gtol": 0.0}  # of an L-BFGS-B inside another method: on to rounding
+EXCLUDED = {
+    "trust_krylov": "the same search from the same point goes another way (SciPy 1.17: five runs, two different ends)",
+    "leastsq": "it is `lm` here", "least_squares": "it is `lm`, `trf` and `dogbox` here",
+    "minimize_scalar": "it is for one variable", "linprog": "it is for linear programs",
+    "milp": "it is for whole numbers", "custom": "a method of your own is FILE.py:CLASS",
+}  # fmt: skip
+for _name, _reason in EXCLUDED.items():
+    registry.exclude(f"scipy_{_name}", _reason)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """One method: `given` are options of SciPy's that are fixed, and `why`.
+    """One method: its `options` (name, type, default), options of SciPy's that are fixed (`given`), and `why`.
 
     `word` is SciPy's name of a method of `minimize`, "" where the method is a function of its own. `stops`: may end by
     itself. `together`: each value comes with its gradient. `hessian`: as products with a direction, or whole. `counts`:
@@ -550,7 +269,9 @@ class Setting:
     evaluations of its first model, a dimension.
     """
 
+    about: str
     why: str
+    options: tuple[tuple[str, Any, Any], ...] = ()
     word: str = ""
     given: Mapping[str, Any] = field(default_factory=dict)
     counts: tuple[str, ...] = ("maxiter",)
@@ -564,93 +285,158 @@ class Setting:
     needs_finite_bounds: bool = False
     batches: bool = False
     first_per_dimension: int = 0
-    minimum_dimension: int = 1
     maximum_dimension: int | None = None
 
 
-def _newton(word: str, given: Mapping[str, Any], hessian: Literal["products", "whole"], why: str) -> Setting:
-    return Setting(
-        word=word, given=given, gradient=True, hessian=hessian, bounded=False, first_per_dimension=1, why=why
-    )
-
-
 _UNBOUNDED = "It takes no bounds."
+_LOWER = "It ends where a line search finds nothing lower."
+_SCALED: tuple[str, Any, Any] = ("scaled", bool, True)
+_GO_ON: tuple[tuple[str, Any, Any], ...] = (_SCALED, ("restarts", bool, False))
+_WOLFE = (("c1", float, 1e-4), ("c2", float, 0.9), *_GO_ON)
+_TRUST = (("initial_trust_radius", float, 1.0), ("max_trust_radius", float, 1000.0), ("eta", float, 0.15), *_GO_ON)
+_newton = partial(
+    Setting, options=_TRUST, given={"gtol": 0.0}, gradient=True, bounded=False, first_per_dimension=1
+)  # in a trust region
+_STRATEGY = Literal[
+    "best1bin", "best1exp", "rand1bin", "rand1exp", "rand2bin", "rand2exp", "randtobest1bin", "randtobest1exp",
+    "currenttobest1bin", "currenttobest1exp", "best2bin", "best2exp",
+]  # fmt: skip
+_INIT, _SAMPLING = Literal["latinhypercube", "sobol", "halton", "random"], Literal["simplicial", "halton", "sobol"]
 SETTINGS: dict[str, Setting] = {
     "nelder_mead": Setting(
-        word="Nelder-Mead", given={"xatol": ROUNDING, "fatol": float("inf")}, counts=("maxiter", "maxfev"),
-        first_per_dimension=1, why="It ends where its simplex is at rounding in every coordinate, whatever the values.",
+        about="Nelder-Mead's simplex, its points clipped to the box; `adaptive`: coefficients that follow the"
+        " dimension.",
+        options=(("adaptive", bool, False), *_GO_ON), word="Nelder-Mead",
+        given={"xatol": ROUNDING, "fatol": float("inf")}, counts=("maxiter", "maxfev"), first_per_dimension=1,
+        why="It ends where its simplex is at rounding in every coordinate, whatever the values.",
     ),
     "powell": Setting(
-        word="Powell", given={"xtol": 0.0, "ftol": 0.0}, counts=("maxiter", "maxfev"),
+        about="Powell's method of conjugate directions, one line search after another.",
+        options=_GO_ON, word="Powell", given={"xtol": 0.0, "ftol": 0.0}, counts=("maxiter", "maxfev"),
         why="It ends where a round of line searches gains nothing, or less than SciPy's fixed 1e-20.",
     ),
     "cg": Setting(
-        word="CG", given={"gtol": 0.0}, gradient=True, bounded=False, first_per_dimension=1,
-        why=f"{_UNBOUNDED} It ends where a line search finds nothing lower.",
+        about="Conjugate gradients of Polak and Ribiere, without bounds; `c1`, `c2` of the Wolfe conditions.",
+        options=(_WOLFE[0], ("c2", float, 0.4), *_GO_ON), word="CG", given={"gtol": 0.0}, gradient=True, bounded=False,
+        first_per_dimension=1, why=f"{_UNBOUNDED} {_LOWER}",
     ),
     "bfgs": Setting(
-        word="BFGS", given={"gtol": 0.0, "xrtol": 0.0}, gradient=True, bounded=False, first_per_dimension=1,
-        why=f"{_UNBOUNDED} It ends where a line search finds nothing lower.",
+        about="BFGS, without bounds; `c1`, `c2` of the Wolfe conditions.",
+        options=_WOLFE, word="BFGS", given={"gtol": 0.0, "xrtol": 0.0}, gradient=True, bounded=False,
+        first_per_dimension=1, why=f"{_UNBOUNDED} {_LOWER}",
     ),
     "l_bfgs_b": Setting(
-        word="L-BFGS-B", given=DESCENT, counts=("maxiter", "maxfun"), gradient=True, together=True,
-        first_per_dimension=1, why="It ends where a line search finds nothing lower.",
+        about="BFGS in a box with limited memory (Byrd, Lu, Nocedal, Zhu 1995).\n\n`maxcor` steps are remembered, and a"
+        " line search has `maxls` evaluations.",
+        options=(("maxcor", int, 10), ("maxls", int, 20), *_GO_ON), word="L-BFGS-B", given=DESCENT,
+        counts=("maxiter", "maxfun"), gradient=True, together=True, first_per_dimension=1, why=_LOWER,
     ),
     "tnc": Setting(
-        word="TNC", given={"ftol": 0.0, "xtol": 0.0, "gtol": 0.0}, counts=("maxfun",), gradient=True, together=True,
-        first_per_dimension=1, why="It ends where a line search finds nothing lower.",
+        about="Truncated Newton in a box (Nash 1984); -1 leaves an option to SciPy.",
+        options=(("maxCGit", int, -1), ("eta", float, -1.0), ("rescale", float, -1.0), *_GO_ON), word="TNC",
+        given={"ftol": 0.0, "xtol": 0.0, "gtol": 0.0}, counts=("maxfun",), gradient=True, together=True,
+        first_per_dimension=1, why=_LOWER,
     ),
     "cobyla": Setting(
-        word="COBYLA", given={"tol": ROUNDING}, bounded=False, first_per_dimension=1,
+        about="Linear models over a simplex (Powell 1994, in PRIMA's Python); may leave the box on its way.\n\n`rhobeg`"
+        " is the first trust region, in widths of the box where it is `scaled`.",
+        options=(("rhobeg", float, 1.0), *_GO_ON), word="COBYLA", given={"tol": ROUNDING}, bounded=False,
+        first_per_dimension=1,
         why="Bounds are constraints to it, which it may break on the way. It ends with its trust region at rounding.",
     ),
     "cobyqa": Setting(
-        word="COBYQA", given={"final_tr_radius": ROUNDING}, counts=("maxiter", "maxfev"), first_per_dimension=2,
-        why="It ends with its trust region at rounding.",
+        about="Quadratic models in a box, without derivatives (Ragonneau 2022).\n\n`initial_tr_radius` is the first"
+        " trust region, in widths of the box where it is `scaled`.",
+        options=(("initial_tr_radius", float, 1.0), *_GO_ON), word="COBYQA", given={"final_tr_radius": ROUNDING},
+        counts=("maxiter", "maxfev"), first_per_dimension=2, why="It ends with its trust region at rounding.",
     ),
     "slsqp": Setting(
+        about="Sequential least-squares programming (Kraft 1988).", options=_GO_ON,
         word="SLSQP", given={"ftol": EQUAL}, gradient=True, first_per_dimension=1,
         why="It ends where a line search finds nothing lower, or the same value.",
     ),
     "trust_constr": Setting(
+        about="Interior point with trust regions, strictly inside the box (Byrd, Hribar, Nocedal 1999).",
+        options=(("initial_tr_radius", float, 1.0), ("initial_barrier_parameter", float, 0.1), *_GO_ON),
         word="trust-constr", given={"gtol": 0.0, "xtol": ROUNDING, "barrier_tol": ROUNDING}, gradient=True,
         first_per_dimension=1, why="It ends with its trust region and its barrier at rounding.",
     ),
-    "newton_cg": _newton(
-        "Newton-CG", {"xtol": 0.0}, "products",
-        f"{_UNBOUNDED} It ends where the curvature along its step is below SciPy's fixed 7e-16, which comes early.",
+    "newton_cg": Setting(
+        about="Newton's method with conjugate gradients and a line search, without bounds.",
+        options=_WOLFE, word="Newton-CG", given={"xtol": 0.0}, gradient=True, hessian="products", bounded=False,
+        first_per_dimension=1,
+        why=f"{_UNBOUNDED} It ends where the curvature along its step is below SciPy's fixed 7e-16, which comes early.",
     ),
-    "trust_ncg": _newton("trust-ncg", {"gtol": 0.0}, "products", f"{_UNBOUNDED} It ends where no step gains."),
-    "trust_exact": _newton("trust-exact", {"gtol": 0.0}, "whole", f"{_UNBOUNDED} It ends where no step gains."),
+    "trust_ncg": _newton(
+        about="Newton with conjugate gradients in a trust region (Steihaug 1983), without bounds.",
+        word="trust-ncg", hessian="products", why=f"{_UNBOUNDED} It ends where no step gains.",
+    ),
+    "trust_exact": _newton(
+        about="Newton in a trust region that is solved exactly (More, Sorensen 1983), without bounds.",
+        word="trust-exact", hessian="whole", why=f"{_UNBOUNDED} It ends where no step gains.",
+    ),
     "dogleg": _newton(
-        "dogleg", {"gtol": 0.0}, "whole", f"{_UNBOUNDED} It ends where the Hessian is not positive definite."
+        about="Powell's dogleg between the steepest descent and Newton's step, without bounds.",
+        word="dogleg", hessian="whole", why=f"{_UNBOUNDED} It ends where the Hessian is not positive definite.",
     ),
     "differential_evolution": Setting(
+        about="Differential evolution (Storn, Price 1997), a generation of `popsize` x dim members at a time.\n\n"
+        "`mutation`: one factor, or the two ends of what each generation draws its own from.",
+        options=(
+            ("strategy", _STRATEGY, "best1bin"), ("popsize", int, 15), ("mutation", tuple[float, ...], (0.5, 1.0)),
+            ("recombination", float, 0.7), ("init", _INIT, "latinhypercube"),
+        ),
         given={"tol": -1.0, "atol": -1.0, "polish": False, "updating": "deferred", "vectorized": True}, stops=False,
         stochastic=True, uses_start=False, needs_finite_bounds=True, batches=True,
         why="Its test of a flat population is off; SciPy's last descent comes after the end, and there is none here. A"
         " generation is one batch, so members change together.",
     ),
     "dual_annealing": Setting(
+        about="Generalised annealing with descents between (Xiang et al. 1997).",
+        options=(
+            ("initial_temp", float, 5230.0), ("restart_temp_ratio", float, 2e-5), ("visit", float, 2.62),
+            ("accept", float, -5.0), ("no_local_search", bool, False), _SCALED,
+        ),
         counts=("maxiter", "maxfun"), stops=False, stochastic=True, gradient=True, needs_finite_bounds=True,
         why="Its inner descents, L-BFGS-B, go on to rounding.",
     ),
     "basinhopping": Setting(
+        about="Basin hopping (Wales, Doye 1997): descents by L-BFGS-B from points moved at random.\n\n`stepsize` in"
+        " widths of the box and `T` in values of the start, where it is `scaled`.",
+        options=(("T", float, 1.0), ("stepsize", float, 0.5), ("interval", int, 50), _SCALED),
         given={"niter_success": None}, counts=("niter",), stops=False, stochastic=True, gradient=True,
         needs_finite_bounds=True, first_per_dimension=1, why="Its inner descents, L-BFGS-B, go on to rounding.",
     ),
     "shgo": Setting(
+        about="Simplicial homology (Endres, Sandrock, Focke 2018): descents from the minima of a complex of `n`"
+        " points.",
+        options=(("n", int, 100), ("iters", int, 1), ("sampling_method", _SAMPLING, "simplicial"), _SCALED),
         counts=(), stops=False, gradient=True, uses_start=False, needs_finite_bounds=True, maximum_dimension=8,
         why="Its inner descents, SLSQP, go on to rounding. Its complex has 2^d corners: 1000 evaluations take 2 s in 8"
         " dimensions, 7 s in 10, more than 25 s in 12. It begins again with twice the points.",
     ),
     "direct": Setting(
-        given={"vol_tol": 0.0, "len_tol": 0.0}, counts=("maxfun", "maxiter"), stops=False, uses_start=False,
-        needs_finite_bounds=True, why="It ends by no test of its own.",
+        about="Divide the box into rectangles (Jones et al. 1993; `locally_biased`: Gablonsky, Kelley 2001).",
+        options=(("eps", float, 1e-4), ("locally_biased", bool, True)), given={"vol_tol": 0.0, "len_tol": 0.0},
+        counts=("maxfun", "maxiter"), stops=False, uses_start=False, needs_finite_bounds=True,
+        why="It ends by no test of its own.",
     ),
     "brute": Setting(
+        about="A grid of `Ns` points a coordinate, then a simplex from the best; null: what two thirds of the budget"
+        " hold.",
+        options=(("Ns", int | None, None), _SCALED),
         counts=(), stops=False, uses_start=False, needs_finite_bounds=True, maximum_dimension=16,
         why="The grid is held in memory before the first evaluation, 2^d points at least. SciPy's simplex goes on from"
         " its best point. It begins again with one point more a coordinate.",
     ),
 }  # fmt: skip
+
+
+def _build(method: str, **chosen: Any) -> SciPy:
+    return SciPy(method, {name: default for name, _, default in SETTINGS[method].options} | chosen)
+
+
+for _name, _known in SETTINGS.items():
+    _entry = partial(_build, _name)
+    _entry.__doc__ = _known.about
+    registry.register(f"scipy_{_name}", options=make_dataclass(_name, _known.options))(_entry)

@@ -97,34 +97,29 @@ def coordinates_of(problem: Any) -> tuple[Parameter, ...]:
     return _named(problem, "coordinates" if converted else "parameters", own=True)
 
 
-def _truth(problem: Any, dim: int) -> Array | None:
-    """Return the problem's `truth`, shape (dim,), None where it has none."""
-    given = getattr(problem, "truth", None)
-    if given is None:
-        return None
-    try:
-        truth = np.asarray(given, dtype=float)
-    except (TypeError, ValueError):
-        truth = np.empty(0)
-    if truth.shape != (dim,):
-        raise ValueError(f"truth has shape {np.shape(given)}, and x has {dim} numbers; these, or None, are needed")
-    return truth
-
-
 def _named(problem: Any, attribute: str, own: bool) -> tuple[Parameter, ...]:
     """Return the entries of `attribute` as `Parameter`s; `own`: x holds them, one for one."""
     given = getattr(problem, attribute, None)
     if isinstance(given, str):
         raise ValueError(f"{attribute}={given!r}: a tuple of names is needed, such as ({given!r},)")
     lower, upper, start = (np.asarray(getattr(problem, key), dtype=float) for key in ("lower", "upper", "start"))
-    listed = tuple(f"x{i}" for i in range(lower.size)) if given is None else tuple(given)
-    if own and len(listed) != lower.size:
-        raise ValueError(f"{attribute}: {len(listed)} are named, and x has {lower.size}")
-    truth = _truth(problem, lower.size) if own else None
+    dim = lower.size
+    listed = tuple(f"x{i}" for i in range(dim)) if given is None else tuple(given)
+    if own and len(listed) != dim:
+        raise ValueError(f"{attribute}: {len(listed)} are named, and x has {dim}")
+
+    known = getattr(problem, "truth", None) if own else None
+    try:
+        truth = np.asarray([] if known is None else known, dtype=float)
+    except (TypeError, ValueError):
+        truth = np.empty(0)
+    if known is not None and truth.shape != (dim,):
+        raise ValueError(f"truth has shape {np.shape(known)}, and x has {dim} numbers; these, or None, are needed")
+
     found = []
     for i, each in enumerate(listed):
         box = (start[i], lower[i], upper[i]) if own else (np.nan, -np.inf, np.inf)
-        true = None if truth is None else float(truth[i])
+        true = None if known is None else float(truth[i])
         if isinstance(each, str):
             found.append(Parameter(each, "", float(box[0]), float(box[1]), float(box[2]), true))
             continue
@@ -133,8 +128,8 @@ def _named(problem: Any, attribute: str, own: bool) -> tuple[Parameter, ...]:
         first, low, high = (
             float(getattr(each, k, value)) for k, value in zip(("start", "lower", "upper"), box, strict=True)
         )
-        unit, known = str(getattr(each, "unit", "")), getattr(each, "true", true)
-        found.append(Parameter(each.name, unit, first, low, high, known))
+        unit = str(getattr(each, "unit", ""))
+        found.append(Parameter(each.name, unit, first, low, high, getattr(each, "true", true)))
     names = [p.name for p in found]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:

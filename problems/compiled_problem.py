@@ -1,20 +1,28 @@
 """`CompiledProblem`: what the problems with compiled kernels share. A problem holds one and passes calls on to it.
 
-It holds the box, the start and the truth as arrays that nobody can write to, the module of the kernels (`cost`,
-`batch`, `residuals`, `jacobian`), and the constants that go with each candidate. A kernel never sees the caller's
-array: it gets a copy of the right type and length, or the caller a `ValueError` that says what is needed.
+A kernel never sees the caller's array: it gets a copy of the right type and length, or the caller a `ValueError` that
+says what is needed. A class of problems takes its arrays by `hold` and its methods by `passed`::
 
-A caller's candidates as a problem takes them: copies of the right type and length, or a `ValueError`.
+    def __post_init__(self) -> None:
+        hold(self, self.parameters, kernels, constants, data=readings.tobytes())
+
+    residuals = passed(CompiledProblem.residuals)
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, final
+from functools import wraps
+from hashlib import blake2b
+from typing import Any, Concatenate, ParamSpec, TypeVar, final
 
 import numpy as np
 
 from calibench.problems.base import Array, Parameter, frozen
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 @final
@@ -22,7 +30,7 @@ from calibench.problems.base import Array, Parameter, frozen
 class CompiledProblem:
     """The arrays and kernels of one problem: ``kernels.cost(x, *constants)`` is the value of x, shape (dim,).
 
-    `name` is the problem's, as error messages tell it. `truth`, shape (dim,), is None where it is not known.
+    `name` is the problem's, for error messages. `truth`, shape (dim,), is None where it is not known.
     """
 
     name: str
@@ -33,22 +41,8 @@ class CompiledProblem:
     kernels: Any
     constants: tuple[Any, ...]
 
-    @staticmethod
-    def of(name: str, coordinates: tuple[Parameter, ...], kernels: Any, constants: tuple[Any, ...]) -> CompiledProblem:
-        """Return the problem whose x holds `coordinates`."""
-        true = [c.true for c in coordinates]
-        return CompiledProblem(
-            name=name,
-            lower=frozen([c.lower for c in coordinates]),
-            upper=frozen([c.upper for c in coordinates]),
-            start=frozen([c.start for c in coordinates]),
-            truth=None if None in true else frozen(true),
-            kernels=kernels,
-            constants=constants,
-        )
-
     def cost(self, x: Array) -> float:
-        """Return the value of x, shape (dim,)."""
+        """Return the value of x, shape (dim,): the sum of the squared residuals."""
         value: float = self.kernels.cost(self.vector(x), *self.constants)
         return value
 
@@ -58,7 +52,7 @@ class CompiledProblem:
         return values
 
     def residuals(self, x: Array) -> Array:
-        """Return the residuals at x, shape (m,)."""
+        """Return the residuals at x, shape (m,): what is modelled minus what was read."""
         residuals: Array = self.kernels.residuals(self.vector(x), *self.constants)
         return residuals
 
@@ -68,7 +62,7 @@ class CompiledProblem:
         return slopes
 
     def compile(self) -> None:
-        """Compile (or load from the cache) the four kernels, so that no clock sees it."""
+        """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
         self.compile_values()
         self.residuals(self.start), self.jacobian(self.start)
 
@@ -85,8 +79,42 @@ class CompiledProblem:
         return vectors(self.name, points, len(self.lower))
 
 
+def hold(
+    problem: Any, coordinates: tuple[Parameter, ...], kernels: Any, constants: tuple[Any, ...], **values: Any
+) -> None:
+    """Give a new problem its `CompiledProblem`, what x holds, the arrays of its box, and further `values`, as its own.
+
+    Of `data`, bytes, which must be among the values, it gets a digest, `data_id`: the same data, the same id.
+    """
+    lower, upper, start = (frozen([getattr(c, key) for c in coordinates]) for key in ("lower", "upper", "start"))
+    true = [c.true for c in coordinates]
+    truth = None if None in true else frozen(true)
+    compiled = CompiledProblem(
+        problem.name, lower, upper, start=start, truth=truth, kernels=kernels, constants=constants
+    )
+    box = {"lower": lower, "upper": upper, "start": start, "truth": truth}
+    data_id = blake2b(values.pop("data"), digest_size=8).hexdigest()
+    for key, value in {"_compiled": compiled, "coordinates": coordinates, "data_id": data_id, **box, **values}.items():
+        object.__setattr__(problem, key, value)
+
+
+def passed(method: Callable[Concatenate[CompiledProblem, P], T]) -> Callable[Concatenate[Any, P], T]:
+    """Return a method of problems that passes its calls on to `method` of the `CompiledProblem` that they hold."""
+
+    @wraps(method)
+    def call(problem: Any, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        return method(problem._compiled, *args, **kwargs)
+
+    return call
+
+
+def itself(problem: Any, x: Array) -> Array:
+    """Return the physical parameters of x, which are x: the `physical` of problems that search their parameters."""
+    return np.array(x, dtype=float)
+
+
 def vector(name: str, x: Array, dim: int) -> Array:
-    """Return x as an array of shape (dim,) of our own; `name` is the problem's, as the message tells it."""
+    """Return x as an array of shape (dim,) of our own; `name` is the problem's, for the message."""
     own = np.array(x, dtype=np.float64)
     if own.shape != (dim,):
         raise ValueError(f"{name}: x has shape {own.shape}, ({dim},) is needed")

@@ -54,16 +54,10 @@ class Column:
     def __iter__(self) -> Iterator[str]:
         return iter(self.entries)
 
-    def __contains__(self, quantity: object) -> bool:
-        return quantity in self.entries
-
 
 @cache
 def column(paper: str, key: str) -> Column:
-    """Return the column `key` (``"table4.j3_12"``) of `paper` (``"cong2008"``).
-
-    Raises `KeyError` where the paper's data file has no such column.
-    """
+    """Return the column `key` (``"table4.j3_12"``) of `paper` (``"cong2008"``)."""
     node: Any = document(paper)
     for part in key.split("."):
         node = node[part]

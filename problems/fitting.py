@@ -1,13 +1,8 @@
-"""The least squares answer of a problem with residuals and a Jacobian: pseudo-inverse, Gauss-Newton, weighted or not.
+"""The least squares answer of a problem with residuals and a Jacobian: a reference for tables, tests and statistics.
 
-It is a reference for tables, tests and statistics, not an optimiser to be compared: it passes no gate.
-
-How good a fit the noise of the readings allows: the levels that an instance's runs are held to.
-
-The true machine does not explain noisy readings exactly: it leaves the value ``problem(truth)``. An answer of that
-value or less explains them as well as the truth does, and no more can be asked of a method: this is *as good as the
-noise*. The least value in the box lies below it, as a fit of p parameters to m residuals takes up some p of m parts of
-the noise; what lies between the two is chance, and no method is ranked by it.
+How good a fit the noise of the readings allows: the true machine leaves the value ``problem(truth)`` of noisy readings.
+An answer of that value or less is *as good as the noise*, and no more can be asked of a method; the least value in the
+box lies below it by chance, and no method is ranked by what lies between.
 """
 
 from __future__ import annotations
@@ -17,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from calibench.problems.base import Array
+from calibench.problems.base import Array, frozen
 
 _ROUNDING = 1e-14
-_HIGH = 1e100
+_HIGH = 1e100  # instead of a residual without a value
 _ROUGH = 50  # damped steps where a rough answer is enough; else a hundred for each parameter
+_ABOVE = (1e8, 1e6, 1e4, 1e3, 1e2, 1e1, 3.0, 1.5, 1.0)  # levels over that of the noise
 
 
 def fit(problem: Any, x: Array | None = None, *, covariance: Array | None = None) -> Array:
@@ -40,6 +36,11 @@ def fit(problem: Any, x: Array | None = None, *, covariance: Array | None = None
     )
 
 
+def best_of(problem: Any) -> Array:
+    """Return the least squares answer from the start, shape (dim,), by Gauss-Newton, box or not."""
+    return frozen(fit(problem))
+
+
 def gauss_newton(
     residuals: Callable[[Array], Array],
     jacobian: Callable[[Array], Array],
@@ -55,52 +56,45 @@ def gauss_newton(
     rounding of the machine) is held where it is. A fall by less than `least_fall` of the value ends the search, however
     long its step was; None: both must be rounding only.
     """
+
+    def finite(p: Array) -> Array:
+        return np.nan_to_num(residuals(p), nan=_HIGH, posinf=_HIGH, neginf=-_HIGH)
+
     r = residuals(x)
-    value, damped = _square(r), False
+    value, damped = float(r @ r), False
     for _ in range(100):
         j = jacobian(x)
         scale = np.linalg.norm(j, axis=0)
         scale[scale == 0] = 1.0
         step = -np.linalg.lstsq(j / scale, r, rcond=rank_tolerance)[0] / scale
-        if _square(j @ step) <= 1e-12 * value:  # rounding would hide whether the value falls
-            x = x + step
-            if _negligible(step * scale, x * scale):
-                return x
-            r = residuals(x)
-            value = _square(r)
-            continue
+        change = j @ step
+        hidden = float(change @ change) <= 1e-12 * value  # by rounding: whether the value falls
         trial = x + step
         there = residuals(trial)
-        if not _square(there) < value and not damped:
-            trial, damped = _damped(residuals, jacobian, x, least_fall), True
+        reached = float(there @ there)
+
+        if not hidden and not reached < value and not damped:
+            from scipy.optimize import least_squares  # here, as listing the problems must not load SciPy
+
+            damped, rough = True, least_fall is not None
+            few = len(r) < len(x)  # equations, of which MINPACK wants as many as there are parameters
+            trial = least_squares(
+                finite, x, jacobian, method="trf" if few else "lm", x_scale="jac",
+                ftol=least_fall if rough else _ROUNDING, xtol=_ROUNDING, gtol=_ROUNDING,
+                max_nfev=_ROUGH if rough else 100 * (len(x) + 1),
+            ).x  # fmt: skip
             there, step = residuals(trial), trial - x
-        reached = _square(there)
-        if not reached < value:
+            reached = float(there @ there)
+
+        if not hidden and not reached < value:
             return x
         x, r, gained, value = trial, there, value - reached, reached
-        if least_fall is not None and gained <= least_fall * value:
+        if not hidden and least_fall is not None and gained <= least_fall * value:
             return x
-        if gained <= 1e-15 * value and _negligible(step * scale, x * scale):
+        still = hidden or gained <= 1e-15 * value
+        if still and np.abs(step * scale).max() <= 1e-9 * (1 + np.abs(x * scale).max()):
             return x
     return x
-
-
-def _damped(
-    residuals: Callable[[Array], Array], jacobian: Callable[[Array], Array], x: Array, least_fall: float | None
-) -> Array:
-    """Return where the steps of Levenberg and Marquardt end, from x; a place without a value is far too high."""
-    from scipy.optimize import least_squares
-
-    def finite(x: Array) -> Array:
-        return np.nan_to_num(residuals(x), nan=_HIGH, posinf=_HIGH, neginf=-_HIGH)
-
-    few = len(residuals(x)) < len(x)  # equations, of which MINPACK wants as many as there are parameters
-    rough = least_fall is not None
-    found = least_squares(
-        finite, x, jacobian, method="trf" if few else "lm", x_scale="jac", ftol=least_fall if rough else _ROUNDING,
-        xtol=_ROUNDING, gtol=_ROUNDING, max_nfev=_ROUGH if rough else 100 * (len(x) + 1),
-    )  # fmt: skip
-    return np.asarray(found.x)
 
 
 def checked_covariance(covariance: Array | None, m: int) -> Array:
@@ -115,41 +109,41 @@ def checked_covariance(covariance: Array | None, m: int) -> Array:
     return matrix
 
 
-def _square(r: Array) -> float:
-    return float(r @ r)
-
-
-def _negligible(step: Array, x: Array) -> bool:
-    return bool(np.abs(step).max() <= 1e-9 * (1 + np.abs(x).max()))
-
-
-_ABOVE = (1e8, 1e6, 1e4, 1e3, 1e2, 1e1, 3.0, 1.5, 1.0)  # levels over that of the noise
-
-
 def value_of_noise(problem: Any, noise: float, expected: float) -> float:
-    """Return the value that the noise of the readings leaves at the truth; without noise the `expected` one.
-
-    `expected` is the mean value that the finest readings of the family would leave: an answer below it is as good as if
-    the readings had that noise.
-    """
+    """Return the value that the noise of the readings leaves at the truth; without noise the `expected` one."""
     return float(problem(problem.truth)) if noise > 0 else expected
 
 
-def levels(level: float, noise: float, exact: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the targets of an instance, largest first: with noise down to `level`, as nothing below it is ranked.
+def levels(level: float | None, noise: float, exact: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the targets of a problem, largest first: its `exact` ones, which end at rounding, where no `level` is.
 
-    Without noise they are the family's `exact` ones, which end at rounding, and `level` among them.
+    With noise they go down to `level`, as nothing below it is ranked; without noise it is one of them.
     """
+    if level is None:
+        return exact
     if noise > 0:
         return tuple(level * factor for factor in _ABOVE)
     return tuple(sorted({*exact, level}, reverse=True))
 
 
-def least_in_box(problem: Any) -> float:
-    """Return the least value in the box that is found downhill from the truth, by trust regions kept in the box.
+def levels_above_minimum(problem: Any) -> tuple[float, ...]:
+    """Return the targets of a problem of measured lengths: f* + 1e-1 .. 1e-12 mm^2, as rounding leaves 1e-13.
 
-    A local minimum: no other is sought. It is a reference and passes no gate.
+    Of an instance with noise they end where an answer is as good as the noise.
     """
+    exact = tuple(problem.minimum + 10.0**k for k in (-1, -2, -3, -4, -5, -6, -8, -10, -12))
+    return levels(problem.as_good_as_noise, problem.drawn.noise.level if problem.drawn else 0.0, exact)
+
+
+def least_of_instance(problem: Any) -> float | None:
+    """Return the least value in the box of an instance, found downhill from the truth; None of no instance."""
+    if problem.drawn is None:
+        return None
+    return least_in_box(problem) if problem.drawn.noise.level > 0 else 0.0
+
+
+def least_in_box(problem: Any) -> float:
+    """Return the least value in the box that is found downhill from the truth, by trust regions kept in the box."""
     from scipy.optimize import least_squares  # here, as listing the problems must not load SciPy
 
     scale = problem.upper - problem.lower

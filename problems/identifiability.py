@@ -1,12 +1,8 @@
 """Identifiability of a calibration problem: rank, null directions, condition number and standard errors.
 
-Angles are converted to millimetres (times a link length) before singular values are taken, so that they can be
-compared. No optimiser can find a direction without a singular value.
-
-The accuracy of identified parameters: standard errors, correlations, intervals, F tests, leave-one-out.
-
-For any problem with residuals and a Jacobian. The equations are those of Pashkevich et al. 2008, section 3.4, which
-hold for every least squares fit: (12) with the covariance of the residuals, which need not be independent (13)-(14).
+Angles are converted to millimetres (times a link length) before singular values are taken, so that they compare. The
+accuracy of identified parameters is by Pashkevich et al. 2008, section 3.4, which holds for every least squares fit:
+(12) with the covariance of the residuals, which need not be independent (13)-(14).
 """
 
 from __future__ import annotations
@@ -66,15 +62,16 @@ class Identifiability:
 
     def sentence(self) -> str:
         """Return the finding in one sentence."""
-        lost = self.dimension - self.rank
+        dim = self.dimension
+        lost = dim - self.rank
         if not lost:
-            seen = f"all {self.dimension} parameters" if self.dimension > 1 else "the only parameter"
+            seen = f"all {dim} parameters" if dim > 1 else "the only parameter"
             return f"{seen} can be seen in the data (condition {self.condition:.3g})"
         moved = [f"{name} {share:+.4g}" for name, share in self.null_vectors()[0].items() if abs(share) > 1e-9]
         many = (
             "direction that no optimiser can find" if lost == 1 else "directions that no optimiser can find, the first"
         )
-        return f"{self.rank} of {self.dimension} parameters can be seen; {lost} {many}: {', '.join(moved)}"
+        return f"{self.rank} of {dim} parameters can be seen; {lost} {many}: {', '.join(moved)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain numbers for JSON; infinite standard errors become None."""
@@ -117,9 +114,19 @@ def identify(problem: Any, x: Array | None = None, noise: float | None = None) -
     coordinates = getattr(problem, "coordinates", None) or ()
     if not coordinates or any(isinstance(one, str) for one in coordinates):
         coordinates = coordinates_of(problem)
-    stated = any(getattr(problem, name, None) is not None for name in ("residual_noise", "residual_covariance"))
     scale = np.array([1.0 / _ANGLE_ARM if c.unit == "rad" else 1.0 for c in coordinates])
-    weighted = _weighted(problem, x) * scale
+
+    # the Jacobian with each residual in units of its noise, and free of the others'
+    jacobian, noise_unit = np.asarray(problem.jacobian(x)), "rad"
+    if getattr(problem, "residual_covariance", None) is not None:
+        jacobian = np.linalg.solve(np.linalg.cholesky(problem.residual_covariance(x)), jacobian)
+    elif getattr(problem, "residual_noise", None) is not None:
+        redundancy: int = extra_of(problem, "redundancy", 1)
+        jacobian = jacobian / (redundancy**0.5 * problem.residual_noise(x))[:, None]
+    else:
+        noise_unit = "in a residual"
+    weighted = jacobian * scale
+
     few = weighted.shape[0] < weighted.shape[1]  # only then are null directions missing from the thin form
     _, s, vt = np.linalg.svd(weighted, full_matrices=few)
     s = np.pad(s, (0, len(coordinates) - len(s)))
@@ -130,28 +137,10 @@ def identify(problem: Any, x: Array | None = None, noise: float | None = None) -
     errors = noise * np.sqrt(variance) * scale
     errors[(np.abs(vt[rank:]) > 1e-9).any(axis=0)] = np.inf
     return Identifiability(
-        names=tuple(c.name for c in coordinates),
-        units=tuple(c.unit for c in coordinates),
-        x=np.array(x),
-        rank=rank,
-        singular_values=s,
-        null_space=null_space,
-        condition=float(s[0] / s[rank - 1]) if rank else float("inf"),
-        noise=noise,
-        standard_errors=errors,
-        noise_unit=extra_of(problem, "noise_unit", "rad" if stated else "in a residual"),
-    )
-
-
-def _weighted(problem: Any, x: Array) -> Array:
-    """Return the Jacobian with each residual in units of its noise, and free of the others'."""
-    jacobian: Array = problem.jacobian(x)
-    if getattr(problem, "residual_covariance", None) is not None:
-        return np.asarray(np.linalg.solve(np.linalg.cholesky(problem.residual_covariance(x)), jacobian))
-    if getattr(problem, "residual_noise", None) is not None:
-        redundancy: int = extra_of(problem, "redundancy", 1)
-        return np.asarray(jacobian / (redundancy**0.5 * problem.residual_noise(x))[:, None])
-    return jacobian
+        names=tuple(c.name for c in coordinates), units=tuple(c.unit for c in coordinates), x=np.array(x), rank=rank,
+        singular_values=s, null_space=null_space, condition=float(s[0] / s[rank - 1]) if rank else float("inf"),
+        noise=noise, standard_errors=errors, noise_unit=extra_of(problem, "noise_unit", noise_unit),
+    )  # fmt: skip
 
 
 @final
@@ -186,10 +175,7 @@ class Estimate:
         return np.asarray(self.covariance / np.outer(errors, errors))
 
     def intervals(self, level: float = 0.95) -> Array:
-        """Return confidence intervals, shape (dim, 2), in the units of the coordinates.
-
-        They are Student's, or normal where sigma is known. Raises `ValueError` for a `level` outside 0 to 1.
-        """
+        """Return confidence intervals, shape (dim, 2), in the units of the coordinates."""
         if not 0 < level < 1:
             raise ValueError(f"level={level:g}: a probability between 0 and 1 is needed")
         from scipy.stats import norm, t  # here, as listing the problems must not load SciPy
@@ -200,10 +186,7 @@ class Estimate:
         return np.column_stack([self.x - half, self.x + half])
 
     def of(self, weights: dict[str, float]) -> tuple[float, float]:
-        """Return value and standard error of a combination such as ``{"drho_x": 1, "dL_x": -1}``.
-
-        Raises `ValueError` for a name that is no parameter.
-        """
+        """Return value and standard error of a combination such as ``{"drho_x": 1, "dL_x": -1}``."""
         unknown = [name for name in weights if name not in self.names]
         if unknown:
             raise ValueError(f"{', '.join(unknown)}: no parameter of {self.problem}; it has {', '.join(self.names)}")
@@ -212,19 +195,9 @@ class Estimate:
 
     def rows(self, level: float = 0.95) -> list[dict[str, Any]]:
         """Return a row a parameter: parameter, unit, value, standard_error, lower, upper (the interval at `level`)."""
-        return [
-            {
-                "parameter": n,
-                "unit": u,
-                "value": float(v),
-                "standard_error": float(s),
-                "lower": float(a),
-                "upper": float(b),
-            }
-            for n, u, v, s, (a, b) in zip(
-                self.names, self.units, self.x, self.standard_errors, self.intervals(level), strict=True
-            )
-        ]
+        numbers = np.column_stack([self.x, self.standard_errors, self.intervals(level)]).tolist()
+        names = ("parameter", "unit", "value", "standard_error", "lower", "upper")
+        return [dict(zip(names, (n, u, *four))) for n, u, four in zip(self.names, self.units, numbers, strict=True)]
 
     def to_dict(self, level: float = 0.95) -> dict[str, Any]:
         """Return plain numbers for JSON."""
@@ -250,13 +223,9 @@ class Estimate:
 
 
 def estimate(
-    problem: Any,
-    x: Array | None = None,
-    *,
-    sigma: float | None = None,
-    covariance: Array | None = None,
+    problem: Any, x: Array | None = None, *, sigma: float | None = None, covariance: Array | None = None,
     weighted: bool = False,
-) -> Estimate:
+) -> Estimate:  # fmt: skip
     """Return the parameters with their covariance at `x`, the least squares answer (fitted from the start by default).
 
     `covariance`, shape (m, m), is E(ds ds^T) / sigma^2 of the residuals, by default the identity; with `weighted` it
@@ -285,17 +254,11 @@ def estimate(
             )
         scale = float(np.sqrt(value / left))
     return Estimate(
-        problem=_name(problem),
-        names=tuple(c.name for c in problem.coordinates),
-        units=tuple(c.unit for c in problem.coordinates),
-        x=np.array(x, dtype=float),
-        value=value,
-        covariance=scale**2 * unit,
-        sigma=scale,
-        sigma_known=sigma is not None,
-        degrees_of_freedom=m - dim,
+        problem=_name(problem), names=tuple(c.name for c in problem.coordinates),
+        units=tuple(c.unit for c in problem.coordinates), x=np.array(x, dtype=float), value=value,
+        covariance=scale**2 * unit, sigma=scale, sigma_known=sigma is not None, degrees_of_freedom=m - dim,
         weighted=weighted,
-    )
+    )  # fmt: skip
 
 
 @final
@@ -343,10 +306,7 @@ def f_test(small: Any, large: Any, *, covariance: Array | None = None) -> FTest:
 
 
 def f_test_of_sums(value_small: float, dim_small: int, value_large: float, dim_large: int, rows: int) -> FTest:
-    """Return the F test of two sums of squares with their numbers of parameters, from the same number of residuals.
-
-    Raises `ValueError` where the larger set adds no parameter or leaves no residual.
-    """
+    """Return the F test of two sums of squares with their numbers of parameters, from the same number of residuals."""
     added, left = dim_large - dim_small, rows - dim_large
     if added < 1 or left < 1:
         raise ValueError(f"{rows} residuals, {dim_small} and {dim_large} parameters: there is nothing to test")
@@ -378,10 +338,7 @@ class LeaveOneOut:
 
 
 def leave_one_out(problem: Any, x: Array | None = None) -> LeaveOneOut:
-    """Fit without each residual in turn, from the answer `x` (fitted by default), and predict the one left out.
-
-    Raises `ValueError` where the remaining residuals cannot see all the parameters.
-    """
+    """Fit without each residual in turn, from the answer `x` (fitted by default), and predict the one left out."""
     x = fit(problem) if x is None else np.array(x, dtype=float)
     m = len(problem.residuals(x))
     without, errors = [], []

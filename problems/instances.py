@@ -1,30 +1,15 @@
 """Instances of a family of problems: ``problem.instance=K`` draws a machine, a plan, a noise, a box and a data seed.
 
-One problem tells which method is best on one problem. A family of them, drawn alike but independently, tells what to
-expect of the next machine: an instance is a block of a test, whereas a repetition is not. This module holds what the
-families share; `planar.instances`, `planar.tracking_instances` and `orthoglide.instances` say what each draws.
-
-Each drawn thing has a stream of its own, seeded by names: family, K, attempt, thing. So a family that draws one thing
-more leaves all others as they were, and no draw depends on the order of jobs, on `PYTHONHASHSEED` or on the machine.
-Only uniform numbers are drawn, and what follows from them is rounded to the digits that are stated: a last bit of a
-logarithm that differs between two machines does not reach the problem.
-
-Shared distributions:
-
-- *box*: a parameter of half-width h in the paper's box is wrong by a magnitude uniform in .1 h .. .6 h, of either sign.
-  Its box is 2 h s wide, s log-uniform in 1 .. 2, and stands such that the truth is at a share of it uniform in
-  .05 .. .95 without .45 .. .55, with the start (the nominal value) at .05 .. .95 as well. So the truth is neither the
-  centre of the box nor the start.
-- *noise*: none in one instance of four, else log-uniform between two levels of the family, rounded to two digits.
-- *data seed*: a whole number below 2^31.
-
-An instance that cannot be built, that the readings cannot identify as well as the family's problem can be, or that the
-noise would leave with an error of `WORST_ERROR` or more, is drawn again: the next attempt.
+An instance is a block of a test, whereas a repetition is not; docs/instances.md says what each family draws. Each drawn
+thing has a stream of its own, seeded by names: family, K, attempt, thing; so a family that draws one thing more leaves
+all others as they were. Only uniform numbers are drawn, and what follows is rounded to stated digits, so no last bit
+that differs between two machines reaches the problem.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar, final
 
@@ -51,8 +36,7 @@ class Stream:
     @staticmethod
     def of(family: str, instance: int, attempt: int, thing: str) -> Stream:
         """Return the stream of `thing` in this attempt at this instance of `family`."""
-        words = seed_sequence(family, "instance", instance, thing, repetition=attempt)
-        return Stream(np.random.default_rng(words))
+        return Stream(np.random.default_rng(seed_sequence(family, "instance", instance, thing, repetition=attempt)))
 
     def between(self, low: float, high: float) -> float:
         """Return a number uniform in low .. high."""
@@ -73,6 +57,13 @@ class Stream:
     def sign(self) -> float:
         """Return 1 or -1."""
         return 1.0 if self.rng.random() < 0.5 else -1.0
+
+
+def bound(declared: Callable[..., Any], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return checked options with the defaults of the signature that declares them."""
+    signature = inspect.signature(declared).bind(**options)
+    signature.apply_defaults()
+    return dict(signature.arguments)
 
 
 @final
@@ -105,9 +96,27 @@ class Box:
 
         Values are rounded to `digits` decimals.
         """
-        rows = [_side(stream, s, h, d) for s, h, d in zip(start.tolist(), half.tolist(), digits, strict=True)]
-        truth, lower, upper = np.array(rows).T
-        return Box(truth, lower, upper)
+        rows = []
+        for at, wide, places in zip(start.tolist(), half.tolist(), digits, strict=True):
+            error = stream.sign() * stream.between(0.1, 0.6) * wide
+            width = 2 * wide * stream.log_between(1, 2)
+            away = error / width  # from the start to the truth, in widths: at most .3
+            low, high = round(max(0.05, 0.05 + away), 12), round(min(0.95, 0.95 + away), 12)
+
+            # the truth's share of the box: uniform over what both may have, without the middle
+            pieces = [(a, b) for a, b in ((low, min(high, 0.45)), (max(low, 0.55), high)) if b > a]
+            rest = stream.between(0, sum(b - a for a, b in pieces))
+            share = pieces[-1][1]
+            for a, b in pieces:
+                if rest <= b - a:
+                    share = a + rest
+                    break
+                rest -= b - a
+
+            truth = round(at + error, places)
+            lower = round(truth - share * width, places)
+            rows.append((truth, lower, round(lower + width, places)))
+        return Box(*np.array(rows).T)
 
 
 def check_instance(family: str, instance: int) -> None:
@@ -145,22 +154,3 @@ def can_be_identified(problem: Any, rank: int, noise: float) -> bool:
     found = identify(problem)
     least = float(found.singular_values[rank - 1])
     return found.rank == rank and found.condition <= WORST_CONDITION and noise <= WORST_ERROR * least
-
-
-def _side(stream: Stream, start: float, half: float, digits: int) -> tuple[float, float, float]:
-    error = stream.sign() * stream.between(0.1, 0.6) * half
-    width = 2 * half * stream.log_between(1, 2)
-    away = error / width  # from the start to the truth, in widths: at most .3
-    low, high = max(0.05, 0.05 + away), min(0.95, 0.95 + away)
-    low, high = round(low, 12), round(high, 12)
-    pieces = [(a, b) for a, b in ((low, min(high, 0.45)), (max(low, 0.55), high)) if b > a]
-    left = stream.between(0, sum(b - a for a, b in pieces))
-    share = pieces[-1][1]
-    for a, b in pieces:
-        if left <= b - a:
-            share = a + left
-            break
-        left -= b - a
-    truth = round(start + error, digits)
-    lower = round(truth - share * width, digits)
-    return truth, lower, round(lower + width, digits)

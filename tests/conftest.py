@@ -78,5 +78,5 @@ def at_one_noise():
     For modules that ask for names and sizes: `discrepancy/test_partly.py` and those of pages ask for the others.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(importlib.import_module("calibench.discrepancy.explain"), "_OTHERS", ())
+        patch.setattr(importlib.import_module("calibench.discrepancy.procedure"), "_OTHERS", ())
         yield

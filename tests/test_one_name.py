@@ -1,6 +1,8 @@
 """One installed name: `calibench`; in a checkout a short name has the same public names, and no copy of a module."""
 
 import importlib
+import subprocess
+import sys
 
 import pytest
 
@@ -21,9 +23,15 @@ def test_a_module_has_its_whole_name_alone_and_so_no_second_copy(name):
         importlib.import_module(name)
 
 
-def test_a_public_name_stays_what_it_is_when_a_module_of_that_name_is_imported():
-    importlib.import_module("calibench.discrepancy.explain")
+def test_a_public_name_stays_what_it_is_when_its_module_is_imported():
+    importlib.import_module("calibench.discrepancy.procedure")
     assert callable(discrepancy.explain)
+
+
+def test_measured_data_load_no_search():
+    ask = "import sys; from calibench.discrepancy import MeasuredData; print([m for m in sys.modules if 'search' in m])"
+    done = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
 
 
 def test_the_face_has_what_it_names():

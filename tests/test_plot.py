@@ -95,9 +95,9 @@ def test_a_method_whose_start_the_problem_decides_is_one(folder):
 def test_the_profile_is_that_of_the_expected_running_times(folder, rows):
     numbers = plot.profile.data(folder)
     store = bench.ResultStore(folder)
-    from calibench.bench.statistics.targets import hits_of
+    from calibench.bench.statistics.targets import levels_of
 
-    hits = hits_of(store)
+    hits = store.hits(levels_of(rows))
     told = performance_profile(ert(hits[hits["quantity"] == "gap"], rows))
     assert sorted(numbers["share"]) == sorted(told["share"])
     assert set(numbers["tasks"]) == {2 * 51}
@@ -107,11 +107,9 @@ def test_the_profile_is_that_of_the_expected_running_times(folder, rows):
 
 
 def test_of_several_problems_one_has_to_be_chosen_for_a_convergence(folder):
-    with pytest.raises(
-        ValueError, match=r"one problem, and there are 2: problem= takes one of them; choices: .*full11"
-    ):
+    with pytest.raises(ValueError, match="there are 2: problem="):
         plot.convergence(folder)
-    with pytest.raises(ValueError, match=r"problem='full1': there is none; .*did you mean 'full11'"):
+    with pytest.raises(ValueError, match="did you mean 'full11'"):
         plot.ecdf(folder, problem="full1")
 
 
@@ -182,11 +180,11 @@ def test_names_and_numbers_in_small_axes_do_not_cover_each_other(rows, layout):
 def test_a_table_that_does_not_know_its_traces_says_what_to_give(folder, rows):
     alone = rows.copy()
     alone.attrs.clear()
-    with pytest.raises(ValueError, match=r"give traces=store\.traces\(\)"):
+    with pytest.raises(ValueError, match=r"traces=store\.traces\(\)"):
         plot.ecdf(alone)
     traces = bench.ResultStore(folder).traces()
     pd.testing.assert_frame_equal(plot.ecdf.data(alone, traces=traces), plot.ecdf.data(folder))
-    with pytest.raises(ValueError, match="this is no table of runs: it has no column"):
+    with pytest.raises(ValueError, match="no table of runs"):
         plot.heatmap(traces)
     with pytest.raises(ValueError, match="there is no run to draw"):
         plot.heatmap(rows.iloc[:0])
@@ -251,7 +249,7 @@ def test_a_discovery_shows_the_residual_before_and_after_and_the_gap(report):
     assert gap["rms"].tolist() == [report.gap.held_out_before, report.gap.held_out_after]
     bars = [bar for bars in plot.discovery(report, show="gap").containers for bar in bars]
     assert sorted(bar.get_width() for bar in bars) == sorted(gap["rms"])
-    with pytest.raises(ValueError, match=r"effect='backlas': the report has none of that name; did you mean"):
+    with pytest.raises(ValueError, match="effect='backlas'"):
         plot.discovery(report, effect="backlas")
 
 
@@ -262,7 +260,7 @@ def test_a_report_from_json_draws_the_gap_for_it_has_no_readings(report, tmp_pat
     assert plot.discovery(tmp_path / "report.json").get_xlabel().startswith("rms error on unseen readings")
     with pytest.raises(ValueError, match="was read from JSON, which has no readings"):
         plot.discovery(told, show="residuals")
-    with pytest.raises(ValueError, match="this is no report of a search: it has no 'verdict'"):
+    with pytest.raises(ValueError, match="no 'verdict'"):
         plot.discovery({})
 
 
@@ -288,7 +286,7 @@ def test_a_calibration_is_drawn_over_its_joints(tmp_path):
     assert [label.get_text() for label in axes.get_xticklabels()] == ["first\n-25 to 25 °", "lift\n95 to 105 mm"]
     with pytest.raises(ValueError, match="it has no over_joints"):
         plot.calibration({})
-    with pytest.raises(ValueError, match=r"nowhere\.json: cannot be read"):
+    with pytest.raises(ValueError, match=r"nowhere\.json"):
         plot.calibration("nowhere.json")
 
 

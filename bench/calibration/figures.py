@@ -12,8 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
-from calibench.calibration.calibrate import Calibration
-from calibench.calibration.result import Drawn, OverJoint
+from calibench.calibration.calibrate import Calibration, Drawn, OverJoint
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
 

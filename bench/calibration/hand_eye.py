@@ -5,26 +5,21 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
-from typing import BinaryIO, final
+from typing import final
 
 from calibench.bench.calibration.files import read_table
+from calibench.bench.calibration.request import statements_of
 from calibench.bench.measured.files import pairs_of
 from calibench.bench.store.atomic_file import write_whole
-from calibench.bench.sweep.words import RequestError, check_study, read_pairs
+from calibench.bench.verbs import HandEyeWords
+from calibench.bench.words import RequestError, check_study, read
 from calibench.calibration.hand_eye import HandEye, calibrate_hand_eye
-from calibench.calibration.hand_eye_start import Flange, Mounting, Read, Setup
-from calibench.core.options import coerce, read_option, suggest
+from calibench.calibration.hand_eye_start import Setup
+from calibench.core.options import suggest
 
 ORDERS = ("rpy", "xyz", "vector")
 POSES = ("flange", "board")
-_KEYS = {
-    "hand_eye": "eye_in_hand", "data": "pairs.csv", "read": "board_in_camera", "rotation": "vector",
-    "columns": '{"flange_x":"Weg X"}', "units": "flange_x:m", 
-    "flange": "base_in_flange", "board_scale": "0.97", "sigma": "0.3", "sigma_rotation": "0.001",
-    "study": "hand_eye", "results": "results",
-}  # fmt: skip
 
 
 @final
@@ -46,42 +41,22 @@ class HandEyeRequest:
 
 def read_hand_eye(words: Sequence[str]) -> HandEyeRequest:
     """Return the calibration that `words` ask for. Raises `RequestError` or `ValueError`."""
-    given = read_pairs("calibrate", words, _KEYS)
-    if not given.get("data"):
-        raise RequestError("data= is missing: a file of poses of flange and board, such as data=pairs.csv")
-    study = given.get("study", "hand_eye")
-    check_study(study)
-    noise = {key: read_option(key, given.get(key, "0"), float) for key in ("sigma", "sigma_rotation")}
-    for key, unit in (("sigma", "mm"), ("sigma_rotation", "rad")):
-        if key in given and not 0 < noise[key] < float("inf"):
-            raise RequestError(f"{key}={given[key]}: the noise of the board's pose [{unit}], above 0, is needed")
-    scale = read_option("board_scale", given.get("board_scale", "1"), float)
-    if not 0 < scale < float("inf"):
-        raise RequestError(
-            f"board_scale={given['board_scale']}: the board's true size over that which the camera was told, above 0, "
-            "is needed"
-        )
-    setup = Setup(
-        hand_eye=coerce("hand_eye", given["hand_eye"], Mounting), read=coerce("read", given.get("read", ""), Read),
-        rotation=_orders(given.get("rotation", "")), sigma=noise["sigma"], sigma_rotation=noise["sigma_rotation"],
-        flange=coerce("flange", given.get("flange", "flange_in_base"), Flange), board_scale=scale,
-    )  # fmt: skip
-    columns, units = (pairs_of(key, given[key]) if key in given else {} for key in ("columns", "units"))
-    folder = Path(given.get("results", "results")).expanduser() / study
-    return HandEyeRequest(data=given["data"], setup=setup, columns=columns, units=units, folder=folder)
-
-
-def _orders(word: str) -> dict[str, str]:
-    """Return the order of angles of each pose: one word for both, or flange:vector,board:rpy."""
-    if not word:
-        return {}
-    orders = pairs_of("rotation", word) if ":" in word else dict.fromkeys(POSES, word)
+    given = read(HandEyeWords, "calibrate", words)
+    check_study(given.study)
+    word, orders = given.rotation, dict[str, str]()  # the order of angles of each pose: one word for both, or each
+    if word:
+        orders = pairs_of("rotation", word) if ":" in word else dict.fromkeys(POSES, word)
     for pose, order in orders.items():
         if pose not in POSES:
             raise RequestError(f"rotation={word}: {pose} is no pose; {suggest(pose, POSES)}")
         if order not in ORDERS:
             raise RequestError(f"rotation={word}: {suggest(order, ORDERS)}")
-    return orders
+    setup = Setup(
+        hand_eye=given.hand_eye, read=given.read or "", rotation=orders, sigma=given.sigma or 0.0,
+        sigma_rotation=given.sigma_rotation or 0.0, flange=given.flange, board_scale=given.board_scale,
+    )  # fmt: skip
+    folder = Path(given.results).expanduser() / given.study
+    return HandEyeRequest(data=given.data, setup=setup, folder=folder, **statements_of(given))
 
 
 def write_hand_eye(answer: HandEye, request: HandEyeRequest) -> HandEye:
@@ -90,23 +65,9 @@ def write_hand_eye(answer: HandEye, request: HandEyeRequest) -> HandEye:
     folder.mkdir(parents=True, exist_ok=True)
     files = {"ros": folder / "static_transforms.yaml", "json": folder / "hand_eye.json"}
     answer = replace(answer, files={kind: str(path) for kind, path in files.items()})
-    texts = {"ros": transforms_yaml(answer), "json": json.dumps(answer.to_dict(), indent=1, allow_nan=False)}
-    for kind, text in texts.items():
-        write_whole(files[kind], partial(_put, text.encode()))
-    return answer
-
-
-def _put(content: bytes, file: BinaryIO) -> None:
-    file.write(content)
-
-
-def transforms_yaml(answer: HandEye) -> str:
-    """Return both frames as YAML, in metres: translation, quaternion x y z w, and the command that publishes each."""
-    lines = [
-        f"# bench calibrate hand_eye={answer.hand_eye}, {answer.case}: {answer.pairs} pairs; metres",
-        "transforms:",
-    ]
-    for frame in (answer.camera, answer.board):
+    head = f"# bench calibrate hand_eye={answer.hand_eye}, {answer.case}: {answer.pairs} pairs; metres"
+    lines = [head, "transforms:"]
+    for frame in (answer.camera, answer.board):  # translation, quaternion, and the command that publishes each
         x, y, z = (f"{value / 1000 + 0.0:.7f}" for value in frame.position)
         qx, qy, qz, qw = (f"{value + 0.0:.8f}" for value in frame.quaternion)
         lines += [
@@ -117,4 +78,7 @@ def transforms_yaml(answer: HandEye) -> str:
             f"    command: ros2 run tf2_ros static_transform_publisher --x {x} --y {y} --z {z} --qx {qx} --qy {qy}"
             f" --qz {qz} --qw {qw} --frame-id {frame.parent} --child-frame-id {frame.child}",
         ]
-    return "\n".join([*lines, ""])
+    ros, text = "\n".join([*lines, ""]), json.dumps(answer.to_dict(), indent=1, allow_nan=False)
+    write_whole(files["ros"], lambda file: file.write(ros.encode()))
+    write_whole(files["json"], lambda file: file.write(text.encode()))
+    return answer

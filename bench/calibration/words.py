@@ -5,15 +5,12 @@ from __future__ import annotations
 from math import degrees, isfinite
 
 from calibench.calibration.calibrate import Calibration
-from calibench.calibration.result import Change, Error
 from calibench.core.words import plain
 
 LEVEL_WORDS = {
-    "frames": "nothing (base and target only)",
-    "zeros": "joint zeros",
-    "geometry": "zeros, lengths, angles",
+    "frames": "nothing (base and target only)", "zeros": "joint zeros", "geometry": "zeros, lengths, angles",
     "gains": "these and joint scales",
-}
+}  # fmt: skip
 _NAMED = 4  # numbers that are told by name
 _SHORT = {"position": "position", "pose": "position and rotation", "sockets": "a ball in sockets"}
 
@@ -22,24 +19,19 @@ def headline(answer: Calibration) -> str:
     """Return the answer in a sentence."""
     before, after = answer.before, answer.after
     if answer.chosen == "frames":
+        joints = dict.fromkeys(change.joint for change in answer.changes)
+        but = f" but {', '.join(joints)}, which takes up where the target is" if joints else ""
         return (
             f"calibration does not reduce the error of poses that were not fitted: {plain(before.rms, 3)} mm rms as "
-            f"the {answer.source} is; nothing in it is changed{_but(answer)}"
+            f"the {answer.source} is; nothing in it is changed{but}"
         )
-    low, high = after.ci95
-    turned = ""
+    (low, high), turned = after.ci95, ""
     if isfinite(after.rotation):
         turned = f"; rotation {plain(1e3 * before.rotation, 3)} mrad before, {plain(1e3 * after.rotation, 3)} after"
     return (
         f"{plain(before.rms, 3)} mm before, {plain(after.rms, 3)} mm after (95 %: {plain(low, 3)} to "
-        f"{plain(high, 3)} mm), rms of poses that "
-        f"were not fitted{turned}"
+        f"{plain(high, 3)} mm), rms of poses that were not fitted{turned}"
     )
-
-
-def _but(answer: Calibration) -> str:
-    joints = dict.fromkeys(change.joint for change in answer.changes)
-    return f" but {', '.join(joints)}, which takes up where the target is" if joints else ""
 
 
 def sentences(answer: Calibration) -> list[str]:
@@ -55,61 +47,40 @@ def sentences(answer: Calibration) -> list[str]:
     elif answer.chosen != "frames":
         lines.append(f"what is written is fitted to all {answer.poses}; errors are of fits without the poses left out")
     if answer.changes:
-        lines.append(f"{len(answer.changes)} numbers of the arm are determined by these data, {_kept(answer)}")
+        few = [one.parameter for one in answer.undetermined if isfinite(one.known_to)]
+        rest = f"{len(answer.undetermined) - len(few)} are not"
+        names = ", ".join(few) if len(few) <= _NAMED else f"{len(few)} numbers"
+        rest += f", and these poses tell {names} too badly" if few else ""
+        lines.append(f"{len(answer.changes)} numbers of the arm are determined by these data, {rest}")
     worst = max((p for p in answer.by_joint if isfinite(p.after)), key=lambda p: p.after, default=None)
     if worst is not None and worst.after > 1.3 * answer.after.rms:
         lines.append(f"largest where {worst.where}: {plain(worst.after, 3)} mm (before {plain(worst.before, 3)})")
     return lines
 
 
-def _kept(answer: Calibration) -> str:
-    few = [one.parameter for one in answer.undetermined if one.needs_poses]
-    rest = len(answer.undetermined) - len(few)
-    if not few:
-        return f"{rest} are not"
-    names = ", ".join(few) if len(few) <= _NAMED else f"{len(few)} numbers"
-    return f"{rest} are not, and these poses tell {names} too badly"
-
-
 def level_rows(answer: Calibration) -> list[list[str]]:
     """Return a row for each level that was tried; the one that is written has a mark."""
-    return [_level(error, answer) for error in answer.levels]
-
-
-def _level(error: Error, answer: Calibration) -> list[str]:
-    mark = " *" if error.level == answer.chosen else ""
-    low, high = error.ci95
-    cells = [
-        f"{LEVEL_WORDS[error.level]}{mark}", f"{error.rms:.3f}", f"{low:.3f} to {high:.3f}", f"{error.median:.3f}",
-        f"{error.largest:.3f}",
-    ]  # fmt: skip
-    if any(isfinite(one.rotation) for one in answer.levels):
-        cells.append(f"{1e3 * error.rotation:.2f}")
-    if any(isfinite(one.spans) for one in answer.levels):
-        cells.append(f"{error.spans:.3f}")
-    return cells
+    rows = []
+    for error in answer.levels:
+        mark, (low, high) = " *" if error.level == answer.chosen else "", error.ci95
+        rows.append([f"{LEVEL_WORDS[error.level]}{mark}", f"{error.rms:.3f}", f"{low:.3f} to {high:.3f}"])
+        rows[-1] += [f"{error.median:.3f}", f"{error.largest:.3f}"]
+        if any(isfinite(one.rotation) for one in answer.levels):
+            rows[-1].append(f"{1e3 * error.rotation:.2f}")
+        if any(isfinite(one.spans) for one in answer.levels):
+            rows[-1].append(f"{error.spans:.3f}")
+    return rows
 
 
 def rows_of_changes(answer: Calibration) -> list[list[str]]:
-    """Return joint, number, change and its interval: a row for each number that the data determine."""
-    return [[change.joint, change.what, by(change), interval(change)] for change in answer.changes]
-
-
-def by(change: Change) -> str:
-    """Return the difference of a number from its nominal value.
-
-    >>> by(Change("zero_a", "a", "zero", "rad", 0.0021, 1e-4, (0.0019, 0.0023)))
-    '+2.100 mrad (+0.120°)'
-    """
-    if change.unit == "rad":
-        return f"{1e3 * change.change:+.3f} mrad ({degrees(change.change):+.3f}°)"
-    if change.unit == "mm":
-        return f"{change.change:+.3f} mm"
-    return f"{100 * change.change:+.4f} %"
-
-
-def interval(change: Change) -> str:
-    """Return the 95 % interval of a change, in the unit of the change."""
-    size = {"rad": 1e3, "mm": 1.0}.get(change.unit, 100.0)
-    low, high = change.ci95
-    return f"{size * low:+.3f} to {size * high:+.3f}"
+    """Return joint, number, change and its 95 % interval: a row for each number that the data determine."""
+    rows = []
+    for change in answer.changes:
+        by, size = f"{100 * change.change:+.4f} %", {"rad": 1e3, "mm": 1.0}.get(change.unit, 100.0)
+        if change.unit == "rad":
+            by = f"{1e3 * change.change:+.3f} mrad ({degrees(change.change):+.3f}°)"
+        elif change.unit == "mm":
+            by = f"{change.change:+.3f} mm"
+        low, high = change.ci95
+        rows.append([change.joint, change.what, by, f"{size * low:+.3f} to {size * high:+.3f}"])
+    return rows

@@ -1,25 +1,29 @@
-"""``bench calibrate``: an arm's URDF, or its table, and readings in; the calibrated one, its errors and a page out."""
+"""``bench calibrate``: an arm's URDF, or its table, and readings in; the calibrated one, its errors and a page out.
+
+``bench calibrate hand_eye=...``: poses of a flange and a board in; the frames of camera and board out.
+"""
 
 from __future__ import annotations
 
 import json
-from math import isfinite
+from math import degrees, isfinite
+from typing import TYPE_CHECKING
 
 from calibench.bench.calibration.request import read_calibrate, write_calibration
 from calibench.bench.calibration.words import headline, level_rows, rows_of_changes, sentences
-from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_end, print_table
+from calibench.bench.words import split_flags
 from calibench.core.words import plain
 from calibench.core.words import print_plain as print
 
+if TYPE_CHECKING:
+    from calibench.calibration.hand_eye import Outlier, Residual
+
 
 def run(argv: list[str]) -> int:
-    """Calibrate the arm that `argv` names, write what came of it, and print it."""
     flags, words = split_flags(argv, ("--json",))
     if any(word.partition("=")[0] == "hand_eye" for word in words):
-        from calibench.bench.commands import hand_eye
-
-        return hand_eye.run(words, "--json" in flags)
+        return calibrate_camera(words, "--json" in flags)
     request = read_calibrate(words)
     result = write_calibration(request.carry_out(), request)
     if "--json" in flags:
@@ -39,3 +43,47 @@ def run(argv: list[str]) -> int:
     wild = [f"{one.row} ({plain(one.error, 3)} mm)" for one in result.wild]
     print_end("wild readings", wild, result.notes, result.files.values())
     return 0
+
+
+def calibrate_camera(words: list[str], as_json: bool) -> int:
+    from calibench.bench.calibration.hand_eye import read_hand_eye, write_hand_eye  # an arm needs nothing of it
+
+    request = read_hand_eye(words)
+    result = write_hand_eye(request.carry_out(), request)
+    if as_json:
+        print(json.dumps(result.to_dict(), allow_nan=False))
+        return 0
+    if isfinite(result.unseen.position):
+        headline = f"{_size(result.unseen)} rms of poses that were not fitted; {result.how}"
+    else:
+        headline = f"{_size(result.fitted)} rms of the fitted poses; error of others {result.how}"
+    print(f"{result.case}: {headline}")
+    print(f"  {result.pairs} pairs, {result.read.replace('_', ' ')} read, {result.hand_eye.replace('_', ' ')}")
+    sizes = (f"{plain(result.sigma, 3)} mm", f"{plain(degrees(result.sigma_rotation), 3)}°")
+    place, turn = (
+        f"{size} ({'learned' if one else 'stated'})" for size, one in zip(sizes, result.learned, strict=True)
+    )
+    print(f"  noise of the board's pose on each axis: {place}, {turn}")
+    for frame in (result.camera, result.board):
+        print(f"\n{frame.child} in {frame.parent}")
+        # a row for each number: place [mm], turns about the parent's axes [°], quaternion
+        rows = []
+        places = zip("xyz", frame.position, frame.position_se, frame.position_ci95, strict=True)
+        for name, value, error, (low, high) in places:
+            rows.append([f"{name} [mm]", f"{value:.3f}", plain(error, 2), f"{low:.3f} to {high:.3f}"])
+        quaternion = zip(
+            ("qx", "qy", "qz", "qw"), frame.quaternion, frame.quaternion_se, frame.quaternion_ci95, strict=True
+        )
+        for name, value, error, (low, high) in quaternion:
+            rows.append([name, f"{value:.6f}", plain(error, 2), f"{low:.6f} to {high:.6f}"])
+        for name, error, within in zip("xyz", frame.turn_se, frame.turn_within95, strict=True):
+            about = f"turn about {name} of {frame.parent} [°]"
+            rows.append([about, "", plain(degrees(error), 2), f"±{plain(degrees(within), 2)}"])
+        print_table(["", "value", "standard error", "95 %"], rows)
+    pairs = [f"{one.row} ({_size(one)})" for one in result.outliers]
+    print_end("outlying pairs", pairs, result.notes, result.files.values())
+    return 0
+
+
+def _size(left: Residual | Outlier) -> str:
+    return f"{plain(left.position, 3)} mm and {plain(degrees(left.rotation), 3)}°"

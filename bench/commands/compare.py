@@ -7,32 +7,48 @@ from pathlib import Path
 
 import pandas as pd
 
-from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import best_texts, print_json, print_table
+from calibench.bench.execution.standing import name_in_rows
 from calibench.bench.statistics.names import method_titles, problem_titles, several
 from calibench.bench.statistics.summary import method_names
 from calibench.bench.statistics.two_studies import Compared, Verdict, compare
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.sweep.words import read_pairs
-from calibench.core import user_file
+from calibench.bench.verbs import CompareWords
+from calibench.bench.words import read, split_flags
 from calibench.core.options import suggest
 from calibench.core.words import counted, plain, shortened
 from calibench.core.words import print_plain as print
 
-_ORDERS = ("goal", "value", "charged")
 _VERDICTS: tuple[Verdict, ...] = ("worse", "better", "undecided", "equal")
 
 
 def run(argv: list[str]) -> int:
     """Print a line a shared cell and the counts; return 1 where the second is worse in some cell, else 0."""
-    words, methods = _methods(list(argv))
+    words, methods = list(argv), None
+    if "--methods" in words:
+        at = words.index("--methods")
+        named = words[at + 1 : at + 3]
+        if len(named) < 2:
+            raise ValueError("compare: --methods needs two optimizers: bench compare DIR --methods lm trf")
+        if named[0] == named[1]:
+            raise ValueError(
+                f"compare: --methods names {named[0]} twice: sweep its settings into two studies and compare those"
+            )
+        del words[at : at + 3]
+        methods = name_in_rows(named[0]), name_in_rows(named[1])
     order = [word for word in words if word.startswith("by=")]
-    by = read_pairs("compare", order, {"by": "goal"}).get("by", "goal")
-    if by not in _ORDERS:
-        raise ValueError(f"compare: by={by}: {suggest(by, _ORDERS)}")
+    by = read(CompareWords, "compare", order).by
     flags, folders = split_flags([word for word in words if word not in order], ("--json", "--methods"))
-    first, second = _sides(folders, methods)
-    compared = compare(first, second, by, methods)  # type: ignore[arg-type]
+    if len(folders) != 2 and not (methods and len(folders) == 1):
+        raise ValueError("compare: two folders are needed, bench compare A B, or one with --methods M1 M2")
+    sides = [ResultStore(Path(folder)).runs() for folder in folders]
+    for folder, runs in zip(folders, sides, strict=True):
+        if runs.empty:
+            raise ValueError(f"{folder}: holds no finished run yet")
+    first, second = sides[0], sides[-1]
+    if methods is not None:
+        first, second = _of_method(first, methods[0]), _of_method(second, methods[1])
+    compared = compare(first, second, by, methods)
     if compared.cells.empty:
         settings = [sorted(set(method_names(runs))) for runs in (first, second)] if methods else []
         if swept := [name for names in settings if len(names) > 1 for name in names]:
@@ -48,49 +64,15 @@ def run(argv: list[str]) -> int:
     return 1 if compared.count("worse") else 0
 
 
-def _methods(words: list[str]) -> tuple[list[str], tuple[str, str] | None]:
-    if "--methods" not in words:
-        return words, None
-    at = words.index("--methods")
-    named = words[at + 1 : at + 3]
-    if len(named) < 2:
-        raise ValueError("compare: --methods needs two optimizers: bench compare DIR --methods lm trf")
-    if named[0] == named[1]:
-        raise ValueError(
-            f"compare: --methods names {named[0]} twice: sweep its settings into two studies and compare those"
-        )
-    return words[:at] + words[at + 3 :], (_as_in_rows(named[0]), _as_in_rows(named[1]))
-
-
-def _as_in_rows(name: str) -> str:
-    """Return the name that rows have for an optimiser: for ``./mine.py:Mine``, a class in a file, no path."""
-    if not user_file.is_file_path(name):
-        return name
-    return f"{user_file.told_name(user_file.place_of(name))}:{name.rpartition(':')[2]}"
-
-
-def _sides(folders: list[str], methods: tuple[str, str] | None) -> tuple[pd.DataFrame, pd.DataFrame]:
-    if len(folders) != 2 and not (methods and len(folders) == 1):
-        raise ValueError("compare: two folders are needed, bench compare A B, or one with --methods M1 M2")
-    read = [ResultStore(Path(folder)).runs() for folder in folders]
-    for folder, runs in zip(folders, read, strict=True):
-        if runs.empty:
-            raise ValueError(f"{folder}: holds no finished run yet")
-    first, second = read[0], read[-1]
-    if methods is None:
-        return first, second
-    sides = []
-    for runs, name in ((first, methods[0]), (second, methods[1])):
-        mine = runs[(runs["optimizer"] == name) | (method_names(runs) == name)]
-        if mine.empty:
-            known = sorted({*runs["optimizer"], *method_names(runs)})
-            raise ValueError(f"compare: no run of {name!r} there; {suggest(name, known)}")
-        sides.append(mine)
-    return sides[0], sides[1]
+def _of_method(runs: pd.DataFrame, name: str) -> pd.DataFrame:
+    mine = runs[(runs["optimizer"] == name) | (method_names(runs) == name)]
+    if mine.empty:
+        known = sorted({*runs["optimizer"], *method_names(runs)})
+        raise ValueError(f"compare: no run of {name!r} there; {suggest(name, known)}")
+    return mine
 
 
 def _why_none(first: pd.DataFrame, second: pd.DataFrame, any_method: bool) -> str:
-    """Return which part of a cell the two sides never have in common."""
     for name in ("problem", *(() if any_method else ("optimizer",)), "start", "budget", "target"):
         a, b = (runs[name].astype(object).fillna("not told").astype(str).unique().tolist() for runs in (first, second))
         if not {*a} & {*b}:
@@ -115,7 +97,10 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
         runs += f" ({', '.join(alone)} without partner)" if alone else ""
         method = f"{methods[0]} -> {methods[1]}" if methods else names[i]
         other = "" if methods or not row["other_options"] else f" ({row['other_options']})"
-        median = _apart(row["best_median_a"], row["best_median_b"])
+        # with three digits, or with up to six where they are needed to distinguish them
+        ends = row["best_median_a"], row["best_median_b"]
+        texts = [tuple(plain(end, digits) for end in ends) for digits in range(3, 7)]
+        median = " -> ".join(next((pair for pair in texts if pair[0] != pair[1]), texts[0]))
         median += f" {row['unit']}" if row["unit"] else ""
         if isfinite(row["minimum"]) and row["minimum"]:
             median = " -> ".join(*best_texts([row | {"noisy": False}], "best_median_a", "best_median_b"))
@@ -133,10 +118,3 @@ def _print(compared: Compared, methods: tuple[str, str] | None) -> None:
     print(f"\n{counted(len(cells), 'shared cell')}: B is in {counts}; at 5 % over all cells (Holm)")
     if compared.only_first or compared.only_second:
         print(f"not compared: {counted(compared.only_first, 'cell')} only in A, {compared.only_second} only in B")
-
-
-def _apart(first: float, second: float) -> str:
-    """Return two values with three digits, or with up to six where they are needed to distinguish them."""
-    texts = ((plain(first, digits), plain(second, digits)) for digits in range(3, 7))
-    a, b = next((pair for pair in texts if pair[0] != pair[1]), (plain(first, 3), plain(second, 3)))
-    return f"{a} -> {b}"

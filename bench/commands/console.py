@@ -28,10 +28,7 @@ def print_json(value: Any) -> None:
 
 
 def best_of(summary: Mapping[Any, list[Any]], most: int) -> dict[Any, list[Any]]:
-    """Return at most so many cells of a summary: as many of the best of each problem, none of too many problems.
-
-    Of several starts, budgets or targets the best of the first ones are told.
-    """
+    """Return at most so many cells of a summary: as many of the best of each problem, none of too many problems."""
     tasks = list(zip(*(summary[name] for name in PROBLEM), strict=True))
     each = most // len(set(tasks))
     taken, kept = Counter[tuple[Any, ...]](), []
@@ -43,11 +40,7 @@ def best_of(summary: Mapping[Any, list[Any]], most: int) -> dict[Any, list[Any]]
 
 
 def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> None:
-    """Print the columns of a summary of cells (`bench.statistics.summary`), a line each, best first on each task.
-
-    Start, budget and target are shown where they differ, the rest where there is something to show. `repeated`: several
-    runs of each were asked for.
-    """
+    """Print the columns of a summary of cells, a line each, best first on each task."""
     named = _with_methods(summary)
     order = order_of(named).tolist()
     cells = {name: [column[i] for i in order] for name, column in named.items()}
@@ -59,7 +52,10 @@ def print_summary(summary: Mapping[Any, list[Any]], repeated: bool = False) -> N
     columns = {
         "problem": [f"{title} {error}" if error else title for title, error in zip(titles, errors, strict=True)],
         "optimizer": cells["method"],
-        **{name: [_setting(name, value) for value in cells[name]] for name in several(cells)},
+        **{
+            name: [str(v) if name == "start" else _or_dash(v, "g" if name == "target" else ".0f") for v in cells[name]]
+            for name in several(cells)
+        },
         "runs": [str(count) for count in cells["runs"]],
     }
     for name, column in (("failed", "failed"), ("out of time", "timeouts")):
@@ -94,16 +90,11 @@ def _with_methods(summary: Mapping[Any, list[Any]]) -> dict[Any, list[Any]]:
     return {**summary, "method": methods}
 
 
-def _setting(name: str, value: Any) -> str:
-    return str(value) if name == "start" else _or_dash(value, "g" if name == "target" else ".0f")
-
-
 def _or_dash(value: float, form: str) -> str:
     return f"{value:{form}}" if value == value else "-"
 
 
 def print_table(columns: list[str], rows: list[list[str]]) -> None:
-    """Print rows under their columns, each as wide as its widest cell."""
     widths = [max(len(str(cell)) for cell in column) for column in zip(columns, *rows, strict=True)]
     for cells in [columns, *rows]:
         print("  ".join(str(cell).ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip())

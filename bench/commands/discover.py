@@ -1,39 +1,58 @@
-"""``bench discover``: what the model of a machine is missing, a verdict a set of data."""
+"""``bench discover``: what the model of a machine is missing, a verdict a set of data.
+
+``bench design``: what data or a plan could tell apart; with plan.n=N, which poses of an arm to measure next.
+"""
 
 from __future__ import annotations
 
 import json
 import sys
 
-from calibench.bench.commands.arguments import split_flags
-from calibench.bench.discovery.batch import Outcome, discover
-from calibench.bench.discovery.page.words import (
-    FIRST,
-    SIZES,
-    as_sentence,
-    doubt_sentences,
-    gap_sentence,
-    headline,
-    next_sentences,
-    notes_among,
-    other_notes,
-    unnamed_sentences,
-)
-from calibench.bench.discovery.request import read_discover
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from calibench.bench.calibration.design import asks_for_poses, read_design_poses
+from calibench.bench.commands.console import print_table
+from calibench.bench.discovery.batch import discover as discover_all
+from calibench.bench.discovery.design import Designed, designed
+from calibench.bench.discovery.page import words as wording
+from calibench.bench.discovery.page.page import smallest, untested_lines
+from calibench.bench.discovery.request import read_design, read_discover
+from calibench.bench.store.atomic_file import write_whole
+from calibench.bench.words import split_flags
+from calibench.core.words import plain, printable
 from calibench.core.words import print_plain as print
+from calibench.discrepancy.labels import effect_label
+
+_WIDTH = 120  # of tables that go to a file
+_LISTED = 10  # names of a class that are printed
+_STEPS = (0, 5, 10, 15, 20, 30, 40, 60, 80, 100, 150, 200)  # poses more, of which the error is printed
 
 
-def run(argv: list[str]) -> int:
+def discover(argv: list[str]) -> int:
     """Search the data that `argv` names and print a verdict each; 1 where a search failed."""
     flags, words = split_flags(argv, ("--json", "--retry"))
     request = read_discover(words)
     failed, count = 0, 0
-    for outcome in discover(request, retry="--retry" in flags):
-        failed, count = failed + outcome.record.failed, count + 1
+    for outcome in discover_all(request, retry="--retry" in flags):
+        failed, count = failed + (outcome.record.report is None), count + 1
         if "--json" in flags:
             print(json.dumps(outcome.record.line(), allow_nan=False), flush=True)
+            continue
+        record, report = outcome.record, outcome.record.report
+        lines = [f"{record.case} ({record.machine}{', searched before' if outcome.before else ''})"]
+        if report is None:
+            lines.append(f"  failed: {record.error}")
         else:
-            print(_paragraph(outcome), flush=True)
+            found = (wording.headline(report), *wording.unnamed_sentences(report), wording.gap_sentence(report))
+            sizes = map(wording.as_sentence, wording.notes_among(report.notes, wording.SIZES))
+            lines += [f"  {note}" for note in wording.notes_among(report.notes, wording.FIRST)]
+            lines += [f"  {line}" for line in (*found, *wording.doubt_sentences(report), *sizes)]
+            lines += [f"  measure next: {advice}" for advice in wording.next_sentences(report)]
+            lines += [f"  note: {note}" for note in wording.notes_among(report.notes, wording.LAST)]
+            lines += [] if outcome.page is None else [f"  {outcome.page}"]
+        print("\n".join(lines) + "\n", flush=True)
     if "--json" not in flags:
         print(f"{count} searched, {failed} failed; {request.folder}/findings.parquet, gaps.parquet")
     elif failed:
@@ -41,17 +60,101 @@ def run(argv: list[str]) -> int:
     return 1 if failed else 0
 
 
-def _paragraph(outcome: Outcome) -> str:
-    record, report = outcome.record, outcome.record.report
-    lines = [f"{record.case} ({record.machine}{', searched before' if outcome.before else ''})"]
-    if report is None:
-        return f"{lines[0]}\n  failed: {record.error}\n"
-    lines += [f"  {note}" for note in notes_among(report.notes, FIRST)]
-    lines += [f"  {line}" for line in (headline(report), *unnamed_sentences(report), gap_sentence(report))]
-    sizes = notes_among(report.notes, SIZES)
-    lines += [f"  {line}" for line in (*doubt_sentences(report), *map(as_sentence, sizes))]
-    lines += [f"  measure next: {advice}" for advice in next_sentences(report)]
-    lines += [f"  note: {note}" for note in other_notes(report.notes)]
-    if outcome.page is not None:
-        lines.append(f"  {outcome.page}")
-    return "\n".join(lines) + "\n"
+def design(argv: list[str]) -> int:
+    if asks_for_poses(argv):
+        return design_poses(argv)
+    flags, words = split_flags(argv, ("--json",))
+    request = read_design(words)
+    answer = designed(request)
+    if "--json" in flags:
+        print(json.dumps(answer.to_dict(request.machine), indent=1))
+        return 0
+    console = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else _WIDTH)
+    _print(console, answer, request.build_machine().name)
+    return 0
+
+
+def _print(console: Console, answer: Designed, machine: str) -> None:
+    design, further = answer.design, answer.further
+    words = {s.effect: effect_label(machine, s.family, s.target) for s in design.candidates}
+    print(f"{design.name}: {design.readings} readings, {design.constraints} constraints; no effect was fitted\n")
+    table = Table(box=None, pad_edge=False)
+    table.add_column("effect")
+    for head in ("visible share", "smallest size seen", "class"):
+        table.add_column(head, justify="right")
+    sizes = {k: len(names) for k, names in enumerate(design.classes)}
+    for sight in design.candidates:
+        seen = smallest(sight.minimum_detectable, sight.unit) if sight.visible else "invisible"
+        group = str(sight.group + 1) if sizes.get(sight.group, 0) > 1 else ""
+        table.add_row(printable(words[sight.effect]), wording.share(sight.visible_fraction), seen, group)
+    console.print(table)
+    print()
+    mixed = [names for names in design.classes if len(names) > 1]
+    if mixed:
+        print(f"Cannot be told apart by these data, at a visible size of {design.size:g} sigma:")
+        for names in mixed:
+            more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+            print(f"  {' | '.join(words[name] for name in names[:_LISTED])}{more}")
+    else:
+        print(f"All visible effects can be told apart at a visible size of {design.size:g} sigma.")
+    if lines := untested_lines(machine, design.not_testable):
+        print("\nCannot be tested:")
+    for line in lines:
+        print(f"  {line}")
+    for note in design.notes:
+        print(f"note: {note}")
+    if further is None:
+        if answer.reason:
+            print(f"\nNo further readings are proposed: {answer.reason}")
+        return
+    print(f"\nReadings that would best split {' | '.join(words.get(name, name) for name in further.rivals)}")
+    if not further.helps:
+        print("  none: no reading separates these; they leave the same signature")
+        return
+    table = Table(box=None, pad_edge=False)
+    for head in ("x [mm]", "y [mm]", "separation after it [sigma]"):
+        table.add_column(head, justify="right")
+    for (x, y), separation in zip(further.positions, further.separation[1:]):
+        table.add_row(f"{x:.1f}", f"{y:.1f}", f"{separation:.2f}")
+    console.print(table)
+    print(f"  separation before: {further.separation[0]:.2f} sigma, after: {further.separation[-1]:.2f}")
+
+
+def design_poses(argv: list[str]) -> int:
+    flags, words = split_flags(argv, ("--json",))
+    plan, to = read_design_poses(words)
+    kinds = {joint.name: joint.kind for joint in plan.chain.joints}
+    turns = [(name, kinds.get(name, "rotary") == "rotary") for name in plan.chain.driven]  # and those that slide
+    if to is not None:
+        heads = [f"{name} [{'rad' if turn else 'mm'}]" for name, turn in turns]
+        lines = [",".join(heads), *(",".join(f"{v:.6f}" for v in row) for row in plan.joints)]
+        write_whole(to, lambda file: file.write(("\n".join(lines) + "\n").encode()))
+    if "--json" in flags:
+        print(json.dumps(plan.to_dict(), allow_nan=False))
+        return 0
+    beside = f"beside {plan.measured} that are measured" if plan.measured else "to begin with"
+    limits = "no limits are stated" if plan.limits == "none" else f"limits of the {plan.limits}"
+    print(f"{len(plan.joints)} poses {beside}, for {plan.numbers} numbers of the arm; {limits}\n")
+    rows = []
+    for k, (joints, target) in enumerate(zip(plan.joints, plan.target, strict=True), start=1):
+        cells = [f"{np.rad2deg(v) if turn else v:.1f}" for v, (_, turn) in zip(joints, turns, strict=True)]
+        rows.append([str(k), *cells, " ".join(f"{v:.0f}" for v in target)])
+    print_table(["", *(f"{name} [{'°' if turn else 'mm'}]" for name, turn in turns), "target [mm]"], rows)
+    print("\nerror of the calibrated arm over the workspace, from the uncertainty of its numbers alone")
+    count = len(plan.joints)
+    steps = [n for n in _STEPS if n < count] + [count]
+    errors = {n: plan.chosen.error[n] for n in steps}
+    rows = [[str(n), "unknown" if error > 20 else f"{plain(error, 3)}"] for n, error in errors.items()]
+    print_table(["poses more", "error [mm, rms]"], rows)
+    enough, scatter = plan.chosen.enough(plan.sigma), f"the scatter of a reading, {plain(plan.sigma, 3)} mm"
+    if enough is None:
+        print(f"more poses help: the numbers are not yet known to a third of {scatter}")
+    elif enough == 0:
+        print(f"more poses do not help: the numbers are known to a third of {scatter}")
+    else:
+        print(f"from {enough} on more poses hardly help: the numbers are known to a third of {scatter}")
+    for note in plan.notes:
+        print(f"note: {note}")
+    if to is not None:
+        print(to)
+    return 0

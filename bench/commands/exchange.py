@@ -10,38 +10,24 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-from calibench.bench.commands.arguments import split_flags, split_to
 from calibench.bench.exchange.coco import read_coco
 from calibench.bench.exchange.ioh import read_ioh
 from calibench.bench.exchange.published import PublishedRun, write_study
 from calibench.bench.exchange.studies import Study, read_study, require_free, write_folder
+from calibench.bench.words import split_flags
 from calibench.core.options import suggest
 from calibench.core.words import counted
 from calibench.core.words import print_plain as print
 
 _FOLDERS = {
-    "coco": "coco:write_coco",
-    "ioh": "ioh:write_ioh",
-    "csv": "csv_tables:write_csv",
-    "latex": "latex:write_latex",
-}
+    "coco": "coco:write_coco", "ioh": "ioh:write_ioh", "csv": "csv_tables:write_csv", "latex": "latex:write_latex",
+}  # fmt: skip
 FORMATS = (*_FOLDERS, "mlflow")
 _READERS: dict[str, Callable[[Path], list[PublishedRun]]] = {"coco": read_coco, "ioh": read_ioh}
-_IMPORT_EXAMPLE = "bench import coco BIPOP-CMA-ES --to results/bipop"
-_EXPORT_EXAMPLE = "bench export csv results/adhoc --to tables"
 
 
 def export(argv: list[str]) -> int:
-    """Write the study that `argv` names, and print what was written."""
-    words, to = split_to("export", argv, _EXPORT_EXAMPLE)
-    _, words = split_flags(words, ())
-    if len(words) != 2:
-        raise ValueError(
-            f"export: a format ({', '.join(FORMATS)}) and one STUDY_DIR are needed, such as {_EXPORT_EXAMPLE}"
-        )
-    name, folder = words
-    if name not in FORMATS:
-        raise ValueError(f"export: unknown format {name!r}; {suggest(name, FORMATS)}")
+    name, folder, to = _asked("export", argv, FORMATS, "STUDY_DIR", "bench export csv results/adhoc --to tables")
     if name == "mlflow":
         from calibench.bench.exchange.mlflow_runs import write_mlflow
 
@@ -58,16 +44,9 @@ def export(argv: list[str]) -> int:
 
 
 def import_study(argv: list[str]) -> int:
-    """Make a study of the published runs that `argv` names."""
-    words, to = split_to("import", argv, _IMPORT_EXAMPLE)
-    _, words = split_flags(words, ())
-    if len(words) != 2:
-        raise ValueError(
-            f"import: a format ({', '.join(_READERS)}) and one FOLDER are needed, such as {_IMPORT_EXAMPLE}"
-        )
-    name, folder = words[0], Path(words[1])
-    if name not in _READERS:
-        raise ValueError(f"import: unknown format {name!r}; {suggest(name, _READERS)}")
+    example = "bench import coco BIPOP-CMA-ES --to results/bipop"
+    name, source, to = _asked("import", argv, tuple(_READERS), "FOLDER", example)
+    folder = Path(source)
     if not folder.is_dir():
         raise ValueError(f"import: {folder}: there is no such folder; an archive is to be unpacked first")
     require_free(Path(to))
@@ -78,3 +57,19 @@ def import_study(argv: list[str]) -> int:
     merge = f"bench merge {shlex.quote(str(written))} results/adhoc --to results/both"
     print(f"beside yours: {merge}, then bench report results/both")
     return 0
+
+
+def _asked(verb: str, argv: list[str], formats: tuple[str, ...], what: str, example: str) -> tuple[str, str, str]:
+    """Return the format, the folder and OUT of ``FORMAT FOLDER --to OUT``."""
+    rest = list(argv)
+    at = rest.index("--to") if "--to" in rest else len(rest)
+    to = rest[at + 1 : at + 2]
+    del rest[at : at + 2]
+    if not to or "--to" in rest:
+        raise ValueError(f"{verb}: one --to OUT is needed, such as {example}")
+    words = split_flags(rest, ())[1]
+    if len(words) != 2:
+        raise ValueError(f"{verb}: a format ({', '.join(formats)}) and one {what} are needed, such as {example}")
+    if words[0] not in formats:
+        raise ValueError(f"{verb}: unknown format {words[0]!r}; {suggest(words[0], formats)}")
+    return words[0], words[1], to[0]

@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import print_json, print_table
-from calibench.bench.sweep.request import build_member
-from calibench.bench.sweep.words import read_pairs
-from calibench.core.options import coerce, shown
+from calibench.bench.sweep.composition import parse, refuse_lists
+from calibench.bench.sweep.request import members_of
+from calibench.bench.verbs import IdentifyWords
+from calibench.bench.words import RequestError, read, split_flags
 from calibench.core.words import plain
 from calibench.core.words import print_plain as print
 from calibench.problems import identify
 
 
 def run(argv: list[str]) -> int:
-    """Print rank, gauge, singular values and standard errors of the problem that `argv` names."""
     flags, words = split_flags(argv, ("--json",))
-    of_problem = [word for word in words if word.partition("=")[0].partition(".")[0] == "problem"]
-    given = read_pairs(
-        "identify", [word for word in words if word not in of_problem], {"problem": "full12", "noise": "1e-4"}
-    )
-    problem = build_member("problem", of_problem)
-    try:
-        sigma = coerce("noise", float(given["noise"]), float) if "noise" in given else None
-    except ValueError:
-        raise ValueError(f"noise={shown(given['noise'])}: a number (rad, or mm for the Orthoglide) is needed") from None
-    known = identify(problem, noise=sigma)
+    given = read(IdentifyWords, "identify", words)
+    overrides = parse([word for word in words if word.startswith("problem")])
+    refuse_lists(overrides)
+    member = members_of("problem", overrides)[0]
+    if member.broken is not None:
+        raise RequestError(f"problem {member.name} cannot be built: {member.broken.error}")
+    problem = member.built
+    known = identify(problem, noise=given.noise)
     if "--json" in flags:
         print_json(known.to_dict())
         return 0

@@ -3,30 +3,56 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
-from calibench.bench.commands.arguments import split_flags
+from calibench.bench.words import split_flags
 from calibench.core.options import suggest
 from calibench.core.registry import about
 from calibench.core.words import print_plain as print
 
+_KINDS = ("problems", "optimizers", "effects", "machines", "studies", "figures")
+# written down here: the modules that draw take seconds to import; a test compares it with them
+_FIGURES = {
+    "convergence": "best error over charged evaluations, median and quartiles, rounding floor",
+    "target": "what each method paid to the last target, on one logarithmic axis; where the paper stopped its own",
+    "ecdf": "share of targets that each method reached over charged evaluations, of all problems and of each group",
+    "critical_difference": "mean rank of each method over the problems; a bar joins those that no test tells apart",
+    "overview": "of many methods or problems: the place of each method on each, and its runs at the goal",
+    "gauge": "Table 4's and Table 7's printed results on the curve along which no reading changes",
+    "plans": "singular values for readings on a line, a circle, two circles and a disc",
+    "cong2008_fig3": "Fig. 3 of Cong et al. 2008: GA, PSO and DE under J1, beside the printed ends; fig4 is of J2",
+    "cong2008_fig4": "the same under J2", "cong2008_fig5": "the same under J3",
+    "orthoglide_residuals": "measured deviations before and after calibration, for three parameter sets",
+    "where": "discover: how strongly the residual of each part of the machine depends on each recorded quantity",
+    "workspace": "discover: the mean residual of each region over its own noise; calibrate: the error of each pose",
+    "candidates": "discover: what each effect of the catalogue explains, the set marked",
+    "residuals": "discover: the error of the quantity that an effect changes, before and after",
+    "gap": "discover: the error on readings that were not fitted over the noise floor",
+    "noise": "discover: what was seen of noise that is blamed: outlying readings, steps of a sensor, heavy tails",
+    "errors": "calibrate: the share of poses below each error, before and after",
+    "joints": "calibrate: the error over the angle of each joint, before and after",
+}  # fmt: skip
+
 
 def run(argv: list[str]) -> int:
-    """Print the kind that `argv` names, or the entries named after it, ``FILE.py:CLASS`` of one's own among them.
-
-    Only modules of that kind are imported, so that the answer comes at once.
-    """
+    """Print the kind that `argv` names, or its entries named after it; only modules of that kind are imported."""
     flags, words = split_flags(argv, ("--json", "--all"))
-    kinds: dict[str, Callable[[], list[dict[str, Any]]]] = {
-        "problems": _problem_rows, "optimizers": _optimizer_rows, "effects": _effect_rows, "machines": _machine_rows,
-        "studies": _study_rows, "figures": _figure_rows,
-    }  # fmt: skip
     kind, names = (words[0], words[1:]) if words else ("", [])
-    if kind not in kinds:
+    if kind not in _KINDS:
         what = f"list {kind}: no such kind" if words else "list: what is to be listed is missing"
-        raise ValueError(f"{what}; {suggest(kind, kinds)}")
-    rows = _named_rows(kind, names, kinds[kind]) if names else kinds[kind]()
+        raise ValueError(f"{what}; {suggest(kind, _KINDS)}")
+    rows = [] if names and all(":" in name for name in names) else _rows(kind)
+    listed = {row["name"]: row for row in rows}
+    for name in names:
+        if name in listed:
+            continue
+        if ":" not in name or kind not in ("problems", "optimizers"):
+            raise ValueError(f"list {kind} {name}: no such name; {suggest(name, listed)}")
+        registry = _registry(kind)  # a user's own
+        own = {"name": registry.told_name(name), "about": about(registry.factory(name))}
+        listed[name] = own | {"options": _options(registry, name)}
+    rows = [listed[name] for name in names] if names else rows
     if "--all" in flags and not names and kind in ("problems", "optimizers"):
         left_out = _registry(kind).left_out.items()
         rows += [{"name": name, "about": reason, "left_out": True} for name, reason in left_out]
@@ -47,124 +73,54 @@ def run(argv: list[str]) -> int:
     return 0
 
 
-def _named_rows(kind: str, names: list[str], every: Callable[[], list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Return the rows of these names; ``FILE.py:CLASS`` is a user's own problem or optimiser."""
-    rows = {row["name"]: row for row in every()} if any(":" not in name for name in names) else {}
-    for name in names:
-        if name in rows:
-            continue
-        if ":" not in name or kind not in ("problems", "optimizers"):
-            raise ValueError(f"list {kind} {name}: no such name; {suggest(name, rows)}")
-        registry = _registry(kind)
-        row = {"name": registry.told_name(name), "about": about(registry.factory(name))}
-        rows[name] = row | {"options": _option_rows(registry, name)}
-    return [rows[name] for name in names]
-
-
 def _registry(kind: str) -> Any:
     from calibench import optimizers, problems
 
     return problems.registry if kind == "problems" else optimizers.registry
 
 
-def _problem_rows() -> list[dict[str, Any]]:
-    from calibench import problems
+def _rows(kind: str) -> list[dict[str, Any]]:
+    if kind == "figures":
+        return [{"name": name, "about": shows} for name, shows in _FIGURES.items()]
+    if kind == "studies":
+        from calibench.bench.sweep.studies import study_names, study_preset
 
-    return [
-        {"name": name, "about": about(factory), "options": _option_rows(problems.registry, name)}
-        for name, factory in problems.registry.factories().items()
-    ]
-
-
-def _optimizer_rows() -> list[dict[str, Any]]:
-    from dataclasses import asdict
-
-    from calibench import optimizers
-
-    rows = []
-    for name, factory in optimizers.registry.factories().items():
-        needs = any(option.required for option in optimizers.registry.options(name).values())
-        traits = getattr(None if needs else factory(), "traits", None)
-        rows.append(
-            {
-                "name": name,
-                "about": about(factory),
-                "traits": {} if traits is None else asdict(traits),
-                "options": _option_rows(optimizers.registry, name),
-            }
-        )
-    return rows
-
-
-def _effect_rows() -> list[dict[str, Any]]:
+        return [{"name": name, "about": (study_preset(name) or {})["description"]} for name in study_names()]
+    if kind in ("problems", "optimizers"):
+        registry, rows = _registry(kind), []
+        for name, factory in registry.factories().items():
+            row = {"name": name, "about": about(factory)}
+            if kind == "optimizers":
+                needs = any(option.required for option in registry.options(name).values())
+                traits = getattr(None if needs else factory(), "traits", None)
+                row["traits"] = {} if traits is None else asdict(traits)
+            rows.append(row | {"options": _options(registry, name)})
+        return rows
     from calibench.discrepancy import effects, machines
+    from calibench.discrepancy.registries import machines as registry_of_machines
 
+    if kind == "machines":
+        return [
+            {
+                "name": name, "about": about(registry_of_machines.factories()[name]),
+                "options": _options(registry_of_machines, name),
+                "effects": [family.name for family in effects.families(name)],
+            }
+            for name in machines.names()
+        ]  # fmt: skip
     return [
         {
-            "name": family.name,
-            "about": f"{family.cause}: {family.formula}",
-            "machine": family.machine,
-            "tags": [family.machine, family.channel],
-            "formula": family.formula,
-            "channel": family.channel,
-            "unit": family.unit,
-            "targets": list(family.targets),
-            "columns": list(family.columns),
+            "name": family.name, "about": f"{family.cause}: {family.formula}", "machine": family.machine,
+            "tags": [family.machine, family.channel], "formula": family.formula, "channel": family.channel,
+            "unit": family.unit, "targets": list(family.targets), "columns": list(family.columns),
             "twins": family.twins,
         }
         for machine in machines.names()
         for family in effects.families(machine)
-    ]
+    ]  # fmt: skip
 
 
-def _machine_rows() -> list[dict[str, Any]]:
-    from calibench.discrepancy import effects, machines
-    from calibench.discrepancy.registries import machines as registry
-
-    return [
-        {
-            "name": name,
-            "about": about(registry.factories()[name]),
-            "options": _option_rows(registry, name),
-            "effects": [family.name for family in effects.families(name)],
-        }
-        for name in machines.names()
-    ]
-
-
-def _study_rows() -> list[dict[str, Any]]:
-    from calibench.bench.sweep.studies import study_names, study_preset
-
-    return [{"name": name, "about": (study_preset(name) or {})["description"]} for name in study_names()]
-
-
-def _figure_rows() -> list[dict[str, Any]]:
-    # written down here: the modules that draw take seconds to import; a test compares it with them
-    figures = {
-        "convergence": "best error over charged evaluations, median and quartiles, rounding floor",
-        "target": "what each method paid to the last target, on one logarithmic axis; where the paper stopped its own",
-        "ecdf": "share of targets that each method reached over charged evaluations, of all problems and of each group",
-        "critical_difference": "mean rank of each method over the problems; a bar joins those that no test tells apart",
-        "overview": "of many methods or problems: the place of each method on each, and its runs at the goal",
-        "gauge": "Table 4's and Table 7's printed results on the curve along which no reading changes",
-        "plans": "singular values for readings on a line, a circle, two circles and a disc",
-        "cong2008_fig3": "Fig. 3 of Cong et al. 2008: GA, PSO and DE under J1, beside the printed ends; fig4 is of J2",
-        "cong2008_fig4": "the same under J2",
-        "cong2008_fig5": "the same under J3",
-        "orthoglide_residuals": "measured deviations before and after calibration, for three parameter sets",
-        "where": "discover: how strongly the residual of each part of the machine depends on each recorded quantity",
-        "workspace": "discover: the mean residual of each region over its own noise; calibrate: the error of each pose",
-        "candidates": "discover: what each effect of the catalogue explains, the set marked",
-        "residuals": "discover: the error of the quantity that an effect changes, before and after",
-        "gap": "discover: the error on readings that were not fitted over the noise floor",
-        "noise": "discover: what was seen of noise that is blamed: outlying readings, steps of a sensor, heavy tails",
-        "errors": "calibrate: the share of poses below each error, before and after",
-        "joints": "calibrate: the error over the angle of each joint, before and after",
-    }
-    return [{"name": name, "about": about} for name, about in figures.items()]
-
-
-def _option_rows(registry: Any, name: str) -> list[dict[str, Any]]:
+def _options(registry: Any, name: str) -> list[dict[str, Any]]:
     return [
         {"name": o.name, "default": o.default, "required": o.required, "text": o.describe()}
         for o in registry.options(name).values()

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import sys
 
-from calibench.bench.papers import KINDS, run_paper
 from calibench.bench.papers.page import NONE, by_kind
+from calibench.bench.papers.rerun import run_paper
+from calibench.bench.papers.row import KINDS
 from calibench.bench.sweep.progress import progress
-from calibench.bench.sweep.words import read_budget, read_pairs, read_seeds
+from calibench.bench.sweep.words import read_budget, read_seeds
+from calibench.bench.verbs import PaperWords
+from calibench.bench.words import read
 from calibench.core.words import counted, plain
 from calibench.core.words import print_plain as print
-
-_DEFAULTS = {"budget": "ci", "results": "results", "seeds": "", "execution": "processes", "to": ""}
 
 
 def run(argv: list[str]) -> int:
@@ -20,15 +21,13 @@ def run(argv: list[str]) -> int:
     while rest:
         word = rest.pop(0).removeprefix("--")
         words.append(word if "=" in word or not rest else f"{word}={rest.pop(0)}")
-    given = _DEFAULTS | read_pairs("paper", words, _DEFAULTS | {"seeds": "5", "to": "results/reference"})
-    budget = int(given["budget"]) if given["budget"].isdecimal() else given["budget"]
+    given = read(PaperWords, "paper", words)
+    budget = int(given.budget) if given.budget.isdecimal() else given.budget
     read_budget(budget, "of a paper", {"ci": 1, "paper": 1})
-    if given["seeds"]:
-        read_seeds(given["seeds"])
+    if given.seeds:
+        read_seeds(given.seeds)
     with progress() as report:
-        ledger = run_paper(
-            budget, given["results"], given["seeds"] or None, given["execution"], report, given["to"] or None
-        )
+        ledger = run_paper(budget, given.results, given.seeds or None, given.execution, report, given.to or None)
     papers = {paper: ledger.counts(paper) for paper in dict.fromkeys(row.paper for row in ledger.rows)}
     for verdict, count in ledger.counts().items():
         print(f"{count:4d}  {verdict} ({', '.join(f'{paper} {of[verdict]}' for paper, of in papers.items())})")

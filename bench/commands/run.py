@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shlex
 import signal
 import sys
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from shutil import get_terminal_size
+from statistics import mean
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibench.bench.commands.arguments import split_flags
 from calibench.bench.commands.console import best_of, print_summary, print_table
 from calibench.bench.commands.status import runs_of_other_shards
 from calibench.bench.execution.run_row import COLUMNS
@@ -27,11 +29,13 @@ from calibench.bench.store.arrays import kept, mask_of
 from calibench.bench.store.columns import columns_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import to_pandas
-from calibench.bench.sweep.carry_out import Outcome, carry_out
-from calibench.bench.sweep.progress import progress, seconds_left
+from calibench.bench.sweep import costs
+from calibench.bench.sweep.carry_out import Outcome, Way, carry_out, find_stale
+from calibench.bench.sweep.progress import progress
 from calibench.bench.sweep.remarks import points_outside, remarks_on_rows
 from calibench.bench.sweep.request import Request, read_request
-from calibench.bench.sweep.stale import Way, find_stale
+from calibench.bench.sweep.words import read_execution
+from calibench.bench.words import split_flags
 from calibench.core import process
 from calibench.core.words import counted, plural, span
 from calibench.core.words import print_plain as print
@@ -47,57 +51,39 @@ _UNUSED = (
     "traceback", "best_x", "at_bound", "parameter_names", "parameter_values", "parameter_units", "parameter_starts",
     "parameter_truths",
 )  # fmt: skip  # what no summary looks at
+_OVERHEAD = 0.002  # seconds a run takes besides its evaluations
 _USED = [column.name for column in COLUMNS if column.group != "origin" and column.name not in _UNUSED]
 
 
+@leaving_nothing()
 def run(argv: list[str]) -> int:
     """Carry out the sweep that `argv` asks for; 1 where a run failed or has no row."""
-    with leaving_nothing():
-        return _run(argv)
-
-
-def _run(argv: list[str]) -> int:
     if any(word.partition("=")[0] in ("--config-dir", "-cd", "--config-name", "-cn") for word in argv):
         raise ValueError("--config-dir: is not built; words of your own stand in a study file, study=FILE.yaml")
     flags, words = split_flags(argv, ("-m", "--multirun", "--dry-run", *_AGAIN))
     if {"--rerun", "--keep"} <= flags:
         raise ValueError("--rerun and --keep: rows of other code are done again or kept; give one of the two")
+    retry, drop = "--retry-failed" in flags, "--drop-planned" in flags
+    way: Way = "rerun" if "--rerun" in flags else "keep" if "--keep" in flags else "ask"
+    command = shlex.join(["bench", "run", *(word for word in argv if word not in _AGAIN)])
+
+    def carry(request: Request, command: str) -> Outcome:
+        with progress(request.folder) as report:
+            return carry_out(request, report, retry, drop, command, way, _tell)
+
     if any(word.partition("=")[0].partition(".")[0] == "tuner" for word in words):
-        return _tune(argv, words, flags)
+        process.resume()
+        with _ended_by_sigterm():
+            return tune(words, command, carry, "--dry-run" in flags)
     request = read_request(words, multirun=bool({"-m", "--multirun"} & flags))
     process.resume()  # what it loaded stays
     for line in (*request.left_out, *request.copies, *request.remarks):
         print(line)
-    command, way = _command(argv), _way(flags)
     if "--dry-run" in flags:
-        return _dry_run(request, "--retry-failed" in flags, way)
-    with _ended_by_sigterm(), progress(request.folder) as report:
-        outcome = carry_out(request, report, "--retry-failed" in flags, "--drop-planned" in flags, command, way, _tell)
-    return _print(request, outcome, way)
-
-
-def _tune(argv: list[str], words: list[str], flags: set[str]) -> int:
-    """Carry out a sweep whose settings are proposed one after the other."""
-    from calibench.bench.commands.tune import tune
-
-    process.resume()
-
-    def carry(request: Request, command: str) -> Outcome:
-        with progress(request.folder) as report:
-            return carry_out(
-                request, report, "--retry-failed" in flags, "--drop-planned" in flags, command, _way(flags), _tell
-            )
-
+        return _dry_run(request, retry, way)
     with _ended_by_sigterm():
-        return tune(words, _command(argv), carry, "--dry-run" in flags)
-
-
-def _command(argv: list[str]) -> str:
-    return shlex.join(["bench", "run", *(word for word in argv if word not in _AGAIN)])
-
-
-def _way(flags: set[str]) -> Way:
-    return "rerun" if "--rerun" in flags else "keep" if "--keep" in flags else "ask"
+        outcome = carry(request, command)
+    return _print(request, outcome, way)
 
 
 def _print(request: Request, outcome: Outcome, way: Way) -> int:
@@ -117,13 +103,18 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
                 print_summary(best, request.seeds > 1)
             some = f", of which the best {len(best['runs'])} are printed" if best["runs"] else ", more than are printed"
             print(f"{counted(cells, 'cell')}{some}; the report has all")
-            _print_answer(mine, request)
+            from calibench.bench.report.study.answer import answer_of  # half a second to load
+
+            traces, runs = ResultStore(request.folder).traces(), to_pandas(mine)
+            answer = answer_of(runs, traces[traces["run_id"].isin(runs["run_id"])])
+            if answer.verdict != "alone":  # which method is best over all cells, and how sure, as the report says it
+                print(f"{answer.best}\n{answer.sure}")
         columns = columns_of(mine)
         for line in (points_outside(columns), *remarks_on_rows(columns)):
             if line:
                 print(line)
     if way == "keep" and outcome.stale.other:
-        print(f"{outcome.stale.told()}; they were kept, and stand in the table above")
+        print(f"{outcome.stale.lines()[0]}; they were kept, and stand in the table above")
     lost = set(outcome.asked).difference(mine["run_id"].to_pylist())
     every = f"{len(mine)} of " if lost else ""
     done = f"{every}{counted(len(outcome.asked), 'run')} ({outcome.skipped} done before)"
@@ -145,48 +136,31 @@ def _print(request: Request, outcome: Outcome, way: Way) -> int:
         )
         return 1
     if lost:
-        _print_lost(lost, request)
+        # which runs were done and have no row, a line for each cell, with one to look for
+        says = "run has no row" if len(lost) == 1 else "runs have no row"
+        print(f"\n{len(lost)} {says}: what was kept of them in {request.folder} was damaged or taken away as they ran:")
+        of_cell: dict[str, list[str]] = {}
+        for run_id in sorted(lost):
+            of_cell.setdefault(request.labels[run_id], []).append(run_id)
+        rows = [[str(len(ids)), ids[0], request.called.get(label, label)] for label, ids in of_cell.items()]
+        print_table(["runs", "such as", "cell"], rows[:_LONG])
+        if len(rows) > _LONG:
+            print(f"and those of {counted(len(rows) - _LONG, 'cell')} more")
+        print("see that no problem or method writes there, then give the same command again")
         return 1
     return 1 if ended else 0
 
 
-def _print_answer(mine: pa.Table, request: Request) -> None:
-    """Print which method is best over all cells, and how sure that is, as the report says it."""
-    from calibench.bench.report.study.answer import answer_of  # of a long sweep alone: it takes half a second to load
-
-    traces = ResultStore(request.folder).traces()
-    runs = to_pandas(mine)
-    answer = answer_of(runs, traces[traces["run_id"].isin(runs["run_id"])])
-    if answer.verdict != "alone":
-        print(f"{answer.best}\n{answer.sure}")
-
-
-def _print_lost(lost: Collection[str], request: Request) -> None:
-    """Print which runs were done and have no row, a line for each cell, with one to look for."""
-    says = "run has no row" if len(lost) == 1 else "runs have no row"
-    print(f"\n{len(lost)} {says}: what was kept of them in {request.folder} was damaged or taken away as they ran:")
-    cells: dict[str, list[str]] = {}
-    for run_id in sorted(lost):
-        cells.setdefault(request.labels[run_id], []).append(run_id)
-    rows = [[str(len(ids)), ids[0], request.called.get(label, label)] for label, ids in cells.items()]
-    print_table(["runs", "such as", "cell"], rows[:_LONG])
-    if len(rows) > _LONG:
-        print(f"and those of {counted(len(rows) - _LONG, 'cell')} more")
-    print("see that no problem or method writes there, then give the same command again")
-
-
 def _print_failures(rows: pa.Table, request: Request, way: Way) -> None:
-    """Print why some of the `rows` did not end well, a line for each reason of a problem and a method, with one run."""
     mine = to_pandas(rows)
     lost = mine[mine["status"] != "ok"]
     counts = {"failed": (lost["status"] == "failed").sum(), "out of time": (lost["status"] == "timeout").sum()}
     print(f"\n{', '.join(f'{count} {what}' for what, count in counts.items() if count)}:")
     named = lost.assign(
-        problem=problem_titles(mine)[lost.index],
-        optimizer=method_titles(mine)[lost.index],
+        problem=problem_titles(mine)[lost.index], optimizer=method_titles(mine)[lost.index],
         error=[" ".join(str(text).split()) for text in lost["error"]],
         alike=[without_numbers(str(text)) for text in lost["error"]],
-    )
+    )  # fmt: skip
     reasons = []
     columns = ["problem", "optimizer", "status", "error_type", "error"]
     for _, some in named.groupby([*columns[:-1], "alike"], sort=False, dropna=False):
@@ -211,10 +185,6 @@ def _tell(line: str) -> None:
 
 
 def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
-    """Print cells, runs, those done and left, and what the rest takes as far as that is known.
-
-    Returns 2 where the same command without --dry-run would stop: rows are of other code, and no flag says what to do.
-    """
     store = ResultStore(request.folder)
     states = store.survey().states if store.folder.is_dir() else {}
     failed = {run_id for run_id, state in states.items() if state.status != "ok" and run_id in request.specs}
@@ -226,23 +196,38 @@ def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
     finished = Counter(label for run_id, label in request.labels.items() if run_id in done)
     for label, count in runs.items():
         print(f"{count:4d} {plural('run', count)}, {finished[label]} done  {request.called.get(label, label)}")
-    ways = {
-        "ask": "--rerun does them again, --keep goes on with them",
-        "rerun": "they are done again",
-        "keep": "they are kept",
-    }
-    for line in (stale.told(), stale.told_unknown()) if stale is not None else ():
-        if line:
-            print(f"{line}; {ways[way]}")
+    asks = "--rerun does them again, --keep goes on with them"
+    ways = {"ask": asks, "rerun": "they are done again", "keep": "they are kept"}
+    for line in stale.lines() if stale is not None else ():
+        print(f"{line}; {ways[way]}")
     if failed:
         again = "which are done again" if retry_failed else "which --retry-failed does again"
         print(f"{counted(len(failed), 'run')} failed or ran out of time, {again}")
     to_do = len(request.specs) - finished.total()
     print(f"{counted(len(runs), 'cell')}, {counted(len(request.specs), 'run')}, {finished.total()} done, {to_do} left")
     if to_do:
-        seconds = seconds_left(request, done)
-        known = "" if seconds is None else f"they take some {span(max(seconds, 1.0))} or more"
-        print(known or "how long they take is not known")
+        # wall time by the finished runs of a cell; of one without, a lower limit: its budget times the cost of a call
+        took: dict[str, list[float]] = {}
+        if done:
+            rows = store.runs(["run_id", "wall_s"])
+            for run_id, wall in zip(rows["run_id"], rows["wall_s"], strict=True):
+                if run_id in request.labels:
+                    took.setdefault(request.labels[run_id], []).append(float(wall))
+        usual = {label: mean(walls) + _OVERHEAD for label, walls in took.items()}
+        known = store.manifest().get("costs", []) if store.folder.is_dir() else []
+        left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
+        unknown = [spec for run_id, spec in left.items() if request.labels[run_id] not in usual]
+        calls = costs.seconds_a_call(unknown, known) if unknown else {}
+        seconds = 0.0
+        for run_id, spec in left.items():
+            label = request.labels[run_id]
+            cost = None if label in usual else calls.get(costs.problem_of(spec))
+            if label not in usual and cost is None:
+                print("how long they take is not known")
+                break
+            seconds += usual[label] if cost is None else spec.budget * cost + _OVERHEAD
+        else:
+            print(f"they take some {span(max(seconds / read_execution(request.execution).workers, 1.0))} or more")
     would = f"{counted(to_do, 'run')} would go to {request.folder}" if to_do else "nothing is left to run"
     print(f"{would}; nothing was written")
     return 2 if stale is not None and stale.other and way == "ask" else 0
@@ -251,7 +236,6 @@ def _dry_run(request: Request, retry_failed: bool, way: Way) -> int:
 @contextmanager
 def _ended_by_sigterm() -> Iterator[None]:
     """Let SIGTERM, by which clusters end a job, end a sweep as Ctrl-C does: nothing is left running."""
-
     pid = os.getpid()
 
     def stop(number: int, _frame: object) -> None:
@@ -271,3 +255,59 @@ def _ended_by_sigterm() -> Iterator[None]:
     finally:
         if os.getpid() == pid:
             signal.signal(signal.SIGTERM, before)
+
+
+def tune(words: list[str], command: str, carry: Callable[[Request, str], Outcome], dry_run: bool) -> int:
+    """Run the default and the trials that `words` ask for; 1 where a run failed or has no row."""
+    from calibench.bench.commands.choose import print_chosen
+    from calibench.bench.statistics.choosing import NEEDED, choose
+    from calibench.bench.sweep.tuner import Trial, first_request, read_tuning, trials
+
+    tuning = read_tuning(words)
+    try:
+        for package in ("optuna", "cmaes") if tuning.sampler == "cmaes" else ("optuna",):
+            import_module(package)
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(f"tuner=optuna: needs {error.name}; pip install 'calibench[optuna]'") from None
+    first = first_request(tuning)
+    if dry_run:
+        runs = len(first.specs)
+        print(
+            f"the default and {counted(tuning.trials, 'trial')} of {counted(runs, 'run')} each, at most "
+            f"{counted(runs * (tuning.trials + 1), 'run')}, would go to {first.folder}; nothing was written"
+        )
+        return 0
+    done: list[Trial] = []
+    for trial in trials(tuning, lambda request, number: carry(request, "" if number else command)):
+        done.append(trial)
+        texts = (f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}" for k, v in trial.values.items())
+        name = f"trial {trial.number} of {tuning.trials}: {', '.join(texts)}" if trial.number else "the default"
+        is_best = trial.number and all(not other.score < trial.score for other in done)
+        score = f"score {trial.score:.3f}{' (best so far)' if is_best else ''}"
+        if math.isnan(trial.score):
+            score = "no score (a run without an answer, or none at the goal)"
+        print(f"{name}: {score}", flush=True)
+    store = ResultStore(first.folder)
+    asked = {run_id for trial in done for run_id in trial.request.specs}
+    rows = store.runs(NEEDED)
+    mine = rows[rows["run_id"].isin(asked)]
+    print()
+    try:
+        print_chosen(choose(mine, tuning.by))
+    except ValueError as error:
+        print(f"what choosing is worth is not told: {error}")
+    else:
+        if tuning.sampler != "random":
+            print(
+                f"trials were proposed ({tuning.sampler}) by their scores on all instances: the nested score leaves "
+                "out that optimism; tuner.sampler=random has none, other instances test the choice"
+            )
+    skipped = sum(trial.outcome.skipped for trial in done)
+    print(f"{counted(len(mine), 'run')} in {store.folder}/runs.parquet; {skipped} of those asked for were done before")
+    failed, ended = (int((mine["status"] == status).sum()) for status in ("failed", "timeout"))
+    if failed or ended or len(mine) < len(asked):
+        counts = {"failed": failed, "ended by the time limit": ended, "have no row": len(asked) - len(mine)}
+        reasons = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+        print(f"{reasons}; `bench status {shlex.quote(str(store.folder))}` tells why")
+        return 1
+    return 0

@@ -7,12 +7,12 @@ import sys
 import time
 from itertools import islice
 
-from calibench.bench.commands.arguments import split_flags
 from calibench.bench.execution.in_progress import read_running
 from calibench.bench.statistics.progress import SweepProgress, sweep_progress
 from calibench.bench.store.columns import columns_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.remarks import remarks_on_rows
+from calibench.bench.words import split_flags
 from calibench.core.words import counted, plain, plural, printable, span
 from calibench.core.words import print_plain as print
 
@@ -22,27 +22,33 @@ _LOOKED_AT = ("problem", "optimizer", "evaluations", "non_finite", "non_finite_s
 
 
 def run(argv: list[str]) -> int:
-    """Print the progress of a sweep once, or with --watch until nothing is left or nobody is at it."""
     flags, words = split_flags(argv, ("--watch",))
     if len(words) != 1:
         raise ValueError("one STUDY_DIR is needed, such as results/adhoc")
     store = ResultStore(words[0])
     progress = sweep_progress(store)
     if "--watch" in flags:
-        progress = _watch(store, progress)
+        from rich.console import Console
+        from rich.live import Live
+
+        idle = 0  # looks at which nobody was at it
+        with Live(console=Console(), transient=True, auto_refresh=False) as live:
+            while progress.to_do and idle < 2:
+                idle = 0 if progress.hosts else idle + 1
+                live.update(printable("\n".join(lines_of(store, progress))), refresh=True)
+                time.sleep(_EVERY)
+                progress = sweep_progress(store)
     rows = {} if store.has_journals() else columns_of(store.rows(_LOOKED_AT))  # to read journals takes their time
     print("\n".join([*lines_of(store, progress), *(remarks_on_rows(rows) if rows else ())]))
     for path in progress.damaged:
         print(
             f"bench: {path}: has lines that are damaged; `bench collect` sets them aside, the same `bench run` does "
-            "their runs again",
-            file=sys.stderr,
-        )
+            "their runs again", file=sys.stderr,
+        )  # fmt: skip
     return 2 if progress.damaged else 0
 
 
 def lines_of(store: ResultStore, progress: SweepProgress) -> list[str]:
-    """Return the progress of a sweep as lines."""
     late = f", {progress.timeouts} out of time" if progress.timeouts else ""
     lines = [f"{store.folder}: {progress.done} done ({progress.failed} failed{late}), {progress.to_do} left"]
     if progress.pace > 0:
@@ -81,18 +87,3 @@ def runs_of_other_shards(count: int) -> str:
     """
     verbs = ("belongs", "is") if count == 1 else ("belong", "are")
     return f"{counted(count, 'run')} of this sweep {verbs[0]} to other shards and {verbs[1]} not here"
-
-
-def _watch(store: ResultStore, progress: SweepProgress) -> SweepProgress:
-    """Show progress until nothing is left, or nobody has been at it for some looks."""
-    idle = 0
-    from rich.console import Console
-    from rich.live import Live
-
-    with Live(console=Console(), transient=True, auto_refresh=False) as live:
-        while progress.to_do and idle < 2:
-            idle = 0 if progress.hosts else idle + 1
-            live.update(printable("\n".join(lines_of(store, progress))), refresh=True)
-            time.sleep(_EVERY)
-            progress = sweep_progress(store)
-    return progress

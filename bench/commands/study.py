@@ -1,4 +1,4 @@
-"""``bench collect|report STUDY_DIR`` and ``bench merge``: tables, reports and merged studies from result folders."""
+"""``bench collect|report STUDY_DIR`` and ``bench merge``: tables, reports, merged studies; ``bench show``: one run."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from pathlib import Path
 
 import pandas as pd
 
-from calibench.bench.commands.arguments import split_flags
-from calibench.bench.commands.console import print_summary
+from calibench.bench.commands.console import print_json, print_summary
 from calibench.bench.commands.status import runs_of_other_shards
-from calibench.bench.papers.additions import ADDITIONS
+from calibench.bench.papers import ADDITIONS
+from calibench.bench.report.one_run import find_run, show_run
 from calibench.bench.report.study.write import finished_runs, report_progress, write_report
 from calibench.bench.statistics.cells import CELL, mixed_code
 from calibench.bench.statistics.names import problem_titles
-from calibench.bench.store.merge import merge
-from calibench.bench.store.runs import ResultStore
+from calibench.bench.store.runs import ResultStore, merge
+from calibench.bench.verbs import ShowWords
+from calibench.bench.words import read, split_flags
 from calibench.core.words import counted
 from calibench.core.words import print_plain as print
 
 
 def collect(argv: list[str]) -> int:
-    """Fold the journals into the tables."""
     store = _store(argv)
     aside = store.collect()
     print(f"{counted(len(store.collected()), 'run')} in {store.folder}/runs.parquet, traces.parquet")
@@ -29,7 +29,6 @@ def collect(argv: list[str]) -> int:
 
 
 def report(argv: list[str]) -> int:
-    """Write tables, figures and the page, and print the summary."""
     store = _store(argv)
     damaged, finished = store.damaged(), finished_runs(store)
     with report_progress() as tell:
@@ -37,8 +36,14 @@ def report(argv: list[str]) -> int:
     print_summary(finished.summary.to_dict("list"))
     if warning := mixed_code(finished.runs):
         print(warning)
-    for finding in _findings(store.folder / "identifiability.csv"):
-        print(finding)
+    identifiability = store.folder / "identifiability.csv"
+    if identifiability.exists():  # what the data cannot determine, once for each problem whatever its error function
+        table = pd.read_csv(identifiability, keep_default_na=False)
+        lost = table[table["rank"] < table["dimension"]]
+        titles = problem_titles(lost, but=("error",))
+        first = ~titles.duplicated()
+        for title, finding in zip(titles[first], lost.loc[first, "finding"], strict=True):
+            print(f"{title}: {finding}")
     for path in written:
         if path.suffix in (".csv", ".png", ".html"):
             print(path)
@@ -46,7 +51,6 @@ def report(argv: list[str]) -> int:
 
 
 def merge_studies(argv: list[str]) -> int:
-    """Make one study of several folders."""
     words, to = list(argv), ""
     if "--to" in words:
         at = words.index("--to")
@@ -81,12 +85,18 @@ def _tell_damaged(paths: list[Path], what: str) -> int:
     return 2 if paths else 0
 
 
-def _findings(path: Path) -> list[str]:
-    """Return a sentence on what the data cannot determine, once for each problem whatever its error function."""
-    if not path.exists():
-        return []
-    table = pd.read_csv(path, keep_default_na=False)
-    lost = table[table["rank"] < table["dimension"]]
-    titles = problem_titles(lost, but=("error",))
-    first = ~titles.duplicated()
-    return [f"{title}: {finding}" for title, finding in zip(titles[first], lost.loc[first, "finding"], strict=True)]
+def show(argv: list[str]) -> int:
+    """Print the run whose id begins with the word of `argv`; a word that is a folder is where it is looked for."""
+    flags, words = split_flags(argv, ("--json",))
+    given = read(ShowWords, "show", [word for word in words if "=" in word])
+    plain = [word for word in words if "=" not in word]
+    folders = [word for word in plain if len(plain) > 1 and Path(word).is_dir()]
+    ids = [word for word in plain if word not in folders]
+    if len(ids) != 1 or len(folders) + bool(given.results) > 1:
+        raise ValueError("show: one RUN_ID is needed, such as bench show 3f2a (the first digits suffice)")
+    one = find_run(Path([*folders, given.results or "results"][0]), ids[0])
+    if "--json" in flags:
+        print_json(one.row)
+    else:
+        print(show_run(one))
+    return 0

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from time import process_time
 from typing import final
@@ -18,8 +19,8 @@ from typing import final
 import numpy as np
 
 from calibench import discrepancy
-from calibench.bench.discovery.record import SearchRecord
 from calibench.bench.discovery.request import DiscoverRequest
+from calibench.bench.discovery.schema import SearchRecord
 from calibench.bench.discovery.store import FindingStore
 from calibench.bench.gate.endings import place_of, text_of
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool
@@ -30,14 +31,20 @@ from calibench.core.notes import Code, Note
 from calibench.core.seeds import digest
 from calibench.core.sources import module_digest
 from calibench.core.words import one_line
-from calibench.discrepancy import DataError, MeasuredData, Report
 from calibench.discrepancy.design.next_poses import NextPoses, NoPool, UnknownRival, next_poses
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.model.machine import Completed, Machine
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.registries import description_of, families
-from calibench.discrepancy.report import Finding
+from calibench.discrepancy.report import Report
 
 _MANY = 24  # sets of data above which pages are not drawn unless asked for: a page takes longer than its search
+_POSES = 4
+_MOST_RIVALS = 4
+_MANY_READINGS = 200  # readings above which it is no advice to take more
+_LEAST = 0.01  # sigma of a finding's visible size
+_APART = 4.0  # sigma: separation at which data distinguish two rivals
+_UNIT = "standard deviations of the noise"
 
 
 @final
@@ -56,17 +63,18 @@ def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]
     Raises `DataError` with nothing written where `data=` names nothing, or one set that cannot be used.
     """
     listed = sources(request.data, request.build_machine().name)
+    alone = len(listed) == 1
     pages = request.pages == "all" or (request.pages == "auto" and len(listed) <= _MANY)
-    task = _Task(request, pages, retry, alone=len(listed) == 1)
+    search = partial(_search, request, pages=pages, retry=retry, alone=alone)
     store = FindingStore(request.folder)
     store.check()
-    if not task.alone:
+    if not alone:
         store.open()
     try:
-        if request.workers == 1 or task.alone or not CAN_FORK:
-            yield from map(task.search, listed)
+        if request.workers == 1 or alone or not CAN_FORK:
+            yield from map(search, listed)
         else:
-            with WorkerPool(lambda source: _sendable(task.search(source)), min(request.workers, len(listed))) as pool:
+            with WorkerPool(partial(search, sent=True), min(request.workers, len(listed))) as pool:
                 pool.begin(listed)
                 for _ in listed:
                     yield pool.take()
@@ -75,69 +83,55 @@ def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]
             store.collect()
 
 
-def _sendable(outcome: Outcome) -> Outcome:
-    """Return the outcome with a report as if it were read back: the model of a search has functions in it."""
-    report = outcome.record.report
-    if report is None:
-        return outcome
-    return replace(outcome, record=replace(outcome.record, report=replace(report, candidates=(), fitted=None)))
+def _search(
+    request: DiscoverRequest, source: Source, *, pages: bool, retry: bool, alone: bool, sent: bool = False
+) -> Outcome:
+    """Search one set and write what came of it; one that is `alone` and unusable raises an error and gets no report.
 
-
-@final
-@dataclass(frozen=True)
-class _Task:
-    """The work on each set; an unusable set that is `alone` raises an error and gets no report."""
-
-    request: DiscoverRequest
-    pages: bool
-    retry: bool
-    alone: bool
-
-    def search(self, source: Source) -> Outcome:
-        """Search one set and write what came of it."""
-        request, data_id = self.request, source.data_id
-        case_id = digest(source.case, data_id, request.options, search_digest(request.build_machine()))
-        store, page = FindingStore(request.folder), request.folder / source.case / "report.html"
-        known = None if self.retry or not data_id else store.done(source.case, case_id)
-        if known is not None and (page.exists() or not self.pages):
-            return Outcome(known, True, page if page.exists() else None)
-        began, cpu = datetime.now(UTC), process_time()
-        origin = {**provenance(), "started_at": began.isoformat()}
-        record = SearchRecord(source.case, source.machine, case_id, data_id, request.options, origin)
-        data: MeasuredData | None = None
-        try:
-            data = source.read(request.stated)
-            if source.data_id != data_id:
-                raise DataError(f"{source.path}: changed while it was read; wait until it is written, then ask again")
-            machine = request.build_machine()
-            report = with_advice(discrepancy.explain(machine, data), data, machine)
-            report = replace(report, case=source.case)
-            record = replace(record, machine=report.machine, report=report, seconds=report.seconds)
-        except Exception as error:
-            if self.alone and isinstance(error, DataError):
-                raise
-            record = replace(record, error=_said(error), seconds=process_time() - cpu)
-        store.open()
-        page.unlink(missing_ok=True)
-        if self.pages and record.report is not None and data is not None:
-            notes = _draw(record, record.report, data, page.parent)
-            record = replace(record, report=replace(record.report, notes=(*record.report.notes, *notes)))
-        store.write(record)
-        return Outcome(record, False, page if page.exists() else None)
-
-
-def _draw(record: SearchRecord, report: Report, data: MeasuredData, folder: Path) -> tuple[Note, ...]:
-    """Write drawings and page; return a note where they cannot be drawn, for the verdict stands without them."""
-    from calibench.bench.discovery.page.page import write_report
-
+    What is `sent` from another process is as if it were read back: the model of a search has functions in it.
+    """
+    data_id = source.data_id
+    machine = request.build_machine()  # the code that searches: the machine's, its effects', the procedure's
+    of_effects = {digest_of(getattr(family.build, "func", family.build)) for family in families(machine.name)}
+    code = digest(digest_of(machine), sorted(of_effects), module_digest("calibench.discrepancy.procedure"))
+    case_id = digest(source.case, data_id, request.options, code)
+    store, page = FindingStore(request.folder), request.folder / source.case / "report.html"
+    known = None if retry or not data_id else store.done(source.case, case_id)
+    if known is not None and (page.exists() or not pages):
+        return Outcome(known, True, page if page.exists() else None)
+    began, cpu = datetime.now(UTC), process_time()
+    origin = {**provenance(), "started_at": began.isoformat()}
+    record = SearchRecord(source.case, source.machine, case_id, data_id, request.options, origin)
+    report: Report | None = None
     try:
-        write_report(record, report, data, folder)
+        data = source.read(request.stated)
+        if source.data_id != data_id:
+            raise DataError(f"{source.path}: changed while it was read; wait until it is written, then ask again")
+        machine = request.build_machine()
+        report = with_advice(discrepancy.explain(machine, data), data, machine)
+        report = replace(report, case=source.case)
+        record = replace(record, machine=report.machine, report=report, seconds=report.seconds)
     except Exception as error:
-        return (Note(Code.NO_PAGE, f"the page could not be drawn: {_said(error)}"),)
-    return ()
+        if alone and isinstance(error, DataError):
+            raise
+        record = replace(record, error=_in_a_line(error), seconds=process_time() - cpu)
+    store.open()
+    page.unlink(missing_ok=True)
+    if pages and report is not None:
+        from calibench.bench.discovery.page.page import write_report
+
+        try:
+            write_report(record, report, data, page.parent)
+        except Exception as error:  # the verdict stands without its page
+            note = Note(Code.NO_PAGE, f"the page could not be drawn: {_in_a_line(error)}")
+            record = replace(record, report=replace(report, notes=(*report.notes, note)))
+    store.write(record)
+    if sent and record.report is not None:
+        record = replace(record, report=replace(record.report, candidates=(), fitted=None))
+    return Outcome(record, False, page if page.exists() else None)
 
 
-def _said(error: Exception) -> str:
+def _in_a_line(error: Exception) -> str:
     """Return a line for an error: what is wrong with the data, or a failure's type and place in the user's code."""
     text = one_line(text_of(error))
     if isinstance(error, DataError):
@@ -146,48 +140,38 @@ def _said(error: Exception) -> str:
     return f"{type(error).__name__}: {text}{f' ({place})' if place else ''}"
 
 
-_POSES = 4
-_MOST_RIVALS = 4
-_MANY_READINGS = 200  # readings above which it is no advice to take more
-_LEAST = 0.01  # sigma of a finding's visible size
-_APART = 4.0  # sigma: separation at which data distinguish two rivals
-_UNIT = "standard deviations of the noise"
-
-
 def with_advice(report: Report, data: MeasuredData, machine: Machine) -> Report:
     """Return the report with computed proposals added to `separated_by` of findings that have rivals.
 
     `machine` is the very object that was searched, because the report lacks its options, such as an arm's URDF.
     """
+    # the data as a further sensor would complete them; None where the machine knows of none
+    make, there = description_of(data.machine).completed, report.before.model
+    values = dict(zip(there.names, report.before.best.tolist()))
     findings = []
     for finding in report.findings:
-        computed = _advice(report, data, machine, finding) if len(finding.set) > 1 else None
-        said = [text for text in (finding.separated_by, computed) if text]
-        findings.append(replace(finding, separated_by="; ".join(said) or None))
+        if len(finding.set) <= 1:
+            findings.append(finding)
+            continue
+        first, *others = finding.set[:_MOST_RIVALS]
+        size = max(_LEAST, finding.visible or 1.0)
+        completed = make(there.formulation, data, values) if make else None
+        by_kind: dict[str, list[str]] = {}
+        details: dict[str, str] = {}
+        for other in others:
+            means = _between(machine, data, completed, [first.effect, other.effect], size)
+            if means is not None:
+                kind, detail = means
+                name = effect_label(report.machine, other.family, other.target, again=True)
+                by_kind.setdefault(kind, []).append(name)
+                details.setdefault(kind, detail)
+        name = effect_label(report.machine, first.family, first.target, again=True)  # the headline has their full words
+        advice = [f"{kind} {name} from {' and '.join(names)}{details[kind]}" for kind, names in by_kind.items()]
+        if advice and (more := len(finding.set) - _MOST_RIVALS) > 0:
+            advice.append(f"the {more} least likely {'one was' if more == 1 else 'ones were'} not looked at")
+        before = [finding.separated_by] if finding.separated_by else []
+        findings.append(replace(finding, separated_by="; ".join([*before, *advice]) or None))
     return replace(report, findings=tuple(findings))
-
-
-def _advice(report: Report, data: MeasuredData, machine: Machine, finding: Finding) -> str | None:
-    """Return what would separate the rivals of `finding`, in words; None where no reading would."""
-    first, *others = finding.set[:_MOST_RIVALS]
-    size = max(_LEAST, finding.visible or 1.0)
-    # the data as a further sensor would complete them; None where the machine knows of none
-    made = description_of(data.machine).completed
-    there = report.before.model
-    completed = made(there.formulation, data, dict(zip(there.names, report.before.best.tolist()))) if made else None
-    by_kind: dict[str, list[str]] = {}
-    details: dict[str, str] = {}
-    for other in others:
-        found = _between(machine, data, completed, [first.effect, other.effect], size)
-        if found is not None:
-            kind, detail = found
-            by_kind.setdefault(kind, []).append(effect_label(report.machine, other.family, other.target, again=True))
-            details.setdefault(kind, detail)
-    name = effect_label(report.machine, first.family, first.target, again=True)  # the headline has their full words
-    said = [f"{kind} {name} from {' and '.join(names)}{details[kind]}" for kind, names in by_kind.items()]
-    if said and (more := len(finding.set) - _MOST_RIVALS) > 0:
-        said.append(f"the {more} least likely {'one was' if more == 1 else 'ones were'} not looked at")
-    return "; ".join(said) or None
 
 
 def _between(
@@ -224,9 +208,3 @@ def _asked(machine: Machine, data: MeasuredData, rivals: list[str], size: float)
         return next_poses(machine, data, rivals, _POSES, size)
     except (NoPool, UnknownRival):
         return None
-
-
-def search_digest(machine: Machine) -> str:
-    """Return the digest of the code that searches a machine's data: the machine's, its effects', the procedure's."""
-    effects = {digest_of(getattr(family.build, "func", family.build)) for family in families(machine.name)}
-    return digest(digest_of(machine), sorted(effects), module_digest("calibench.discrepancy.explain"))

@@ -7,7 +7,7 @@ from typing import Any, final
 
 from calibench.bench.discovery.request import DesignRequest
 from calibench.bench.measured.sources import sources
-from calibench.bench.sweep.words import RequestError
+from calibench.bench.words import RequestError
 from calibench.core.options import coerce, declared_options, suggest
 from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.design.detectability import Design, design
@@ -35,16 +35,36 @@ class Designed:
 
 def designed(request: DesignRequest) -> Designed:
     """Return the answer to a request. Raises `RequestError`, `DataError` or `ValueError`, in one line."""
-    data = _data(request)
-    found = design(request.build_machine(), data, size=request.size)
+    if request.data:
+        listed = sources(request.data, request.build_machine().name)
+        if len(listed) > 1:
+            raise RequestError(f"data={request.data}: names {len(listed)} sets; design looks at one")
+        data = listed[0].read(request.stated)
+    else:
+        make, names = description_of(request.machine).plan, plan_names(request.machine)
+        if make is None:
+            raise RequestError(f"plan=: {request.machine} has no named plans; give data=FILE with the plan's readings")
+        if request.plan not in names:
+            raise RequestError(f"plan={request.plan}: {suggest(request.plan, names)}")
+        for key in ("columns", "units"):
+            if key in request.stated:
+                raise RequestError(f"{key}=: goes with data=FILE, and plan={request.plan} has its own names")
+        declared = declared_options(make)
+        chosen = {**{k: v for k, v in request.stated.items() if k in declared}, **request.plan_options}
+        for key in chosen:
+            if key not in declared or key == "plan":
+                raise RequestError(f"plan.{key}: {suggest(key, [k for k in declared if k != 'plan'])}")
+        checked = {key: coerce(f"plan.{key}", value, declared[key].type) for key, value in chosen.items()}
+        made = make(request.plan, **checked)
+        data = MeasuredData(made.columns, made.machine, {**made.metadata, **request.stated}, made.name, made.notes)
+    answer = design(request.build_machine(), data, size=request.size)
     if not request.further:
-        return Designed(found, None, "")
+        return Designed(answer, None, "")
     if request.rivals:
-        return Designed(
-            found, next_poses(request.build_machine(), data, request.rivals, request.further, request.size), ""
-        )
+        further = next_poses(request.build_machine(), data, request.rivals, request.further, request.size)
+        return Designed(answer, further, "")
     best, reason = None, "no two names look alike in these data"
-    for rivals in [names[:_MOST_RIVALS] for names in found.classes if len(names) > 1][:_MOST_CLASSES]:
+    for rivals in [names[:_MOST_RIVALS] for names in answer.classes if len(names) > 1][:_MOST_CLASSES]:
         try:
             best = next_poses(request.build_machine(), data, rivals, request.further, request.size)
         except ValueError as error:
@@ -52,35 +72,10 @@ def designed(request: DesignRequest) -> Designed:
             continue
         if best.helps:
             break
-    return Designed(found, best, "" if best else reason)
+    return Designed(answer, best, "" if best else reason)
 
 
 def plan_names(machine: str) -> tuple[str, ...]:
     """Return the plans that can be asked for without data."""
     make = description_of(machine).plan
     return tuple(str(choice) for choice in declared_options(make)["plan"].type.__args__) if make else ()
-
-
-def _data(request: DesignRequest) -> MeasuredData:
-    if request.data:
-        listed = sources(request.data, request.build_machine().name)
-        if len(listed) > 1:
-            raise RequestError(f"data={request.data}: names {len(listed)} sets; design looks at one")
-        return listed[0].read(request.stated)
-    make = description_of(request.machine).plan
-    if make is None:
-        raise RequestError(f"plan=: {request.machine} has no named plans; give data=FILE with the plan's readings")
-    names = plan_names(request.machine)
-    if request.plan not in names:
-        raise RequestError(f"plan={request.plan}: {suggest(request.plan, names)}")
-    for key in ("columns", "units"):
-        if key in request.stated:
-            raise RequestError(f"{key}=: goes with data=FILE, and plan={request.plan} has its own names")
-    declared = declared_options(make)
-    chosen = {**{k: v for k, v in request.stated.items() if k in declared}, **request.plan_options}
-    for key in chosen:
-        if key not in declared or key == "plan":
-            raise RequestError(f"plan.{key}: {suggest(key, [k for k in declared if k != 'plan'])}")
-    checked = {key: coerce(f"plan.{key}", value, declared[key].type) for key, value in chosen.items()}
-    data = make(request.plan, **checked)
-    return MeasuredData(data.columns, data.machine, {**data.metadata, **request.stated}, data.name, data.notes)

@@ -1,6 +1,6 @@
-"""The JSON schema of ``report.json`` and of a line of ``bench discover --json``, made from the classes they come from.
+"""`SearchRecord`: the result of one search of one set of data, as ``report.json`` holds it, and its JSON schema.
 
-``report.schema.json`` beside this file ships with the package; ``python -m calibench.bench.discovery.schema`` writes it
+``report.schema.json`` beside this file ships with the package; ``python -m tests.bench.write_report_schema`` writes it
 anew, and a test holds it to the classes.
 """
 
@@ -8,19 +8,62 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
-from enum import StrEnum
+from dataclasses import dataclass, field
 from importlib.resources import files
-from pathlib import Path
-from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from math import nan
+from typing import Any, final
 
-from calibench.bench.discovery.record import SCHEMA_VERSION, SearchRecord
-from calibench.discrepancy.report import Gap, Report
+from calibench.core.plain import finite
+from calibench.discrepancy.report import Report
 
-_NAME = "report.schema.json"
-_NOT_TOLD = ("candidates", "fitted")  # what `Report.to_dict` leaves out
-_OF_THE_FILE = ("case_id", "data_id", "options", "provenance")  # what a line of --json leaves out
+SCHEMA_VERSION = 1
+OF_THE_FILE = ("case_id", "data_id", "options", "provenance")  # what a line of --json leaves out
+
+
+@final
+@dataclass(frozen=True)
+class SearchRecord:
+    """A report, or the error that ended the search, with the request and the environment.
+
+    `case_id` is a digest of case, data and options, `data_id` of the data alone ("" where they cannot be read);
+    `options` is canonical JSON. `seconds` are of computing.
+    """
+
+    case: str
+    machine: str
+    case_id: str
+    data_id: str = ""
+    options: str = "{}"
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    report: Report | None = None
+    error: str = ""
+    seconds: float = nan
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the record as plain values: the report's own, and beside them the rest."""
+        own = {
+            "schema_version": SCHEMA_VERSION, "case": self.case, "machine": self.machine, "case_id": self.case_id,
+            "data_id": self.data_id, "options": self.options, "provenance": dict(self.provenance),
+        }  # fmt: skip
+        if self.report is None:
+            return {**own, "error": self.error, "seconds": finite(self.seconds)}
+        return {**own, **self.report.to_dict(), "case": self.case}
+
+    def line(self) -> dict[str, Any]:
+        """Return the record as `bench discover --json` prints it, without the fields that only a file needs."""
+        return {key: value for key, value in self.to_dict().items() if key not in OF_THE_FILE}
+
+    @classmethod
+    def from_dict(cls, written: Mapping[str, Any]) -> SearchRecord:
+        """Return the record that `to_dict` wrote. Raises `KeyError` or `ValueError` for any other mapping."""
+        report = None if "error" in written else Report.from_dict(written)
+        seconds = written.get("seconds")
+        return cls(
+            case=str(written["case"]), machine=str(written["machine"]), case_id=str(written.get("case_id", "")),
+            data_id=str(written.get("data_id", "")), options=str(written.get("options", "{}")),
+            provenance=dict(written.get("provenance") or {}), report=report, error=str(written.get("error", "")),
+            seconds=nan if seconds is None else float(seconds),
+        )  # fmt: skip
 
 
 def report_schema() -> dict[str, Any]:
@@ -29,95 +72,6 @@ def report_schema() -> dict[str, Any]:
     >>> report_schema()["$schema"]
     'https://json-schema.org/draft/2020-12/schema'
     """
-    schema: dict[str, Any] = json.loads(files("calibench.bench.discovery").joinpath(_NAME).read_text(encoding="utf-8"))
+    file = files("calibench.bench.discovery").joinpath("report.schema.json")
+    schema: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     return schema
-
-
-def made_schema() -> dict[str, Any]:
-    """Return the schema as the classes have it now."""
-    known: dict[str, Any] = {}
-    report = _properties(Report, known, but=_NOT_TOLD)
-    gap = known[Gap.__name__]
-    gap["properties"]["unit"] = {"const": "sigma"}
-    gap["required"].append("unit")
-    record = _properties(SearchRecord, known, but=("report",))
-    of_both = {
-        "schema_version": {"const": SCHEMA_VERSION},
-        **{name: record[name] for name in ("case", "machine", *_OF_THE_FILE)},
-    }
-    error = {"error": {"type": "string", "description": "What ended the search."}, "seconds": record["seconds"]}
-    known["Report"] = _object(of_both | report, Report.__doc__, but=_OF_THE_FILE)
-    known["Failure"] = _object(of_both | error, "A search that an error ended.", but=_OF_THE_FILE)
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "calibench: report.json, and a line of `bench discover --json`",
-        "description": "Where a number is null it could not be measured. A line of --json is without "
-        f"{', '.join(_OF_THE_FILE)}; a failed search has an error and no verdict.",
-        "if": {"type": "object", "required": ["error"]},  # one of two, told apart: a validator then names the field
-        "then": _ref("Failure"),
-        "else": _ref("Report"),
-        "$defs": dict(sorted(known.items())),
-    }
-
-
-def _properties(cls: Any, known: dict[str, Any], but: tuple[str, ...] = ()) -> dict[str, Any]:
-    hints = get_type_hints(cls)
-    return {f.name: _of_type(hints[f.name], known) for f in fields(cls) if f.name not in but}
-
-
-def _object(properties: Mapping[str, Any], about: str | None, but: tuple[str, ...] = ()) -> dict[str, Any]:
-    return {
-        "description": " ".join((about or "").partition("\n\n")[0].split()),
-        "type": "object",
-        "properties": dict(properties),
-        "required": [name for name in properties if name not in but],
-        "additionalProperties": False,
-    }
-
-
-def _of_type(hint: Any, known: dict[str, Any]) -> dict[str, Any]:
-    """Return the schema of a type's values as `calibench.core.plain.finite` writes them; classes go into `known`.
-
-    Raises `TypeError` for a type that it does not know.
-    """
-    if hint in _PLAIN:
-        return dict(_PLAIN[hint])
-    if is_dataclass(hint) and isinstance(hint, type):
-        if hint.__name__ not in known:
-            known[hint.__name__] = {}  # it may hold itself
-            known[hint.__name__] |= _object(_properties(hint, known), hint.__doc__)
-        return _ref(hint.__name__)
-    if isinstance(hint, type) and issubclass(hint, StrEnum):
-        return {"enum": [member.value for member in hint]}
-    kind, arguments = get_origin(hint), get_args(hint)
-    if kind is Literal:
-        return {"enum": list(arguments)}
-    if kind in (Union, UnionType):
-        return {"anyOf": [_of_type(argument, known) for argument in arguments]}
-    if kind is tuple and arguments[-1] is Ellipsis:
-        return {"type": "array", "items": _of_type(arguments[0], known)}
-    if kind is tuple:
-        items = [_of_type(argument, known) for argument in arguments]
-        return {"type": "array", "prefixItems": items, "items": False, "minItems": len(items)}
-    if kind is Mapping:
-        return {"type": "object", "additionalProperties": _of_type(arguments[1], known)}
-    raise TypeError(f"{hint}: no JSON schema is known for this type")
-
-
-def _ref(name: str) -> dict[str, Any]:
-    return {"$ref": f"#/$defs/{name}"}
-
-
-_PLAIN: dict[Any, dict[str, Any]] = {
-    str: {"type": "string"},
-    bool: {"type": "boolean"},
-    int: {"type": "integer"},
-    float: {"type": ["number", "null"]},
-    NoneType: {"type": "null"},
-    Any: {},
-}
-
-
-if __name__ == "__main__":
-    text = json.dumps(made_schema(), indent=1, ensure_ascii=False)
-    (Path(__file__).parent / _NAME).write_text(f"{text}\n", encoding="utf-8")

@@ -7,20 +7,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, final
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from calibench.bench.discovery.record import SCHEMA_VERSION, SearchRecord
+from calibench.bench.discovery.schema import SCHEMA_VERSION, SearchRecord
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import DISCOVERY, StoreError, is_discovery
-from calibench.bench.store.schema import to_pandas
 from calibench.core.plain import finite, json_of
 from calibench.discrepancy.report import Gap
 
@@ -56,19 +54,7 @@ class FindingStore:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-
-    @property
-    def study(self) -> str:
-        """Return the study's name, which is its folder's."""
-        return self.folder.resolve().name
-
-    def findings(self) -> pd.DataFrame:
-        """Return a row for each finding of all cases (columns: `FINDINGS_SCHEMA`)."""
-        return to_pandas(self._tables()[0])
-
-    def gaps(self) -> pd.DataFrame:
-        """Return a row for each case (columns: `GAPS_SCHEMA`)."""
-        return to_pandas(self._tables()[1])
+        self.study = self.folder.resolve().name
 
     def check(self) -> None:
         """Raise `StoreError` where something else stands in the folder's place."""
@@ -86,90 +72,60 @@ class FindingStore:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             manifest = {"kind": DISCOVERY, "schema_version": SCHEMA_VERSION, "study": self.study}
-            _write_json(manifest, self.folder / "manifest.json")
+            text = json.dumps(manifest, indent=1, allow_nan=False).encode()
+            write_whole(self.folder / "manifest.json", lambda file: file.write(text))
         except OSError as error:
             raise StoreError(f"{self.folder}: cannot be written: {error.strerror}") from None
 
     def done(self, case: str, case_id: str) -> SearchRecord | None:
         """Return the record of `case` if it is there, of the same id, and no failure."""
-        found = _read(self.folder / case / "report.json")
-        return found if found is not None and found.case_id == case_id and not found.error else None
+        record = _read(self.folder / case / "report.json")
+        return record if record is not None and record.case_id == case_id and not record.error else None
 
     def write(self, record: SearchRecord) -> Path:
         """Write a case's record: the mark that it is done."""
         path = self.folder / record.case / "report.json"
         path.parent.mkdir(parents=True, exist_ok=True)
-        return _write_json(record.to_dict(), path)
+        text = json.dumps(record.to_dict(), indent=1, allow_nan=False).encode()
+        return write_whole(path, lambda file: file.write(text))
 
     def collect(self) -> None:
         """Fold all reports into the two tables, sorted by case."""
-        findings, gaps = self._tables()
-        _write_table(findings, self.folder / "findings.parquet")
-        _write_table(gaps, self.folder / "gaps.parquet")
-
-    def _tables(self) -> tuple[pa.Table, pa.Table]:
-        if not self.folder.is_dir():
-            raise StoreError(f"{self.folder}: there is no such study folder")
         if not is_discovery(self.folder):
             raise StoreError(f"{self.folder}: is no study of bench discover")
-        findings, gaps = [], []
-        for path in sorted(self.folder.glob("*/report.json")):
-            record = _read(path)
-            if record is not None and record.case_id:
-                origin = self._origin(record)
-                findings += [origin | row for row in _finding_rows(record)]
-                gaps.append(origin | _gap_row(record))
-        return pa.Table.from_pylist(findings, FINDINGS_SCHEMA), pa.Table.from_pylist(gaps, GAPS_SCHEMA)
-
-    def _origin(self, record: SearchRecord) -> dict[str, Any]:
-        origin = dict(record.provenance)
-        origin["started_at"] = datetime.fromisoformat(origin["started_at"]) if "started_at" in origin else None
-        verdict = record.report.verdict if record.report else ""
-        named = {"case_id": record.case_id, "case": record.case, "machine": record.machine, "verdict": verdict}
-        return {**origin, **named, "study": self.study, "schema_version": SCHEMA_VERSION}
-
-
-def _finding_rows(record: SearchRecord) -> Iterator[dict[str, Any]]:
-    for rank, finding in enumerate(record.report.findings if record.report else (), start=1):
-        low, high = finding.amplitude.ci95
-        yield {
-            **{key: getattr(finding, key) for key in ("effect", "family", "target")},
-            "gain": finite(finding.gain),
-            "rank": rank,
-            "amplitude": finite(finding.amplitude.value),
-            "amplitude_unit": finding.amplitude.unit,
-            "amplitude_low": finite(low),
-            "amplitude_high": finite(high),
-            "set": finite(finding.set),
-            "separated_by": finding.separated_by or "",
-        }
-
-
-def _gap_row(record: SearchRecord) -> dict[str, Any]:
-    report = record.report
-    gap = report.gap if report else Gap()
-    low, high = gap.held_out_ci95
-    return {
-        **{key: finite(getattr(gap, key)) for key in _GAP},
-        "held_out_low": finite(low),
-        "held_out_high": finite(high),
-        "options": record.options,
-        "data_id": record.data_id,
-        "status": "failed" if record.error else "ok",
-        "error": record.error,
-        "findings": len(report.findings) if report else 0,
-        "seconds": finite(record.seconds),
-    }
-
-
-def _write_table(table: pa.Table, path: Path) -> None:
-    metadata = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
-    write_whole(path, lambda file: pq.write_table(table.replace_schema_metadata(metadata), file, compression="zstd"))
-
-
-def _write_json(value: Mapping[str, Any], path: Path) -> Path:
-    text = json.dumps(value, indent=1, allow_nan=False).encode()
-    return write_whole(path, lambda file: file.write(text))
+        findings: list[dict[str, Any]] = []
+        gaps: list[dict[str, Any]] = []
+        for record in map(_read, sorted(self.folder.glob("*/report.json"))):
+            if record is None or not record.case_id:
+                continue
+            report, began = record.report, record.provenance.get("started_at")
+            origin = {
+                **record.provenance, "started_at": None if began is None else datetime.fromisoformat(began),
+                "case_id": record.case_id, "case": record.case, "machine": record.machine,
+                "verdict": report.verdict if report else "", "study": self.study, "schema_version": SCHEMA_VERSION,
+            }  # fmt: skip
+            named = report.findings if report else ()
+            for rank, finding in enumerate(named, start=1):
+                low, high = finding.amplitude.ci95
+                findings.append({
+                    **origin, "effect": finding.effect, "family": finding.family, "target": finding.target,
+                    "gain": finite(finding.gain), "rank": rank, "amplitude": finite(finding.amplitude.value),
+                    "amplitude_unit": finding.amplitude.unit, "amplitude_low": finite(low),
+                    "amplitude_high": finite(high), "set": finite(finding.set),
+                    "separated_by": finding.separated_by or "",
+                })  # fmt: skip
+            gap = report.gap if report else Gap()
+            low, high = gap.held_out_ci95
+            gaps.append({
+                **origin, **{key: finite(getattr(gap, key)) for key in _GAP}, "held_out_low": finite(low),
+                "held_out_high": finite(high), "options": record.options, "data_id": record.data_id,
+                "status": "failed" if record.error else "ok", "error": record.error, "findings": len(named),
+                "seconds": finite(record.seconds),
+            })  # fmt: skip
+        metadata = {"calibench": json.dumps(provenance() | {"schema_version": SCHEMA_VERSION})}
+        for name, rows, schema in (("findings", findings, FINDINGS_SCHEMA), ("gaps", gaps, GAPS_SCHEMA)):
+            table = pa.Table.from_pylist(rows, schema.with_metadata(metadata))
+            write_whole(self.folder / f"{name}.parquet", partial(pq.write_table, table, compression="zstd"))
 
 
 def _read(path: Path) -> SearchRecord | None:

@@ -1,16 +1,7 @@
 """COCO's folders, as its experiment library logs them and cocopp reads them, written and read: a folder an algorithm.
 
-``bbobexp_f1.info`` lists the dimensions and, for each, instance:evaluations|final gap of its runs;
-``data_f1/bbobexp_f1_DIM2.dat`` has a line an improvement, and so has ``.tdat``, which cocopp reads as a step between
-them. Source: COCO 2.8, data format bbob-new2, and `cocopp.pproc`. A gap is the value above the problem's minimum. What
-counts as an evaluation is what was charged.
-
-cocopp knows its own suites and no others: of `bbob` functions 1 to 24 in dimensions 2, 3, 5, 10, 20 and 40. Other
-problems are refused, as a function number of theirs would be a false name.
-
-All generations of the format are read: old headers without a suite, data with or without the column of constraint
-evaluations, minima in the header of the entry or of each run's data. Archives are to be unpacked before. Suites of two
-objectives have no value to compare and are refused.
+``bbobexp_f1.info`` lists dimensions and, for each, instance:evaluations|final gap of its runs; ``data_f1/*.dat`` has a
+line an improvement, ``.tdat`` a step between them (COCO 2.8, bbob-new2). A gap is above the problem's minimum.
 """
 
 from __future__ import annotations
@@ -23,7 +14,7 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from calibench.bench.exchange.published import PublishedRun, of_coco, text_of_file
+from calibench.bench.exchange.published import PublishedRun, named_problem, text_of_file
 from calibench.bench.exchange.studies import RunRecord, Study, file_names, gap_of_value, run_records
 from calibench.core.plain import json_of
 from calibench.core.words import counted, listed
@@ -44,15 +35,19 @@ _HEADER = (
 
 
 def write_coco(study: Study, folder: Path) -> list[str]:
-    """Write the runs of `study` into `folder`; return remarks, a line each.
-
-    Raises `ValueError` where the study has a problem that cocopp has no suite for.
-    """
+    """Write the runs of `study` into `folder`; return remarks, a line each."""
     runs = run_records(study)
-    foreign = sorted({_name(run) for run in runs if not _is_in_suite(run)})
+    foreign = set()
+    for run in runs:
+        name, options = run.row["problem"], run.options
+        function, dimension = options.get("function"), run.row["dimension"]
+        functions, dimensions = SUITES.get(name, ((), ()))
+        known = function in functions and dimension in dimensions and run.minimum is not None
+        if not (known and isinstance(options.get("instance"), int)):
+            foreign.add(f"{name} function={function} dimension={options.get('dimension')}" if name in SUITES else name)
     if foreign:
         raise ValueError(
-            f"export coco: cocopp has no suite for {listed(foreign, 5)}; it reads bbob, functions 1 to 24 in "
+            f"export coco: cocopp has no suite for {listed(sorted(foreign), 5)}; it reads bbob, functions 1 to 24 in "
             "dimensions 2, 3, 5, 10, 20 and 40; ioh takes any problem"
         )
     begun = [run for run in runs if run.row["charged"]]
@@ -66,8 +61,18 @@ def write_coco(study: Study, folder: Path) -> list[str]:
         home = folder / names[algorithm]
         data = f"data_f{function}/bbobexp_f{function}_DIM{dimension}"
         (home / data).parent.mkdir(parents=True, exist_ok=True)
+        text = ""  # the lines of each run, the first at evaluation 1 and the last at its end
+        for run in mine:
+            minimum = run.minimum or 0.0
+            rows = [(p.charged, gap_of_value(p.value, minimum, p.reached), p.value) for p in run.course]
+            if not rows or rows[0][0] > 1:
+                rows.insert(0, (1, NOT_FINITE, NOT_FINITE))
+            if rows[-1][0] < run.row["charged"]:
+                rows.append((int(run.row["charged"]), *rows[-1][1:]))
+            text += _HEADER.format(minimum)
+            text += "".join(f"{n} 0 {gap:+.16e} {value:+.16e} {value:+.16e}\n" for n, gap, value in rows)
         for ending in (".dat", ".tdat"):
-            (home / f"{data}{ending}").write_text("".join(map(_improvements, mine)), encoding="ascii")
+            (home / f"{data}{ending}").write_text(text, encoding="ascii")
         lines[home / f"bbobexp_f{function}.info"].append(_entry(names[algorithm], function, dimension, data, mine))
     for path, entry in lines.items():
         path.write_text("\n".join(entry) + "\n", encoding="utf-8")
@@ -76,35 +81,6 @@ def write_coco(study: Study, folder: Path) -> list[str]:
     )
     lost = f"{counted(len(runs) - len(begun), 'run')} without an evaluation left out: COCO has no place for them"
     return [done, lost] if len(begun) < len(runs) else [done]
-
-
-def _is_in_suite(run: RunRecord) -> bool:
-    functions, dimensions = SUITES.get(run.row["problem"], ((), ()))
-    return (
-        run.options.get("function") in functions
-        and run.row["dimension"] in dimensions
-        and isinstance(run.options.get("instance"), int)
-        and run.minimum is not None
-    )
-
-
-def _name(run: RunRecord) -> str:
-    if run.row["problem"] not in SUITES:
-        return str(run.row["problem"])
-    return f"{run.row['problem']} function={run.options.get('function')} dimension={run.row['dimension']}"
-
-
-def _improvements(run: RunRecord) -> str:
-    """Return the lines of a run, the first at evaluation 1 and the last at its end, as COCO has them."""
-    minimum = run.minimum or 0.0
-    rows = [(point.charged, gap_of_value(point.value, minimum, point.reached), point.value) for point in run.course]
-    if not rows or rows[0][0] > 1:
-        rows.insert(0, (1, NOT_FINITE, NOT_FINITE))
-    if rows[-1][0] < run.row["charged"]:
-        rows.append((int(run.row["charged"]), *rows[-1][1:]))
-    return _HEADER.format(minimum) + "".join(
-        f"{n} 0 {gap:+.16e} {value:+.16e} {value:+.16e}\n" for n, gap, value in rows
-    )
 
 
 def _entry(name: str, function: int, dimension: int, data: str, runs: Sequence[RunRecord]) -> str:
@@ -123,17 +99,13 @@ def _entry(name: str, function: int, dimension: int, data: str, runs: Sequence[R
     return "\n".join(
         [
             ", ".join(f"{key} = {value}" for key, value in header.items()),
-            COMMENT + json.dumps(shared, sort_keys=True),
-            ", ".join([f"{data}.dat", *results]),
+            COMMENT + json.dumps(shared, sort_keys=True), ", ".join([f"{data}.dat", *results]),
         ]
-    )
+    )  # fmt: skip
 
 
 def read_coco(folder: Path) -> list[PublishedRun]:
-    """Return the runs in `folder` and the folders below it.
-
-    Raises `ValueError` where there is no ``.info`` file, one cannot be read, or a suite has several objectives.
-    """
+    """Return the runs in `folder` and the folders below it."""
     paths = sorted(folder.rglob("*.info"))
     if not paths:
         raise ValueError(f"import coco: {folder} has no .info file; name the folder of unpacked COCO data")
@@ -177,7 +149,8 @@ def _read_entry(path: Path, header: dict[str, str], columns: dict[str, Any], lin
     if len(curves) != len(listed):
         raise ValueError(f"import coco: {data}: has {len(curves)} runs, {path.name} lists {len(listed)}")
     for (instance, count), (minimum, points) in zip(listed, curves, strict=True):
-        named = of_coco(suite, function, dimension, instance)
+        options = {"function": function, "dimension": dimension, "instance": instance}
+        named = named_problem(suite, options, f"{suite}_f{function:03d}_i{instance:02d}_d{dimension:02d}")
         improving: list[tuple[int, float]] = []
         for evaluation, gap in points:
             if isfinite(gap) and gap < min(NOT_FINITE, improving[-1][1] if improving else inf):
@@ -187,49 +160,37 @@ def _read_entry(path: Path, header: dict[str, str], columns: dict[str, Any], lin
             what = f"the minimum of f{function} in dimension {dimension}, instance {instance}"
             raise ValueError(f"import coco: {data}: {what}, is {minimum:g}; that of our problem is {ours:g}")
         yield PublishedRun(
-            algorithm=algorithm,
-            problem=named.problem,
-            problem_options=named.problem_options,
-            data_id=named.data_id,
-            dimension=dimension,
-            minimum=minimum if ours is None else ours,
-            evaluations=max(count, points[-1][0] if points else 0),
-            improvements=improving,
-            targets=None,
+            algorithm=algorithm, problem=named.problem, problem_options=named.problem_options, data_id=named.data_id,
+            dimension=dimension, minimum=minimum if ours is None else ours, improvements=improving, targets=None,
+            evaluations=max(count, points[-1][0] if points else 0), best_x=None,
             best=None,  # the index rounds it to two digits
-            best_x=None,
             columns={key: value for key, value in columns.items() if key in _KEPT},
-        )
+        )  # fmt: skip
 
 
 def _curves(path: Path, header: dict[str, str]) -> list[tuple[float, list[tuple[int, float]]]]:
     """Return minimum and (evaluation, gap) points of each run, from both files, which complement each other."""
     if not path.is_file():
         raise ValueError(f"import coco: {path}: is named in an .info file and is not there")
-    curves = _read(path, header)
-    also = path.with_suffix(".tdat")
-    more = _read(also, header) if also.is_file() else []
-    if len(more) == len(curves):
-        curves = [(minimum, points + extra) for (minimum, points), (_, extra) in zip(curves, more, strict=True)]
-    return [(minimum, sorted(set(points))) for minimum, points in curves]
-
-
-def _read(path: Path, header: dict[str, str]) -> list[tuple[float, list[tuple[int, float]]]]:
-    curves: list[tuple[float, list[tuple[int, float]]]] = []
-    begun = False
-    for number, line in enumerate(text_of_file("coco", path).splitlines(), 1):
-        if line.startswith("%"):
-            if not begun:
-                minimum = _MINIMUM.search(line)
-                curves.append((float(minimum[1] if minimum else header.get("Fopt", "0")), []))
-            begun = True
-            continue
+    read: list[list[tuple[float, list[tuple[int, float]]]]] = []
+    for file in (file for file in (path, path.with_suffix(".tdat")) if file.is_file()):
+        curves: list[tuple[float, list[tuple[int, float]]]] = []
         begun = False
-        columns = line.split()
-        if not columns or not curves:
-            continue
-        try:
-            curves[-1][1].append((int(float(columns[0])), float(columns[2])))
-        except (ValueError, IndexError):
-            raise ValueError(f"import coco: {path}, line {number}: is no line of COCO data") from None
-    return curves
+        for number, line in enumerate(text_of_file("coco", file).splitlines(), 1):
+            if line.startswith("%"):
+                if not begun:
+                    minimum = _MINIMUM.search(line)
+                    curves.append((float(minimum[1] if minimum else header.get("Fopt", "0")), []))
+                begun = True
+                continue
+            begun = False
+            columns = line.split()
+            if not columns or not curves:
+                continue
+            try:
+                curves[-1][1].append((int(float(columns[0])), float(columns[2])))
+            except (ValueError, IndexError):
+                raise ValueError(f"import coco: {file}, line {number}: is no line of COCO data") from None
+        read.append(curves)
+    more = read[-1] if len(read) == 2 and len(read[1]) == len(read[0]) else [(0.0, []) for _ in read[0]]
+    return [(least, sorted({*points, *extra})) for (least, points), (_, extra) in zip(read[0], more, strict=True)]

@@ -17,8 +17,6 @@ from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.statistics.summary import summary
 from calibench.core.words import counted
 
-_LISTS = [column.name for column in COLUMNS if column.parquet.startswith("list")]
-
 _README = """# Columns
 
 Read floats with a reader that rounds rightly, as Python's `float` does; pandas before version 3 needs
@@ -59,32 +57,22 @@ the problem's; `reached` of `runs` reached it, `success` is the share with its 9
 
 def write_csv(study: Study, folder: Path) -> list[str]:
     """Write the tables of `study` into `folder`; return remarks, a line each."""
+    runs = study.runs[[column.name for column in COLUMNS]].copy()
+    for name in (column.name for column in COLUMNS if column.parquet.startswith("list")):
+        texts = [None if value is None or value is pd.NA else json.dumps(list(value)) for value in runs[name]]
+        runs[name] = pd.Series(texts, index=runs.index, dtype=object)
+    rows: list[tuple[Any, ...]] = []  # a run and target each; null where it was never reached
+    columns = (study.runs[name] for name in ("run_id", "targets", "hits", "hits_charged"))
+    for run_id, targets, evaluations, charged in zip(*columns, strict=True):
+        rows += [(run_id, *row) for row in zip(targets, evaluations, charged, strict=True)]
+    hits = pd.DataFrame(rows, columns=["run_id", "target", "evaluations", "charged"])
     tables = {
-        "runs": _flat(study.runs[[column.name for column in COLUMNS]]),
-        "traces": study.traces,
-        "hits": hits(study.runs),
+        "runs": runs, "traces": study.traces,
+        "hits": hits.astype({"target": float, "evaluations": "Int64", "charged": "Int64"}),
         "summary": summary(study.runs, study.store.manifest().get("costs", [])),
-    }
+    }  # fmt: skip
     for name, table in tables.items():
         table.to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
     lines = "\n".join(f"| {column.name} | {column.parquet} | {column.meaning} |" for column in COLUMNS)
     (folder / "README.md").write_text(_README.format(runs=lines), encoding="utf-8")
     return [", ".join(f"{name}.csv ({counted(len(table), 'row')})" for name, table in tables.items())]
-
-
-def hits(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return a row a run and target: run_id, target, evaluations, charged; null where it was never reached."""
-    rows: list[tuple[Any, ...]] = []
-    columns = (runs[name] for name in ("run_id", "targets", "hits", "hits_charged"))
-    for run_id, targets, evaluations, charged in zip(*columns, strict=True):
-        rows += [(run_id, *row) for row in zip(targets, evaluations, charged, strict=True)]
-    table = pd.DataFrame(rows, columns=["run_id", "target", "evaluations", "charged"])
-    return table.astype({"target": float, "evaluations": "Int64", "charged": "Int64"})
-
-
-def _flat(runs: pd.DataFrame) -> pd.DataFrame:
-    flat = runs.copy()
-    for name in _LISTS:
-        texts = [None if value is None or value is pd.NA else json.dumps(list(value)) for value in runs[name]]
-        flat[name] = pd.Series(texts, index=runs.index, dtype=object)
-    return flat

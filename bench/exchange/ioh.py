@@ -1,12 +1,7 @@
-"""IOHprofiler's folders, as IOHexperimenter logs them and iohinspector and IOHanalyzer read them, written and read.
+"""IOHprofiler's folders, as IOHexperimenter 0.3.22 logs them and iohinspector reads them: a folder an algorithm.
 
-A folder an algorithm, in it ``IOHprofiler_f1_Sphere.json`` for each function, which lists dimensions and runs, and
-``data_f1_Sphere/IOHprofiler_f1_DIM2.dat`` with a line an improvement. Source: IOHexperimenter 0.3.22 and
-`iohinspector.data`. ``raw_y`` is the value above the minimum where the problem declares one, as IOHexperimenter has it,
-else the value; what this package wrote says itself which problem it is, and whether its minimum is known. What counts
-as an evaluation is what was charged.
-
-A run begins in the data where the evaluation is 1; so a run that made none stands last in its list, and has no lines.
+``IOHprofiler_f1_Sphere.json`` lists a function's dimensions and runs, ``data_f1_Sphere/*.dat`` has a line an
+improvement; ``raw_y`` is above the minimum where one is declared. A run begins where the evaluation is 1.
 """
 
 from __future__ import annotations
@@ -21,7 +16,7 @@ from typing import Any
 
 import pandas as pd
 
-from calibench.bench.exchange.published import Named, PublishedRun, of_ioh, text_of_file
+from calibench.bench.exchange.published import BBOB, Named, PublishedRun, named_problem, text_of_file
 from calibench.bench.exchange.studies import RunRecord, Study, file_name, file_names, gap_of_value, run_records
 from calibench.bench.provenance.environment import library_version
 from calibench.bench.provenance.run_id import canonical
@@ -32,41 +27,23 @@ from calibench.core.words import counted
 KEY = "calibench"  # of a description: what IOHprofiler has no place for
 _OF_A_PROBLEM = ("dimension", "instance")  # IOHprofiler has places of its own for them
 _FORMAT = "0.3.22"
+_CEC, _CEC_BEFORE = "CEC2022", 1000
 _KEPT = ("start", "budget", "library", "library_version", "unit")  # of what a description of ours says
 
 
 def write_ioh(study: Study, folder: Path) -> list[str]:
-    """Write the runs of `study` into `folder`; return remarks, a line each."""
+    """Write the runs of `study` into `folder`, a function a title of a problem; return remarks, a line each."""
     runs = run_records(study)
-    names = file_names(sorted({run.algorithm for run in runs}))
-    functions = _functions(runs, problem_titles(study.runs, but=_OF_A_PROBLEM))
-    groups: dict[tuple[str, str], list[RunRecord]] = defaultdict(list)
-    for run in runs:
-        groups[run.algorithm, _key(run)].append(run)
-    for (algorithm, key), mine in groups.items():
-        number, name = functions[key]
-        _write_function(folder / names[algorithm], algorithm, number, name, mine)
-    return [
-        f"{counted(len(runs), 'run')} of {counted(len(names), 'algorithm')} on {counted(len(functions), 'function')}"
-    ]
-
-
-def _key(run: RunRecord) -> str:
-    options = {key: value for key, value in run.options.items() if key not in _OF_A_PROBLEM}
-    return canonical({"problem": run.row["problem"], "options": options})
-
-
-def _functions(runs: Sequence[RunRecord], titles: pd.Series) -> dict[str, tuple[int, str]]:
-    """Return for each problem, whatever its dimension and instance, a number of its own and a name.
-
-    The name is made of its title, of which `titles` has one for each run. The number is its option `function` where no
-    other problem here has it, else the next that is free.
-    """
+    algorithms = file_names(sorted({run.algorithm for run in runs}))
     first: dict[str, RunRecord] = {}
     names: dict[str, str] = {}
-    for run, title in zip(runs, titles, strict=True):
-        first.setdefault(_key(run), run)
-        names.setdefault(_key(run), file_name(title))
+    groups: dict[tuple[str, str], list[RunRecord]] = defaultdict(list)
+    for run, title in zip(runs, problem_titles(study.runs, but=_OF_A_PROBLEM), strict=True):
+        options = {key: value for key, value in run.options.items() if key not in _OF_A_PROBLEM}
+        key = canonical({"problem": run.row["problem"], "options": options})
+        first.setdefault(key, run)
+        names.setdefault(key, file_name(title))
+        groups[run.algorithm, key].append(run)
     numbers: dict[str, int] = {}
     for key, run in first.items():
         wish = run.options.get("function")
@@ -75,7 +52,10 @@ def _functions(runs: Sequence[RunRecord], titles: pd.Series) -> dict[str, tuple[
     free = (n for n in range(1, len(first) + 1 + max(numbers.values(), default=0)) if n not in set(numbers.values()))
     for key in sorted(first.keys() - numbers.keys()):
         numbers[key] = next(free)
-    return {key: (number, names[key]) for key, number in numbers.items()}
+    for (algorithm, key), mine in groups.items():
+        _write_function(folder / algorithms[algorithm], algorithm, numbers[key], names[key], mine)
+    what = f"{counted(len(algorithms), 'algorithm')} on {counted(len(first), 'function')}"
+    return [f"{counted(len(runs), 'run')} of {what}"]
 
 
 def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Sequence[RunRecord]) -> None:
@@ -85,22 +65,31 @@ def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Se
     (home / f"data_f{number}_{name}").mkdir(parents=True, exist_ok=True)
     scenarios = []
     for dimension, mine in sorted(by_dimension.items()):
-        path = f"data_f{number}_{name}/IOHprofiler_f{number}_DIM{dimension}.dat"
-        (home / path).write_text("evaluations raw_y\n" + "".join(map(_improvements, mine)), encoding="ascii")
-        scenarios.append({"dimension": dimension, "path": path, "runs": [_run(run) for run in mine]})
+        path, lines, listed = f"data_f{number}_{name}/IOHprofiler_f{number}_DIM{dimension}.dat", [], []
+        for run in mine:
+            # an infinite value comes first where a run failed or its first values were not finite
+            rows = [(point.charged, gap_of_value(point.value, run.minimum, point.reached)) for point in run.course]
+            late = run.row["charged"] and (not rows or rows[0][0] > 1)
+            lines += [f"{n} {value!r}\n" for n, value in [*([(1, inf)] if late else []), *rows]]
+            best, x = float(run.row["best_value"]), run.row["best_x"]
+            last = run.course[-1] if run.course else None
+            y = gap_of_value(best, run.minimum, last.reached if last is not None and last.value == best else None)
+            best_of: dict[str, Any] = {
+                "evals": last.charged if last else 0,
+                "y": y if isfinite(y) else None,
+            }  # JSON has no infinity
+            best_of["x"] = [] if x is None else [float(value) for value in x]
+            counts = {"instance": _instance(run), "evals": int(run.row["charged"])}
+            listed.append(counts | {"best": best_of, "repetition": int(run.row["repetition"])})
+        (home / path).write_text("evaluations raw_y\n" + "".join(lines), encoding="ascii")
+        scenarios.append({"dimension": dimension, "path": path, "runs": listed})
     row = runs[0].row
     library = " ".join(part for part in (row["library"], row["library_version"]) if isinstance(part, str))
     description = {
-        "version": _FORMAT,
-        "suite": row["problem"],
-        "function_id": number,
-        "function_name": name,
-        "maximization": False,
-        "algorithm": {"name": algorithm, "info": library or "unknown"},
-        "attributes": ["evaluations", "raw_y"],
-        "scenarios": scenarios,
-        KEY: _origin(runs),
-    }
+        "version": _FORMAT, "suite": row["problem"], "function_id": number, "function_name": name,
+        "maximization": False, "algorithm": {"name": algorithm, "info": library or "unknown"},
+        "attributes": ["evaluations", "raw_y"], "scenarios": scenarios, KEY: _origin(runs),
+    }  # fmt: skip
     text = json.dumps(description, indent=1, allow_nan=False)
     (home / f"IOHprofiler_f{number}_{name}.json").write_text(text + "\n", encoding="utf-8")
 
@@ -110,49 +99,16 @@ def _instance(run: RunRecord) -> int:
     return instance if isinstance(instance, int) else 1
 
 
-def _improvements(run: RunRecord) -> str:
-    """Return the lines of a run, an infinite one first where it failed or its first values were not finite."""
-    rows = [(point.charged, _raw(run, point.value, point.reached)) for point in run.course]
-    if run.row["charged"] and (not rows or rows[0][0] > 1):
-        rows.insert(0, (1, float("inf")))
-    return "".join(f"{n} {value!r}\n" for n, value in rows)
-
-
-def _raw(run: RunRecord, value: float, reached: float | None) -> float:
-    return value if run.minimum is None else gap_of_value(value, run.minimum, reached)
-
-
-def _run(run: RunRecord) -> dict[str, Any]:
-    """Return a run of the list. A value that is not finite is null, which JSON has a word for."""
-    best = float(run.row["best_value"])
-    x = run.row["best_x"]
-    last = run.course[-1] if run.course else None
-    y = _raw(run, best, last.reached if last is not None and last.value == best else None)
-    return {
-        "instance": _instance(run),
-        "evals": int(run.row["charged"]),
-        "best": {
-            "evals": last.charged if last else 0,
-            "y": y if isfinite(y) else None,
-            "x": [] if x is None else [float(value) for value in x],
-        },
-        "repetition": int(run.row["repetition"]),
-    }
-
-
 def _origin(runs: Sequence[RunRecord]) -> dict[str, Any]:
     """Return the facts that all runs of a function share, and those that runs of a dimension and instance share."""
     shared = ("problem", "optimizer", "optimizer_options", "library", "library_version", "start", "budget", "unit")
     instances: dict[str, Mapping[str, Any]] = {}
     for run in runs:
-        key = f"{run.row['dimension']}.{_instance(run)}"
-        instances[key] = {
-            "problem_options": run.row["problem_options"],
-            "data_id": run.row["data_id"],
-            "minimum": run.minimum,
+        instances[f"{run.row['dimension']}.{_instance(run)}"] = {
+            "problem_options": run.row["problem_options"], "data_id": run.row["data_id"], "minimum": run.minimum,
             "targets": [float(level) for level in run.row["targets"]],
             "budget": None if pd.isna(run.row["budget"]) else int(run.row["budget"]),
-        }
+        }  # fmt: skip
     # published runs tell no start and no budget: JSON has no word for what is not a number
     values = {name: {None if pd.isna(run.row[name]) else run.row[name] for run in runs} for name in shared}
     common = {name: next(iter(value)) for name, value in values.items() if len(value) == 1}
@@ -160,10 +116,7 @@ def _origin(runs: Sequence[RunRecord]) -> dict[str, Any]:
 
 
 def read_ioh(folder: Path) -> list[PublishedRun]:
-    """Return the runs in `folder` and the folders below it.
-
-    Raises `ValueError` where there is no description of IOHprofiler, or one or its data cannot be read.
-    """
+    """Return the runs in `folder` and the folders below it."""
     runs: list[PublishedRun] = []
     for path in sorted(folder.rglob("*.json")):
         text = text_of_file("ioh", path)
@@ -204,23 +157,23 @@ def _runs(path: Path, description: Mapping[str, Any]) -> Iterator[PublishedRun]:
                 named = Named(ours["problem"], known["problem_options"], known["data_id"], known["minimum"])
             else:  # data of others: where the minimum is not known, values above it are data of their own
                 function, name = int(description["function_id"]), str(description["function_name"])
-                named = of_ioh(str(description["suite"]), function, name, dimension, instance)
+                suite = str(description["suite"])
+                # a suite that is not told is known by the function's name; CEC 2022 is numbered there from 1001
+                if suite == "unknown_suite" and 1 <= function <= len(BBOB) and BBOB[function - 1] == name:
+                    suite = "BBOB"
+                if suite in (_CEC, "unknown_suite") and name.startswith(_CEC) and function > _CEC_BEFORE:
+                    suite, function = _CEC, function - _CEC_BEFORE
+                options = {"suite": suite, "function": function, "dimension": dimension, "instance": instance}
+                named = named_problem("ioh", options, f"{suite}_f{function}_i{instance}_d{dimension}")
                 if named.minimum is None:
                     named = replace(named, minimum=0.0, data_id=f"{named.data_id}_gap")
             yield PublishedRun(
-                algorithm=str(description["algorithm"]["name"]),
-                problem=named.problem,
-                problem_options=named.problem_options,
-                data_id=named.data_id,
-                dimension=dimension,
-                minimum=named.minimum,
-                evaluations=int(run["evals"]),
-                improvements=points,
-                targets=known.get("targets"),
-                best=run["best"]["y"],
-                best_x=[float(value) for value in run["best"].get("x") or []] or None,
+                algorithm=str(description["algorithm"]["name"]), problem=named.problem, data_id=named.data_id,
+                problem_options=named.problem_options, dimension=dimension, minimum=named.minimum,
+                evaluations=int(run["evals"]), improvements=points, targets=known.get("targets"),
+                best=run["best"]["y"], best_x=[float(value) for value in run["best"].get("x") or []] or None,
                 columns={key: value for key, value in {**ours, **known}.items() if key in _KEPT},
-            )
+            )  # fmt: skip
 
 
 def _curves(path: Path) -> list[list[tuple[int, float]]]:

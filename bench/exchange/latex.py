@@ -47,14 +47,6 @@ _DOCUMENT = r"""\documentclass{article}
 """
 
 
-def write_latex(study: Study, folder: Path) -> list[str]:
-    """Write the summary of `study` into `folder`; return remarks, a line each."""
-    table = shown(summary(study.runs))
-    (folder / "summary.tex").write_text(latex_table(table), encoding="utf-8")
-    (folder / "document.tex").write_text(_DOCUMENT, encoding="utf-8")
-    return [f"summary.tex ({counted(len(table), 'line')}; needs booktabs, textcomp, T1), document.tex"]
-
-
 def escaped(text: str) -> str:
     r"""Return `text` as LaTeX prints it, sign by sign.
 
@@ -85,11 +77,9 @@ def number(value: float, digits: int = 4) -> str:
     return f"${mantissa} \\times 10^{{{int(exponent)}}}$" if exponent else f"${mantissa}$"
 
 
-def shown(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return the columns of the table, already as LaTeX; start, budget and target where they differ, units last.
-
-    Where problems declare a least value f* that is not 0, values are those above it; a dash in its column: as they are.
-    """
+def write_latex(study: Study, folder: Path) -> list[str]:
+    """Write the summary of `study` into `folder`; return remarks, a line each."""
+    cells = summary(study.runs)
     cells = best_first(cells.assign(method=method_names(cells)))
     errors = [json.loads(text).get("error") for text in cells["problem_options"]]
     titles = problem_titles(cells, but=("error",))
@@ -114,7 +104,9 @@ def shown(cells: pd.DataFrame) -> pd.DataFrame:
         columns[f"{escaped(name.replace('_', ' '))}{above}"] = [number(value) for value in values]
     if (cells["unit"] != "").any():
         columns["unit"] = [escaped(unit) or "--" for unit in cells["unit"]]
-    return pd.DataFrame(columns)
+    (folder / "summary.tex").write_text(latex_table(pd.DataFrame(columns)), encoding="utf-8")
+    (folder / "document.tex").write_text(_DOCUMENT, encoding="utf-8")
+    return [f"summary.tex ({counted(len(cells), 'line')}; needs booktabs, textcomp, T1), document.tex"]
 
 
 def latex_table(table: pd.DataFrame) -> str:

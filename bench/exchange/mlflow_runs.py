@@ -1,16 +1,14 @@
 """A study as MLflow runs: an experiment a study, a parent run a cell, under it a run of MLflow for each of ours.
 
-Parameters are what was asked, metrics what was found, each with the charged evaluations as its step, tags where it
-comes from. A run of ours is known by its id and by when it began, and written once: a second export adds nothing, one
-that was stopped half-way is done again, and a run that was done again in the meantime takes the place of what stood
-there. What MLflow itself offers is used, through its client (extra ``mlflow``).
+A run of ours is known by its id and by when it began, and written once: a second export adds nothing, one that was
+stopped half-way is done again, and a run that was done again takes the place of what stood there.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -39,11 +37,8 @@ _TAGS = (
 
 
 def write_mlflow(study: Study, to: str) -> list[str]:
-    """Write the runs of `study` to `to`, a folder or the address of a tracking server; return what is to be said.
-
-    Raises `ValueError` where MLflow is not installed, or does not take the address.
-    """
-    client, address = _client(to)
+    """Write the runs of `study` to `to`, a folder or the address of a tracking server; return what is to be said."""
+    client = _client(to)
     runs = study.runs
     there = client.get_experiment_by_name(study.store.study)
     experiment = str(client.create_experiment(study.store.study) if there is None else there.experiment_id)
@@ -60,24 +55,26 @@ def write_mlflow(study: Study, to: str) -> list[str]:
         name = f"{titles[first]} · {names[first]}"
         mark = digest(*[None if part != part else part for part in key])
         if mark not in parents:
-            parents[mark] = _create(client, experiment, name, {_CELL: mark, _DONE: "true"})
-            _log(client, parents[mark], _asked(new[0], of_run=False), [], {})
+            marks, asked = {_CELL: mark, _DONE: "true"}, _asked(new[0], of_run=False)
+            parents[mark] = _add(client, experiment, name, marks, asked)
             client.set_terminated(parents[mark])
         for row in new:
-            tags = {_RUN: row["run_id"], _PARENT: parents[mark]}
-            number = _create(client, experiment, f"{name} #{row['repetition']}", tags, row["started_at"])
             points = [(p.charged, p.value) for p in course_of(row, traces.get(row["run_id"]))]
             tags = {f"calibench.{n}": str(row[n])[:_LONGEST] for n in _TAGS if _is_known(row[n]) and row[n] != ""}
-            _log(client, number, _asked(row, of_run=True), list(_metrics(row, points)), tags)
+            marks = {_RUN: row["run_id"], _PARENT: parents[mark]}
+            number = _add(
+                client, experiment, f"{name} #{row['repetition']}", marks, _asked(row, of_run=True),
+                began=row["started_at"], metrics=list(_metrics(row, points)), tags=tags,
+            )  # fmt: skip
             client.set_tag(number, _DONE, "true")
             client.set_terminated(number, status=_STATUS.get(row["status"], "FAILED"))
             added += 1
     again = f", {replaced} of them done again since the last export" if replaced else ""
-    where = f"{address}, experiment {study.store.study}"
+    where = f"{to}, experiment {study.store.study}"
     return [f"{counted(added, 'run')} added to {where}{again}; {len(runs) - added} stood there"]
 
 
-def _client(to: str) -> tuple[Any, str]:
+def _client(to: str) -> Any:
     try:
         from mlflow.exceptions import MlflowException
         from mlflow.tracking import MlflowClient
@@ -90,17 +87,13 @@ def _client(to: str) -> tuple[Any, str]:
         os.environ.setdefault("MLFLOW_ALLOW_FILE_STORE", "true")  # newer versions ask that a folder be meant
         address = Path(to).absolute().as_uri()
     try:
-        return MlflowClient(tracking_uri=address), to
+        return MlflowClient(tracking_uri=address)
     except (MlflowException, ImportError) as error:
         raise ValueError(f"--to {to}: mlflow does not take it: {str(error).splitlines()[0]}") from None
 
 
 def _clean_up(client: Any, experiment: str, began: Mapping[str, int | None]) -> tuple[set[str], dict[str, str], int]:
-    """Return the ids of our runs that stand in the experiment, its parents by cell, and how many were done again.
-
-    Half-written ones go, and those that began at another time than `began` says: {run_id: milliseconds, None: nobody
-    knows}.
-    """
+    """Delete half-written and outdated runs; return the ids of ours that stay, parents by cell, and how many went."""
     known, parents, replaced = set(), {}, 0
     token = None
     while True:
@@ -123,27 +116,24 @@ def _clean_up(client: Any, experiment: str, began: Mapping[str, int | None]) -> 
             return known, parents, replaced
 
 
-def _create(client: Any, experiment: str, name: str, tags: Mapping[str, str], began: Any = None) -> str:
-    run = client.create_run(experiment, start_time=_milliseconds(began), tags=dict(tags), run_name=name)
-    return str(run.info.run_id)
-
-
 def _milliseconds(began: Any) -> int | None:
-    """Return a time as MLflow keeps it; None where it is not known."""
     return int(began.timestamp() * 1000) if began is not None and began == began else None
 
 
-def _log(
-    client: Any, number: str, params: Mapping[str, str], metrics: list[tuple[str, float, int]], tags: Mapping[str, str]
-) -> None:
+def _add(
+    client: Any, experiment: str, name: str, marks: Mapping[str, str], params: Mapping[str, str], began: Any = None,
+    metrics: Sequence[tuple[str, float, int]] = (), tags: Mapping[str, str] | None = None,
+) -> str:  # fmt: skip
     from mlflow.entities import Metric, Param, RunTag
 
-    client.log_batch(
-        number, params=[Param(*item) for item in params.items()], tags=[RunTag(*item) for item in tags.items()]
-    )
+    run = client.create_run(experiment, start_time=_milliseconds(began), tags=dict(marks), run_name=name)
+    number = str(run.info.run_id)
+    labels = [RunTag(*item) for item in (tags or {}).items()]
+    client.log_batch(number, params=[Param(*item) for item in params.items()], tags=labels)
     for begin in range(0, len(metrics), _BATCH):
         some = metrics[begin : begin + _BATCH]
         client.log_batch(number, metrics=[Metric(key, value, 0, step) for key, value, step in some])
+    return number
 
 
 def _asked(row: Mapping[str, Any], *, of_run: bool) -> dict[str, str]:
@@ -156,7 +146,6 @@ def _asked(row: Mapping[str, Any], *, of_run: bool) -> dict[str, str]:
 
 
 def _metrics(row: Mapping[str, Any], points: list[tuple[int, float]]) -> Iterator[tuple[str, float, int]]:
-    """Yield name, value and step: the best value along the run, and at its end what was found."""
     end = int(row["charged"])
     for charged, value in points:
         yield "best", value, charged
@@ -168,25 +157,17 @@ def _metrics(row: Mapping[str, Any], points: list[tuple[int, float]]) -> Iterato
             yield name, float(measured), end
     if row["status"] == "failed":  # it reached nothing: it has no answer that was judged
         return
-    names = _names_of_targets(row)
-    for level, hit in zip(row["targets"], row["hits_charged"], strict=True):
-        if hit is not None and hit == hit:
-            yield names[level], float(hit), end
-
-
-def _names_of_targets(row: Mapping[str, Any]) -> dict[float, str]:
-    """Return the metric of each target: ``charged_to_1e-12``, or above a declared minimum ``charged_to_gap_1e-08``.
-
-    Beside a minimum of 394.48 the levels of small gaps are alike in six digits. Where six are too few to tell the
-    targets apart, all digits are told. MLflow takes no plus sign: 1e+06 is written 1e06.
-    """
+    # the metric of a target is ``charged_to_1e-12``, or above a declared minimum ``charged_to_gap_1e-08``: beside a
+    # minimum of 394.48 the levels of small gaps are alike in six digits. Where six are too few to tell the targets
+    # apart, all digits are told. MLflow takes no plus sign: 1e+06 is written 1e06
     levels, minimum = [float(level) for level in row["targets"]], row["minimum"]
     gaps = _is_known(minimum) and minimum != 0
     numbers = [gap_of_level(level, float(minimum)) if gaps else level for level in levels]
     short = [f"{number:.6g}" for number in numbers]
     texts = short if len(set(short)) == len(set(levels)) else [repr(number) for number in numbers]
-    prefix = "charged_to_gap_" if gaps else "charged_to_"
-    return {level: prefix + text.replace("+", "") for level, text in zip(levels, texts, strict=True)}
+    for text, hit in zip(texts, row["hits_charged"], strict=True):
+        if _is_known(hit):
+            yield ("charged_to_gap_" if gaps else "charged_to_") + text.replace("+", ""), float(hit), end
 
 
 def _is_known(value: Any) -> bool:

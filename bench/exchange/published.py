@@ -1,11 +1,7 @@
 """What others publish, as a study of ours: rows of what is known of the runs, null for the rest.
 
-An imported study is read, reported, compared and merged as any other. Its manifest says what it is and where it comes
-from, and `bench run` does not add to it: what was not measured here stays apart until somebody merges it.
-
-A function of another suite is our own problem where we have it, so that rows are compared: COCO's suite `bbob` is our
-`bbob`, IOHexperimenter's suites are our `ioh` (its instances are numbered in another way). Ids of the data are those
-that COCO and IOHexperimenter give their problems.
+An imported study is read, reported, compared and merged as any other. A function of another suite is our own problem
+where we have it: COCO's `bbob` is our `bbob`, IOHexperimenter's suites are our `ioh`; ids of data are those they give.
 """
 
 from __future__ import annotations
@@ -30,14 +26,12 @@ from calibench.core.seeds import digest
 from calibench.core.tables.data_file import LARGEST_TEXT, read_whole, text_of
 from calibench.problems.suites.black_box import COCO_GAPS
 
-_BBOB = (
+BBOB = (
     "Sphere", "Ellipsoid", "Rastrigin", "BuecheRastrigin", "LinearSlope", "AttractiveSector", "StepEllipsoid",
     "Rosenbrock", "RosenbrockRotated", "EllipsoidRotated", "Discus", "BentCigar", "SharpRidge", "DifferentPowers",
     "RastriginRotated", "Weierstrass", "Schaffers10", "Schaffers1000", "GriewankRosenbrock", "Schwefel", "Gallagher101",
     "Gallagher21", "Katsuura", "LunacekBiRastrigin",
 )  # fmt: skip
-
-_CEC, _CEC_BEFORE = "CEC2022", 1000
 
 
 def text_of_file(of: str, path: Path) -> str:
@@ -51,12 +45,8 @@ def text_of_file(of: str, path: Path) -> str:
 @final
 @dataclass(frozen=True, kw_only=True)
 class PublishedRun:
-    """A run as it was published: evaluations made, and its improvements, (evaluation, value above the minimum) each.
-
-    `problem_options` is JSON; `minimum` is added to the gaps, None: they are the values themselves. `targets` are
-    levels, None: COCO's 51 gaps. `best` is the last gap in all its digits where the improvements have fewer; `best_x`
-    its place. `columns` has further ones that are known.
-    """
+    """A run as it was published: evaluations made, and its improvements, (evaluation, value above `minimum`) each, the
+    values where it is None. `targets` are levels, None: COCO's 51 gaps; `best` is the last gap in all its digits."""
 
     algorithm: str
     problem: str
@@ -100,54 +90,32 @@ def _row(
     minimum = 0.0 if run.minimum is None else run.minimum
     levels = [minimum + gap for gap in COCO_GAPS] if run.targets is None else sorted(run.targets, reverse=True)
     gaps = [level if run.minimum is None else gap_of_level(level, minimum) for level in levels]
-    hits = _hits(run.improvements, gaps)
+    hits: list[int | None] = []  # the first evaluation at which each gap, largest first, was reached
+    i = 0
+    for gap in gaps:
+        while i < len(run.improvements) and run.improvements[i][1] > gap:
+            i += 1
+        hits.append(run.improvements[i][0] if i < len(run.improvements) else None)
     number = digest("published", format_name, run.algorithm, run.columns, run.problem, run.problem_options, repetition)
     last = run.improvements[-1] if run.improvements else (0, inf)
     empty = not run.improvements  # as the data of a failed run are written
     known = {
-        "run_id": number,
-        "problem": run.problem,
-        "problem_options": run.problem_options,
-        "data_id": run.data_id,
-        "dimension": run.dimension,
-        "optimizer": run.algorithm,
-        "optimizer_options": canonical({"published": format_name}),
-        "library": run.algorithm,
-        "library_version": "",
-        "repetition": repetition,
-        "evaluations": run.evaluations,
-        "charged": run.evaluations,
-        "status": "failed" if empty else "ok",
+        "run_id": number, "problem": run.problem, "problem_options": run.problem_options, "data_id": run.data_id,
+        "dimension": run.dimension, "optimizer": run.algorithm, "library": run.algorithm, "library_version": "",
+        "optimizer_options": canonical({"published": format_name}), "repetition": repetition,
+        "evaluations": run.evaluations, "charged": run.evaluations, "status": "failed" if empty else "ok",
         "error_type": "NoFiniteValue" if empty else None,
         "error": "its data hold no finite value: it failed" if empty else None,
-        "best_value": minimum + (last[1] if run.best is None else run.best),
-        "best_evaluation": last[0],
-        "best_x": run.best_x,
-        "targets": levels,
-        "hits": hits,
-        "hits_charged": hits,
-        "minimum": run.minimum,
-        **provenance(),
-        "started_at": read_at,
-        "schema_version": SCHEMA_VERSION,
-    } | run.columns
+        "best_value": minimum + (last[1] if run.best is None else run.best), "best_evaluation": last[0],
+        "best_x": run.best_x, "targets": levels, "hits": hits, "hits_charged": hits, "minimum": run.minimum,
+        **provenance(), "started_at": read_at, "schema_version": SCHEMA_VERSION,
+    } | run.columns  # fmt: skip
     points = [(1, inf)] if run.evaluations and (not last[0] or run.improvements[0][0] > 1) else []
     points += run.improvements
     if points and points[-1][0] < run.evaluations:
         points.append((run.evaluations, points[-1][1]))
     trace = [(number, n, n, minimum + gap, 0) for n, gap in points]
     return {column.name: known.get(column.name) for column in COLUMNS}, trace
-
-
-def _hits(improvements: Sequence[tuple[int, float]], gaps: Sequence[float]) -> list[int | None]:
-    """Return the first evaluation at which each gap, largest first, was reached."""
-    hits: list[int | None] = []
-    i = 0
-    for gap in gaps:
-        while i < len(improvements) and improvements[i][1] > gap:
-            i += 1
-        hits.append(improvements[i][0] if i < len(improvements) else None)
-    return hits
 
 
 @final
@@ -161,26 +129,8 @@ class Named:
     minimum: float | None
 
 
-def of_coco(suite: str, function: int, dimension: int, instance: int) -> Named:
-    """Return a problem of COCO."""
-    options = {"function": function, "dimension": dimension, "instance": instance}
-    return _named(suite, options, f"{suite}_f{function:03d}_i{instance:02d}_d{dimension:02d}")
-
-
-def of_ioh(suite: str, function: int, name: str, dimension: int, instance: int) -> Named:
-    """Return a problem of IOHexperimenter; where its suite is not told, a function's `name` tells BBOB and CEC 2022.
-
-    IOHexperimenter numbers the functions of CEC 2022 from 1001; ours are those of their paper, from 1.
-    """
-    if suite == "unknown_suite" and 1 <= function <= len(_BBOB) and _BBOB[function - 1] == name:
-        suite = "BBOB"
-    if suite in (_CEC, "unknown_suite") and name.startswith(_CEC) and function > _CEC_BEFORE:
-        suite, function = _CEC, function - _CEC_BEFORE
-    options = {"suite": suite, "function": function, "dimension": dimension, "instance": instance}
-    return _named("ioh", options, f"{suite}_f{function}_i{instance}_d{dimension}")
-
-
-def _named(problem: str, options: dict[str, Any], data_id: str) -> Named:
+def named_problem(problem: str, options: dict[str, Any], data_id: str) -> Named:
+    """Return a problem of a suite as rows name it, with the minimum of ours where it can be made here."""
     if problem not in problems.registry:
         return Named(problem, canonical(options), data_id, None)
     try:

@@ -1,16 +1,7 @@
 """The study that is to be written elsewhere: its rows, their courses, one name for each algorithm, the output folder.
 
-Elsewhere an algorithm is a name, and all its runs on a problem are repetitions. So what our cells tell apart on one
-problem (start, budget, target) goes into the name; a budget that differs from problem to problem does not.
-
-A course is each improvement that is known of a run, from its trace and the hits of its targets. A trace keeps every
-improvement among the first 64 evaluations; later only those of a tenth and the value at sixteen counts a decade. The
-evaluation at which a target of the run was reached is exact all the same: its row says so. At another level a course is
-at most one mark late: 10 ** (1/16), 15.5 %.
-
-A level is stored as the number nearest to minimum + gap. Where the minimum is large that sum has lost digits of the
-gap: 394.48 + 1e-8 is a level 1.00044e-8 above 394.48. A reader who works with gaps, as COCO does, is given the gap that
-was meant (`gap_of_level`), or a run that just reaches the level misses the gap.
+Elsewhere an algorithm is a name: start, budget and target go into it. A course is each improvement that is known of a
+run. A level has lost digits of its gap where the minimum is large; `gap_of_level` gives the one that was meant.
 """
 
 from __future__ import annotations
@@ -61,10 +52,7 @@ class Study:
 @final
 @dataclass(frozen=True)
 class RunRecord:
-    """A run as other formats have it: its row, the name of its algorithm, its problem's options, its improvements.
-
-    A failed run reached nothing, whatever it passed, and is charged all the same: it has no improvements.
-    """
+    """A run as other formats have it: row, algorithm's name, problem's options, improvements (none of a failed run)."""
 
     row: Mapping[str, Any]
     algorithm: str
@@ -95,13 +83,11 @@ def run_records(study: Study) -> list[RunRecord]:
     options: dict[str, Mapping[str, Any]] = {text: json.loads(text) for text in study.runs["problem_options"].unique()}
     return [
         RunRecord(
-            row,
-            name,
-            options[row["problem_options"]],
+            row, name, options[row["problem_options"]],
             course_of(row, traces.get(row["run_id"])) if row["status"] != "failed" else [],
         )
         for row, name in zip(rows, algorithm_names(study.runs), strict=True)
-    ]
+    ]  # fmt: skip
 
 
 def records(runs: pd.DataFrame) -> list[dict[str, Any]]:
@@ -121,10 +107,7 @@ def algorithm_names(runs: pd.DataFrame) -> pd.Series:
 
 
 class Improvement(NamedTuple):
-    """A better value: the charged evaluations at which it is known, the value, and the lowest target reached just then.
-
-    Where the trace has no point the value is that target: no more is known of it than that it was reached.
-    """
+    """A better value, the charged evaluations at which it is known, and the lowest target reached just then."""
 
     charged: int
     value: float
@@ -141,10 +124,7 @@ def traces_by_run(traces: pd.DataFrame) -> dict[str, tuple[NDArray[np.int64], ND
 
 
 def course_of(run: Mapping[str, Any], trace: tuple[NDArray[np.int64], NDArray[np.float64]] | None) -> list[Improvement]:
-    """Return the improvements of `run`, a row of ``runs.parquet``, ever better and ever later; [] of a run without one.
-
-    Where values are noisy a target is reached by the judged answer, not by a value that was seen: hits are left out.
-    """
+    """Return the improvements of `run`, a row of ``runs.parquet``, ever later; noisy targets have no hits here."""
     known: dict[int, float] = {}
     for charged, value in zip(*(column.tolist() for column in trace), strict=True) if trace is not None else ():
         known[charged] = min(value, known.get(charged, inf))
@@ -184,8 +164,10 @@ def gap_of_level(level: float, minimum: float) -> float:
     return gap
 
 
-def gap_of_value(value: float, minimum: float, reached: float | None) -> float:
-    """Return how far `value` stands above `minimum`; at most the gap of the level that it has just `reached`."""
+def gap_of_value(value: float, minimum: float | None, reached: float | None) -> float:
+    """Return how far `value` stands above `minimum`, if known; at most the gap of the level that it has `reached`."""
+    if minimum is None:
+        return value
     gap = value - minimum
     return gap if reached is None else min(gap, gap_of_level(reached, minimum))
 
@@ -213,11 +195,7 @@ def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
 
 
 def file_name(text: str) -> str:
-    """Return `text` as the name of a file or folder that any system and reader takes; a long one ends in a digest.
-
-    >>> file_name("de (population=200), budget 400")
-    'de_population=200_budget_400'
-    """
+    """Return `text` as the name of a file or folder that any system and reader takes; a long one ends in a digest."""
     plain = _NOT_PLAIN.sub("_", text).strip("_.") or "unnamed"
     return plain if len(plain) <= _LONGEST else f"{plain[:_LONGEST]}-{digest(text)[:6]}"
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from calibench.bench.execution.request import Pair
 from calibench.bench.execution.run_row import COLUMNS
-from calibench.bench.execution.stochastic import Judged, hits_of_the_answer, is_stochastic, judged
+from calibench.bench.execution.stochastic import Judged, is_stochastic, judged
 from calibench.bench.gate.endings import frames_of, text_of
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.time_limit import JUDGING, Ending
@@ -43,44 +43,61 @@ class Merit:
 
 
 def merit_of(found: Any) -> Merit:
-    """Return the result of ``merit(x)`` as columns of a row.
+    """Return the result of ``merit(x)`` as columns of a row; raise `TypeError` for what is no number, flag or text.
 
-    A number that is not finite is null there, as JSON has none; of the others an infinite one is the text "inf" or
-    "-inf". Raises `TypeError` for a value that is not a number,
-    flag or text.
+    A number that is not finite is null there, as JSON has none; of the others an infinite one is its text.
     """
     if not isinstance(found, Mapping):
         raise TypeError(f"merit(x) returned {type(found).__name__}: names and numbers are needed, {{name: number}}")
-    own = {key: _number(key, value) for key, value in found.items() if key in _OWN}
-    others = {str(key): _plain(key, value) for key, value in found.items() if key not in _OWN}
-    text = json.dumps(others, sort_keys=True, ensure_ascii=False) if others else None
-    return Merit(dict.fromkeys(_OWN) | own, text)
+    own: dict[str, float | None] = dict.fromkeys(_OWN)
+    others: dict[str, Any] = {}
+    for key, given in found.items():
+        value = given
+        if key in _OWN:
+            try:
+                own[key] = None if value is None else float(value)
+            except (TypeError, ValueError):
+                raise TypeError(
+                    f"merit(x) gave {key}={value!r:.60}: a number is needed, as a column of that name has"
+                ) from None
+            continue
+        if isinstance(value, np.ndarray | np.generic):
+            value = value.item() if np.size(value) == 1 else value.tolist()
+        if isinstance(value, float) and not np.isfinite(value):
+            value = None if np.isnan(value) else str(value)
+        if value is not None and not isinstance(value, str | bool | int | float):
+            raise TypeError(f"merit(x) gave {key}={value!r:.60}: a number, True or False, or text is needed")
+        others[str(key)] = value
+    return Merit(own, json.dumps(others, sort_keys=True, ensure_ascii=False) if others else None)
 
 
 def offered(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return `runs` with a column ``merit.KEY`` for each key of their column `merit`; without any, as they are.
-
-    A key whose values are flags in all runs is a column of flags, one of numbers a column of floats, NaN where a run
-    has none; any other is text.
-    """
+    """Return `runs` with a column ``merit.KEY`` for each key of their column `merit`: flags, floats, or text."""
     import pandas as pd
 
     texts = runs["merit"].dropna()
     if texts.empty:
         return runs
     read = {index: json.loads(text) for index, text in texts.items()}
-    keys = list(dict.fromkeys(key for each in read.values() for key in each))
     columns = {}
-    for key in keys:
-        columns[PREFIX + key] = _column([read.get(index, {}).get(key) for index in runs.index], runs.index)
+    for key in dict.fromkeys(key for each in read.values() for key in each):
+        values = [read.get(index, {}).get(key) for index in runs.index]
+        known = [value for value in values if value is not None]
+        if all(value in _INFINITE or type(value) in (int, float) for value in known):
+            values = [float(value) if value in _INFINITE else value for value in values]
+            known = [value for value in values if value is not None]
+        if known and all(isinstance(value, bool) for value in known):
+            column = pd.Series(values, runs.index, dtype="boolean")
+        elif all(isinstance(value, int | float) for value in known):
+            column = pd.Series([np.nan if v is None else float(v) for v in values], runs.index, dtype=float)
+        else:
+            column = pd.Series([None if v is None else str(v) for v in values], runs.index, dtype="str")
+        columns[PREFIX + key] = column
     return pd.concat([runs, pd.DataFrame(columns)], axis=1)
 
 
 def medians(cell: pd.DataFrame) -> dict[str, float]:
-    """Return of each ``merit.KEY`` over the runs of a cell the median, or of flags the share.
-
-    Keys are ``merit.KEY_median`` and ``merit.KEY_share``; text has none. NaN where no run of this cell has the key.
-    """
+    """Return of each ``merit.KEY`` over the runs of a cell the median, or of flags the share."""
     import pandas as pd
 
     found = {}
@@ -102,39 +119,6 @@ def heading(key: str) -> str:
     return f"{name}, {what}"
 
 
-def _column(values: list[Any], index: pd.Index) -> pd.Series:
-    import pandas as pd
-
-    known = [value for value in values if value is not None]
-    if all(value in _INFINITE or type(value) in (int, float) for value in known):
-        values = [float(value) if value in _INFINITE else value for value in values]
-        known = [value for value in values if value is not None]
-    if known and all(isinstance(value, bool) for value in known):
-        return pd.Series(values, index, dtype="boolean")
-    if all(isinstance(value, int | float) for value in known):
-        return pd.Series([np.nan if v is None else float(v) for v in values], index, dtype=float)
-    return pd.Series([None if v is None else str(v) for v in values], index, dtype="str")
-
-
-def _number(key: str, value: Any) -> float | None:
-    try:
-        return None if value is None else float(value)
-    except (TypeError, ValueError):
-        raise TypeError(
-            f"merit(x) gave {key}={value!r:.60}: a number is needed, as a column of that name has"
-        ) from None
-
-
-def _plain(key: Any, value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.item() if np.size(value) == 1 else value.tolist()
-    if value is None or isinstance(value, str | bool | int):
-        return value
-    if isinstance(value, float):
-        return value if np.isfinite(value) else None if np.isnan(value) else str(value)
-    raise TypeError(f"merit(x) gave {key}={value!r:.60}: a number, True or False, or text is needed")
-
-
 Array = NDArray[np.float64]
 
 
@@ -154,23 +138,38 @@ class Answer:
     judged: Judged = field(default_factory=Judged)
 
 
-def place_of_answer(pair: Pair, x: Array | None) -> Answer:
-    """Return what is known of the answer x, shape (dim,), without a call of the problem: its place in the box."""
-    return Answer() if x is None else Answer(**_placed(pair, x))
+def place_of_answer(pair: Pair, x: Array | None) -> dict[str, Any]:
+    """Return the fields of an `Answer` x, shape (dim,), that need no call of the problem: its place in the box."""
+    if x is None:
+        return {}
+    lower, upper, above_lower, below_upper = pair.box
+    at_bound = (x <= above_lower) | (x >= below_upper)
+    return {
+        "inside_box": bool(((lower <= x) & (x <= upper)).all()),
+        "at_bound": [name for name, at in zip(pair.coordinate_names, at_bound, strict=True) if at],
+    }
 
 
 def answer_of(pair: Pair, x: Array | None, ending: Ending, repetition: int) -> tuple[Answer, Ending]:
-    """Return what the answer x, shape (dim,), means, and the ending: a failure where the problem fails in judging it.
-
-    The seed of fresh evaluations follows from the problem's key and the `repetition`.
-    """
+    """Return what the answer x, shape (dim,), means, and the ending: a failure where the problem fails in this."""
     problem = pair.problem
-    known: dict[str, Any] = {}
+    known: dict[str, Any] = {}  # kept, whatever the figures of merit do
     if own_state.is_kept():  # a fork begins `random` anew
         begin_generators(seed_sequence(pair.problem_word, "judging", repetition=repetition))
     try:
         if x is not None:
-            known |= _read(pair, x)  # kept, whatever the figures of merit do
+            parameters = pair.parameters
+            values = np.asarray(problem.physical(x) if extra_of(problem, "physical") else x, float)
+            if values.shape != (len(parameters),):
+                raise TypeError(f"physical(x) returned shape {values.shape} for {len(parameters)} parameters")
+            read: dict[str, Any] = {
+                "parameter_names": [each.name for each in parameters], "parameter_values": values.tolist(),
+            }  # fmt: skip
+            if getattr(problem, "parameters", None) is not None:  # so that who reads the row need not build the problem
+                read["parameter_units"] = [each.unit for each in parameters]
+                read["parameter_starts"] = [float(each.start) for each in parameters]
+                read["parameter_truths"] = [None if each.true is None else float(each.true) for each in parameters]
+            known |= place_of_answer(pair, x) | read
             if extra_of(problem, "merit"):
                 known["merit"] = merit_of(problem.merit(np.array(x)))
         known["judged"] = judged(problem, x, pair.problem_word, repetition)
@@ -184,38 +183,17 @@ def answer_of(pair: Pair, x: Array | None, ending: Ending, repetition: int) -> t
 
 
 def hits_of(problem: Any, gate: Evaluator, answer: Answer) -> tuple[list[int | None], list[int | None]]:
-    """Return what each target cost, in evaluations and charged: as the gate saw it, or by the answer where noisy."""
+    """Return what each target cost, in evaluations and charged: as the gate saw it, or by the answer where noisy.
+
+    The lowest value that a noisy run saw may be luck; the answer counts, at the evaluation that proposed it.
+    """
     if not is_stochastic(problem):
         return gate.hits, gate.hits_charged
-    value = answer.judged.value
-    return hits_of_the_answer(gate, np.inf if value is None else value)
-
-
-def _read(pair: Pair, x: Array) -> dict[str, Any]:
-    problem, parameters = pair.problem, pair.parameters
-    values = np.asarray(problem.physical(x) if extra_of(problem, "physical") else x, float)
-    if values.shape != (len(parameters),):
-        raise TypeError(f"physical(x) returned shape {values.shape} for {len(parameters)} parameters")
-    read = {"parameter_names": [each.name for each in parameters], "parameter_values": values.tolist()}
-    return {**_placed(pair, x), **read, **_declared(pair)}
-
-
-def _declared(pair: Pair) -> dict[str, Any]:
-    """Return what the problem says of its parameters, so that who reads the row need not build the problem."""
-    if getattr(pair.problem, "parameters", None) is None:
-        return {}
-    return {
-        "parameter_units": [each.unit for each in pair.parameters],
-        "parameter_starts": [float(each.start) for each in pair.parameters],
-        "parameter_truths": [None if each.true is None else float(each.true) for each in pair.parameters],
-    }
-
-
-def _placed(pair: Pair, x: Array) -> dict[str, Any]:
-    """Return the place of x in the box: everything that needs no call of the problem."""
-    lower, upper, above_lower, below_upper = pair.box
-    at_bound = (x <= above_lower) | (x >= below_upper)
-    return {
-        "inside_box": bool(((lower <= x) & (x <= upper)).all()),
-        "at_bound": [name for name, at in zip(pair.coordinate_names, at_bound, strict=True) if at],
-    }
+    value = np.inf if answer.judged.value is None else answer.judged.value
+    after = next((point for point in gate.trace if point[0] >= gate.best_evaluation), None)
+    derivatives = 0 if after is None else after[1] - after[0]
+    reached = [value <= level for level in gate.targets]
+    return (
+        [gate.best_evaluation if hit else None for hit in reached],
+        [gate.best_evaluation + derivatives if hit else None for hit in reached],
+    )

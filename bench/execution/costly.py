@@ -1,18 +1,17 @@
 """The surroundings of a run with a costly objective: processes for its batches, and the file of its values.
 
-`costly` is entered in the process that makes the run: this one, or the child of a run with a time limit. A problem with
-a `batch` of its own is given slices of the points, if it says ``splits_batches = True``: that the value of a point has
-the same bits whatever points stand beside it. Of any other problem each point is one call in some process. The gate
-then still asks for one value after another, and gets those that have been computed ahead: it counts, traces and stops
-as if it had waited for each.
+A problem with a `batch` of its own is given slices of the points, if it says ``splits_batches = True``: the value of a
+point has the same bits whatever points stand beside it. Of any other problem each point is one call in some process;
+the gate still asks for one value after another, and counts, traces and stops as if it had waited for each.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Container, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any, final
@@ -47,12 +46,7 @@ class ReplayFolder:
 def forget_replay(folder: Path | str, run_id: str) -> None:
     """Delete the values of a run whose row is on the disk; where there are none, do nothing."""
     with suppress(FileNotFoundError):
-        os.unlink(_file_of(folder, run_id))
-
-
-def values_of(folder: Path | str) -> list[str]:
-    """Return the ids of the runs that have values to go on from."""
-    return sorted(path.stem for path in (Path(folder) / "replay").glob("*.journal"))
+        os.unlink(os.path.join(folder, "replay", f"{run_id}.journal"))  # a tenth of the time that Path takes
 
 
 def forget_finished(folder: Path | str, finished: Container[str]) -> None:
@@ -101,48 +95,31 @@ def with_batches() -> list[str]:
 
 def check_replay(problem: Any, replay: ReplayFolder | None) -> None:
     """Raise `ValueError`, one line, where `replay` always is asked for and cannot be."""
-    if replay is not None and replay.always and _keeps_its_noise(problem):
+    noisy = is_stochastic(problem) and getattr(problem, "seeded", None) is not None
+    if replay is not None and replay.always and noisy:
         raise ValueError(
             f"replay=true: problem {name_of(problem)} is stochastic and keeps its generator itself (seeded), which "
             "cannot be put to where it was; draw from self.rng instead"
         )
 
 
+@contextmanager
 def around(
-    gate: Evaluator,
-    problem: Any,
-    run_id: str,
-    code: str,
-    *,
-    inner: int = 1,
-    replay: ReplayFolder | None = None,
+    gate: Evaluator, problem: Any, run_id: str, code: str, *, inner: int = 1, replay: ReplayFolder | None = None,
     time_limit: float | None = None,
-) -> AbstractContextManager[Any]:
-    """Return the context for the search with `gate` on `problem`; `code` is the digest of their code."""
-    if replay is not None and _keeps_its_noise(problem):
+) -> Iterator[None]:  # fmt: skip
+    """Make the search with `gate` on `problem` in this context; `code` is the digest of their code."""
+    if replay is not None and is_stochastic(problem) and getattr(problem, "seeded", None) is not None:
         replay = None
     if inner == 1 and replay is None:
-        return nullcontext()
-    if replay is not None:
-        replay = ReplayFolder(os.path.abspath(replay.folder), replay.always)  # the objective may go elsewhere
-    return _costly(gate, problem, run_id, code, inner=inner, replay=replay, time_limit=time_limit)
-
-
-@contextmanager
-def _costly(
-    gate: Evaluator,
-    problem: Any,
-    run_id: str,
-    code: str,
-    *,
-    inner: int,
-    replay: ReplayFolder | None,
-    time_limit: float | None,
-) -> Iterator[None]:
+        yield
+        return
     calls = calls_of(problem)
     with in_parallel(calls, inner) if inner > 1 else nullcontext(calls) as calls:
         gate.ask(calls)
-        file = None if replay is None else ReplayFile(_file_of(replay.folder, run_id), run_id, code)
+        home = None if replay is None else os.path.abspath(replay.folder)  # the objective may go elsewhere
+        path = None if home is None else os.path.join(home, "replay", f"{run_id}.journal")
+        file = None if path is None else ReplayFile(path, run_id, code)
         if replay is None or file is None or not file.usable:  # else another process makes this run too, and has it
             yield
             return
@@ -158,14 +135,6 @@ def _costly(
             raise replayed.differs
 
 
-def _file_of(folder: Path | str, run_id: str) -> str:
-    return os.path.join(folder, "replay", f"{run_id}.journal")  # a tenth of the time that Path takes
-
-
-def _keeps_its_noise(problem: Any) -> bool:
-    return is_stochastic(problem) and getattr(problem, "seeded", None) is not None
-
-
 Array = NDArray[np.float64]
 _SLICES = 4  # for each process, so that one slow slice does not keep the others waiting for long
 
@@ -173,48 +142,9 @@ _SLICES = 4  # for each process, so that one slow slice does not keep the others
 @contextmanager
 def in_parallel(calls: Calls, processes: int) -> Iterator[Calls]:
     """Yield `calls` whose batches are evaluated by that many processes, which end with the block."""
+    lock = Lock()  # a method may ask from several threads
 
-    def work(job: tuple[Any, ...]) -> Any:
-        what, *given = job
-        return calls.one(*given) if what == "one" else getattr(calls, what)(*given)
-
-    with WorkerPool(work, processes) as pool:
-        if calls.batch is None:
-            yield _one_by_one(calls, pool)
-        else:
-            lock = Lock()
-            below = calls.below and _in_slices("below", pool, processes, lock)
-            yield replace(calls, batch=_in_slices("batch", pool, processes, lock), below=below)
-
-
-def _one_by_one(calls: Calls, pool: WorkerPool) -> Calls:
-    """Return calls whose `ahead` begins the values of a batch; each is then waited for when it is asked for."""
-    awaited: list[Array] = []  # the last one is the next; the processes begin when that is asked for
-    begun = [False]
-    lock = Lock()  # a method may ask from several threads: each gets the value of its point
-
-    def ahead(points: Array) -> None:
-        with lock:
-            awaited[:] = list(np.array(points, dtype=np.float64))[::-1]
-            begun[0] = False
-
-    def value(x: Array, fixed: Any) -> float:
-        with lock:
-            if awaited and np.array_equal(awaited[-1], x):
-                if not begun[0]:
-                    pool.begin([("one", point) for point in reversed(awaited)])
-                    begun[0] = True
-                awaited.pop()
-                known: float = pool.take()
-                return known
-            awaited.clear()
-        return calls.one(x)
-
-    return replace(calls, value=value, again=raise_again, ahead=ahead)
-
-
-def _in_slices(what: str, pool: WorkerPool, processes: int, lock: Any) -> Any:
-    def batch(points: Array, *limits: Array) -> Array:
+    def in_slices(what: str, points: Array, *limits: Array) -> Array:
         if not len(points):
             return np.empty(0)
         size = max(1, -(-len(points) // (_SLICES * processes)))
@@ -223,4 +153,32 @@ def _in_slices(what: str, pool: WorkerPool, processes: int, lock: Any) -> Any:
             pool.begin([(what, points[s], *(limit[s] for limit in limits)) for s in slices])
             return np.concatenate([pool.take() for _ in slices])
 
-    return batch
+    # without a `batch`: `ahead` begins the values of one; each is then waited for when it is asked for
+    awaited: list[Array] = []  # the last one is the next; the processes begin when that is asked for
+    begun = False
+
+    def ahead(points: Array) -> None:
+        nonlocal begun
+        with lock:
+            awaited[:] = list(np.array(points, dtype=np.float64))[::-1]
+            begun = False
+
+    def value(x: Array, fixed: Any) -> float:
+        nonlocal begun
+        with lock:
+            if awaited and np.array_equal(awaited[-1], x):
+                if not begun:
+                    pool.begin([("one", point) for point in reversed(awaited)])
+                    begun = True
+                awaited.pop()
+                known: float = pool.take()
+                return known
+            awaited.clear()
+        return calls.one(x)
+
+    with WorkerPool(lambda job: getattr(calls, job[0])(*job[1:]), processes) as pool:
+        if calls.batch is None:
+            yield replace(calls, value=value, again=raise_again, ahead=ahead)
+        else:
+            below = calls.below and partial(in_slices, "below")
+            yield replace(calls, batch=partial(in_slices, "batch"), below=below)

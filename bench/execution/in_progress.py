@@ -1,13 +1,9 @@
 """The progress of a run while it runs: read by another thread, written as small files, read by who asks.
 
-``with publishing(publish):`` stands around all runs of a process. `publish` then gets a `Progress` every second for
-each run that lasts longer than that, and a last one with ``ended``. The thread only reads the gate's counts: shorter
-runs cost a few microseconds, evaluations nothing, and an exception of `publish` fails no run. While foreign code holds
-Python's lock in a C loop this thread does not run either; the last `Progress` then becomes old, which a reader sees.
-
-`to_files` writes them to ``FOLDER/running``, a file each, gone at its end. Beside them stands a file of each sweep, so
-that one that has no run to tell of yet is seen as well. What a killed process leaves there is not counted: on its own
-machine a process that is gone is known to be.
+``with publishing(publish):`` stands around all runs of a process. `publish` then gets the fields of a `Running` every
+second for each run that lasts longer, and a last one with ``ended``. The thread only reads the gate's counts: shorter
+runs cost a few microseconds, evaluations nothing. `to_files` writes them to ``FOLDER/running``, a file each, and beside
+them a file of each sweep. What a killed process leaves there is not counted.
 """
 
 from __future__ import annotations
@@ -19,26 +15,37 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from math import isfinite
 from pathlib import Path
 from threading import Lock
 from time import monotonic
-from typing import Any, NamedTuple, Protocol, TypedDict, final
+from typing import TYPE_CHECKING, Any, final
 
 from calibench.bench.gate.processes import born, is_gone
 from calibench.core.plain import json_of
 from calibench.core.process_state import OWN_THREAD
-from calibench.core.words import grouped, plain, span
+from calibench.core.words import plain, span
+
+if TYPE_CHECKING:
+    from calibench.bench.gate.evaluator import Evaluator
+    from calibench.bench.gate.time_limit import Mirror
+
+    Counts = Evaluator | Mirror  # what can be read of a run at any time: the gate, or its mirror in shared memory
 
 _RECENT = 30.0  # seconds: the rate is that of the last one or two of these
+Progress = dict[str, Any]  # the fields of a `Running`, by name
+_QUIET = 10.0  # seconds without an evaluation from which on no end is foreseen
+SILENT = 600.0  # seconds without an evaluation from which on it is told
 
 
-class Progress(TypedDict):
+@final
+@dataclass(frozen=True, kw_only=True)
+class Running:
     """A run in progress; times in seconds, `began_at` and `updated_at` since 1970.
 
     `spent` of `budget` is what has been charged, `rate` counts evaluations a second, `silent_s` is for how long there
-    has been none. `best_value` is null before the first finite value, `eta_s` where there is no rate. `pid` is the
+    has been none. `best_value` is None before the first finite value, `eta_s` where there is no rate. `pid` is the
     process that searches, on `host`; `born` tells it from a later one of that number.
     """
 
@@ -58,10 +65,34 @@ class Progress(TypedDict):
     rate: float
     eta_s: float | None
     silent_s: float
-    ended: bool
+    ended: bool = False
+
+    def line(self) -> str:
+        best = "no value yet" if self.best_value is None else f"best {plain(self.best_value, 2)}"
+        left = "" if self.eta_s is None else f", {span(self.eta_s)} left"
+        usual = 1 / self.rate if self.rate > 0 else 0.0  # seconds an evaluation takes
+        silent = "" if self.silent_s < max(_QUIET, 5 * usual) else f", silent for {span(self.silent_s)}"
+        spent, budget = (f"{n:,}".replace(",", " ") for n in (self.spent, self.budget))
+        return (
+            f"run {self.run_id[:4]} {self.optimizer} on {self.problem}: {spent} of "
+            f"{budget} evaluations, {best}, {plain(self.rate, 3)}/s{silent or left}"
+        )
+
+    def silent_line(self) -> str | None:
+        """Return what to say of a run that has made no evaluation for ten minutes; None of another."""
+        if self.silent_s < SILENT:
+            return None
+        there = "" if self.host == platform.node() else f" on {self.host}"
+        return (
+            f"run {self.run_id[:4]} {self.optimizer} on {self.problem} has made no evaluation for "
+            f"{span(self.silent_s)}; `kill -9 {self.pid}`{there} ends it, it becomes a failed row and the others go "
+            "on; time_limit=SECONDS ends such runs by itself"
+        )
 
 
-class Name(NamedTuple):
+@final
+@dataclass(frozen=True)
+class Name:
     """What a run is called, and its budget."""
 
     run_id: str
@@ -72,19 +103,6 @@ class Name(NamedTuple):
 
 
 Publish = Callable[[Progress], None]
-
-
-class Counts(Protocol):
-    """What can be read of a run at any time: the gate, or its mirror in memory shared with another process."""
-
-    @property
-    def evaluations(self) -> int: ...
-    @property
-    def charged(self) -> int: ...
-    @property
-    def best_value(self) -> float: ...
-
-
 _PUBLISHERS: list[_Publisher] = []  # the last one is told
 
 
@@ -111,30 +129,28 @@ def followed(name: Name, counts: Counts, pid: int | None = None) -> Iterator[Non
     try:
         yield
     finally:
-        publisher.end(run)
+        with publisher.lock:
+            publisher.runs.discard(run)
+            if run.was_told:
+                with suppress(Exception):
+                    publisher.publish(run.progress(ended=True))
 
 
 @final
+@dataclass(eq=False)
 class _Publisher:
-    def __init__(self, publish: Publish, every: float) -> None:
-        self._publish, self._every = publish, every
-        self.pid = os.getpid()
-        self.runs: set[_Followed] = set()
-        self._lock = Lock()  # an ended run is told as ended last
+    publish: Publish
+    every: float
+    pid: int = field(default_factory=os.getpid)
+    runs: set[_Followed] = field(default_factory=set)
+    lock: Lock = field(default_factory=Lock)  # an ended run is told as ended last
 
     def look(self) -> None:
         for run in list(self.runs):
-            with self._lock:
-                if run in self.runs and run.lasts(self._every):
+            with self.lock:
+                if run in self.runs and time.monotonic() - run.began >= self.every:
                     with suppress(Exception):
-                        self._publish(run.progress())
-
-    def end(self, run: _Followed) -> None:
-        with self._lock:
-            self.runs.discard(run)
-            if run.was_told:
-                with suppress(Exception):
-                    self._publish(run.progress(ended=True))
+                        self.publish(run.progress())
 
 
 @final
@@ -143,14 +159,11 @@ class _Followed:
 
     def __init__(self, name: Name, counts: Counts, pid: int | None) -> None:
         self._name, self._counts, self._pid = name, counts, pid or os.getpid()
-        self._began, self._began_at = time.monotonic(), time.time()
-        self._heard, self._evaluations = self._began, 0
+        self.began, self._began_at = time.monotonic(), time.time()
+        self._heard, self._evaluations = self.began, 0
         self._before: tuple[float, int, int] | None = None  # time, evaluations, charged: where the rate is taken from
-        self._mark: tuple[float, int, int] | None = None
+        self._mark = self.began, 0, 0
         self.was_told = False
-
-    def lasts(self, seconds: float) -> bool:
-        return time.monotonic() - self._began >= seconds
 
     def progress(self, ended: bool = False) -> Progress:
         self.was_told = True
@@ -158,47 +171,29 @@ class _Followed:
         evaluations, spent, best = counts.evaluations, counts.charged, counts.best_value
         if evaluations != self._evaluations:
             self._evaluations, self._heard = evaluations, now
-        rate, pace = self._rates(now, evaluations, spent)
-        return Progress(
-            run_id=name.run_id,
-            problem=name.problem,
-            optimizer=name.optimizer,
-            repetition=name.repetition,
-            pid=self._pid,
-            host=platform.node(),
-            born=born(self._pid),
-            began_at=self._began_at,
-            updated_at=time.time(),
-            evaluations=evaluations,
-            spent=spent,
-            budget=name.budget,
-            best_value=best if isfinite(best) else None,
-            rate=rate,
-            eta_s=(name.budget - spent) / pace if pace > 0 else None,
-            silent_s=now - self._heard,
-            ended=ended,
-        )
 
-    def _rates(self, now: float, evaluations: int, spent: int) -> tuple[float, float]:
-        """Return evaluations and charged evaluations a second, of late; of the whole run where there are none of late.
-
-        The first look is where they are first taken from, so that values replayed after a kill do not count.
-        """
+        # evaluations and charged evaluations a second, of late; of the whole run where there are none of late. The
+        # first look is where they are first taken from, so that values replayed after a kill do not count
         here = now, evaluations, spent
-        if self._before is None or self._mark is None:
+        if self._before is None:
             self._before = self._mark = here
         elif now - self._mark[0] >= _RECENT:
             self._before, self._mark = self._mark, here
         then, made, paid = self._before
         if evaluations == made:
-            then, made, paid = self._began, 0, 0
+            then, made, paid = self.began, 0, 0
         took = max(now - then, 1e-9)
-        return (evaluations - made) / took, (spent - paid) / took
+        pace = (spent - paid) / took
+        run = Running(
+            **vars(name), pid=self._pid, host=platform.node(), born=born(self._pid), began_at=self._began_at,
+            updated_at=time.time(), evaluations=evaluations, spent=spent, best_value=best if isfinite(best) else None,
+            rate=(evaluations - made) / took, eta_s=(name.budget - spent) / pace if pace > 0 else None,
+            silent_s=now - self._heard, ended=ended,
+        )  # fmt: skip
+        return dict(vars(run))
 
 
 _SWEEP = ".sweep"  # how the file of a sweep ends
-_QUIET = 10.0  # seconds without an evaluation from which on no end is foreseen
-SILENT = 600.0  # seconds without an evaluation from which on it is told
 
 
 def to_files(folder: Path | str) -> Publish:
@@ -218,67 +213,18 @@ def to_files(folder: Path | str) -> Publish:
     return publish
 
 
-@final
-@dataclass(frozen=True)
-class Running:
-    """A run in progress: what its `Progress` said, with `silent_s` up to now."""
-
-    run_id: str
-    problem: str
-    optimizer: str
-    repetition: int
-    pid: int
-    host: str
-    born: str
-    began_at: float
-    updated_at: float
-    evaluations: int
-    spent: int
-    budget: int
-    best_value: float | None
-    rate: float
-    eta_s: float | None
-    silent_s: float
-
-    def line(self) -> str:
-        """Return one line for the terminal and the log."""
-        best = "no value yet" if self.best_value is None else f"best {plain(self.best_value, 2)}"
-        left = "" if self.eta_s is None else f", {span(self.eta_s)} left"
-        usual = 1 / self.rate if self.rate > 0 else 0.0  # seconds an evaluation takes
-        silent = "" if self.silent_s < max(_QUIET, 5 * usual) else f", silent for {span(self.silent_s)}"
-        return (
-            f"run {self.run_id[:4]} {self.optimizer} on {self.problem}: {grouped(self.spent)} of "
-            f"{grouped(self.budget)} evaluations, {best}, {plain(self.rate, 3)}/s{silent or left}"
-        )
-
-    def silent_line(self) -> str | None:
-        """Return what to say of a run that has made no evaluation for ten minutes; None of another."""
-        if self.silent_s < SILENT:
-            return None
-        there = "" if self.host == platform.node() else f" on {self.host}"
-        return (
-            f"run {self.run_id[:4]} {self.optimizer} on {self.problem} has made no evaluation for "
-            f"{span(self.silent_s)}; `kill -9 {self.pid}`{there} ends it, it becomes a failed row and the others go "
-            "on; time_limit=SECONDS ends such runs by itself"
-        )
-
-
 def running_of(progress: Progress) -> Running:
     """Return a run in progress as it is now: since its last message it has been silent, as far as is known."""
     age = max(0.0, time.time() - progress["updated_at"])
-    values: dict[str, Any] = dict(progress)
-    known = {field.name: values[field.name] for field in fields(Running)}
-    return Running(**known | {"silent_s": progress["silent_s"] + (age if age > 5 else 0.0)})
+    run = Running(**{each.name: progress[each.name] for each in fields(Running)})
+    return replace(run, silent_s=run.silent_s + (age if age > 5 else 0.0))
 
 
 def read_running(folder: Path | str) -> list[Running]:
     """Return the runs in progress of `folder`, those that began first first. Changes nothing there."""
-    found = []
-    for path in sorted((Path(folder) / "running").glob("*.json")):
-        progress = _read(path)
-        if progress is not None and not _is_gone(progress):
-            found.append(running_of(progress))
-    return sorted(found, key=lambda run: (run.began_at, run.run_id))
+    runs = [_read(path) for path in sorted((Path(folder) / "running").glob("*.json"))]
+    there = [run for run in runs if run is not None and not is_gone(run.host, run.pid, run.born)]
+    return sorted(there, key=lambda run: (run.began_at, run.run_id))
 
 
 @contextmanager
@@ -307,35 +253,32 @@ def hosts_at_work(folder: Path | str) -> set[str]:
 
 def was_silent(folder: Path | str, run_id: str) -> bool:
     """Tell whether a run of `folder` had made no evaluation for ten minutes at its last message, or since then."""
-    found = [_read(path) for path in (Path(folder) / "running").glob(f"{run_id}-*.json")]
-    return any(running_of(progress).silent_s >= SILENT for progress in found if progress is not None)
+    runs = [_read(path) for path in (Path(folder) / "running").glob(f"{run_id}-*.json")]
+    return any(run.silent_s >= SILENT for run in runs if run is not None)
 
 
 def remove_gone(folder: Path | str) -> None:
     """Delete what killed processes of this machine have left."""
     home = Path(folder) / "running"
+    left = [path for path in home.glob(f"*{_SWEEP}") if is_gone(*_sweep(path))]
     for path in home.glob("*.json"):
-        progress = _read(path)
-        if progress is not None and _is_gone(progress):
-            for left in (path, path.with_suffix(".tmp")):
-                with suppress(OSError):
-                    left.unlink(missing_ok=True)
-    for path in home.glob(f"*{_SWEEP}"):
-        if is_gone(*_sweep(path)):
-            with suppress(OSError):
-                path.unlink(missing_ok=True)
+        run = _read(path)
+        if run is not None and is_gone(run.host, run.pid, run.born):
+            left += [path, path.with_suffix(".tmp")]
+    for path in left:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
     with suppress(OSError):
         home.rmdir()  # where nothing is left
 
 
-def _read(path: Path) -> Progress | None:
+def _read(path: Path) -> Running | None:
     """Return what a file says; None where it has just gone, or is none of ours."""
     try:
-        progress: Progress = json_of(path.read_text(encoding="utf-8"))
-        running_of(progress)
-        return progress if isinstance(progress["pid"], int) else None
+        run = running_of(json_of(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, KeyError, TypeError):
         return None
+    return run if isinstance(run.pid, int) else None
 
 
 def _sweep(path: Path) -> tuple[str, int, str]:
@@ -347,63 +290,55 @@ def _sweep(path: Path) -> tuple[str, int, str]:
         return platform.node(), os.getpid(), "-"
 
 
-def _is_gone(progress: Progress) -> bool:
-    return is_gone(progress["host"], progress["pid"], progress["born"])
-
-
 _IDLE = 10.0  # seconds for which the thread waits for something to look at
 
 
 @contextmanager
 def looked_at(look: Callable[[], None], every: float = 1.0) -> Iterator[None]:
     """Call `look` every so many seconds, from another thread, while the block lasts. Its exceptions are ignored."""
-    key = _here().add(look, every)
+    key, due, pulse = object(), monotonic() + every, _here()
+    with pulse.change:
+        pulse.looks[key] = (due, every, look)
+        if not pulse.alive:
+            pulse.alive = True
+            threading.Thread(target=pulse.beat, name=f"{OWN_THREAD}pulse", daemon=True).start()
+        elif due < pulse.wakes:
+            pulse.change.notify()
     try:
         yield
     finally:
-        _here().remove(key)
+        pulse = _here()
+        with pulse.change:
+            pulse.looks.pop(key, None)
 
 
 @final
+@dataclass(eq=False)
 class _Pulse:
-    def __init__(self) -> None:
-        self._change = threading.Condition()
-        self._looks: dict[object, tuple[float, float, Callable[[], None]]] = {}  # when it is due, how often, what
-        self._wakes = 0.0
-        self._alive = False
+    """The thread of this process that calls what is to be looked at, and ends when there has been nothing for long."""
 
-    def add(self, look: Callable[[], None], every: float) -> object:
-        key, due = object(), monotonic() + every
-        with self._change:
-            self._looks[key] = (due, every, look)
-            if not self._alive:
-                self._alive = True
-                threading.Thread(target=self._beat, name=f"{OWN_THREAD}pulse", daemon=True).start()
-            elif due < self._wakes:
-                self._change.notify()
-        return key
+    change: threading.Condition = field(default_factory=threading.Condition)
+    looks: dict[object, tuple[float, float, Callable[[], None]]] = field(default_factory=dict)  # due, how often, what
+    wakes: float = 0.0
+    alive: bool = False
 
-    def remove(self, key: object) -> None:
-        with self._change:
-            self._looks.pop(key, None)
-
-    def _beat(self) -> None:
+    def beat(self) -> None:
         idle_until = monotonic() + _IDLE
         while True:
-            with self._change:
+            with self.change:
                 now = monotonic()
-                if self._looks:
+                if self.looks:
                     idle_until = now + _IDLE
                 elif now >= idle_until:
-                    self._alive = False
+                    self.alive = False
                     return
-                self._wakes = min((due for due, _, _ in self._looks.values()), default=min(idle_until, now + 1.0))
-                if self._wakes > now:
-                    self._change.wait(self._wakes - now)
+                self.wakes = min((due for due, _, _ in self.looks.values()), default=min(idle_until, now + 1.0))
+                if self.wakes > now:
+                    self.change.wait(self.wakes - now)
                     continue
-                ready = [(key, every, look) for key, (due, every, look) in self._looks.items() if due <= now]
+                ready = [(key, every, look) for key, (due, every, look) in self.looks.items() if due <= now]
                 for key, every, look in ready:
-                    self._looks[key] = (now + every, every, look)
+                    self.looks[key] = (now + every, every, look)
             for _, _, look in ready:
                 with suppress(Exception):
                     look()

@@ -13,10 +13,9 @@ from functools import partial
 from typing import Any
 
 from calibench import optimizers, problems
-from calibench.bench.execution.row_of import compile_problem
-from calibench.bench.execution.run import Spec
-from calibench.bench.gate.box import looks
+from calibench.bench.execution.run import Spec, compile_problem
 from calibench.bench.gate.evaluator import Evaluator, scans
+from calibench.bench.gate.face import looks
 from calibench.bench.gate.processes import ProcessDied, at_once
 from calibench.bench.gate.time_limit import stays_inside
 from calibench.bench.provenance.code_digest import digest_of, gate_digest
@@ -35,12 +34,54 @@ Part = tuple[Registry[Any], str, Mapping[str, Any]]
 def load_kernels(specs: Iterable[Spec], fork: bool = True, compiling: Callable[[], None] = lambda: None) -> None:
     """Load what the runs `specs` need of our own problems and methods; of a user's nothing: it may end a process.
 
-    What was never compiled is first compiled in as many processes as there are cores, if this one may `fork`. What the
-    libraries set in the process as they are loaded is put back: a user's run must not see which of ours are beside it.
-    `compiling` is called whenever something is compiled, and not only loaded.
+    What was never compiled is first compiled in a process for each core, if this one may `fork`. What libraries set as
+    they are loaded is put back. `compiling` is called whenever something is compiled, and not only loaded.
     """
     with kept(), heard(compiling):
-        _load(specs, fork)
+        parts: dict[str, Part] = {}
+        beside: dict[str, list[str]] = {}  # problem -> the optimisers that run on it
+        for spec in specs:
+            problem, method = _parts_of(spec)
+            parts[_word(problem)], parts[_word(method)] = problem, method
+            beside.setdefault(_word(problem), []).append(_word(method))
+        needed = {word: _needed(part) for word, part in parts.items()}
+        _LOADED.update((needed[problem], needed[method]) for problem, methods in beside.items() for method in methods)
+        if fork:
+            # each module's parts in a process of their own; this one then loads what they have kept
+            new = {word: parts[word] for word in unseen(parts) if is_own(*parts[word][:2])}
+            by_module: dict[str, list[Part]] = {}
+            for registry, name, options in new.values():
+                module = str(registry.factory(name).__module__)
+                by_module.setdefault(module, []).append((registry, name, options))
+            if len(by_module) > 1:
+                if any(extra_of(registry.factory(name), "compile") for registry, name, _ in new.values()):
+                    tell_compiling()
+                with suppress(ProcessDied):  # compiled here, then
+                    at_once([partial(_compile, some) for some in by_module.values()])
+            seen(new)
+        made: dict[str, Any] = {}
+        for word, (registry, name, options) in sorted(parts.items()):  # optimisers first
+            with suppress(Exception):  # the rows of its runs will have the error
+                part: Any = registry.make(name, **options) if is_own(registry, name) else None
+                made[word] = part
+                if registry is optimizers.registry and (part is None or not stays_inside(part)):
+                    looks()
+                if part is None:
+                    continue
+                digest_of(part)
+                if registry is optimizers.registry:
+                    if extra_of(part, "compile"):
+                        part.compile()
+                    continue
+                compile_problem(part, *(made.get(method) for method in beside[word]))
+                Evaluator(part, 1).close()  # it loads what looks through a batch
+                if extra_of(part, "merit"):
+                    part.merit(part.start)
+        gate_digest()
+        provenance()
+        if not all(is_own(registry, name) for registry, name, _ in parts.values()):
+            looks(), scans()
+            load_compiler()  # a user's own code may compile in every child; ours is kept
 
 
 def load_new_kernels(spec: Spec) -> bool:
@@ -70,61 +111,12 @@ def _needed(part: Part) -> str:
     return _word(part) if is_own(registry, name) else "" if ":" in name else name
 
 
-def _load(specs: Iterable[Spec], fork: bool) -> None:
-    parts: dict[str, Part] = {}
-    beside: dict[str, list[str]] = {}  # problem -> the optimisers that run on it
-    for spec in specs:
-        problem, method = _parts_of(spec)
-        parts[_word(problem)], parts[_word(method)] = problem, method
-        beside.setdefault(_word(problem), []).append(_word(method))
-    needed = {word: _needed(part) for word, part in parts.items()}
-    _LOADED.update((needed[problem], needed[method]) for problem, methods in beside.items() for method in methods)
-    if fork:
-        _compile_at_once({word: parts[word] for word in unseen(parts) if is_own(*parts[word][:2])})
-    made: dict[str, Any] = {}
-    for word, (registry, name, options) in sorted(parts.items()):  # optimisers first
+def _compile(parts: Sequence[Part]) -> None:
+    for registry, name, options in parts:
         with suppress(Exception):  # the rows of its runs will have the error
-            part: Any = registry.make(name, **options) if is_own(registry, name) else None
-            made[word] = part
-            if registry is optimizers.registry and (part is None or not stays_inside(part)):
-                looks()
-            if part is None:
-                continue
-            digest_of(part)
-            if registry is optimizers.registry:
-                if extra_of(part, "compile"):
-                    part.compile()
-                continue
-            compile_problem(part, *(made.get(method) for method in beside[word]))
-            Evaluator(part, 1).close()  # it loads what looks through a batch
-            if extra_of(part, "merit"):
-                part.merit(part.start)
-    gate_digest()
-    provenance()
-    if not all(is_own(registry, name) for registry, name, _ in parts.values()):
-        looks(), scans()
-        load_compiler()  # a user's own code may compile in every child; ours is kept
-
-
-def _compile_at_once(parts: Mapping[str, Part]) -> None:
-    """Compile each module's parts in a process of their own; this one then loads what they have kept."""
-    by_module: dict[str, list[Part]] = {}
-    for part in parts.values():
-        by_module.setdefault(str(part[0].factory(part[1]).__module__), []).append(part)
-
-    def compiled(some: Sequence[Part]) -> None:
-        for registry, name, options in some:
-            with suppress(Exception):  # the rows of its runs will have the error
-                made: Any = registry.make(name, **options)
-                if extra_of(made, "compile"):
-                    made.compile()
-
-    if len(by_module) > 1:
-        if any(extra_of(registry.factory(name), "compile") for registry, name, _ in parts.values()):
-            tell_compiling()
-        with suppress(ProcessDied):  # compiled here, then
-            at_once([partial(compiled, some) for some in by_module.values()])
-    seen(parts)
+            made: Any = registry.make(name, **options)
+            if extra_of(made, "compile"):
+                made.compile()
 
 
 def is_own(registry: Registry[Any], name: str) -> bool:

@@ -1,14 +1,8 @@
 """The request of a run: checked once, before anything runs, with all that determines its id and its seeds.
 
-A run that has begun raises nothing: its row reports the failure. So all checks are here: that problem and optimiser fit
-each other, budget, repetition and start, and that their optional attributes can be read and are of their kind. An
-attribute may be a property, which is foreign code: any exception of it is reported in one line. Tasks that no optimiser
-here can solve (constraints, whole numbers, several objectives) are refused.
-
-A `Pair` has what is the same in all runs of a problem and an optimiser. Finding that again took two thirds of the time
-of a short run, so the pairs of our own classes are kept in a process; a user's object is made anew for every run, as it
-may remember what it was asked. Planning a sweep builds each once: a user's class is first tried in a child process
-(`probe`), as a crash here would end the command, and with it the runs of all other problems.
+A run that has begun raises nothing, so all checks are here; what a property, which is foreign code, raises is reported
+in one line. A `Pair` has what is the same in all runs of a problem and an optimiser; those of our own classes are kept.
+A user's object is made anew for every run, and its class is first tried in a child process (`probe`).
 """
 
 from __future__ import annotations
@@ -18,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from inspect import getattr_static
-from numbers import Real
 from types import FunctionType
 from typing import Any, Literal, final
 
@@ -34,7 +27,7 @@ from calibench.bench.provenance.run_id import canonical, key_of_optimizer, key_o
 from calibench.core.options import LARGEST_WHOLE, is_number, shown
 from calibench.core.registry import Registry
 from calibench.core.seeds import digest, seed_sequence
-from calibench.core.sources import file_of, is_foreign, is_foreign_module, is_ours
+from calibench.core.sources import file_of, is_foreign, is_ours
 from calibench.problems.base import Parameter, coordinates_of, extra_of, parameters_of
 
 
@@ -61,26 +54,13 @@ class Asked:
         pair = self.pair
         return run_id(pair.problem_key, pair.optimizer_key, self.budget, self.repetition, start, self.target)
 
-    @property
-    def can_differ(self) -> bool:
-        """Tell whether another repetition can differ from this one."""
-        start: Start = "random" if self.start == "random" else "nominal"
-        noisy = is_stochastic(self.pair.problem)
-        return len(repetitions_of(self.pair.optimizer, start, range(2), noisy)) > 1
-
 
 def read_asked(
-    pair: Pair,
-    budget: int,
-    repetition: int,
-    *,
-    start: Start | Array | None = None,
-    target: float | None = None,
+    pair: Pair, budget: int, repetition: int, *, start: Start | Array | None = None, target: float | None = None,
     time_limit: float | None = None,
-) -> Asked:
+) -> Asked:  # fmt: skip
     """Return the request of a run. Raises `ValueError` for a request without meaning."""
-    check_numbers(budget, repetition, target, time_limit)
-    check_target(pair.problem, target)
+    check_numbers(budget, repetition, target, time_limit, pair.problem)
     budget, repetition, target = int(budget), int(repetition), None if target is None else float(target)
     label, first = starting_point(pair.problem, start, pair.problem_word, repetition)
     targets = [*pair.targets]
@@ -98,8 +78,7 @@ _MOST = 64  # pairs that a process remembers; a pack is of few
 class Pair:
     """Problem and optimiser, their names, options as JSON and keys (what tells them in ids and seeds).
 
-    `problem_word` and `optimizer_word` are digests of the keys as numbers, for seeds; `compiled` says that what is done
-    before the first run of the pair has been done.
+    The words are digests of the keys as numbers; `compiled` says that what comes before a first run has been done.
     """
 
     problem: Any
@@ -121,12 +100,8 @@ class Pair:
     code: str
     foreign_problem: bool
     foreign_optimizer: bool
+    may_hang: bool  # the optimiser may loop for ever in foreign code
     compiled: bool = False
-
-    @property
-    def may_hang(self) -> bool:
-        """Tell whether the optimiser may loop for ever in foreign code."""
-        return bool(getattr(getattr(self.optimizer, "traits", None), "may_hang", False))
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -153,38 +128,23 @@ def pair_of(problem: Any, optimizer: Any, problem_name: str | None = None, optim
     method = name_of(optimizer) if optimizer_name is None else optimizer_name
     problem_key, optimizer_key = key_of_problem(problem, who), key_of_optimizer(optimizer, method)
     return Pair(
-        problem=problem,
-        problem_name=who,
-        problem_options=canonical(options_of(problem)),
-        problem_key=problem_key,
-        problem_word=int(digest(problem_key), 16),
-        optimizer=optimizer,
-        optimizer_name=method,
-        optimizer_options=canonical(options_of(optimizer)),
-        optimizer_key=optimizer_key,
-        optimizer_word=int(digest(optimizer_key), 16),
-        targets=tuple(extra_of(problem, "targets", ())),
-        data_id=extra_of(problem, "data_id", ""),
-        unit=unit_of(problem),
-        problem_group=str(extra_of(problem, "group", "")),
-        minimum=minimum_of(problem),
-        library=library_of(optimizer),
-        code=code_digest(problem, optimizer),
-        foreign_problem=is_foreign(problem),
+        problem=problem, problem_name=who, problem_options=canonical(options_of(problem)), problem_key=problem_key,
+        problem_word=int(digest(problem_key), 16), optimizer=optimizer, optimizer_name=method,
+        optimizer_options=canonical(options_of(optimizer)), optimizer_key=optimizer_key,
+        optimizer_word=int(digest(optimizer_key), 16), targets=tuple(extra_of(problem, "targets", ())),
+        data_id=extra_of(problem, "data_id", ""), unit=unit_of(problem),
+        problem_group=str(extra_of(problem, "group", "")), minimum=minimum_of(problem), library=library_of(optimizer),
+        code=code_digest(problem, optimizer), foreign_problem=is_foreign(problem),
         foreign_optimizer=is_foreign(optimizer),
-    )
+        may_hang=bool(getattr(getattr(optimizer, "traits", None), "may_hang", False)),
+    )  # fmt: skip
 
 
 def foreign_modules(registry: Registry[Any], name: str) -> list[str]:
     """Return the module, loaded, that builds the entry `name`, where it is not ours."""
     factory = registry.factory(name)
     module = getattr(factory, "func", factory).__module__
-    return [module] if is_foreign_module(module) else []
-
-
-def built_by_foreign(problem: str, optimizer: str) -> list[str]:
-    """Return the modules that build these two, of those that are not ours."""
-    return foreign_modules(problems.registry, problem) + foreign_modules(optimizers.registry, optimizer)
+    return [module] if is_foreign(module) else []
 
 
 def made_pair(
@@ -199,7 +159,8 @@ def made_pair(
         pair.foreign_problem
         or pair.foreign_optimizer
         or is_stochastic(pair.problem)
-        or built_by_foreign(problem, optimizer)
+        or foreign_modules(problems.registry, problem)
+        or foreign_modules(optimizers.registry, optimizer)
     ):
         if len(_MADE) >= _MOST:
             _MADE.clear()
@@ -214,17 +175,8 @@ _FINITE_BOUNDS = "finite bounds"
 LONGEST_TIME = 1e9  # seconds of one run: thirty years; clocks of libraries end before infinity
 
 
-def check_request(
-    problem: Any, optimizer: Any, budget: Any, seed: Any, target: Any = None, time_limit: Any = None
-) -> None:
-    """Raise `ValueError` where this problem and optimiser cannot be run with this budget and repetition."""
-    check_numbers(budget, seed, target, time_limit)
-    check_pair(problem, optimizer)
-    check_target(problem, target)
-
-
-def check_numbers(budget: Any, seed: Any, target: Any = None, time_limit: Any = None) -> None:
-    """Raise `ValueError` where one of these cannot be asked of any run."""
+def check_numbers(budget: Any, seed: Any, target: Any = None, time_limit: Any = None, problem: Any = None) -> None:
+    """Raise `ValueError` where one of these cannot be asked of any run, or the target cannot end one on `problem`."""
     if isinstance(budget, bool) or not isinstance(budget, int | np.integer) or budget < 1:
         raise ValueError(f"budget={budget}: a whole number of evaluations, 1 or more, is needed")
     if budget > MOST_EVALUATIONS:
@@ -235,16 +187,14 @@ def check_numbers(budget: Any, seed: Any, target: Any = None, time_limit: Any = 
         raise ValueError(f"seed={shown(seed)}: at most {LARGEST_WHOLE} is needed")
     if target is not None and not is_number(target):
         raise ValueError(f"target={shown(target)}: a finite number is needed")
-    if time_limit is not None and not (_is_number(time_limit) and 0 < time_limit <= LONGEST_TIME):
-        raise ValueError(
-            f"time_limit={shown(time_limit)}: seconds above 0, at most {LONGEST_TIME:g}, are needed, or null for no "
-            "limit"
-        )
-
-
-def check_target(problem: Any, target: float | None) -> None:
-    """Raise `ValueError` where `target` cannot end a run on `problem`."""
-    if target is not None and is_stochastic(problem):
+    if time_limit is not None:
+        counts = isinstance(time_limit, int | float) and not isinstance(time_limit, bool)
+        if not (counts and 0 < time_limit <= LONGEST_TIME):
+            raise ValueError(
+                f"time_limit={shown(time_limit)}: seconds above 0, at most {LONGEST_TIME:g}, are needed, or null for "
+                "no limit"
+            )
+    if problem is not None and target is not None and is_stochastic(problem):
         raise ValueError(
             f"target={target}: problem {_named(problem)} is stochastic, and a lucky value would end the run; give the "
             "problem targets, which are judged by the answer"
@@ -253,22 +203,41 @@ def check_target(problem: Any, target: float | None) -> None:
 
 def check_pair(problem: Any, optimizer: Any) -> None:
     """Raise `ValueError` where `optimizer` cannot be run on `problem`, whatever else is asked."""
-    _check_is_object("problem", problem)
-    _check_is_object("optimizer", optimizer)
+    for kind, thing, lack in (
+        ("problem", problem, "lower, upper, start"), ("optimizer", optimizer, "minimize(objective, rng)"),
+    ):  # fmt: skip
+        if isinstance(thing, str):
+            raise ValueError(f"{kind} {thing!r} is a name and has no {lack}: {kind}s.make({thing!r}) makes the object")
+        static = isinstance(thing, type) and getattr_static(thing, "minimize", None)  # needs no object
+        if isinstance(thing, type) and not isinstance(static, classmethod | staticmethod):
+            raise ValueError(f"{kind} {thing.__name__} is a class, and an object is needed: {thing.__name__}(...)")
+
     who, method = _named(problem), _named(optimizer)
-    _read(problem, f"problem {who}", _OF_A_PROBLEM)
+    _check_readable(problem, f"problem {who}", _OF_A_PROBLEM, ("data_id", "a digest of its data, say"))
     for name in _METHODS:
         if not callable(getattr(problem, name, None) or float):
             raise ValueError(f"problem {who}: {name} is no method")
-    _is_text(problem, f"problem {who}", "data_id", "a digest of its data, say")
     kernel = getattr(problem, "kernel", None)
     if kernel is not None and not (isinstance(kernel, tuple) and len(kernel) == 2 and callable(kernel[0])):
         raise ValueError(f"problem {who}: kernel: a function and what it takes beside x, as a pair, are needed")
-    check_optimizer_is_readable(optimizer, method)
+    _check_readable(optimizer, f"optimizer {method}", _OF_AN_OPTIMIZER, ("library", "the name of a package"))
+    traits = getattr(optimizer, "traits", None)
+    if traits is not None and not all(hasattr(traits, name) for name in _TRAITS):
+        raise ValueError(f"optimizer {method}: traits={traits!r:.60}: an optimizers.base.Traits is needed")
+    if not callable(extra_of(optimizer, "compile", float)):
+        raise ValueError(f"optimizer {method}: compile is no method")
+
     missing = [a for a in ("lower", "upper", "start") if not hasattr(problem, a)]
     if missing or not callable(problem):
         raise ValueError(f"problem {who} has no {', '.join(missing) or '__call__'}: lower, upper, start, a call needed")
-    lower, upper, start = (floats_of(problem, who, a) for a in ("lower", "upper", "start"))
+    numbers = []
+    for name in ("lower", "upper", "start"):
+        value = getattr(problem, name)
+        try:
+            numbers.append(np.asarray(value, dtype=float))
+        except (TypeError, ValueError):
+            raise ValueError(f"problem {who}: {name}={value!r:.60}: numbers are needed, one a coordinate") from None
+    lower, upper, start = numbers
     if lower.shape == (0,):
         raise ValueError(f"problem {who}: lower is empty: one parameter or more is needed, and this problem has none")
     if lower.shape == upper.shape == start.shape and lower.ndim != 1:
@@ -281,21 +250,18 @@ def check_pair(problem: Any, optimizer: Any) -> None:
         raise ValueError(f"problem {who}: lower[{np.argmin(lower <= upper)}] is above upper, or not a number")
     _check_inside(who, start, lower, upper)
     check_extras(problem, who)
+
     if not callable(getattr(optimizer, "minimize", None)):
         what = " is a function and" if isinstance(optimizer, FunctionType) else ""
         raise ValueError(f"optimizer {method}{what} has no minimize(objective, rng): make it a method of a class")
     needs = unmet_need(problem, optimizer)
     if needs:
-        raise ValueError(f"{method} needs {needs}, and problem {who} has {_has(problem, needs)}")
-
-
-def _check_is_object(kind: str, thing: Any) -> None:
-    """Raise `ValueError` for a name, or a class, in the place of its object; a static `minimize` needs no object."""
-    if isinstance(thing, str):
-        lack = "minimize(objective, rng)" if kind == "optimizer" else "lower, upper, start"
-        raise ValueError(f"{kind} {thing!r} is a name and has no {lack}: {kind}s.make({thing!r}) makes the object")
-    if isinstance(thing, type) and not isinstance(getattr_static(thing, "minimize", None), classmethod | staticmethod):
-        raise ValueError(f"{kind} {thing.__name__} is a class, and an object is needed: {thing.__name__}(...)")
+        has = str(np.size(problem.lower))
+        if needs == "residuals":
+            has = "none; choose another optimizer"
+        elif needs == _FINITE_BOUNDS:
+            has = f"{_open_side(problem)}; give it two ends, or take a method without the trait needs_finite_bounds"
+        raise ValueError(f"{method} needs {needs}, and problem {who} has {has}")
 
 
 def unmet_need(problem: Any, optimizer: Any) -> str:
@@ -316,8 +282,7 @@ def unmet_need(problem: Any, optimizer: Any) -> str:
 def repetitions_of(optimizer: Any, start: Start, wanted: range, stochastic: bool = False) -> range:
     """Return the repetitions that can differ: a deterministic method from one start on one set of data runs once.
 
-    So does, from whatever start, a deterministic method that ignores it. That one is repetition 0, whichever are
-    `wanted`, so that more seeds do not make it twice. On a problem whose values are noisy (`stochastic`) all differ.
+    That one is repetition 0, whichever are `wanted`. On a problem whose values are noisy (`stochastic`) all differ.
     """
     traits = getattr(optimizer, "traits", None)
     if stochastic or traits is None or traits.stochastic:
@@ -334,10 +299,7 @@ def preferred_start(problem: Any, start: Start | None) -> Start:
 
 
 def starting_point(problem: Any, start: Start | Array | None, key: Any, repetition: int) -> tuple[str, Array]:
-    """Return what the start is called (nominal, random, given) and the point, shape (dim,); `key` names the problem.
-
-    Raises `ValueError` for a point outside the box, another shape, or a random start in an open box.
-    """
+    """Return what the start is called (nominal, random, given) and the point, shape (dim,); `key` names the problem."""
     lower, upper = np.asarray(problem.lower, dtype=float), np.asarray(problem.upper, dtype=float)
     if start is not None and not isinstance(start, str):
         point = np.array(start, dtype=float)
@@ -372,15 +334,6 @@ def _check_inside(who: str, start: Array, lower: Array, upper: Array) -> None:
         raise ValueError(f"problem {who}: start[{i}]={start[i]:g} lies outside its box {lower[i]:g} .. {upper[i]:g}")
 
 
-def _has(problem: Any, needs: str) -> str:
-    """Return what a problem has in place of what is needed, and what to do."""
-    if needs == "residuals":
-        return "none; choose another optimizer"
-    if needs == _FINITE_BOUNDS:
-        return f"{_open_side(problem)}; give it two ends, or take a method without the trait needs_finite_bounds"
-    return str(np.size(problem.lower))
-
-
 def _open_side(problem: Any) -> str:
     """Return the first bound without an end, such as "upper[2]=inf"; '' where all parameters have a finite width."""
     lower, upper = np.asarray(problem.lower, dtype=float), np.asarray(problem.upper, dtype=float)
@@ -392,10 +345,6 @@ def _open_side(problem: Any) -> str:
     ends = {"lower": float(lower[i]), "upper": float(upper[i])}
     wrong = {name: end for name, end in ends.items() if np.isinf(end)} or ends
     return ", ".join(f"{name}[{i}]={end:g}" for name, end in wrong.items())
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 OPTIONAL = (
@@ -431,12 +380,21 @@ def check_extras(problem: Any, who: str) -> None:
             read(problem)
         except (TypeError, ValueError) as error:
             raise ValueError(f"problem {who}: {error}") from None
-    minimum, levels = _minimum(problem, who), _targets(problem, who)
+    minimum = getattr(problem, "minimum", None)
+    if minimum is not None and not is_number(minimum):
+        raise ValueError(
+            f"problem {who}: minimum={minimum!r:.60}: a finite number is needed, the least value that can be had"
+        )
+    targets = extra_of(problem, "targets", ())
+    levels = list(targets) if isinstance(targets, tuple | list | np.ndarray) and np.ndim(targets) == 1 else None
+    if levels is None or not all(map(is_number, levels)):
+        raise ValueError(f"problem {who}: targets={targets!r:.60}: a list of finite numbers is needed, such as (1e-8,)")
     if minimum is not None and minimum < 0 and getattr(problem, "residuals", None) is not None:
-        raise ValueError(f"problem {who}: minimum={minimum:g}: a sum of squared residuals is never below 0")
+        raise ValueError(f"problem {who}: minimum={float(minimum):g}: a sum of squared residuals is never below 0")
     for level in levels:
         if minimum is not None and level < minimum:
-            raise ValueError(f"problem {who}: the target {level:g} lies below minimum={minimum:g}: no run can reach it")
+            below = f"the target {float(level):g} lies below minimum={float(minimum):g}"
+            raise ValueError(f"problem {who}: {below}: no run can reach it")
     for attribute, such in (("unit", "mm"), ("group", "separable")):
         text = extra_of(problem, attribute, "")
         if not isinstance(text, str):
@@ -460,29 +418,6 @@ def minimum_of(problem: Any) -> float | None:
 def unit_of(problem: Any) -> str:
     """Return the unit of the value; '' where the problem does not say."""
     return str(extra_of(problem, "unit", ""))
-
-
-def _minimum(problem: Any, who: str) -> float | None:
-    minimum = getattr(problem, "minimum", None)
-    if minimum is None:
-        return None
-    if not _is_finite(minimum):
-        raise ValueError(
-            f"problem {who}: minimum={minimum!r:.60}: a finite number is needed, the least value that can be had"
-        )
-    return float(minimum)
-
-
-def _targets(problem: Any, who: str) -> list[float]:
-    targets = extra_of(problem, "targets", ())
-    listed = list(targets) if isinstance(targets, tuple | list | np.ndarray) and np.ndim(targets) == 1 else None
-    if listed is None or not all(_is_finite(level) for level in listed):
-        raise ValueError(f"problem {who}: targets={targets!r:.60}: a list of finite numbers is needed, such as (1e-8,)")
-    return [float(level) for level in listed]
-
-
-def _is_finite(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and bool(np.isfinite(float(value)))
 
 
 def _asks(asked: Any, kind: str, dimension: int) -> bool:
@@ -515,38 +450,17 @@ _OF_AN_OPTIMIZER = ("traits", "library", "name", "options", "compile", "minimize
 _TRAITS = ("stochastic", "uses_residuals", "uses_start", "minimum_dimension", "maximum_dimension")
 
 
-def check_optimizer_is_readable(optimizer: Any, who: str) -> None:
-    """Raise `ValueError` likewise for `optimizer`."""
-    _read(optimizer, f"optimizer {who}", _OF_AN_OPTIMIZER)
-    _is_text(optimizer, f"optimizer {who}", "library", "the name of a package")
-    traits = getattr(optimizer, "traits", None)
-    if traits is not None and not all(hasattr(traits, name) for name in _TRAITS):
-        raise ValueError(f"optimizer {who}: traits={traits!r:.60}: an optimizers.base.Traits is needed")
-    if not callable(extra_of(optimizer, "compile", float)):
-        raise ValueError(f"optimizer {who}: compile is no method")
-
-
-def floats_of(problem: Any, who: str, attribute: str) -> NDArray[np.float64]:
-    """Return `lower`, `upper` or `start` as numbers. Raises `ValueError` where it is none."""
-    value = getattr(problem, attribute)
-    try:
-        return np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"problem {who}: {attribute}={value!r:.60}: numbers are needed, one a coordinate") from None
-
-
-def _read(thing: Any, label: str, names: tuple[str, ...]) -> None:
+def _check_readable(thing: Any, label: str, names: tuple[str, ...], text: tuple[str, str]) -> None:
+    """Raise `ValueError` where one of the attributes raises, or the one that should be text is none."""
     for name in names:
         try:
             getattr(thing, name, None)
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # SystemExit too
-            text = f"{type(error).__name__}: {text_of(error)}"
-            raise ValueError(f"{label}: its {name} cannot be read: {text}") from error
-
-
-def _is_text(thing: Any, label: str, name: str, such_as: str) -> None:
+            why = f"{type(error).__name__}: {text_of(error)}"
+            raise ValueError(f"{label}: its {name} cannot be read: {why}") from error
+    name, such_as = text
     value = getattr(thing, name, None)
     if value is not None and not isinstance(value, str):
         raise ValueError(f"{label}: {name}={value!r:.60}: text is needed, {such_as}")
@@ -560,8 +474,7 @@ def probe(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> Los
     """Return why the entry `name` cannot be built with `options`: its process ended, or took too long; None: it can.
 
     An exception is not reported here, because building raises it again. A process that ended may have been killed from
-    outside, as a worker may: it is at fault the second time. Our own classes are not tried, and nothing is tried where
-    a system cannot fork.
+    outside: it is at fault the second time. Our own classes are not tried, nor any where a system cannot fork.
     """
     factory = registry.factory(name)
     file = file_of(getattr(factory, "func", factory).__module__)

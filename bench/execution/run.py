@@ -7,43 +7,40 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, TypeVar, cast, final
 
 import numpy as np
 
-from calibench.bench.execution.answer import answer_of, place_of_answer
+from calibench import optimizers, problems
+from calibench.bench.execution import request as asking
+from calibench.bench.execution.answer import Answer, answer_of, hits_of, merit_of, place_of_answer
 from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
 from calibench.bench.execution.in_progress import Name, followed
-from calibench.bench.execution.request import (
-    Array,
-    Asked,
-    Pair,
-    Start,
-    built_by_foreign,
-    made_pair,
-    pair_of,
-    read_asked,
-)
-from calibench.bench.execution.row_of import check_merit, compile_parts, row_of, with_an_answer
-from calibench.bench.execution.run_row import RunRow
-from calibench.bench.execution.stochastic import seeded
-from calibench.bench.gate.box import looks
+from calibench.bench.execution.request import Array, Asked, Start
+from calibench.bench.execution.run_row import SCHEMA_VERSION, RunRow
+from calibench.bench.execution.stochastic import is_stochastic, seeded
+from calibench.bench.gate import time_limit as limits
+from calibench.bench.gate.endings import StopReason, frames_of, text_of
 from calibench.bench.gate.evaluator import Evaluator, TracePoint, scans
+from calibench.bench.gate.face import looks
 from calibench.bench.gate.processes import CAN_FORK
-from calibench.bench.gate.time_limit import PASSED, STALL_LIMIT, Cut, Ending, Mirror, Phase, Runner, Watch, run_here
+from calibench.bench.gate.time_limit import Cut, Ending, Mirror, Phase, Runner, Watch, run_here
+from calibench.bench.provenance.environment import provenance
 from calibench.core.own_state import Kept, kept
 from calibench.core.process import hold_new, one_thread
-from calibench.core.seeds import begin_generators, global_generators, seed_sequence
+from calibench.core.seeds import begin_generators, digest, global_generators, seed_sequence
 from calibench.core.sources import is_foreign
-from calibench.core.words import html_table
+from calibench.core.words import counted, html_table
+from calibench.problems.base import extra_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
+T = TypeVar("T")
 _BUILDING = seed_sequence("building", repetition=0)
 _PATIENCE = 60.0  # seconds for judging an answer where a run is watched and has no limit of its own
 
@@ -51,14 +48,11 @@ _PATIENCE = 60.0  # seconds for judging an answer where a run is watched and has
 @final
 @dataclass(frozen=True)
 class Way:
-    """How a run is made: processes for its batches, where it keeps its values, and the process's state before it.
-
-    `state` is None where no foreign code takes part.
-    """
+    """How a run is made: its processes, the folder of its values, and the state before it (None: no foreign code)."""
 
     inner: int
     replay: ReplayFolder | None
-    state: Kept | None
+    state: Kept | None  # None where no foreign code takes part
 
 
 @final
@@ -71,8 +65,8 @@ class Found:
 
     def restored(self, gate: Evaluator) -> Ending:
         """Let `gate` be where it was, and return how the run ended."""
-        if self.cut.state is not None:
-            gate.restore(self.cut.state)
+        for name, value in (self.cut.state or {}).items():
+            setattr(gate, name, value)
         if self.cut.timed_out:
             gate.stopped = "timeout"
         return self.cut.ending
@@ -83,9 +77,8 @@ class Found:
 class Spec:
     """What a run is, in values: enough to do it anywhere, and to know whether it has been done.
 
-    Options are those given; names are those of the registries, ``pkg.module:Class`` or ``/place/of/file.py:Class``,
-    as a process anywhere finds them. `time_limit` is no part
-    of what a run is: its id does not hold it, and a run that ends in time is the same to the last bit.
+    Options are those given; names are those of the registries, as a process anywhere finds them. `time_limit` is no
+    part of what a run is: a run that ends in time is the same to the last bit.
     """
 
     problem: str
@@ -105,27 +98,32 @@ class Spec:
         (`bench.execution.standing`). `run_id` is for the row of a run whose parts could not be built to ask them.
         """
         if self.time_limit is None or not CAN_FORK:
-            with self._asked(inner, replay) as (asked, state):
+            with self.asked(inner, replay) as (asked, state):
                 if not (asked.pair.may_hang and CAN_FORK):
-                    return make_run(asked, Way(inner, replay, state), _watch_here(self.time_limit))
+                    watch = None if self.time_limit is None else Watch(Mirror(), self.time_limit)
+                    return make_run(asked, Way(inner, replay, state), watch)
         from calibench.bench.execution.standing import run_apart  # it makes the rows of lost runs, which are `Run`s
 
         return run_apart(self, inner, replay, run_id)
 
-    def made(self, inner: int, replay: ReplayFolder | None, watch: Watch, found: Found | None) -> Run:
-        """Make the run in this process, the one that is watched, or the row of what was `found` before it was cut."""
-        with self._asked(inner, replay) as (asked, state):
-            return make_run(asked, Way(inner, replay, state), watch, found)
-
     @contextmanager
-    def _asked(self, inner: int, replay: ReplayFolder | None) -> Iterator[tuple[Asked, Kept | None]]:
-        with one_thread(), _own_state(built_by_foreign(self.problem, self.optimizer)) as state:
-            pair = made_pair(self.problem, self.problem_options, self.optimizer, self.optimizer_options)
-            asked = read_asked(
+    def asked(self, inner: int, replay: ReplayFolder | None) -> Iterator[tuple[Asked, Kept | None]]:
+        """Yield the request of this run, built, and what is kept of the process's state while the block lasts."""
+        both = ((problems.registry, self.problem), (optimizers.registry, self.optimizer))
+        foreign = [module for registry, name in both for module in asking.foreign_modules(registry, name)]
+        with one_thread(), _own_state(foreign) as state:
+            pair = asking.made_pair(self.problem, self.problem_options, self.optimizer, self.optimizer_options)
+            asked = asking.read_asked(
                 pair, self.budget, self.repetition, start=self.start, target=self.target, time_limit=self.time_limit
             )
-            _check_way(pair, inner, replay)
+            check_inner(pair.problem, pair.optimizer, inner)
+            check_replay(pair.problem, replay)
             yield asked, state
+
+
+def _column(name: str, kind: Callable[..., T]) -> T:
+    """Return what reads a column of a run's record, of that kind."""
+    return cast(T, property(lambda run: getattr(run.record, name)))
 
 
 @final
@@ -141,50 +139,27 @@ class Run:
         """Return the row by the names of its columns."""
         return vars(self.record).copy()
 
-    @property
-    def run_id(self) -> str:
-        """Return the id that names this run: a digest of what it is."""
-        return self.record.run_id
+    run_id = _column("run_id", str)
+    """The id that names this run: a digest of what it is."""
+    best_value = _column("best_value", float)
+    """The best value found; infinite where no finite value was."""
+    evaluations = _column("evaluations", int)
+    """The number of evaluations."""
+    charged = _column("charged", int)
+    """Evaluations and `dimension` for each Jacobian."""
+    status = _column("status", str)
+    """ok, failed or timeout."""
+    stop_reason = _column("stop_reason", str)
+    """converged, budget, target, failed or timeout."""
+    error_type = _column("error_type", str)
+    """The class of what a failed run raised; '' where nothing did."""
+    error = _column("error", str)
+    """Its text."""
 
     @property
     def best_x(self) -> Array | None:
         """Return the best point found, shape (dim,); None where no finite value was."""
         return None if self.record.best_x is None else np.array(self.record.best_x)
-
-    @property
-    def best_value(self) -> float:
-        """Return the best value found; infinite where no finite value was."""
-        return self.record.best_value
-
-    @property
-    def evaluations(self) -> int:
-        """Return the number of evaluations."""
-        return self.record.evaluations
-
-    @property
-    def charged(self) -> int:
-        """Return evaluations and `dimension` for each Jacobian."""
-        return self.record.charged
-
-    @property
-    def status(self) -> str:
-        """Return ok, failed or timeout."""
-        return self.record.status
-
-    @property
-    def stop_reason(self) -> str:
-        """Return converged, budget, target, failed or timeout."""
-        return self.record.stop_reason
-
-    @property
-    def error_type(self) -> str:
-        """Return the class of what a failed run raised; '' where nothing did."""
-        return self.record.error_type
-
-    @property
-    def error(self) -> str:
-        """Return its text."""
-        return self.record.error
 
     def __repr__(self) -> str:
         """Return the run in a line; `row` has everything."""
@@ -211,19 +186,13 @@ class Run:
 
 
 @final
+@dataclass(eq=False)
 class Heard:
-    """What a watched run has told of itself: it is followed from then on; `draft` is its row before it was judged."""
+    """What a watched run has told of itself: it is followed in `stack` from then on; `draft`: its row, not judged."""
 
-    def __init__(self) -> None:
-        self.name: Name | None = None
-        self.draft: Run | None = None
-        self._stack = ExitStack()
-
-    def __enter__(self) -> Heard:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
+    name: Name | None = None
+    draft: Run | None = None
+    stack: ExitStack = field(default_factory=ExitStack)
 
     def hear(self, message: Name | Run, counts: Mirror, pid: int) -> None:
         """Take what the process `pid` tells; `counts` are its own."""
@@ -231,7 +200,7 @@ class Heard:
             self.draft = message
         else:
             self.name = message
-            self._stack.enter_context(followed(message, counts, pid))
+            self.stack.enter_context(followed(message, counts, pid))
 
 
 def as_lost_in_judging(draft: Run, cut: Cut) -> Run:
@@ -244,19 +213,10 @@ def as_lost_in_judging(draft: Run, cut: Cut) -> Run:
 
 
 def execute(
-    problem: Any,
-    optimizer: Any,
-    budget: int,
-    seed: int = 0,
-    *,
-    start: Start | Array | None = None,
-    target: float | None = None,
-    problem_name: str | None = None,
-    optimizer_name: str | None = None,
-    time_limit: float | None = None,
-    inner: int = 1,
-    replay: ReplayFolder | None = None,
-) -> Run:
+    problem: Any, optimizer: Any, budget: int, seed: int = 0, *, start: Start | Array | None = None,
+    target: float | None = None, problem_name: str | None = None, optimizer_name: str | None = None,
+    time_limit: float | None = None, inner: int = 1, replay: ReplayFolder | None = None,
+) -> Run:  # fmt: skip
     """Minimise `problem` with `optimizer` within `budget` evaluations; `seed` is the repetition.
 
     `problem` is any object with `lower`, `upper`, `start` and a call. `start` is "nominal" (the problem's own),
@@ -273,12 +233,13 @@ def execute(
     """
     foreign = [type(part).__module__ for part in (problem, optimizer) if is_foreign(part)]
     with one_thread(), _own_state(foreign) as state:
-        pair = pair_of(problem, optimizer, problem_name, optimizer_name)
-        asked = read_asked(pair, budget, seed, start=start, target=target, time_limit=time_limit)
-        _check_way(pair, inner, replay)
+        pair = asking.pair_of(problem, optimizer, problem_name, optimizer_name)
+        asked = asking.read_asked(pair, budget, seed, start=start, target=target, time_limit=time_limit)
+        check_inner(problem, optimizer, inner)
+        check_replay(problem, replay)
         way = Way(inner, replay, state)
         if not CAN_FORK or not (time_limit is not None or pair.may_hang):
-            return make_run(asked, way, _watch_here(time_limit))
+            return make_run(asked, way, None if time_limit is None else Watch(Mirror(), time_limit))
         return _run_of_object(asked, way, time_limit)
 
 
@@ -299,57 +260,33 @@ def _run_of_object(asked: Asked, way: Way, time_limit: float | None) -> Run:
 
     found: Found | None = None
     while True:
-        runner = Runner(make, len(asked.first) + 2 * len(asked.targets))
-        with Heard() as heard:
+        runner, heard = Runner(make, len(asked.first) + 2 * len(asked.targets)), Heard()
+        with heard.stack:
             run = runner.ask(found, limit, heard.hear)
         if not isinstance(run, Cut):
-            return _with_changes(run, way.state)
+            if way.state is None:
+                return run  # type: ignore[no-any-return]
+            way.state.note(run.record.process_changes or ())  # and what has been changed here before that
+            return Run(replace(run.record, process_changes=way.state.put_back()), run.points)
         if heard.draft is not None:
             return as_lost_in_judging(heard.draft, run)
-        if found is not None:
-            return _unjudged(asked, found)
+        if found is not None:  # the row of a run that was cut, without a further call of its problem
+            gate = Evaluator(pair.problem, asked.budget, start=asked.first, target=asked.target, targets=asked.targets)
+            ending = found.restored(gate)
+            gate.close()
+            row = row_of(asked, gate, Answer(**place_of_answer(pair, gate.best_x)), ending, found.began)
+            return Run(row, tuple(gate.trace))
         found = Found(run, began)
-
-
-def _with_changes(run: Run, state: Kept | None) -> Run:
-    """Return a run that a child made, with what has been changed here before that too."""
-    if state is None:
-        return run
-    state.note(run.record.process_changes or ())
-    return Run(replace(run.record, process_changes=state.put_back()), run.points)
-
-
-def _unjudged(asked: Asked, found: Found) -> Run:
-    """Return the row of a run that was cut, without a further call of its problem."""
-    pair = asked.pair
-    gate = Evaluator(pair.problem, asked.budget, start=asked.first, target=asked.target, targets=asked.targets)
-    ending = found.restored(gate)
-    gate.close()
-    answer = place_of_answer(pair, gate.best_x)
-    return Run(row_of(asked, gate, answer, ending, found.began), tuple(gate.trace))
 
 
 @contextmanager
 def _own_state(foreign: Sequence[str]) -> Iterator[Kept | None]:
-    """Keep what the code of the `foreign` modules does in this process from later runs; ours changes nothing.
-
-    It begins with the same generators of `random` and ``np.random`` in every process.
-    """
+    """Keep what `foreign` modules do in this process from later runs; its global generators begin alike everywhere."""
     if not foreign:
         yield None
         return
     with kept(*foreign) as state, global_generators(_BUILDING):
         yield state
-
-
-def _check_way(pair: Pair, inner: int, replay: ReplayFolder | None) -> None:
-    check_inner(pair.problem, pair.optimizer, inner)
-    check_replay(pair.problem, replay)
-
-
-def _watch_here(time_limit: float | None) -> Watch | None:
-    """Return what lets the gate alone watch the clock, where a system cannot fork; None without a limit."""
-    return None if time_limit is None else Watch(Mirror(), time_limit)
 
 
 def make_run(asked: Asked, way: Way, watch: Watch | None = None, found: Found | None = None) -> Run:
@@ -370,7 +307,10 @@ def make_run(asked: Asked, way: Way, watch: Watch | None = None, found: Found | 
         replay = None  # an evaluation of ours takes microseconds
     if watch is not None:
         watch.enter(Phase.COMPILING, None if foreign else inf)
-    broken = None if pair.compiled or found else _compile(problem, optimizer, begin)
+    broken = None
+    if not (pair.compiled or found):
+        begin()
+        broken = compile_parts(problem, optimizer)
     if not (pair.compiled or found or broken or watch) and pair.foreign_problem:
         broken = check_merit(problem)  # watched, a merit that hangs or crashes costs no search
     pair.compiled = pair.compiled or (broken is None and not found)
@@ -394,27 +334,22 @@ def make_run(asked: Asked, way: Way, watch: Watch | None = None, found: Found | 
         rng = np.random.default_rng(seed_sequence(*words, repetition=repetition))
         limit = None if watch is None or watch.limit == inf else watch.limit
         made_in = around(gate, searched, asked.run_id, pair.code, inner=way.inner, replay=replay, time_limit=limit)
-        stall_limit = STALL_LIMIT if pair.may_hang else inf
+        stall_limit = limits.STALL_LIMIT if pair.may_hang else inf
         clock: Callable[[], object] = float if watch is None else partial(watch.begin, gate, stall_limit)
         with followed(name, gate):
             ending = run_here(optimizer, gate, rng, clock, _begun(begin, made_in))
         if gate.stopped == "timeout":
-            ending = replace(ending, error=PASSED)
+            ending = replace(ending, error=limits.PASSED)
     gate.close()
     ending = with_an_answer(gate, ending)
     if watch is not None:
         watch.enter(Phase.JUDGING, (watch.limit if watch.limit < inf else _PATIENCE) if pair.foreign_problem else inf)
         if pair.foreign_problem:
-            draft = row_of(asked, gate, place_of_answer(pair, gate.best_x), ending, began)
+            draft = row_of(asked, gate, Answer(**place_of_answer(pair, gate.best_x)), ending, began)
             watch.tell(Run(draft, tuple(gate.trace)))
     answer, ending = answer_of(pair, gate.best_x, ending, repetition)
     process_changes = [] if state is None else state.put_back()
     return Run(row_of(asked, gate, answer, ending, began, process_changes), tuple(gate.trace))
-
-
-def _compile(problem: Any, optimizer: Any, begin: Callable[[], object]) -> Ending | None:
-    begin()
-    return compile_parts(problem, optimizer)
 
 
 @contextmanager
@@ -423,3 +358,113 @@ def _begun(begin: Callable[[], object], made_in: AbstractContextManager[Any]) ->
     with made_in:
         begin()
         yield
+
+
+_OF_GATE = (
+    "evaluations", "batch_evaluations", "residual_evaluations", "jacobian_evaluations", "gradient_evaluations",
+    "joint_evaluations", "charged", "non_finite", "non_finite_slopes", "outside_evaluations", "restarts", "best_value",
+    "best_evaluation", "targets",
+)  # fmt: skip
+_OF_ANSWER = (
+    "inside_box", "at_bound", "parameter_names", "parameter_values", "parameter_units", "parameter_starts",
+    "parameter_truths",
+)  # fmt: skip
+
+
+def row_of(
+    asked: Asked, gate: Evaluator, answer: Answer, ending: Ending, began: datetime, process_changes: Sequence[str] = ()
+) -> RunRow:
+    """Return the row: the request, the gate's counts, the meaning of the answer and how the run ended."""
+    pair = asked.pair
+    start: Start = "random" if asked.start == "random" else "nominal"
+    can_differ = len(asking.repetitions_of(pair.optimizer, start, range(2), is_stochastic(pair.problem))) > 1
+    hits, hits_charged = hits_of(pair.problem, gate, answer)
+    stop_reason = stop_reason_of(gate, ending)
+    plainly: dict[str, Any] = {name: getattr(gate, name) for name in _OF_GATE}
+    plainly |= {**{name: getattr(answer, name) for name in _OF_ANSWER}, **answer.merit.columns}
+    return RunRow(
+        run_id=asked.run_id, study="",  # known where it is stored
+        problem=pair.problem_name, problem_options=pair.problem_options, data_id=pair.data_id,
+        dimension=gate.dimension, optimizer=pair.optimizer_name, optimizer_options=pair.optimizer_options,
+        **pair.library, repetition=asked.repetition,
+        seed=digest(pair.problem_key, pair.optimizer_key, asked.repetition), start=asked.start, budget=asked.budget,
+        target=asked.target, **plainly, status=stop_reason if stop_reason in ("failed", "timeout") else "ok",
+        stop_reason=stop_reason, error_type=ending.error_type, error=ending.error, traceback=ending.traceback,
+        tampering="; ".join(gate.attempts), process_changes=list(process_changes),
+        best_x=None if gate.best_x is None else gate.best_x.tolist(), merit=answer.merit.others,
+        judged_value=answer.judged.value, judged_evaluations=answer.judged.evaluations, hits=hits,
+        hits_charged=hits_charged, unit=pair.unit, minimum=pair.minimum, problem_group=pair.problem_group,
+        chance=can_differ, wall_s=ending.wall_s, cpu_s=ending.cpu_s, started_at=began, code_digest=pair.code,
+        schema_version=SCHEMA_VERSION, **provenance(),
+    )  # fmt: skip
+
+
+def compile_parts(problem: Any, optimizer: Any) -> Ending | None:
+    """Do the work that is not timed; return the ending of a run whose problem or optimiser fails in it."""
+    for compile_part in (partial(compile_problem, problem, optimizer), getattr(optimizer, "compile", None)):
+        try:
+            if compile_part is not None:
+                compile_part()
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # SystemExit too
+            said = f"{limits.BEFORE}{text_of(error)}"
+            return Ending(type(error).__name__, said, 0.0, 0.0, frames_of(error))
+    return None
+
+
+def compile_problem(problem: Any, *optimizers: Any) -> None:
+    """Compile what `optimizers` will call; of a problem with `compile_values` the values alone, if they ask no more."""
+    traits = [getattr(optimizer, "traits", None) for optimizer in optimizers]
+    asked = [getattr(one, trait, True) for one in traits for trait in ("uses_residuals", "uses_gradient")]
+    if not any(asked) and extra_of(problem, "compile_values"):
+        problem.compile_values()
+    elif extra_of(problem, "compile"):
+        problem.compile()
+
+
+def check_merit(problem: Any) -> Ending | None:
+    """Return the ending of a run whose ``merit(x)`` returns what no row can hold, seen at the start; None otherwise.
+
+    It would fail when the budget is spent. What merit raises itself is left to the answer: it may need one.
+    """
+    if not extra_of(problem, "merit"):
+        return None
+    try:
+        found = problem.merit(np.array(problem.start, dtype=float))
+    except KeyboardInterrupt:
+        raise
+    except BaseException:
+        return None
+    try:
+        merit_of(found)
+    except TypeError as error:
+        return Ending(type(error).__name__, f"{limits.BEFORE}{error}", 0.0, 0.0)
+    return None
+
+
+def with_an_answer(gate: Evaluator, ending: Ending) -> Ending:
+    """Return the ending: a failure where nothing was asked, no value was finite, or the last slopes were not.
+
+    The last: a search that ends by itself by a Jacobian with slopes that were read as 0 has found no minimum.
+    """
+    if ending.error_type or gate.stopped == "timeout":
+        return ending
+    if gate.charged == 0:
+        why = f": the budget of {gate.budget} is below its first step" if gate.stopped == "budget" else ""
+        return replace(ending, error_type="NoEvaluation", error=f"the optimizer made no evaluation{why}")
+    if gate.best_x is None:
+        said = f"none of {gate.evaluations} values was finite" if gate.evaluations else "no value was asked for"
+        return replace(ending, error_type="NoFiniteValue", error=said)
+    if gate.unknown_slopes and stop_reason_of(gate, ending) == "converged":
+        slopes = counted(gate.unknown_slopes, "slope")
+        said = f"it stopped by itself where its last Jacobian had {slopes} not finite, read as 0: that is no minimum"
+        return replace(ending, error_type="NonFiniteSlopes", error=said)
+    return ending
+
+
+def stop_reason_of(gate: Evaluator, ending: Ending) -> StopReason:
+    """Return failed, or the reason for the end: timeout, target, budget, or converged with budget left."""
+    if ending.error_type:
+        return "failed"
+    return gate.stopped or ("budget" if gate.remaining <= 0 else "converged")

@@ -94,8 +94,7 @@ class RunRow:
     judged_value: Annotated[float | None, Says("answer", "value of the answer without noise; null: no noise")]
     judged_evaluations: Annotated[int | None, Says("answer", "fresh evaluations that judged it; 0: exact")]
     outside_evaluations: Annotated[
-        int | None,
-        Says("cost", "those outside the box or not finite; null: known not to ask for any"),
+        int | None, Says("cost", "those outside the box or not finite; null: known not to ask for any")
     ]
     tampering: Annotated[str | None, Says("ending", "what the optimizer tried at the gate; empty: nothing")]
     problem_group: Annotated[str | None, Says("identity", "group of the suite that the problem declares; empty: none")]
@@ -126,15 +125,6 @@ class Column:
     meaning: str
 
 
-def _columns() -> tuple[Column, ...]:
-    declared = get_type_hints(RunRow, include_extras=True)
-    return tuple(_column(name, *get_args(hint)) for name, hint in declared.items())
-
-
-def _column(name: str, kind: Any, said: Says) -> Column:
-    return Column(name, _parquet_type(kind), said.group, said.meaning)
-
-
 def _parquet_type(kind: Any) -> str:
     """Return the name of the Arrow type for values of this Python type; a value, or an item of a list, may be None.
 
@@ -149,4 +139,5 @@ def _parquet_type(kind: Any) -> str:
     return _parquet_type(known)
 
 
-COLUMNS = _columns()
+_DECLARED = {name: get_args(hint) for name, hint in get_type_hints(RunRow, include_extras=True).items()}
+COLUMNS = tuple(Column(name, _parquet_type(kind), says.group, says.meaning) for name, (kind, says) in _DECLARED.items())

@@ -9,6 +9,7 @@ array at every call changes no earlier result; a `TypeError` says what is needed
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, final
 
 import numpy as np
@@ -24,9 +25,8 @@ class Calls:
     """The calls of a problem; None where it has no such method.
 
     ``value(x, fixed)`` is one number; where that raises, ``again(x)`` is asked for the number or the error to tell.
-    ``batch(points)`` and ``below(points, limits)`` give shape (k,), ``residuals(x)`` (m,), ``jacobian(x)`` (m, dim),
-    ``gradient(x)`` (dim,), ``joint(x)`` (1 + dim,): the value and then its gradient.
-    ``ahead(points)`` tells which points will be asked for next, one by one, so that a pool of processes may begin.
+    ``batch`` and ``below`` give shape (k,), ``residuals`` (m,), ``jacobian`` (m, dim), ``gradient`` (dim,), ``joint``
+    (1 + dim,): the value and then its gradient. ``ahead(points)`` tells which points are asked for next, one by one.
     """
 
     value: Any
@@ -52,39 +52,35 @@ class Calls:
 def calls_of(problem: Any) -> Calls:
     """Return the calls of `problem`."""
     ask: Any = problem.__call__
-    batch, below, residuals, jacobian = (
-        getattr(problem, name, None) for name in ("batch", "batch_below", "residuals", "jacobian")
-    )
-    both, gradient = (getattr(problem, name, None) for name in ("value_and_gradient", "gradient"))
-    joint = both and _joint(both)
-    gradient = _slopes(gradient) if gradient else joint and (lambda x: joint(x)[1:])
+    names = ("batch", "batch_below", "residuals", "jacobian", "gradient", "value_and_gradient")
+    batch, below, residuals, jacobian, slopes, both = (getattr(problem, name, None) for name in names)
+    joint = both and (lambda x: _joint(both(_copy(x)), len(x)))
+    gradient = joint and (lambda x: joint(x)[1:])
+    if slopes:
+        gradient = lambda x: _slopes(slopes(_copy(x)), "gradient", len(x))  # noqa: E731
     if getattr(problem, "side_effect_free", False):
         kernel = getattr(problem, "kernel", None)  # the compiled kernel itself: 30 ns less a call
         value, fixed = kernel or (lambda x, _: ask(x), None)
         again = ask if kernel else raise_again
         return Calls(
-            value=value,
-            fixed=fixed,
-            again=again,
-            batch=batch,
-            below=below,
-            residuals=residuals,
-            jacobian=jacobian,
-            gradient=gradient,
-            joint=joint,
-        )
+            value=value, fixed=fixed, again=again, batch=batch, below=below, residuals=residuals, jacobian=jacobian,
+            gradient=gradient, joint=joint,
+        )  # fmt: skip
     checked = _number(ask)
     return Calls(
         value=lambda x, _: checked(x),
         fixed=None,
         again=raise_again,
-        batch=batch and _numbers(batch),
-        below=below and _numbers(below),
-        residuals=residuals and _vector(residuals),
-        jacobian=jacobian and _matrix(jacobian),
+        batch=batch and (lambda points: _numbers(batch(_copy(points)), len(points))),
+        below=below and (lambda points, limits: _numbers(below(_copy(points), _copy(limits)), len(points))),
+        residuals=residuals and (lambda x: _vector(residuals(_copy(x)))),
+        jacobian=jacobian and (lambda x: _own(jacobian(_copy(x)))),  # the gate, which knows m, checks its shape
         gradient=gradient,
         joint=joint,
     )
+
+
+_copy = partial(np.array, dtype=np.float64)
 
 
 def raise_again(_x: Array) -> float:
@@ -102,58 +98,29 @@ def _number(function: Any) -> Any:
     return on_a_copy
 
 
-def _numbers(function: Any) -> Any:
-    """Return `function`, points -> values or (points, limits) -> values, likewise: float64 of shape (k,)."""
-
-    def on_copies(points: Array, *limits: Array) -> Array:
-        given = (np.array(array, dtype=np.float64) for array in (points, *limits))
-        values = np.array(_real(function(*given)), order="C")
-        if values.shape != (len(points),):
-            raise TypeError(f"batch returned shape {values.shape} for {len(points)} points")
-        return values
-
-    return on_copies
+def _numbers(values: Any, count: int) -> Array:
+    """Return the values of `count` points as float64 of shape (k,), of the gate's own."""
+    own = np.array(_real(values), order="C")
+    if own.shape != (count,):
+        raise TypeError(f"batch returned shape {own.shape} for {count} points")
+    return own
 
 
-def _vector(function: Any) -> Any:
-    """Return `function`, x -> residuals, likewise: float64 of shape (m,), an array of the gate's own."""
-
-    def on_a_copy(x: Array) -> Array:
-        values = _own(function(np.array(x, dtype=np.float64)))
-        if values.ndim != 1:
-            raise TypeError(f"residuals returned shape {values.shape}: (m,) is needed, one axis")
-        return values
-
-    return on_a_copy
+def _vector(values: Any) -> Array:
+    own = _own(values)
+    if own.ndim != 1:
+        raise TypeError(f"residuals returned shape {own.shape}: (m,) is needed, one axis")
+    return own
 
 
-def _matrix(function: Any) -> Any:
-    """Return `function`, x -> derivatives of the residuals, likewise; the gate, which knows m, checks its shape."""
-    return lambda x: _own(function(np.array(x, dtype=np.float64)))
+def _joint(pair: Any, dimension: int) -> Array:
+    """Return (value, gradient) likewise, as one array of shape (1 + dim,)."""
+    if not isinstance(pair, tuple | list) or len(pair) != 2:
+        raise TypeError(f"value_and_gradient returned {type(pair).__name__}: a value and an array are needed")
+    return np.append(_as_float(pair[0]), _slopes(pair[1], "value_and_gradient", dimension))
 
 
-def _slopes(function: Any) -> Any:
-    """Return `function`, x -> gradient, likewise: float64 of shape (dim,), of the gate's own."""
-
-    def on_a_copy(x: Array) -> Array:
-        return _checked_slopes(function(np.array(x, dtype=np.float64)), "gradient", len(x))
-
-    return on_a_copy
-
-
-def _joint(function: Any) -> Any:
-    """Return `function`, x -> (value, gradient), likewise, as one array of shape (1 + dim,)."""
-
-    def on_a_copy(x: Array) -> Array:
-        pair = function(np.array(x, dtype=np.float64))
-        if not isinstance(pair, tuple | list) or len(pair) != 2:
-            raise TypeError(f"value_and_gradient returned {type(pair).__name__}: a value and an array are needed")
-        return np.append(_as_float(pair[0]), _checked_slopes(pair[1], "value_and_gradient", len(x)))
-
-    return on_a_copy
-
-
-def _checked_slopes(values: Any, name: str, dimension: int) -> Array:
+def _slopes(values: Any, name: str, dimension: int) -> Array:
     slopes = _own(values)
     if slopes.shape != (dimension,):
         raise TypeError(f"{name} returned a gradient of shape {slopes.shape}: ({dimension},) is needed, one axis")

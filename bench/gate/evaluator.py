@@ -2,20 +2,18 @@
 
 One evaluation is one pass over all samples, whether it returns residuals or their sum. One Jacobian or gradient is
 charged `dimension`. A call that would bring ``charged = evaluations + dimension * jacobian_evaluations`` above the
-budget is refused. Values that are not finite are worst, and counted; slopes that are not finite are read as 0, and
-counted. The first exception of the problem is kept in `raised`, and every later call is refused: a library that
-swallows exceptions goes no further, and the row tells what the problem raised.
+budget is refused. Values that are not finite are worst, slopes that are not finite are read as 0; both are counted. The
+first exception of the problem is kept in `raised`, and every later call is refused, whoever swallows exceptions.
 
-Several threads may call it at once, and every call is counted. CPython changes threads at calls and backward jumps
-only, so nothing is called between reading the count and writing it; all other changes are made under a lock. A process
-that was forked while the gate was open is refused, because its calls would not be counted.
+Several threads may call it at once. CPython changes threads at calls and backward jumps only, so nothing is called
+between reading the count and writing it; all other changes are made under a lock. A forked process is refused.
 """
 
 from __future__ import annotations
 
 import mmap
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from math import inf
 from threading import RLock
@@ -38,11 +36,6 @@ TracePoint = tuple[int, int, float, int]  # evaluations, charged, best value, re
 _MARKS_PER_DECADE = 16
 _EVERY_IMPROVEMENT_UNTIL = 64  # evaluations; later ones must gain a tenth to be worth a point of the trace
 _GAIN = 0.1
-_STATE = (
-    "attempts", "batch_evaluations", "best_evaluation", "best_value", "best_x", "evaluations", "hits", "hits_charged",
-    "gradient_evaluations", "jacobian_evaluations", "joint_evaluations", "non_finite", "non_finite_slopes",
-    "outside_evaluations", "residual_evaluations", "restarts", "stopped", "trace", "unknown_slopes",
-)  # fmt: skip
 _ARRAY = np.ndarray
 _NONE, _NOT_FINITE = -1, -2  # results of the scan of a batch besides an index
 _MOST_ATTEMPTS = 20  # different ones that a row names
@@ -53,20 +46,17 @@ _LARGE_RESIDUAL = 1e100  # replaces a residual that is not finite: its square is
 class Evaluator:
     """Count, remember the best, trace, and refuse call `budget` + 1. Satisfies `optimizers.base.Objective`.
 
-    `problem` has `lower`, `upper`, and a call; `residuals`, `jacobian`, `gradient`, `value_and_gradient` and
-    `batch` are used where it has them.
     `targets` are levels whose first crossing is kept in `hits`; reaching `target` ends the run. `restart_seed` is where
-    the points come from at which an optimiser begins again; no optimiser has a part in it. An optimiser is handed a
-    `bench.gate.face` of it. `outside_evaluations` counts where somebody looks (`bench.gate.box`), else it is None;
-    `attempts` names what was tried at the counters. `unknown_slopes` are those of the last Jacobian that were not
-    finite.
+    the points come from at which an optimiser begins again. `outside_evaluations` counts where somebody looks
+    (`bench.gate.face`), else it is None; `attempts` names what was tried at the counters. `unknown_slopes` are those of
+    the last Jacobian that were not finite.
     """
 
     __slots__ = (
-        "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_closed", "_deadline", "_fixed", "_forked",
-        "_function", "_gradient", "_jacobian", "_joint", "_lock", "_mark", "_next_better", "_next_event", "_owner",
-        "_publish", "_residuals", "_restart_rng", "_restart_seed", "_rows", "_scan", "_traced", "attempts",
-        "batch_evaluations", "best_evaluation", "best_value", "best_x", "budget", "dimension", "earlier", "evaluations",
+        "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_closed", "_fixed", "_forked", "_function",
+        "_gradient", "_jacobian", "_joint", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_publish",
+        "_residuals", "_restart_rng", "_restart_seed", "_rows", "_scan", "_traced", "attempts", "batch_evaluations",
+        "best_evaluation", "best_value", "best_x", "budget", "deadline", "dimension", "earlier", "evaluations",
         "gradient_evaluations", "has_gradient", "has_jacobian", "has_residuals", "hits", "hits_charged",
         "jacobian_evaluations", "joint_evaluations", "lower", "non_finite", "non_finite_slopes", "outside_evaluations",
         "raised", "residual_evaluations", "restarts", "start", "stopped", "target", "targets", "trace",
@@ -74,23 +64,10 @@ class Evaluator:
     )  # fmt: skip
 
     def __init__(
-        self,
-        problem: Any,
-        budget: int,
-        *,
-        start: Array | None = None,
-        target: float | None = None,
+        self, problem: Any, budget: int, *, start: Array | None = None, target: float | None = None,
         targets: Sequence[float] = (),
         restart_seed: np.random.SeedSequence | int | Callable[[], np.random.SeedSequence] = 0,
-    ) -> None:
-        self._function: Any
-        self._batch: Any
-        self._below: Any
-        self._residuals: Any
-        self._jacobian: Any
-        self._gradient: Any
-        self._joint: Any
-        self._ahead: Any
+    ) -> None:  # fmt: skip
         self._asked_by: list[Callable[[Calls], None]] = []  # the functions made by `single_call`
         calls = calls_of(problem)
         self.ask(calls)
@@ -120,7 +97,7 @@ class Evaluator:
         self.stopped: ByGate | None = None
         self._restart_seed = restart_seed
         self._restart_rng: np.random.Generator | None = None  # most runs need none
-        self._deadline = inf
+        self.deadline = inf  # when calls are refused, on the clock of `time.perf_counter`
         self.earlier = 0.0, 0.0  # wall and processor seconds that this run took before this process went on with it
         self._publish: Callable[[Evaluator, int], None] | None = None
         self.trace: list[TracePoint] = []
@@ -192,9 +169,7 @@ class Evaluator:
     def batch_below(self, points: Array, limits: Array) -> Array:
         """Return the values of `points`, shape (k, dim), that are below `limits`, shape (k,); others are not below.
 
-        All else is as `batch`. A problem without a `batch_below` of its own is asked for all of every value, which
-        gives an optimiser the same search. An abandoned value is never a best, whatever the limits are. Whether it
-        would have been finite is not known, so `non_finite` may be smaller than without.
+        All else is as `batch`. An abandoned value is never a best; whether it would have been finite is not known.
         """
         below = self._below
         if below is None:
@@ -217,35 +192,22 @@ class Evaluator:
         return self._ask(lambda some: below(some, limits[: len(some)]), points)
 
     def _ask(self, function: Any, points: Array) -> Array:
-        """Return `function` of `points`, the slow way for foreign arrays and where an event may happen on the way."""
+        """Return `function` of `points`, the slow way: for foreign arrays, and where an event may happen on the way."""
         if type(points) is not _ARRAY or points.ndim != 2 or points.shape[1] != self.dimension:
-            points = self._as_points(points)
-        return self._ask_with_event(function, points)
-
-    def _as_points(self, points: Any) -> Array:
-        """Return points as an array of ours, shape (k, dim), whatever they say of themselves."""
-        own = np.array(points, dtype=np.float64)
-        own = own.reshape(0, self.dimension) if own.shape == (0,) else own
-        if own.ndim != 2 or own.shape[1] != self.dimension:
-            raise ValueError(f"batch needs points of shape (k, {self.dimension}), and was given {own.shape}")
-        return own
-
-    def _ask_with_event(self, function: Any, points: Array) -> Array:
-        """Do the same as `_ask` where the budget, a mark of the trace, a target or the time limit may be reached."""
+            own = np.array(points, dtype=np.float64)  # of ours, whatever they say of themselves
+            points = own.reshape(0, self.dimension) if own.shape == (0,) else own
+            if points.ndim != 2 or points.shape[1] != self.dimension:
+                raise ValueError(f"batch needs points of shape (k, {self.dimension}), and was given {own.shape}")
         if function is None:
             if self._ahead is not None:
                 self._ahead(points[: max(self.remaining, 0)])
             return np.array([self(x) for x in points])
         if not len(points):
             return np.empty(0)
+
         with self._lock:
-            self._hold()
-            if self.stopped == "target":
-                self._on_target()
+            self._hold(1)
             allowed = min(len(points), self.remaining)
-            if not allowed:
-                self._exhausted()
-            self._look_at_the_clock()
             if self._publish is not None:
                 self._publish(self, self.evaluations + allowed)
             self.evaluations += allowed  # before the call, so that a call which raises is charged, too
@@ -260,7 +222,8 @@ class Evaluator:
             self._pass_marks(n)
             self._schedule()
         if allowed < len(points):
-            self._exhausted()
+            self.stopped = "budget"
+            raise BudgetExhausted(f"the budget of {self.budget} evaluations is spent")
         return values
 
     def residuals(self, x: Array) -> Array:
@@ -289,7 +252,12 @@ class Evaluator:
         self._charge_slopes(self.dimension)
         try:
             slopes: Array = self._jacobian(x)
-            self._check_shape(slopes)
+            rows, columns = self._rows, self.dimension
+            if slopes.ndim != 2 or slopes.shape[1] != columns or (rows is not None and len(slopes) != rows):
+                needed = f"({'m' if rows is None else rows}, {columns})"
+                raise ValueError(
+                    f"jacobian(x) has shape {slopes.shape}; {needed} is needed: a row a residual, a column a parameter"
+                )
         except BaseException as error:
             self._fail(error)
         return self._finite(slopes)
@@ -327,12 +295,7 @@ class Evaluator:
     def _charge_slopes(self, needed: int) -> None:
         """Count derivatives that are about to be asked for; raise `Stop` where less than `needed` is left."""
         with self._lock:
-            self._hold()
-            if self.stopped == "target":
-                self._on_target()
-            if self.remaining < needed:
-                self._exhausted()
-            self._look_at_the_clock()
+            self._hold(needed)
             self._pass_marks(self.evaluations)  # they are charged as they were before these
             self.jacobian_evaluations += 1
             if self._publish is not None:
@@ -389,15 +352,6 @@ class Evaluator:
         for ask in self._asked_by:
             ask(calls)
 
-    @property
-    def deadline(self) -> float:
-        """Return when calls are refused, on the clock of `time.perf_counter`; infinite: never."""
-        return self._deadline
-
-    def put_off(self, deadline: float) -> None:
-        """Refuse calls after `deadline` instead of when it was said before."""
-        self._deadline = deadline
-
     def close(self) -> None:
         """End the run: code that still holds the gate, in a thread or a later run, gets no further evaluation."""
         with self._lock:
@@ -419,38 +373,15 @@ class Evaluator:
             if self.stopped is None and self.remaining > 0:
                 self.outside_evaluations = (self.outside_evaluations or 0) + count
 
-    def before_fork(self) -> None:
-        """Share with all children a place where the refused ones leave their trace."""
-        if self._forked is None and not self._closed:
-            self._forked = mmap.mmap(-1, mmap.PAGESIZE)
-
-    def after_fork(self) -> None:
-        """Let every call in this child be looked at."""
-        self._lock = RLock()  # the thread that may have held it is not here
-        self._next_event = 0
-
     def refuse_after(self, deadline: float, publish: Callable[[Evaluator, int], None]) -> None:
-        """Refuse calls after `deadline` (of `time.perf_counter`), and `publish` each call and what it changed.
-
-        `publish` gets the gate and the evaluations with those about to be made.
-        """
-        self._deadline, self._publish = deadline, publish
+        """Refuse calls after `deadline` (`perf_counter`); `publish` gets the gate and the evaluations with the next."""
+        self.deadline, self._publish = deadline, publish
         self._schedule()
 
-    def state(self) -> dict[str, Any]:
-        """Return all that a run changes."""
-        return {name: getattr(self, name) for name in _STATE}
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over the `state` of another gate of the same run."""
-        for name in _STATE:
-            setattr(self, name, state[name])
-
-    def __copy__(self) -> Evaluator:
-        return self
-
-    def __deepcopy__(self, _memo: object) -> Evaluator:
+    def __deepcopy__(self, _memo: object = None) -> Evaluator:
         return self  # pygmo copies what it is given; the count must stay one
+
+    __copy__ = __deepcopy__
 
     def _ask_again(self, again: Callable[[Array], float], x: Array, error: BaseException) -> float:
         """Return the value at x by the slow way, as a kernel refuses what is not an array as it takes it."""
@@ -460,14 +391,6 @@ class Evaluator:
         except BaseException as raised:
             error = raised
         return self._fail(error)
-
-    def _check_shape(self, slopes: Array) -> None:
-        rows, columns = self._rows, self.dimension
-        if slopes.ndim != 2 or slopes.shape[1] != columns or (rows is not None and len(slopes) != rows):
-            needed = f"({'m' if rows is None else rows}, {columns})"
-            raise ValueError(
-                f"jacobian(x) has shape {slopes.shape}; {needed} is needed: a row a residual, a column a parameter"
-            )
 
     def _fail(self, error: BaseException) -> NoReturn:
         """Raise what the problem raised, and keep the first such: it ends the run, whoever swallows it."""
@@ -481,27 +404,18 @@ class Evaluator:
         """Return the number of the next evaluation, after what is due before it; raise `Stop` where there is none."""
         with self._lock:
             while True:
-                self._event()
+                self._hold(1)
+                self._pass_marks(self.evaluations)
+                self._schedule()
+                if self._publish is not None:
+                    self._publish(self, self.evaluations + 1)
                 n = self.evaluations + 1  # another thread may have counted meanwhile; from here on none can
                 if n <= self.budget - self.dimension * self.jacobian_evaluations:
                     self.evaluations = n
                     return n
 
-    def _event(self) -> None:
-        """Do what is due before the next evaluation: refuse it, or trace a mark that has been passed."""
-        self._hold()
-        if self.stopped == "target":
-            self._on_target()
-        if self.remaining < 1:
-            self._exhausted()
-        self._look_at_the_clock()
-        self._pass_marks(self.evaluations)
-        self._schedule()
-        if self._publish is not None:
-            self._publish(self, self.evaluations + 1)
-
-    def _hold(self) -> None:
-        """Make all other threads wait for the lock here; refuse another process, and any call after the end."""
+    def _hold(self, needed: int) -> None:
+        """Make all other threads wait for the lock here, and refuse a call that costs `needed` evaluations."""
         self._next_event = 0
         if os.getpid() != self._owner:
             if self._forked is not None:
@@ -511,18 +425,14 @@ class Evaluator:
             raise BudgetExhausted("this run is over")
         if self.raised is not None:
             raise ObjectiveFailed(f"the objective has raised {type(self.raised).__name__}") from self.raised
-
-    def _look_at_the_clock(self) -> None:
-        if self._deadline < inf and perf_counter() > self._deadline:
+        if self.stopped == "target":
+            raise TargetReached(f"the target {self.target:g} is reached")
+        if self.remaining < needed:
+            self.stopped = "budget"
+            raise BudgetExhausted(f"the budget of {self.budget} evaluations is spent")
+        if self.deadline < inf and perf_counter() > self.deadline:
             self.stopped = "timeout"
             raise TimeUp("the time allowed has passed")
-
-    def _on_target(self) -> None:
-        raise TargetReached(f"the target {self.target:g} is reached")
-
-    def _exhausted(self) -> None:
-        self.stopped = "budget"
-        raise BudgetExhausted(f"the budget of {self.budget} evaluations is spent")
 
     def _schedule(self) -> None:
         last = self.budget - self.dimension * self.jacobian_evaluations
@@ -543,10 +453,7 @@ class Evaluator:
             self._publish(self, self.evaluations)
 
     def _take(self, points: Array, values: Array, found: int, before: int) -> Array:
-        """Note the improvements and marks of a batch in the order of its points, from what the scan `found`.
-
-        `before` is the number of evaluations before it.
-        """
+        """Note the improvements and marks of a batch in the order of its points, from what the scan `found`."""
         if found == _NOT_FINITE:
             finite = np.isfinite(values)
             values = np.where(finite, values, inf)
@@ -573,7 +480,7 @@ class Evaluator:
             if value <= self.target:
                 self.stopped = "target"
                 self._next_event = 0
-                self._on_target()
+                raise TargetReached(f"the target {self.target:g} is reached")
 
     def _record(self, n: int) -> None:
         n = max(n, self.trace[-1][0]) if self.trace else n  # of threads, one that began earlier may end later
@@ -590,13 +497,17 @@ _OPEN: WeakSet[Evaluator] = WeakSet()  # a child that an optimiser forks must no
 
 
 def _before_fork() -> None:
+    """Share with all children a place where the refused ones leave their trace."""
     for gate in list(_OPEN):
-        gate.before_fork()
+        if gate._forked is None and not gate._closed:
+            gate._forked = mmap.mmap(-1, mmap.PAGESIZE)
 
 
 def _after_fork() -> None:
+    """Let every call in this child be looked at."""
     for gate in list(_OPEN):
-        gate.after_fork()
+        gate._lock = RLock()  # the thread that may have held it is not here
+        gate._next_event = 0
 
 
 if hasattr(os, "register_at_fork"):
@@ -606,10 +517,7 @@ if hasattr(os, "register_at_fork"):
 @cache
 def scans() -> tuple[Any, Any]:
     """Return the scan of a batch and its helper, compiled before any clock starts."""
-    from calibench.bench.gate._scan_kernels import (  # here, as a gate for single calls needs no compiler
-        next_better,
-        scan,
-    )
+    from calibench.bench.gate._scan_kernels import next_better, scan  # a gate for single calls needs no compiler
 
     values = np.zeros(1)
     scan(values, 1.0), next_better(values, 1.0, 0)

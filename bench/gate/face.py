@@ -1,25 +1,25 @@
-"""The object that an optimiser gets instead of the gate: its calls and live values, which nobody can set.
+"""What an optimiser gets instead of the gate: a face with its calls and live values, which nobody can set.
 
-A face has the calls of `optimizers.base.Objective` and the values below. Values are copies, and arrays cannot be
-written. To set or delete an attribute, or to pickle a face, raises an error in the optimiser, and is noted in the run's
-row: a budget that an optimiser changes by mistake, or a copy in another process, would not be counted. A copy of a face
-is the face itself: pygmo copies what it is given, and all must be counted in one place.
+Values are copies. To set or delete an attribute, or to pickle a face, raises an error in the optimiser, and is noted in
+the run's row. This keeps honest code honest: in one process of Python nothing can be hidden from code that searches it.
 
-This keeps honest code honest. Code that searches the gate out, by the private names of this package, by frames or by
-the garbage collector, is not held off: in one process of Python nothing can be hidden from it.
-
-A call through a face takes as long as a call of the gate: the face's class is made for one gate and holds its calls.
+The calls go through `Doors`. Points outside the box by more than an ulp, or not finite, are counted; that takes as long
+as all the rest of the gate's work for a scalar call. So only those optimisers are checked of which nothing is known, of
+other packages, and ours whose trait says ``bounded=False``: for all others the tests prove that they stay in the box.
 """
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NoReturn, final
 
 import numpy as np
 
-from calibench.bench.gate.box import Doors
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import Objective
+from calibench.problems.base import Array, frozen
 
 NUMBERS = (
     "batch_evaluations", "best_evaluation", "best_value", "charged", "evaluations", "gradient_evaluations",
@@ -35,6 +35,81 @@ KNOWN = frozenset({*NUMBERS, *COPIES, *FIXED})  # what a run knows of itself, fo
 METHODS = ("batch", "batch_below", "gradient", "jacobian", "residuals", "value_and_gradient", "restart")
 
 
+@final
+@dataclass(frozen=True)
+class Doors:
+    """The calls through which an optimiser evaluates: the gate's own, or with a check before each."""
+
+    value: Callable[[Any], float]
+    batch: Callable[[Any], Array]
+    batch_below: Callable[[Any, Any], Array]
+    residuals: Callable[[Any], Array]
+    jacobian: Callable[[Any], Array]
+    gradient: Callable[[Any], Array]
+    value_and_gradient: Callable[[Any], tuple[float, Array]]
+
+
+def doors_of(gate: Evaluator) -> Doors:
+    """Return the gate's own calls."""
+    return Doors(
+        gate.single_call(), gate.batch, gate.batch_below, gate.residuals, gate.jacobian, gate.gradient,
+        gate.value_and_gradient,
+    )  # fmt: skip
+
+
+def watched_doors_of(gate: Evaluator) -> Doors:
+    """Return the gate's calls, each with a check of its points; those outside are counted in `outside_evaluations`."""
+    outside, many = looks()
+    box = frozen([np.nextafter(gate.lower, -np.inf), np.nextafter(gate.upper, np.inf)])
+    shape, ndarray = gate.lower.shape, np.ndarray
+    value, batch, batch_below = gate.single_call(), gate.batch, gate.batch_below
+    residuals, jacobian = gate.residuals, gate.jacobian
+    gate.outside_evaluations = 0
+
+    def point(x: Any) -> Array:
+        """Return x as an array of ours, shape (dim,)."""
+        own: Array = np.array(x, dtype=np.float64, order="C")
+        if own.shape != shape:
+            raise ValueError(f"the objective takes a point of shape {shape}, and was given {own.shape}")
+        return own
+
+    def look(x: Any) -> Array:
+        """Return x as `point` does, and count it."""
+        own = point(x)
+        if outside(own, box):
+            gate.note_outside(1)
+        return own
+
+    def one(x: Any) -> float:
+        if type(x) is ndarray:
+            try:
+                inside = not outside(x, box)
+            except TypeError:  # of another kind of number, or of other strides
+                inside = False
+            if inside:  # as nearly always
+                return value(x)
+        return value(look(x))
+
+    def looked_at_all(points: Any) -> Array:
+        own = points if type(points) is np.ndarray else np.array(points, dtype=np.float64)
+        if own.ndim == 2 and own.shape[1:] == shape:
+            own = np.ascontiguousarray(own, dtype=np.float64)
+            found = many(own[: max(gate.remaining, 0)], box)
+            if found:
+                gate.note_outside(found)
+        return own
+
+    return Doors(
+        one,
+        lambda points: batch(looked_at_all(points)),
+        lambda points, limits: batch_below(looked_at_all(points), np.array(limits, dtype=np.float64)),
+        lambda x: residuals(look(x)),
+        lambda x: jacobian(point(x)),
+        lambda x: gate.gradient(point(x)),
+        lambda x: gate.value_and_gradient(look(x)),
+    )
+
+
 def face_of(gate: Evaluator, doors: Doors) -> Objective:
     """Return the face of `gate`, whose calls go through `doors`."""
     calls: dict[str, Any] = {"__call__": doors.value, "restart": gate.restart}
@@ -45,47 +120,54 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
     return face  # type: ignore[no-any-return]
 
 
+def _refusing(attempt: str) -> Callable[..., NoReturn]:
+    def refuse(face: Any, name: object, _value: object = None) -> NoReturn:
+        tried = attempt.format(name)
+        face._gate.note(tried)
+        raise AttributeError(f"{tried}: the objective only counts; an optimizer cannot change it")
+
+    return refuse
+
+
 class _Face:
     """The objective of a run: see `optimizers.base.Objective`."""
 
     __slots__ = ("_gate",)
+    __setattr__ = _refusing("set {}")
+    __delattr__ = _refusing("delete {}")
+    __reduce_ex__ = _refusing("pickle")
 
-    def __setattr__(self, name: str, _value: object) -> None:
-        _refuse(self, f"set {name}")
-
-    def __delattr__(self, name: str) -> None:
-        _refuse(self, f"delete {name}")
-
-    def __reduce_ex__(self, _protocol: object) -> NoReturn:
-        _refuse(self, "pickle")
-
-    def __copy__(self) -> _Face:
+    def __deepcopy__(self, _memo: Any = None) -> _Face:
         return self
 
-    def __deepcopy__(self, _memo: Any) -> _Face:
-        return self
+    __copy__ = __deepcopy__
 
     def __dir__(self) -> list[str]:
         return [*KNOWN, *METHODS]
 
 
-def _refuse(face: Any, attempt: str) -> NoReturn:
-    face._gate.note(attempt)
-    raise AttributeError(f"{attempt}: the objective only counts; an optimizer cannot change it")
-
-
-def _read_from_the_gate(name: str) -> property:
+def _live(name: str) -> property:
+    """Return a value of the gate that nobody can change: a list as a tuple, an array as a copy without writing."""
     if name in NUMBERS:
         return property(lambda face: getattr(face._gate, name))
-    return property(lambda face: _shown(getattr(face._gate, name)))
+
+    def read(face: Any) -> Any:
+        value = getattr(face._gate, name)
+        if isinstance(value, list):
+            return tuple(value)
+        return np.frombuffer(value.tobytes(), dtype=value.dtype) if isinstance(value, np.ndarray) else value
+
+    return property(read)
 
 
 for _name in KNOWN:
-    setattr(_Face, _name, _read_from_the_gate(_name))
+    setattr(_Face, _name, _live(_name))
 
 
-def _shown(value: Any) -> Any:
-    """Return a value that nobody can change: a list becomes a tuple, an array a copy that cannot be written."""
-    if isinstance(value, list):
-        return tuple(value)
-    return np.frombuffer(value.tobytes(), dtype=value.dtype) if isinstance(value, np.ndarray) else value
+@cache
+def looks() -> tuple[Any, Any]:
+    """Return the checks of one point and of many, compiled before any clock starts and any child is forked."""
+    from calibench.bench.gate._scan_kernels import is_outside, outside_of
+    from calibench.core.compilation.compiled import exact
+
+    return exact(is_outside, 1, 2), exact(outside_of, 2, 2)

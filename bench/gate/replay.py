@@ -1,18 +1,10 @@
 """A run that goes on where it was killed: the gate answers from the values of before until these are used up.
 
-Whatever library searches, it is begun again from its seed and asks the same points; each is compared by its digest. So
-nothing of its state is ever saved. The budget, the best and the trace are counted anew and come out the same.
-
-Which runs write their values down: where it is left to us (`always` is False) those whose evaluations take `DEAR`
-seconds or more. The first `FIRST` calls are timed and held in memory; if none is dear the gate asks the problem as
-if there were no replay, and no later call pays anything. `look`, called every second by another thread, sees from the
-gate's count when evaluations have become slower than that, and has the next calls timed again. A call that was not
-written down is made again after a kill: the place of each value among the calls stands beside it. A method that asks
-from several threads is not replayed.
-
-The file has a record a value: its length, the CRC-32 of what follows, and that; one ``os.write`` a record, so that a
-process killed by signal 9 loses at most the evaluation in flight. A torn last record is cut off. The first says which
-run by which code it is; a file that says otherwise is not used, nor one that another process has.
+Whatever library searches, it is begun again from its seed and asks the same points; each is compared by its digest.
+Written down are runs whose evaluations take `DEAR` seconds or more: the first `FIRST` calls are timed and held in
+memory, and if none is dear the gate asks the problem as if there were no replay; `look` has calls timed again later.
+The file has a record a value: its length, the CRC-32 of what follows, and that, one ``os.write`` a record. A torn last
+record is cut off. The first says which run by which code it is; a file of another, or of another process, is not used.
 """
 
 from __future__ import annotations
@@ -54,8 +46,7 @@ _SPREAD = 16  # a view that spreads over more than this many times its size is k
 class Record:
     """What was asked (`kind`, `point`: a digest), the place among the run's calls, the answer, and the time so far.
 
-    `answer` is a float or an array of any shape and layout. `noise` is the state of the generator after the call, of a
-    problem that has one.
+    `noise` is the state of the generator after the call, of a problem that has one.
     """
 
     kind: int
@@ -67,14 +58,12 @@ class Record:
     noise: dict[str, Any] | None = None
 
     def packed(self) -> bytes:
-        """Return the record as bytes."""
         noise = b"" if self.noise is None else json.dumps(self.noise).encode()
         head = _HEAD.pack(self.kind, self.place, self.point, self.wall_s, self.cpu_s, len(noise))
         return head + noise + _packed(self.answer)
 
     @staticmethod
     def unpacked(raw: bytes) -> Record:
-        """Return the record that was packed as `raw`."""
         kind, place, point, wall_s, cpu_s, length = _HEAD.unpack_from(raw)
         rest = raw[_HEAD.size :]
         noise = json.loads(rest[:length]) if length else None
@@ -89,7 +78,7 @@ class ReplayFile:
     """
 
     def __init__(self, path: Path | str, run_id: str, code: str) -> None:
-        self._path, self._names = path, {"replay": VERSION, "run_id": run_id, "code": code}
+        self._path, self._names = path, json.dumps({"replay": VERSION, "run_id": run_id, "code": code}).encode()
         self._fd: int | None = None
         self._places: list[int] = []
         self._at = 0  # of the places: those before it have been answered
@@ -103,7 +92,42 @@ class ReplayFile:
         except OSError:
             self.usable = False
             return
-        self._hold(fd)
+
+        # take the file; who had it before may have deleted it
+        end = time.monotonic() + _PATIENCE
+        while not (ours := _locked(fd)) and time.monotonic() < end:
+            time.sleep(0.01)
+        try:
+            stands = os.path.samestat(os.fstat(fd), os.stat(path))
+        except OSError:
+            stands = False
+        if not ours or not stands:
+            os.close(fd)
+            self.usable = False
+            return
+        self._fd = fd
+
+        # learn which places are known, and cut off what is torn
+        size = os.fstat(fd).st_size
+        head, self._offset = _read(fd, 0, size)
+        if head != self._names:
+            with suppress(OSError):
+                os.ftruncate(fd, 0)
+            self.usable = os.fstat(fd).st_size == 0
+            self._offset = 0
+            return
+        self._end = self._offset
+        while True:
+            raw, after = _read(fd, self._end, size)
+            if raw is None or len(raw) < _HEAD.size:
+                break
+            self._places.append(_HEAD.unpack_from(raw)[1])
+            self._end = after
+        if self._end < size:
+            try:
+                os.ftruncate(fd, self._end)
+            except OSError:
+                self.usable = False
 
     @property
     def next(self) -> Record | None:
@@ -116,22 +140,32 @@ class ReplayFile:
         return self._next
 
     def passed(self) -> None:
-        """Go on to the record after `next`."""
         self._next = None
         self._at += 1
 
     def known(self, place: int, count: int) -> int:
         """Return how many of the calls from `place` on, one place each, are known without a gap; at most `count`."""
-        found = 0
-        while (
-            found < count and self._at + found < len(self._places) and self._places[self._at + found] == place + found
-        ):
-            found += 1
-        return found
+        there = self._places[self._at : self._at + count]
+        gaps = (i for i, known in enumerate(there) if known != place + i)
+        return next(gaps, len(there))
 
     def add(self, record: Record) -> None:
         """Write a record at the end. Raises `OSError` where it cannot: the file is then whole as it was before."""
-        self._write(_framed(record.packed()))
+        if self._fd is None:
+            os.makedirs(os.path.dirname(self._path), exist_ok=True)
+            flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
+            fd = os.open(self._path, flags, 0o666)
+            if not _locked(fd) or os.fstat(fd).st_size:
+                os.close(fd)
+                raise OSError(f"{self._path}: another process has begun it")
+            self._fd = fd
+        payloads = [record.packed()] if self._end else [self._names, record.packed()]
+        framed = b"".join(_FRAME.pack(len(payload), crc32(payload)) + payload for payload in payloads)
+        written = os.write(self._fd, framed)
+        if written < len(framed):
+            os.ftruncate(self._fd, self._end)
+            raise OSError(f"{self._path}: no room for a record")
+        self._end += written
 
     def clear(self) -> None:
         """Forget all records, on the disk too."""
@@ -147,62 +181,10 @@ class ReplayFile:
                 os.close(self._fd)
         self._fd = None
 
-    def _hold(self, fd: int) -> None:
-        """Take the file, cut off what is torn, and learn which places are known."""
-        end = time.monotonic() + _PATIENCE
-        while not (ours := _locked(fd)) and time.monotonic() < end:
-            time.sleep(0.01)
-        if not ours or not _stands(fd, self._path):
-            os.close(fd)
-            self.usable = False
-            return
-        self._fd = fd
-        size = os.fstat(fd).st_size
-        head, start = _read(fd, 0, size)
-        if head is None or head != json.dumps(self._names).encode():
-            with suppress(OSError):
-                os.ftruncate(fd, 0)
-            self.usable = os.fstat(fd).st_size == 0
-            return
-        offset = start
-        while True:
-            raw, after = _read(fd, offset, size)
-            if raw is None or len(raw) < _HEAD.size:
-                break
-            self._places.append(_HEAD.unpack_from(raw)[1])
-            offset = after
-        if offset < size:
-            try:
-                os.ftruncate(fd, offset)
-            except OSError:
-                self.usable = False
-        self._offset, self._end = start, offset
-
-    def _write(self, framed: bytes) -> None:
-        if self._fd is None:
-            os.makedirs(os.path.dirname(self._path), exist_ok=True)
-            flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | getattr(os, "O_BINARY", 0)
-            fd = os.open(self._path, flags, 0o666)
-            if not _locked(fd) or os.fstat(fd).st_size:
-                os.close(fd)
-                raise OSError(f"{self._path}: another process has begun it")
-            self._fd = fd
-        if not self._end:
-            framed = _framed(json.dumps(self._names).encode()) + framed
-        written = os.write(self._fd, framed)
-        if written < len(framed):
-            os.ftruncate(self._fd, self._end)
-            raise OSError(f"{self._path}: no room for a record")
-        self._end += written
-
 
 def copied(answer: float | Array) -> float | Array:
     """Return an answer that nobody else can write to, with the same layout in memory."""
     return _unpacked(_packed(answer)) if isinstance(answer, np.ndarray) else answer
-
-
-def _framed(payload: bytes) -> bytes:
-    return _FRAME.pack(len(payload), crc32(payload)) + payload
 
 
 def _read(fd: int, offset: int, end: int) -> tuple[bytes | None, int]:
@@ -240,14 +222,6 @@ def _locked(fd: int) -> bool:
     except OSError:  # a file system without locks
         return True
     return True
-
-
-def _stands(fd: int, path: Path | str) -> bool:
-    """Tell whether `path` still is this file: who had it before may have deleted it."""
-    try:
-        return os.path.samestat(os.fstat(fd), os.stat(path))
-    except OSError:
-        return False
 
 
 def _packed(answer: float | Array) -> bytes:
@@ -296,21 +270,13 @@ class ReplayDiffers(RuntimeError):
 class Replayed:
     """Let `gate` be answered from `file` first, then by `calls`, whose answers are added to it.
 
-    `processes` evaluate at once. `limit` [s] is that of the run: the gate's clock stands where it stood at each answer.
-    `noise` is the generator that a noisy problem draws from: it is put to where it was.
+    `processes` evaluate at once. `limit` [s] is that of the run; `noise` the generator that a noisy problem draws from.
     """
 
     def __init__(
-        self,
-        gate: Evaluator,
-        calls: Calls,
-        file: ReplayFile,
-        *,
-        always: bool = False,
-        processes: int = 1,
-        limit: float | None = None,
-        noise: np.random.Generator | None = None,
-    ) -> None:
+        self, gate: Evaluator, calls: Calls, file: ReplayFile, *, always: bool = False, processes: int = 1,
+        limit: float | None = None, noise: np.random.Generator | None = None,
+    ) -> None:  # fmt: skip
         self._gate, self._bare, self._file = gate, calls, file
         self._always, self._processes, self._limit, self._noise = always, processes, limit, noise
         self._began, self._cpu_began = perf_counter(), process_time()
@@ -325,9 +291,7 @@ class Replayed:
         self.differs: ReplayDiffers | None = None
         self._seen, self._wait, self._patience = -1, 0, 1
         self._ours = Calls(
-            value=self._value,
-            fixed=calls.fixed,
-            again=self._again,
+            value=self._value, fixed=calls.fixed, again=self._again,
             batch=calls.batch and (lambda points: self._through(_BATCH, calls.batch, points)),
             below=calls.below and (lambda points, limits: self._through(_BELOW, calls.below, points, limits)),
             residuals=calls.residuals and (lambda x: self._through(_RESIDUALS, calls.residuals, x)),
@@ -335,7 +299,7 @@ class Replayed:
             gradient=calls.gradient and (lambda x: self._through(_GRADIENT, calls.gradient, x)),
             joint=calls.joint and (lambda x: self._through(_JOINT, calls.joint, x)),
             ahead=calls.ahead and self._ahead,
-        )
+        )  # fmt: skip
 
     def arm(self) -> None:
         """Replace the gate's calls by ours."""
@@ -382,13 +346,31 @@ class Replayed:
         """Return the answer to what is `given`: the one of before, or else what ``ask(*given)`` returns."""
         if self.differs is not None:
             raise self.differs
-        if self._thread != get_ident():
-            if self._thread is not None:
-                return self._give_up(ask, given)
+        if self._thread is None:
             self._thread = get_ident()
+        if self._thread != get_ident():  # the order of calls cannot be repeated
+            with self._noting:
+                self._useless = True
+                self._off()
+                self._file.clear()
+            return ask(*given)
         place, known = self._place(), self._file.next
         if known is not None and known.place <= place:
-            return self._known(known, kind, place, given)
+            if (known.place, known.kind, known.point) != (place, kind, _digest(given)):
+                self.differs = ReplayDiffers(
+                    f"evaluation {place} after a kill: the optimiser or its library asks for {_NAMES[kind]} at another "
+                    f"point than before (then {_NAMES[known.kind]}, evaluation {known.place}); same versions? does it "
+                    "draw from rng alone, and the objective depend on x alone?"
+                )
+                raise self.differs
+            self._file.passed()
+            now, cpu = perf_counter(), process_time()
+            self._gate.earlier = known.wall_s - (now - self._began), known.cpu_s - (cpu - self._cpu_began)
+            if self._limit is not None:
+                self._gate.deadline = now + self._limit - known.wall_s
+            if self._noise is not None and known.noise is not None:
+                self._noise.bit_generator.state = known.noise
+            return known.answer
         if not self._armed:  # a batch that was begun before we were switched off
             self._gate.ask(self._bare)
             return ask(*given)
@@ -400,36 +382,26 @@ class Replayed:
                 self._note(kind, place, given, answer, took)
         return answer
 
-    def _known(self, record: Record, kind: int, place: int, given: tuple[Array, ...]) -> Any:
-        if (record.place, record.kind, record.point) != (place, kind, _digest(given)):
-            self.differs = ReplayDiffers(
-                f"evaluation {place} after a kill: the optimiser or its library asks for {_NAMES[kind]} at another "
-                f"point than before (then {_NAMES[record.kind]}, evaluation {record.place}); same versions? does it "
-                "draw from rng alone, and the objective depend on x alone?"
-            )
-            raise self.differs
-        self._file.passed()
-        now, cpu = perf_counter(), process_time()
-        self._gate.earlier = record.wall_s - (now - self._began), record.cpu_s - (cpu - self._cpu_began)
-        if self._limit is not None:
-            self._gate.put_off(now + self._limit - record.wall_s)
-        if self._noise is not None and record.noise is not None:
-            self._noise.bit_generator.state = record.noise
-        return record.answer
-
     def _note(self, kind: int, place: int, given: tuple[Array, ...], answer: Any, took: float) -> None:
         """Write an answer to the file, hold it in memory, or switch ourselves off, depending on its time."""
         each = took * self._processes / (len(given[0]) if kind in (_BATCH, _BELOW) else 1)
         state = None if self._noise is None else dict(self._noise.bit_generator.state)
-        if self._writing or each >= DEAR:
-            self._held.append((kind, place, given, answer, state))
-        else:  # the optimiser may write to either
+        if not (self._writing or each >= DEAR):  # it is held, and the optimiser may write to either
             self._held.append((kind, place, tuple(map(np.array, given)), copied(answer), state))
-        if self._writing or each >= DEAR:
-            self._writing = True
-            self._write()
-        elif len(self._held) >= FIRST:
+            if len(self._held) >= FIRST:
+                self._off()
+            return
+        self._writing = True
+        self._held.append((kind, place, given, answer, state))
+        wall, cpu = self._gate.earlier
+        wall, cpu = wall + perf_counter() - self._began, cpu + process_time() - self._cpu_began
+        try:
+            for held_kind, held_place, asked, value, noise in self._held:
+                self._file.add(Record(held_kind, held_place, _digest(asked), value, wall, cpu, noise))
+        except OSError:  # no room, say: the run goes on, and what is whole so far is of use after a kill
+            self._useless = True
             self._off()
+        self._held = []
         if self._writing and not self._always:
             self._calls, self._took = self._calls + 1, self._took + each
             if self._calls == _WINDOW:
@@ -437,27 +409,7 @@ class Replayed:
                     self._off()
                 self._calls, self._took = 0, 0.0
 
-    def _write(self) -> None:
-        wall, cpu = self._gate.earlier
-        wall, cpu = wall + perf_counter() - self._began, cpu + process_time() - self._cpu_began
-        try:
-            for kind, place, given, answer, state in self._held:
-                self._file.add(Record(kind, place, _digest(given), answer, wall, cpu, state))
-        except OSError:  # no room, say: the run goes on, and what is whole so far is of use after a kill
-            self._useless = True
-            self._off()
-        self._held = []
-
-    def _give_up(self, ask: Callable[..., Any], given: tuple[Array, ...]) -> Any:
-        """Answer a call from a second thread, and switch ourselves off: the order of calls cannot be repeated."""
-        with self._noting:
-            self._useless = True
-            self._off()
-            self._file.clear()
-        return ask(*given)
-
     def _off(self) -> None:
-        """Have the gate ask the problem without us."""
         self._writing, self._held = False, []
         self._seen = self._place()
         self._gate.ask(self._bare)

@@ -1,10 +1,8 @@
 """The time limit of a run, also where a library loops in C and calls nothing back.
 
-The limit works in two ways. The gate looks at the clock before each evaluation, and refuses it when the time is up:
-that ends every search that still calls. A run that does not call is ended from outside. It is made in a child process
-(a `Runner`, which may make run after run), whose gate writes its state into memory that it shares with the parent; so a
-child that was killed leaves its row all the same. An evaluation takes about three microseconds more; its values and its
-trace are the same to the last bit.
+The gate looks at the clock before each evaluation, and refuses it when the time is up. A run that does not call is
+ended from outside: it is made in a child process (a `Runner`, which may make run after run), whose gate writes its
+state into memory that it shares with the parent. An evaluation takes about three microseconds more.
 """
 
 from __future__ import annotations
@@ -21,15 +19,14 @@ from math import inf, nan
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.util import Finalize
 from time import perf_counter, process_time
-from typing import Any, final
+from typing import Any, cast, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.bench.gate.box import doors_of, watched_doors_of
 from calibench.bench.gate.endings import ToldError, frames_of, text_of
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.face import face_of
+from calibench.bench.gate.face import doors_of, face_of, watched_doors_of
 from calibench.bench.gate.processes import Receiver, Sender, exit_of, flush_output, forked
 from calibench.core.sources import is_foreign
 from calibench.optimizers.base import Stop
@@ -39,11 +36,11 @@ STALL_LIMIT = 60.0  # seconds without an evaluation, after which an optimiser th
 _LOOK = 0.5  # seconds between two looks at a child that is silent
 _TRACE_POINTS = 1 << 14  # the trace thins itself: a fall through all doubles by tenths is 14 000 points
 _HEAD = 22
+DEADLINE, PHASE, CPU_BEFORE, STALL = 8, 11, 20, 21  # places in the head of a mirror
 ROOM = 1000  # numbers that a mirror has room for unless more are asked for
 _ATTEMPTS = 64  # numbers of eight letters, for the names of what was tried
 PASSED = "the time limit has passed"
 _DIED = "the process of this run ended"
-BUILDING = "in building the problem and the optimizer: "
 BEFORE = "before the first evaluation: "
 JUDGING = "in judging the answer: "
 
@@ -65,16 +62,12 @@ _NOTHING: Around = nullcontext()
 
 
 def run_here(
-    optimizer: Any,
-    gate: Evaluator,
-    rng: np.random.Generator,
-    begin: Callable[[], object] = lambda: None,
+    optimizer: Any, gate: Evaluator, rng: np.random.Generator, begin: Callable[[], object] = lambda: None,
     around: Around = _NOTHING,
-) -> Ending:
+) -> Ending:  # fmt: skip
     """Run in this process until the gate or the optimiser ends it; any other exception becomes the ending's error.
 
-    What the problem raised, the gate has kept, whatever the optimiser made of it. `KeyboardInterrupt` is raised again.
-    The optimiser gets a face of the gate. `begin` is done as the clock starts; the search is made within `around`.
+    `begin` is done as the clock starts; the search is made within `around`. `KeyboardInterrupt` is raised again.
     """
     objective = face_of(gate, doors_of(gate) if stays_inside(optimizer) else watched_doors_of(gate))
     error: BaseException | None = None
@@ -106,7 +99,6 @@ def stays_inside(optimizer: Any) -> bool:
 
 
 def children_cpu() -> float:
-    """Return the processor seconds of the ended children of this process."""
     times = os.times()
     return times.children_user + times.children_system
 
@@ -121,37 +113,36 @@ class Phase(IntEnum):
     JUDGING = 3
 
 
+_WHERE = {
+    Phase.BUILDING: "in building the problem and the optimizer: ", Phase.COMPILING: BEFORE, Phase.SEARCH: "",
+    Phase.JUDGING: JUDGING,
+}  # fmt: skip
 _SEARCH = float(Phase.SEARCH)  # as a mirror has it: of an enumeration it would be looked up at each evaluation
 
 
 @final
 class Larger(Exception):
-    """A run needs room for so many numbers in the shared memory."""
-
-    def __init__(self, room: int) -> None:
-        super().__init__(room)
-        self.room = room
+    """A run needs room for so many numbers, its argument, in the shared memory."""
 
 
 @final
+@dataclass(frozen=True)
 class Watch:
     """What a run tells of itself to the process that watches it; `limit` [s] is that of each phase, infinite: none."""
 
-    def __init__(self, mirror: Mirror, limit: float, tell: Callable[[Any], None] = lambda message: None) -> None:
-        self.mirror, self.limit, self.tell = mirror, limit, tell
+    mirror: Mirror
+    limit: float
+    tell: Callable[[Any], None] = lambda message: None
 
     def enter(self, phase: Phase, limit: float | None = None) -> None:
         """Begin a phase that may last `limit` seconds, if that is said."""
         self.mirror.enter(phase, self.limit if limit is None else limit)
 
     def begin(self, gate: Evaluator, stall_limit: float) -> None:
-        """Begin the search: from now on the gate looks at the clock, and all that it counts can be seen.
-
-        It has `stall_limit` seconds without an evaluation.
-        """
-        self.mirror.stall_limit = stall_limit
+        """Begin the search: the gate looks at the clock, counts can be seen, silence lasts `stall_limit` at most."""
+        self.mirror.head[STALL] = stall_limit
         self.enter(Phase.SEARCH)
-        gate.refuse_after(self.mirror.deadline, self.mirror.publish)
+        gate.refuse_after(float(self.mirror.head[DEADLINE]), self.mirror.publish)
 
 
 @final
@@ -159,16 +150,19 @@ class Mirror:
     """The state of a run and its gate, as numbers in memory that parent and child share.
 
     There is `room` for the best point and for what each target cost, twice. It serves run after run: `show` begins one.
+    In its `head` stand the `DEADLINE` (when the gate will refuse, on the clock `time.perf_counter` that parent and
+    child share), the `PHASE`, `CPU_BEFORE` (processor seconds of the process before the run), and `STALL` (seconds
+    that a search has without an evaluation).
     """
 
     def __init__(self, room: int = ROOM) -> None:
         size = _HEAD + _ATTEMPTS + 4 * _TRACE_POINTS + room
         whole = np.frombuffer(mmap.mmap(-1, 8 * size), dtype=np.float64)
-        self._head, rest = whole[:_HEAD], whole[_HEAD:]
+        self.head, rest = whole[:_HEAD], whole[_HEAD:]
         self._attempts, rest = rest[:_ATTEMPTS].view(np.uint8), rest[_ATTEMPTS:]
         self._trace, self._rest = rest[: 4 * _TRACE_POINTS].reshape(-1, 4), rest[4 * _TRACE_POINTS :]
         self._traced = 0
-        self.stall_limit = inf
+        self.head[STALL] = inf
         self.enter(Phase.BUILDING, inf)
 
     def show(self, gate: Evaluator) -> None:
@@ -176,72 +170,35 @@ class Mirror:
         needed = gate.dimension + 2 * len(gate.hits)
         if needed > len(self._rest):
             raise Larger(needed)
-        self._head[18:20] = gate.dimension, len(gate.hits)
+        self.head[18:20] = gate.dimension, len(gate.hits)
         self._attempts[:] = 0
         self._traced = 0
-        self._head[5] = -1.0  # no best evaluation: the next is written
+        self.head[5] = -1.0  # no best evaluation: the next is written
         self.publish(gate, 0)
 
     def enter(self, phase: Phase, limit: float) -> None:
         """Begin a phase of the run that may last `limit` seconds."""
-        self._head[8] = (
-            perf_counter() + limit
-        )  # before the phase: whoever waits must not see a later phase with an older end
-        self._head[11] = phase
-
-    @property
-    def phase(self) -> Phase:
-        """Return what the run is at."""
-        return Phase(int(self._head[11]))
-
-    @property
-    def cpu_before(self) -> float:
-        """Return the processor seconds that the process had taken before the run."""
-        return float(self._head[20])
-
-    @cpu_before.setter
-    def cpu_before(self, seconds: float) -> None:
-        self._head[20] = seconds
-
-    @property
-    def stall_limit(self) -> float:
-        """Return how many seconds the search has without an evaluation."""
-        return float(self._head[21])
-
-    @stall_limit.setter
-    def stall_limit(self, seconds: float) -> None:
-        self._head[21] = seconds
+        # before the phase: whoever waits must not see a later phase with an older end
+        self.head[DEADLINE] = perf_counter() + limit
+        self.head[PHASE] = phase
 
     @property
     def evaluations(self) -> int:
         """Return the evaluations made, the one in progress included."""
-        return int(self._head[0])
+        return int(self.head[0])
 
     @property
     def charged(self) -> int:
-        """Return what the run has cost."""
-        return int(self._head[0]) + int(self._head[18]) * int(self._head[1])
+        return int(self.head[0]) + int(self.head[18]) * int(self.head[1])
 
     @property
     def best_value(self) -> float:
-        """Return the best value so far."""
-        return float(self._head[4])
-
-    @property
-    def earlier(self) -> tuple[float, float]:
-        """Return the seconds, wall and processor, that the run took before the child continued it."""
-        wall, cpu = self._head[13:15].tolist()
-        return wall, cpu
-
-    @property
-    def deadline(self) -> float:
-        """Return when the gate will refuse, on the clock `time.perf_counter` that parent and child share."""
-        return float(self._head[8])
+        return float(self.head[4])
 
     def publish(self, gate: Evaluator, evaluations: int) -> None:
         """Write the state of `gate`, and that `evaluations` have been made or are being made."""
         best = gate.best_x
-        if self._head[5] != gate.best_evaluation and best is not None:
+        if self.head[5] != gate.best_evaluation and best is not None:
             best_x, hits, hits_charged = self._places()
             best_x[:] = best
             hits[:] = [nan if n is None else n for n in gate.hits]
@@ -249,53 +206,44 @@ class Mirror:
         for i in range(max(self._traced - 1, 0), len(gate.trace)):  # the last point may have been put right
             self._trace[min(i, _TRACE_POINTS - 1)] = gate.trace[i]
         self._traced = len(gate.trace)
-        self._head[:8] = (
+        self.head[:8] = (
             evaluations, gate.jacobian_evaluations, gate.non_finite, gate.restarts, gate.best_value,
             gate.best_evaluation, min(self._traced, _TRACE_POINTS), best is not None,
         )  # fmt: skip
-        if self._head[11] == _SEARCH:
-            self._head[8] = gate.deadline  # which goes on while what is known from before is replayed
-        self._head[9:11] = gate.batch_evaluations, gate.residual_evaluations
-        self._head[12] = nan if gate.outside_evaluations is None else gate.outside_evaluations
-        self._head[13:15] = gate.earlier
-        self._head[15:18] = gate.gradient_evaluations, gate.joint_evaluations, gate.non_finite_slopes
+        if self.head[PHASE] == _SEARCH:
+            self.head[DEADLINE] = gate.deadline  # which goes on while what is known from before is replayed
+        self.head[9:11] = gate.batch_evaluations, gate.residual_evaluations
+        self.head[12] = nan if gate.outside_evaluations is None else gate.outside_evaluations
+        self.head[13:15] = gate.earlier
+        self.head[15:18] = gate.gradient_evaluations, gate.joint_evaluations, gate.non_finite_slopes
         if gate.attempts:
             attempts = "\0".join(gate.attempts).encode()[: self._attempts.size]
             self._attempts[: len(attempts)] = np.frombuffer(attempts, dtype=np.uint8)
 
     def read(self) -> dict[str, Any]:
         """Return the last state of the gate that was written."""
-        evaluations, jacobians, non_finite, restarts, best_value, best_evaluation, points, found = self._head[
-            :8
-        ].tolist()
-        outside, tried = float(self._head[12]), self._attempts.any()
+        evaluations, jacobians, non_finite, restarts, best, best_evaluation, points, found = self.head[:8].tolist()
+        outside, tried = float(self.head[12]), self._attempts.any()
         best_x, *levels = self._places()
         hits, hits_charged = ([None if n != n else int(n) for n in row.tolist()] for row in levels)
         return {
-            "evaluations": int(evaluations),
-            "jacobian_evaluations": int(jacobians),
-            "batch_evaluations": int(self._head[9]),
-            "residual_evaluations": int(self._head[10]),
-            "gradient_evaluations": int(self._head[15]),
-            "joint_evaluations": int(self._head[16]),
-            "non_finite": int(non_finite),
-            "non_finite_slopes": int(self._head[17]),
+            "evaluations": int(evaluations), "jacobian_evaluations": int(jacobians),
+            "batch_evaluations": int(self.head[9]), "residual_evaluations": int(self.head[10]),
+            "gradient_evaluations": int(self.head[15]), "joint_evaluations": int(self.head[16]),
+            "non_finite": int(non_finite), "non_finite_slopes": int(self.head[17]),
             "unknown_slopes": 0,  # asked where a search ended by itself
             "outside_evaluations": None if outside != outside else int(outside),
             "attempts": bytes(self._attempts).rstrip(b"\0").decode(errors="ignore").split("\0") if tried else [],
-            "restarts": int(restarts),
-            "best_value": best_value,
-            "best_evaluation": int(best_evaluation),
-            "best_x": best_x.copy() if found else None,
-            "hits": hits if found else [None] * len(hits),
+            "restarts": int(restarts), "best_value": best, "best_evaluation": int(best_evaluation),
+            "best_x": best_x.copy() if found else None, "hits": hits if found else [None] * len(hits),
             "hits_charged": hits_charged if found else [None] * len(hits),
             "trace": [(int(n), int(c), value, int(r)) for n, c, value, r in self._trace[: int(points)].tolist()],
             "stopped": None,
-        }
+        }  # fmt: skip
 
     def _places(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Return where the best point is written, and what each target cost in evaluations and charged."""
-        dimension, hits = (int(number) for number in self._head[18:20])
+        dimension, hits = (int(number) for number in self.head[18:20])
         best_x, rest = self._rest[:dimension], self._rest[dimension:]
         return best_x, rest[:hits], rest[hits : 2 * hits]
 
@@ -318,38 +266,47 @@ Make = Callable[[Any, Watch], tuple[Any, bool]]
 class Runner:
     """A child process that makes runs: ``make(request, watch)``, which gives the run and whether it may make more.
 
-    It knows what this process knew when it was forked, and ends with the thread that began it. `room` is that of its
-    `Mirror`.
+    It ends with the thread that began it. `child` is the process, and `end` ends it with all that it has started.
     """
 
     def __init__(self, make: Make, room: int = ROOM) -> None:
-        self.room, self._mirror, self._stack = room, Mirror(room), ExitStack()
+        self.room, self._mirror, stack = room, Mirror(room), ExitStack()
         theirs, self._requests = Pipe(duplex=False)
         with closing(theirs):
             serve = partial(self._serve, make, theirs)
-            self._child, self._line = self._stack.enter_context(forked(serve))
-        self._stack.callback(self._requests.close)
-        self._end = Finalize(None, self._stack.close, exitpriority=0)  # also at the end of this process
-
-    @property
-    def is_there(self) -> bool:
-        """Tell whether it can be asked."""
-        return self._child.is_alive()
+            self.child, self._line = stack.enter_context(forked(serve))
+        stack.callback(self._requests.close)
+        self.end = Finalize(None, stack.close, exitpriority=0)  # also at the end of this process
 
     def ask(self, request: Any, limit: float, hear: Callable[[Any, Mirror, int], None]) -> Any:
         """Return the run of `request`, or a `Cut`; each of its phases has `limit` seconds.
 
-        `hear` gets what the run tells meanwhile, with the counts that can be read and the number of the process. Where
-        no run came, or it may make no more, the process is ended. Raises what could not be made into a run, and
-        `Larger`.
+        `hear` gets what the run tells meanwhile, with its counts and the number of the process, which is ended where no
+        run came, or it may make no more. Raises what could not be made into a run, and `Larger`.
         """
+        assert self.child.pid is not None
+        mirror = self._mirror
         try:
             began, cpu = perf_counter(), children_cpu()
-            self._mirror.enter(Phase.BUILDING, inf)
-            why, answer = self._answer(request, limit, hear)
+            mirror.enter(Phase.BUILDING, inf)
+            try:
+                self._requests.send((request, limit))
+                kind, found = "told", cast(Any, None)
+                while kind == "told" and not (why := _wait(self._line, mirror)):
+                    kind, found = self._line.recv()
+                    if kind == "told":
+                        hear(found, mirror, self.child.pid)
+            except (EOFError, ConnectionError):
+                why = _DIED
             if why:
-                return self._cut(why, began, cpu)
-            kind, found = answer
+                self.end()
+                phase = Phase(int(mirror.head[PHASE]))
+                took = perf_counter() - began, children_cpu() - cpu - float(mirror.head[CPU_BEFORE])
+                if phase >= Phase.SEARCH:  # and what the run took before the child continued it
+                    took = took[0] + float(mirror.head[13]), took[1] + float(mirror.head[14])
+                ended = f" with {exit_of(self.child.exitcode)}" if why == _DIED else ""
+                ending = Ending("ProcessDied" if ended else "", f"{_WHERE[phase]}{why}{ended}", *took)
+                return Cut(phase, why != _DIED, ending, mirror.read() if phase >= Phase.SEARCH else None)
             if kind == "raised":
                 raise found.rebuilt()
             if kind == "larger":
@@ -362,41 +319,7 @@ class Runner:
             self.end()
             raise
 
-    def end(self) -> None:
-        """End the process with all that it has started."""
-        self._end()
-
-    def _answer(self, request: Any, limit: float, hear: Callable[[Any, Mirror, int], None]) -> tuple[str, Any]:
-        """Return "" and the answer, or why nobody waits for it any longer."""
-        assert self._child.pid is not None
-        try:
-            self._requests.send((request, limit))
-            while True:
-                why = _wait(self._line, self._mirror)
-                if why:
-                    return why, None
-                kind, message = self._line.recv()
-                if kind != "told":
-                    return "", (kind, message)
-                hear(message, self._mirror, self._child.pid)
-        except (EOFError, ConnectionError):
-            return _DIED, None
-
-    def _cut(self, why: str, began: float, cpu: float) -> Cut:
-        mirror = self._mirror
-        self.end()
-        phase = mirror.phase
-        earlier_wall, earlier_cpu = mirror.earlier if phase >= Phase.SEARCH else (0.0, 0.0)
-        took = perf_counter() - began + earlier_wall, children_cpu() - cpu - mirror.cpu_before + earlier_cpu
-        where = {Phase.BUILDING: BUILDING, Phase.COMPILING: BEFORE, Phase.SEARCH: "", Phase.JUDGING: JUDGING}[phase]
-        if why == _DIED:
-            ending = Ending("ProcessDied", f"{where}{why} with {exit_of(self._child.exitcode)}", *took)
-        else:
-            ending = Ending("", f"{where}{why}", *took)
-        return Cut(phase, why != _DIED, ending, mirror.read() if phase >= Phase.SEARCH else None)
-
     def _serve(self, make: Make, requests: Connection, tell: Sender) -> None:
-        """Be the child: make run after run until nobody asks for more."""
         self._requests.close()
         gc.freeze()  # the parent's heap: to look through it for garbage would also copy it
         while True:
@@ -405,12 +328,12 @@ class Runner:
             except (EOFError, OSError):
                 return
             watch = Watch(self._mirror, limit, lambda message: tell.send(("told", message)))
-            self._mirror.cpu_before = process_time() + children_cpu()
+            self._mirror.head[CPU_BEFORE] = process_time() + children_cpu()
             answer: tuple[str, Any]
             try:
                 answer = "run", make(request, watch)
             except Larger as larger:
-                answer = "larger", larger.room
+                answer = "larger", larger.args[0]
             except BaseException as error:  # of a request that makes no sense, or to end it all
                 answer = "raised", ToldError.of(error)
             flush_output()
@@ -421,10 +344,10 @@ def _wait(line: Receiver, mirror: Mirror) -> str:
     """Return "" when the child has said something, otherwise why nobody waits for it any longer."""
     calls, heard = -1, perf_counter()
     while True:
-        now, searches, stall_limit = perf_counter(), mirror.phase == Phase.SEARCH, mirror.stall_limit
+        now, searches, stall_limit = perf_counter(), mirror.head[PHASE] == _SEARCH, float(mirror.head[STALL])
         if mirror.evaluations != calls or not searches:
             calls, heard = mirror.evaluations, now
-        end = mirror.deadline + GRACE
+        end = float(mirror.head[DEADLINE]) + GRACE
         if now >= end:
             return f"{PASSED}, and it did not stop when told" if searches else PASSED
         if now - heard >= stall_limit:

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from calibench.bench.measured.files import read_measured, write_measured
-from calibench.bench.measured.sources import Source, shipped, shipped_path, sources
+from calibench.bench.measured.sources import Source, shipped_path, sources
 
-__all__ = ["Source", "read_measured", "shipped", "shipped_path", "sources", "write_measured"]
+__all__ = ["Source", "read_measured", "shipped_path", "sources", "write_measured"]

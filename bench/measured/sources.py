@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import glob
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
-from calibench.bench.measured.files import endings_of, read_measured, read_sockets, socket_files
+import numpy as np
+
+from calibench.bench.measured.files import ENDINGS, as_measured, declared_by, read_columns, read_sockets, socket_files
+from calibench.core.notes import DataError, once
 from calibench.core.options import suggest
+from calibench.core.tables.columns import Columns, Declared
 from calibench.core.tables.data_file import LARGEST_PARQUET, read_whole
-from calibench.discrepancy import DataError, MeasuredData
-from calibench.discrepancy.registries import description_of
+
+if TYPE_CHECKING:
+    from calibench.discrepancy.model.measured import MeasuredData
 
 OF_A_CALIBRATION = "readings.parquet"  # of every calibration, in a folder of its own
 
@@ -28,17 +34,30 @@ class Source:
     machine: str
     printed: str = ""
 
-    def read(self, stated: Mapping[str, Any], part: bool = False) -> MeasuredData:
-        """Return the data, perhaps `part` of a table whose other files hold what is stated too; raise `DataError`."""
-        if self.path is not None and socket_files(self.path):
-            return read_sockets(self.path, self.machine, stated)
+    def read(self, stated: Mapping[str, Any]) -> MeasuredData:
+        """Return the data, what is `stated` before their own metadata; raise `DataError`."""
         if self.path is not None:
-            return read_measured(self.path, self.machine, stated, part=part)
+            sockets = bool(socket_files(self.path))
+            content = self.columns(declared_by(self.machine), stated)
+            return as_measured(content, self.path.name if sockets else self.path.stem, stated)
+        from calibench.discrepancy.registries import description_of
+
         for key in ("columns", "units"):
             if key in stated:
                 raise DataError(f"{key}=: goes with a file; {self.printed} is printed in a paper and has its own names")
         data = description_of(self.machine).printed[self.printed]()
         return replace(data, metadata={**data.metadata, **stated}, stated=frozenset(stated))
+
+    def columns(self, declared: Declared, stated: Mapping[str, Any], part: bool = False) -> Columns:
+        """Return the columns of the file, perhaps `part` of a table whose other files hold what is stated too."""
+        assert self.path is not None
+        if not socket_files(self.path):
+            return read_columns(self.path, declared, stated, part)
+        by_label, note = read_sockets(self.path, declared, stated)
+        contents = list(by_label.values())
+        columns = {name: np.concatenate([one.columns[name] for one in contents]) for name in contents[0].columns}
+        notes = once((note, *(note for one in contents for note in one.notes)))
+        return replace(contents[0], columns=columns, notes=notes)
 
     @property
     def data_id(self) -> str:
@@ -59,80 +78,80 @@ class Source:
         return digest.hexdigest()
 
 
-def sources(named: str, machine: str) -> list[Source]:
+def sources(named: str, machine: str | Declared) -> list[Source]:
     """Return what ``data=named`` stands for, in the order of names; parts are parted by commas.
 
-    Raises `DataError` where nothing has such a name.
+    The folder's name stands before the stem where two files have the same. Raises `DataError` where nothing has such a
+    name.
     """
-    found: dict[str, Source] = {}
+    declared = machine if isinstance(machine, Declared) else declared_by(machine)
+    by_key: dict[str, Source] = {}
     for word in [part for part in named.split(",") if part] if not _exists(Path(named)) else [named]:
-        for source in _named(word, machine):
-            key = source.printed or str(source.path)
-            found.setdefault(key, source)
-    if not found:
+        for source in _sources_of(word, declared):
+            by_key.setdefault(source.printed or str(source.path), source)
+    if not by_key:
         raise DataError("data=: a file, a glob, a folder or a name is needed, such as data=run7.parquet")
-    return _told_apart(list(found.values()))
-
-
-def shipped(machine: str) -> list[str]:
-    """Return the names that ``data=`` knows without a file: simulated demonstrations, and printed tables."""
-    return [*_demonstrations(machine), *_printed(machine)]
+    count = Counter(source.case for source in by_key.values())
+    cases: dict[str, Source] = {}
+    for source in by_key.values():
+        case = source.case
+        if count[case] > 1 and source.path is not None:
+            case = f"{_as_case(source.path.resolve().parent.name)}_{case}"
+        while case in cases:
+            case += "_"
+        cases[case] = replace(source, case=case)
+    return list(cases.values())
 
 
 def shipped_path(name: str, machine: str) -> Path:
     """Return the file of a simulated demonstration. Raises `DataError` for a name there is not."""
-    found = _demonstrations(machine)
-    if name not in found:
-        raise DataError(f"{name}: {suggest(name, found)}")
-    return found[name]
+    demonstrations = _demonstrations(declared_by(machine))
+    if name not in demonstrations:
+        raise DataError(f"{name}: {suggest(name, demonstrations)}")
+    return demonstrations[name]
 
 
-def _called(path: Path) -> str:
-    """Return a file's name; of what a calibration writes, whose name is always the same, that of its folder."""
-    return path.resolve().parent.name if path.name == OF_A_CALIBRATION else path.stem
-
-
-def _named(word: str, machine: str) -> list[Source]:
+def _sources_of(word: str, declared: Declared) -> list[Source]:
+    machine, endings = declared.machine, (*ENDINGS, *declared.files)
     path = Path(word).expanduser()
+
+    def of_data(paths: Iterable[Path]) -> list[Path]:
+        """Return those whose ending is that of data, sorted. A path that is no file stays, so that it is reported."""
+        return sorted(p for p in paths if p.suffix.lower() in endings)
+
+    def source(path: Path) -> Source:
+        """Return a file's source; what a calibration writes, whose name is always the same, is called as its folder."""
+        name = path.resolve().parent.name if path.name == OF_A_CALIBRATION else path.stem
+        return Source(_as_case(name), path, machine)
+
     if path.is_dir():
-        files = _data_files(path.iterdir(), machine)
-        in_sockets = socket_files(path) if _reads_sockets(machine) else []
-        if in_sockets and set(files) <= {file.path for file in in_sockets}:
-            return [Source(_shown(path.resolve().name), path, machine)]
+        files = of_data(path.iterdir())
+        sockets = socket_files(path) if any(column.name == "socket" for column in declared.columns) else []
+        if sockets and set(files) <= {file.path for file in sockets}:
+            return [Source(_as_case(path.resolve().name), path, machine)]
         if not files:
-            raise DataError(f"data={word}: the folder holds no {' or '.join(endings_of(machine))} file")
-        return [Source(_shown(p.stem), p, machine) for p in files]
-    if _exists(path) or (path.suffix.lower() in endings_of(machine) and not glob.has_magic(word)):
-        return [Source(_shown(_called(path)), path, machine)]
+            raise DataError(f"data={word}: the folder holds no {' or '.join(endings)} file")
+        return [Source(_as_case(p.stem), p, machine) for p in files]
+    if _exists(path) or (path.suffix.lower() in endings and not glob.has_magic(word)):
+        return [source(path)]
     if glob.has_magic(word):
-        files = _data_files((Path(p) for p in glob.iglob(str(path), recursive=True)), machine)
+        files = of_data(Path(p) for p in glob.iglob(str(path), recursive=True))
         if not files:
-            raise DataError(f"data={word}: matches no {' or '.join(endings_of(machine))} file")
-        return [Source(_shown(_called(p)), p, machine) for p in files]
-    if word in _printed(machine):
+            raise DataError(f"data={word}: matches no {' or '.join(endings)} file")
+        return [source(p) for p in files]
+    demonstrations = _demonstrations(declared)
+    if word in declared.printed:
         return [Source(word, None, machine, printed=word)]
-    if word in _demonstrations(machine):
-        return [Source(word, _demonstrations(machine)[word], machine)]
-    names = shipped(machine)
+    if word in demonstrations:
+        return [Source(word, demonstrations[word], machine)]
+    names = [*demonstrations, *declared.printed]
     ways = f"; the names of {machine}: {suggest(word, names)}" if names else ""
     raise DataError(f"data={word}: there is no such file, folder or name{ways}")
 
 
-def _reads_sockets(machine: str) -> bool:
-    return any(column.name == "socket" for column in description_of(machine).columns)
-
-
-def _shown(name: str) -> str:
-    """Return a name with an underscore for each character that a table or a terminal cannot show.
-
-    A name of dots alone becomes underscores, because as a path it would lead to another folder.
-    """
+def _as_case(name: str) -> str:
+    """Return a name with _ for each character that cannot be shown, and for dots alone, which as a path lead away."""
     return "".join(c if c.isprintable() else "_" for c in name) if name.strip(".") else "_" * len(name)
-
-
-def _data_files(paths: Iterable[Path], machine: str) -> list[Path]:
-    """Return those whose ending is that of data, sorted. A path that is no file stays, so that it is reported."""
-    return sorted(p for p in paths if p.suffix.lower() in endings_of(machine))
 
 
 def _exists(path: Path) -> bool:
@@ -143,28 +162,6 @@ def _exists(path: Path) -> bool:
         return False
 
 
-def _printed(machine: str) -> tuple[str, ...]:
-    """Return the names of the sets of measurements that a paper prints for `machine`."""
-    return tuple(description_of(machine).printed)
-
-
-def _demonstrations(machine: str) -> dict[str, Path]:
-    folder = description_of(machine).demonstrations
-    return {p.stem: p for p in sorted(folder.glob("*")) if p.suffix in endings_of(machine)} if folder else {}
-
-
-def _told_apart(listed: list[Source]) -> list[Source]:
-    """Return the sources with the folder's name before the stem where two files have the same stem."""
-    count: dict[str, int] = {}
-    for source in listed:
-        count[source.case] = count.get(source.case, 0) + 1
-    named, taken = [], set()
-    for source in listed:
-        case = source.case
-        if count[case] > 1 and source.path is not None:
-            case = f"{_shown(source.path.resolve().parent.name)}_{case}"
-        while case in taken:
-            case += "_"
-        taken.add(case)
-        named.append(Source(case, source.path, source.machine, source.printed))
-    return named
+def _demonstrations(declared: Declared) -> dict[str, Path]:
+    folder, endings = declared.demonstrations, (*ENDINGS, *declared.files)
+    return {p.stem: p for p in sorted(folder.glob("*")) if p.suffix in endings} if folder else {}

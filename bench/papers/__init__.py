@@ -1,28 +1,19 @@
 """The ledger of the papers: each printed number, claim and erratum beside the result of a rerun, with a verdict.
 
-A paper is a module with ``KEY``, ``STUDIES`` (prepared studies that rerun it) and ``rows(evidence)``; `PAPERS` lists
-them. The verdicts are functions in `bench.papers.row`; `run_paper` carries out the studies and writes the three files.
+A paper is a module with ``KEY``, ``STUDIES`` (prepared studies that rerun it) and ``rows(evidence)``; `rerun.PAPERS`
+lists them. The verdicts are functions in `row`; `rerun.run_paper` carries out the studies and writes the files.
+`ADDITIONS` is what the papers add to the report of a study: the command hands it to the report, which knows no paper.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from calibench.bench.papers.cong2008 import figures as _cong2008
+from calibench.bench.papers.pashkevich2008 import figures as _pashkevich2008
+from calibench.bench.report.study.additions import Addition
 
-if TYPE_CHECKING:
-    from calibench.bench.papers.rerun import PAPERS, Ledger, run_paper
-    from calibench.bench.papers.row import KINDS, VERDICTS, Ours, Row, Ruling, Tolerance, Verdict, judge
+_LEDGER = {"the ledger of the papers": "../paper/ledger.html"}
 
-__all__ = [
-    "KINDS", "PAPERS", "VERDICTS", "Ledger", "Ours", "Row", "Ruling", "Tolerance", "Verdict", "judge", "run_paper",
-]  # fmt: skip
-
-_OF_RERUN = ("PAPERS", "Ledger", "run_paper")
-
-
-def __getattr__(name: str) -> Any:
-    """Load a name when it is first asked for: ``bench report`` needs what a paper adds to it, and no rerun."""
-    if name not in __all__:
-        raise AttributeError(f"module 'bench.papers' has no attribute {name!r}")
-    home = "rerun" if name in _OF_RERUN else "row"
-    return getattr(import_module(f"calibench.bench.papers.{home}"), name)
+ADDITIONS = (
+    _cong2008.ADDITION, _pashkevich2008.ADDITION,
+    Addition(links=lambda folder: _LEDGER if (folder.parent / "paper" / "ledger.html").exists() else {}),
+)  # fmt: skip

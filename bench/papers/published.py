@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from decimal import Decimal
 from functools import cache
 from importlib.resources import files
 from math import nan
 from typing import Any, final
 
-from calibench.bench.papers.row import NOTHING, Kind, Ours, Row, Ruling, Tolerance, judge_near, make_row
+from calibench.bench.papers.row import NO_TOLERANCE, NOTHING, Ours, Row, Ruling, Tolerance, judge_near
 from calibench.problems.constants import Column, Constant, column
+
+Numbers = Ours | Iterable[float] | float
 
 
 def quantities(paper: str) -> dict[str, Constant]:
@@ -34,22 +36,6 @@ def quantities(paper: str) -> dict[str, Constant]:
 
 
 @final
-@dataclass(frozen=True, kw_only=True)
-class Shown:
-    """What a computation shows of an erratum: a `quantity` as `printed`, as it is to be `read`, and ours."""
-
-    quantity: str
-    unit: str
-    printed: float
-    read: float
-    ours: Iterable[float] | float
-    tolerance: Tolerance
-    method: str
-    ruling: Ruling | None = None
-    differs: str = ""
-
-
-@final
 class Printed:
     """The cells of one paper: makes their rows, with a verdict from `judge` unless another is given."""
 
@@ -57,7 +43,6 @@ class Printed:
         self.paper = paper
 
     def column(self, key: str) -> Column:
-        """Return a printed column."""
         return column(self.paper, key)
 
     def digit(self, key: str) -> float:
@@ -69,127 +54,81 @@ class Printed:
         return float(Decimal(1).scaleb(int(literal.as_tuple().exponent))) if isinstance(literal, Decimal) else 1.0
 
     def cell(
-        self,
-        key: str,
-        ours: Ours | Iterable[float] | float,
-        tolerance: Tolerance,
-        method: str,
-        *,
-        reason: str = "",
-        ruling: Ruling | None = None,
-        of_print: bool = False,
-    ) -> Row:
-        """Return the row of the cell `key`. What the data file says against the print comes after `reason`.
-
-        With `of_print` ours is made of other numbers that the paper found: the row tests the print against itself.
-        """
+        self, key: str, ours: Numbers, tolerance: Tolerance, method: str, *, reason: str = "",
+        ruling: Ruling | None = None, of_print: bool = False,
+    ) -> Row:  # fmt: skip
+        """Return the row of the cell `key`; with `of_print` ours is made of other numbers that the paper found."""
         name, _, quantity = key.rpartition(".")
-        entry = column(self.paper, name).entries[quantity]
-        result = ours if isinstance(ours, Ours) else Ours.of(ours)
+        entry, ours = column(self.paper, name).entries[quantity], Ours.of(ours)
         inferred = "" if entry.certain else " (inferred, not seen in another print)"
-        kind: Kind = "consistency" if of_print else entry.kind  # type: ignore[assignment]
-        about, differs = one_print(self.paper).get(key, (key, ""))
-        return make_row(
-            paper=self.paper,
-            key=key,
-            kind=kind,
-            about=about,
-            place=entry.place,
-            quantity=quantity,
-            unit=entry.unit,
-            printed=entry.printed,
-            read=entry.value,
-            ours=result,
-            tolerance=tolerance,
-            ruling=ruling or judge_near(entry.printed, entry.value, result.median, tolerance),
-            reason="; ".join(text for text in (reason, entry.why.strip() + inferred, entry.doubt) if text),
-            method=method,
-            differs=differs,
-        )
+        ruling = ruling or judge_near(entry.printed, entry.value, ours.median, tolerance)
+        kind: Any = "consistency" if of_print else entry.kind
+        about, differs = key, ""  # of a number that is printed again: where it stands first, why verdicts may differ
+        for group in _exact(self.paper).get("one_print", ()):
+            if key in group["keys"]:
+                about, differs = group["keys"][0], group.get("differs", "")
+        return Row(
+            paper=self.paper, key=key, kind=kind, about=about, place=entry.place,
+            quantity=quantity, unit=entry.unit, printed=float(entry.printed), read=float(entry.value),
+            reason=_one_line(reason, entry.why.strip() + inferred, entry.doubt), differs=differs, method=method,
+            **_judged(ours, tolerance, ruling),
+        )  # fmt: skip
 
-    def unknown(self, key: str, reason: str) -> Row:
-        """Return the row of a cell about which nothing can be computed: its data are not published."""
-        nothing = Tolerance(nan, "nothing to compare with")
-        return self.cell(key, NOTHING, nothing, "none: data not published", reason=reason)
+    def unknown(self, key: str, reason: str = "", method: str = "none: data not published") -> Row:
+        """Return the row of a cell about which nothing can be computed."""
+        return self.cell(key, NOTHING, NO_TOLERANCE, method, reason=reason)
 
     def claim(
-        self,
-        key: str,
-        place: str,
-        sentence: str,
-        *,
-        ours: Ours | Iterable[float] | float,
-        ruling: Ruling,
-        rule: str,
-        method: str,
-        reason: str = "",
-        unit: str = "1",
-        printed: float = nan,
-        about: str = "",
-        differs: str = "",
+        self, key: str, place: str, sentence: str, *, ours: Numbers, ruling: Ruling, rule: str, method: str,
+        reason: str = "", unit: str = "1", printed: float = nan, about: str = "", differs: str = "",
         read: float | None = None,
-    ) -> Row:
-        """Return the row of a sentence: `ours` measures it, `rule` says which numbers make it true.
+    ) -> Row:  # fmt: skip
+        """Return the row of a sentence: `ours` measures it, `rule` says when it is true; `about` names the printed
+        numbers that it repeats, `differs` why its verdict may be another than theirs, `read` what is to be read."""
+        ours = Ours.of(ours)
+        ruling = ruling if ours.n else replace(ruling, verdict="not checkable")
+        return Row(
+            paper=self.paper, key=f"claim.{key}", kind="claim", about=about, place=place, quantity=sentence, unit=unit,
+            printed=float(printed), read=float(printed if read is None else read), reason=_one_line(reason),
+            differs=differs, method=method, **_judged(ours, Tolerance(ruling.limit, rule), ruling),
+        )  # fmt: skip
 
-        `about` names the printed numbers (keys, a space between) that the sentence repeats, and `differs` why this
-        row's verdict may be another than theirs. `read` is what is to be read, where that is not what is `printed`.
-        """
-        result = ours if isinstance(ours, Ours) else Ours.of(ours)
-        return make_row(
-            paper=self.paper,
-            key=f"claim.{key}",
-            kind="claim",
-            about=about,
-            place=place,
-            quantity=sentence,
-            unit=unit,
-            printed=printed,
-            read=printed if read is None else read,
-            ours=result,
-            tolerance=Tolerance(ruling.limit, rule),
-            ruling=ruling if result.n else replace(ruling, verdict="not checkable"),
-            reason=reason,
-            method=method,
-            differs=differs,
-        )
-
-    def erratum(self, place: str, shown: Shown) -> Row:
-        """Return the row of the erratum at `place` in the data file, of which a computation has `shown` this."""
-        number = self.errata().index(place)
-        entry = _exact(self.paper)["erratum"][number]
+    def erratum(
+        self, place: str, quantity: str, *, unit: str, printed: float, read: float, ours: Numbers, tolerance: Tolerance,
+        method: str, ruling: Ruling | None = None, differs: str = "",
+    ) -> Row:  # fmt: skip
+        """Return the row of the erratum at `place` in the data file: of a `quantity`, what the computation shows."""
+        errata = _exact(self.paper)["erratum"]
+        number = [entry["place"] for entry in errata].index(place)
+        entry, ours = errata[number], Ours.of(ours)
         inferred = "" if entry["certain"] else " (inferred)"
-        ours = Ours.of(shown.ours)
-        return make_row(
-            paper=self.paper,
-            key=f"erratum.{number + 1}",
-            kind="erratum",
-            about=" ".join(entry.get("about", ())),
-            place=place,
-            quantity=shown.quantity,
-            unit=shown.unit,
-            printed=shown.printed,
-            read=shown.read,
-            ours=ours,
-            tolerance=shown.tolerance,
-            ruling=shown.ruling or judge_near(shown.printed, shown.read, ours.median, shown.tolerance),
-            reason=f"printed: {entry['printed']}; read: {entry['read']}; {entry['why']}{inferred}",
-            method=shown.method,
-            differs=shown.differs,
-        )
+        ruling = ruling or judge_near(printed, read, ours.median, tolerance)
+        return Row(
+            paper=self.paper, key=f"erratum.{number + 1}", kind="erratum", about=" ".join(entry.get("about", ())),
+            place=place, quantity=quantity, unit=unit, printed=float(printed), read=float(read),
+            reason=_one_line(f"printed: {entry['printed']}; read: {entry['read']}; {entry['why']}{inferred}"),
+            differs=differs, method=method, **_judged(ours, tolerance, ruling),
+        )  # fmt: skip
 
-    def errata(self) -> list[str]:
-        """Return the places of the data file's errata, in its order."""
-        return [str(entry["place"]) for entry in _exact(self.paper)["erratum"]]
-
-    def to_read(self, place: str) -> float:
-        """Return the number that the erratum at `place` says is to be read."""
-        return float(_exact(self.paper)["erratum"][self.errata().index(place)]["value"])
+    def in_order(self, errata: Iterable[Row]) -> Iterator[Row]:
+        """Yield the rows of all errata in the data file's order. Raises `KeyError` for one without a row."""
+        by_place = {row.place: row for row in errata}
+        for entry in _exact(self.paper)["erratum"]:
+            yield by_place[entry["place"]]
 
 
-def one_print(paper: str) -> dict[str, tuple[str, str]]:
-    """Return for each number that is printed again the key where it is told first, and why verdicts may differ."""
-    groups = _exact(paper).get("one_print", ())
-    return {key: (group["keys"][0], group.get("differs", "")) for group in groups for key in group["keys"]}
+def _judged(ours: Ours, tolerance: Tolerance, ruling: Ruling) -> dict[str, Any]:
+    """Return the columns that follow from these: limits are the ruling's numbers and the tolerance's words."""
+    return {
+        "ours_median": ours.median, "ours_q1": ours.q1, "ours_q3": ours.q3, "n": ours.n, "verdict": ruling.verdict,
+        "judged": float(ruling.judged), "rule": ruling.rule, "tolerance": float(ruling.limit),
+        "tolerance_in_kind": float(ruling.in_kind), "tolerance_in_decades": ruling.decades,
+        "tolerance_origin": float(tolerance.origin), "share": float(ruling.share), "why_tolerance": tolerance.why,
+    }  # fmt: skip
+
+
+def _one_line(*texts: str) -> str:
+    return " ".join("; ".join(text for text in texts if text).split())
 
 
 @cache

@@ -1,7 +1,6 @@
-"""The reference: one full run of the papers, small enough to commit, in ``results/reference/``.
+"""The reference, ``results/reference/``: one full run of the papers, small enough to commit, without times of day.
 
-The printed numbers; the ledger; and of each study the runs, thinned traces, the papers' tables and the figures the
-papers are about. Times of day and clocks are left out, so the same code on the same machine writes the same rows.
+It has the printed numbers, the ledger, and of each study the runs, thinned traces, the papers' tables and figures.
 A study folder of it reads as any other: ``bench report results/reference/cong2008`` draws everything again.
 """
 
@@ -15,10 +14,8 @@ from typing import final
 import numpy as np
 import pandas as pd
 
-from calibench.bench.papers import files
-from calibench.bench.papers.additions import ADDITIONS
+from calibench.bench.papers import ADDITIONS, files
 from calibench.bench.papers.cong2008 import figures as printed_figures
-from calibench.bench.papers.cong2008 import tables as paper_tables
 from calibench.bench.papers.page import by_kind
 from calibench.bench.papers.published import quantities
 from calibench.bench.papers.row import KINDS, Evidence, Row
@@ -59,18 +56,51 @@ def write_reference(rows: Sequence[Row], evidence: Sequence[Evidence], asked: As
     """Write the reference of a ledger and its runs into `folder`, in place of one that is there; return the paths."""
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    written = [
-        write_printed(asked.papers, folder / PRINTED),
-        files.write_parquet(rows, folder / "ledger.parquet"),
-        files.write_csv(rows, folder / "ledger.csv"),
-    ]
+    written = [write_printed(asked.papers, folder / PRINTED), *files.write_ledger(rows, folder)]
     counts, to_draw = [], list(_FIGURES)
     for one in evidence:
         for study, runs in one.runs.groupby("study", sort=False) if "study" in one.runs else ():
-            traces = one.traces[one.traces["run_id"].isin(runs["run_id"])]
-            written += _write_study(runs, thinned(traces), to_draw, folder / str(study))
-            counts.append(f"| `{study}` | {len(runs)} | {int(runs['budget'].max()):,} | {_ended(runs)} |")
-    text = _readme(rows, counts, asked)
+            home, traces = folder / str(study), thinned(one.traces[one.traces["run_id"].isin(runs["run_id"])])
+            quiet = runs.assign(**dict.fromkeys(_NOISE)).reset_index(drop=True)
+            written += ResultStore(home).fill(quiet, traces)
+            for name, table in study_tables(runs).items():
+                written.append(home / f"{name}.csv")
+                table.to_csv(written[-1], index=False)
+            wanted = {name: name for name in to_draw} | {f"{name}_{_OWN_GAUGE}": name for name in to_draw}
+            drawn = figures.study_figures(runs, traces, list(wanted), ADDITIONS) if to_draw else ()
+            for full_name, drawing in list(drawn):
+                to_draw.remove(wanted[full_name])
+                svg, png, numbers = save(wanted[full_name], drawing, home / "figures")
+                svg.unlink()  # it is larger than all the rest, and drawn again from the rows
+                numbers.unlink()
+                written.append(png)
+            ended = runs["stop_reason"].value_counts().sort_index()
+            reasons = ", ".join(f"{count} {reason}" for reason, count in ended.items())
+            counts.append(f"| `{study}` | {len(runs)} | {int(runs['budget'].max()):,} | {reasons} |")
+    origin = provenance()
+    verdicts = "\n".join(
+        f"| {v} | {' | '.join(map(str, [sum(of.values()), *of.values()]))} |" for v, of in by_kind(rows).items()
+    )
+    commit = (origin["git_commit"][:10] or "unknown") + (" with changes" if origin["git_dirty"] else "")
+    text = f"""# Reference: one run of both papers, kept
+
+Written by `make reference`, whose last step is `bench paper budget={asked.budget} seeds={asked.seeds} to=...`,
+at commit {commit}, on {origin["platform"]}; the versions of all packages are in the rows.
+Do not edit: a test holds these files to the papers' data files and to each other.
+
+- `{PRINTED}`: every printed number, what to read, and why where the print is wrong.
+- `ledger.parquet`, `ledger.csv`: the ledger (columns: `docs/ledger.md`).
+- A folder a study: `runs.parquet` (without clocks), `traces.parquet` ({_PER_DECADE} points a decade), `summary.csv`,
+  the papers' tables as `table2.csv` and so on, `figures/`. `bench report` on such a folder draws all other figures.
+
+| verdict | rows | {" | ".join(KINDS)} |
+|{"---|" * (2 + len(KINDS))}
+{verdicts}
+
+| study | runs | largest budget | ended by |
+|---|---|---|---|
+{chr(10).join(counts)}
+"""
     (folder / "README.md").write_text(text, encoding="utf-8")
     return [*written, folder / "README.md"]
 
@@ -98,55 +128,5 @@ def thinned(traces: pd.DataFrame) -> pd.DataFrame:
 def study_tables(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """Return by name the tables that are kept of a study: its summary, and the papers' tables it can fill."""
     summary = stats.summary(runs).drop(columns="wall_s_median")
-    tables = {name: build(runs) for name, build in paper_tables.TABLES.items()}
+    tables = {name: build(runs) for name, build in printed_figures.TABLES.items()}
     return {"summary": summary} | {name: table for name, table in tables.items() if not table.empty}
-
-
-def _write_study(runs: pd.DataFrame, traces: pd.DataFrame, to_draw: list[str], folder: Path) -> list[Path]:
-    """Write a study's files, and its figures that are still `to_draw`."""
-    quiet = runs.assign(**dict.fromkeys(_NOISE)).reset_index(drop=True)
-    written = ResultStore(folder).fill(quiet, traces)
-    for name, table in study_tables(runs).items():
-        written.append(folder / f"{name}.csv")
-        table.to_csv(written[-1], index=False)
-    wanted = {name: name for name in to_draw} | {f"{name}_{_OWN_GAUGE}": name for name in to_draw}
-    for full_name, drawing in list(figures.study_figures(runs, traces, list(wanted), ADDITIONS)) if to_draw else ():
-        name = wanted[full_name]
-        to_draw.remove(name)
-        svg, png, numbers = save(name, drawing, folder / "figures")
-        svg.unlink()  # it is larger than all the rest, and drawn again from the rows
-        numbers.unlink()
-        written.append(png)
-    return written
-
-
-def _ended(runs: pd.DataFrame) -> str:
-    counts = runs["stop_reason"].value_counts().sort_index()
-    return ", ".join(f"{count} {reason}" for reason, count in counts.items())
-
-
-def _readme(rows: Sequence[Row], counts: Sequence[str], asked: Asked) -> str:
-    origin = provenance()
-    verdicts = "\n".join(
-        f"| {v} | {' | '.join(map(str, [sum(of.values()), *of.values()]))} |" for v, of in by_kind(rows).items()
-    )
-    commit = (origin["git_commit"][:10] or "unknown") + (" with changes" if origin["git_dirty"] else "")
-    return f"""# Reference: one run of both papers, kept
-
-Written by `make reference`, whose last step is `bench paper budget={asked.budget} seeds={asked.seeds} to=...`,
-at commit {commit}, on {origin["platform"]}; the versions of all packages are in the rows.
-Do not edit: a test holds these files to the papers' data files and to each other.
-
-- `{PRINTED}`: every printed number, what to read, and why where the print is wrong.
-- `ledger.parquet`, `ledger.csv`: the ledger (columns: `docs/ledger.md`).
-- A folder a study: `runs.parquet` (without clocks), `traces.parquet` ({_PER_DECADE} points a decade), `summary.csv`,
-  the papers' tables as `table2.csv` and so on, `figures/`. `bench report` on such a folder draws all other figures.
-
-| verdict | rows | {" | ".join(KINDS)} |
-|{"---|" * (2 + len(KINDS))}
-{verdicts}
-
-| study | runs | largest budget | ended by |
-|---|---|---|---|
-{chr(10).join(counts)}
-"""

@@ -7,7 +7,7 @@ that repeats a cell, an erratum of a cell). Rows that pass judgement on the same
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -58,41 +58,49 @@ class Ledger:
 
 
 def run_paper(
-    budget: str | int = "ci",
-    results: str | Path = "results",
-    seeds: str | int | None = None,
-    execution: str = "processes",
-    report: Report = lambda done, of, label: None,
-    to: str | Path | None = None,
-) -> Ledger:
+    budget: str | int = "ci", results: str | Path = "results", seeds: str | int | None = None,
+    execution: str = "processes", report: Report = lambda done, of, label: None, to: str | Path | None = None,
+) -> Ledger:  # fmt: skip
     """Rerun the papers with `budget` and write ``<results>/paper/ledger.{parquet,csv,html}``.
 
-    Beside them go what the Orthoglide's experiments support, ``orthoglide-experiments.md``, and section 3.3 of the
-    first paper over the variants of fmincon, ``cong2008-stopping.md``.
-
     `budget` is ci, paper, or a number of evaluations; `seeds` as of ``bench run``, by default those of the budget.
-    Runs go to ``<results>/<study>/`` as those of ``bench run`` do, and what is there is not run again,
-    unless other code made it. With `to`, the
-    reference of this rerun (`bench.papers.reference`) is written there, with the studies that no row needs.
+    What is in ``<results>/<study>/`` is not run again. With `to`, the reference of this rerun is written there.
     """
     if to is not None:
         reference.check_folder(Path(to))
     chosen = str(seeds if seeds is not None else budget if isinstance(budget, str) else "ci")
-    requests = {
-        paper.KEY: [_request(study, budget, chosen, results, execution) for study in paper.STUDIES] for paper in PAPERS
-    }
-    beside = [] if to is None else [_request(study, budget, chosen, results, execution) for study in _BESIDE]
-    evidence = {paper.KEY: _carry_out(requests[paper.KEY], report) for paper in PAPERS}
+
+    def request(study: str) -> Request:
+        limit = (study_preset(study) or {}).get("budget")  # a study with a budget of its own is only made smaller
+        keeps_its_own = isinstance(limit, int) and (isinstance(budget, str) or budget >= limit)
+        given = [] if keeps_its_own else [f"budget={budget}", f"seeds={chosen}"]
+        return read_request([f"study={study}", *given, f"results={results}", f"execution={execution}"], multirun=False)
+
+    requests = {paper.KEY: [request(study) for study in paper.STUDIES] for paper in PAPERS}
+    beside = [] if to is None else [request(study) for study in _BESIDE]
+    evidence = {key: _carry_out(mine, report) for key, mine in requests.items()}
     folder = Path(results) / "paper"
-    rows, pages = _rows_and_pages(evidence, folder)
+
+    # papers are computed at once, and with them the pages beside the ledger, of what is computed now
+    def of_first() -> tuple[list[Row], list[Path]]:
+        return list(cong2008.rows(evidence[cong2008.KEY])), [stopping.write_table(folder / "cong2008-stopping.md")]
+
+    def of_paper(paper: Paper) -> tuple[list[Row], list[Path]]:
+        return list(paper.rows(evidence[paper.KEY])), []
+
+    def experiments() -> tuple[list[Row], list[Path]]:
+        return [], [orthoglide.write_page(folder / "orthoglide-experiments.md")]
+
+    others = [partial(of_paper, paper) for paper in PAPERS if paper is not cong2008]
+    calls: list[Callable[[], tuple[list[Row], list[Path]]]] = [of_first, *others, experiments]
+    made = at_once(calls)
+    rows = agreed([row for some, _ in made for row in some])
     drawings = printed_figures.write(evidence[cong2008.KEY], folder / "figures")
     paths = [
-        files.write_parquet(rows, folder / "ledger.parquet"),
-        files.write_csv(rows, folder / "ledger.csv"),
+        *files.write_ledger(rows, folder),
         page.write_page(rows, str(budget), folder / "ledger.html", {cong2008.KEY: drawings}),
-        *pages,
-        *drawings,
-    ]
+        *(path for _, pages in made for path in pages), *drawings,
+    ]  # fmt: skip
     every = [*evidence.values(), *([_carry_out(beside, report)] if beside else [])]
     if to is not None:
         asked = reference.Asked(str(budget), chosen, [paper.KEY for paper in PAPERS])
@@ -100,44 +108,17 @@ def run_paper(
     return Ledger(tuple(rows), tuple(paths), sum(int((one.runs["status"] == "failed").sum()) for one in every))
 
 
-def _rows_and_pages(evidence: Mapping[str, Evidence], folder: Path) -> tuple[list[Row], list[Path]]:
-    """Return the rows of every paper, and the paths of the two pages beside the ledger; papers are computed at once."""
-
-    def of_paper(paper: Paper) -> tuple[list[Row], list[Path]]:
-        rows = list(paper.rows(evidence[paper.KEY]))
-        if paper is not cong2008:
-            return rows, []
-        return rows, [stopping.write_table(folder / "cong2008-stopping.md")]  # of what is computed now
-
-    def experiments() -> tuple[list[Row], list[Path]]:
-        return [], [orthoglide.write_page(folder / "orthoglide-experiments.md")]
-
-    calls: list[Callable[[], tuple[list[Row], list[Path]]]] = [
-        *(partial(of_paper, paper) for paper in PAPERS),
-        experiments,
-    ]
-    made = at_once(calls)
-    return agreed([row for rows, _ in made for row in rows]), [path for _, pages in made for path in pages]
-
-
-def _request(study: str, budget: str | int, seeds: str, results: str | Path, execution: str) -> Request:
-    limit = (study_preset(study) or {}).get("budget")  # a study with a budget of its own is only made smaller
-    keeps_its_own = isinstance(limit, int) and (isinstance(budget, str) or budget >= limit)
-    given = [] if keeps_its_own else [f"budget={budget}", f"seeds={seeds}"]
-    return read_request([f"study={study}", *given, f"results={results}", f"execution={execution}"], multirun=False)
-
-
 def _carry_out(requests: Sequence[Request], report: Report) -> Evidence:
     """Run what is left of the requests, and return their runs: others in the same folders are not looked at."""
-    runs, traces = [], []
+    if not requests:  # a paper that needs no runs
+        return Evidence(pd.DataFrame({"status": []}), pd.DataFrame({"run_id": []}))
+    runs: list[pd.DataFrame] = []
+    traces: list[pd.DataFrame] = []
     for request in requests:
         outcome = carry_out(request, report, way="rerun", tell=lambda line: print(f"bench: {line}", file=sys.stderr))
         store = ResultStore(request.folder)
-        every, points = store.runs(), store.traces()
-        runs.append(every[every["run_id"].isin(outcome.asked)])
-        traces.append(points[points["run_id"].isin(outcome.asked)])
-    if not requests:  # a paper that needs no runs
-        return Evidence(pd.DataFrame({"status": []}), pd.DataFrame({"run_id": []}))
+        for kept, table in ((runs, store.runs()), (traces, store.traces())):
+            kept.append(table[table["run_id"].isin(outcome.asked)])
     return Evidence(pd.concat(runs, ignore_index=True), pd.concat(traces, ignore_index=True))
 
 
@@ -147,20 +128,8 @@ def agreed(rows: Sequence[Row]) -> list[Row]:
     return [row if id(row) in apart else replace(row, differs="") for row in rows]
 
 
-def unexplained(rows: Sequence[Row]) -> list[str]:
-    """Return a sentence for each pair of rows about one print whose verdicts differ without an explanation."""
-    return [
-        f"{row.paper} {row.key}: {row.verdict}, but {other.key}: {other.verdict}"
-        for row, other in differing(rows)
-        if not row.differs
-    ]
-
-
 def differing(rows: Sequence[Row]) -> Iterator[tuple[Row, Row]]:
-    """Yield each row beside the row of a print it is about, where their verdicts differ.
-
-    Raises `KeyError` where a row is about a key that has no row.
-    """
+    """Yield each row beside the row of a print it is about, where their verdicts differ."""
     by_key = {(row.paper, row.key): row for row in rows}
     for row in rows:
         for key in row.about.split():

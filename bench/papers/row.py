@@ -21,15 +21,9 @@ from calibench import problems
 
 Array = NDArray[np.float64]
 Verdict = Literal[
-    "reproduced",
-    "reproduced in kind",
-    "misprint, corrected",
-    "artefact of the stopping tolerance",
-    "depends on plan or release",
-    "not reproduced",
-    "open at this budget",
-    "not checkable",
-]
+    "reproduced", "reproduced in kind", "misprint, corrected", "artefact of the stopping tolerance",
+    "depends on plan or release", "not reproduced", "open at this budget", "not checkable",
+]  # fmt: skip
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 # what the paper does with a number: it is given it, chooses it, or finds it; a found number that can only be held
 # against others that the paper found; a sentence; a slip of the print
@@ -39,7 +33,9 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 # (in every release: a claim judged in each variant of fmincon, whose verdicts are made into one; in half of them: a
 # cell judged in every plan and release, by the number that half of them come as near as)
 Rule = Literal["near", "at most", "at least", "at most, in every release", "near, in half of plans and releases"]
+_LARGEST = 1e300
 _FEW = 0.05  # of plans and releases: where no more than so many give the print, they contradict it
+_NEARNESS: tuple[Verdict, ...] = ("reproduced", "misprint, corrected", "reproduced in kind", "not reproduced")
 
 
 @final
@@ -53,12 +49,10 @@ class Ours:
     n: int
 
     @staticmethod
-    def of(values: Iterable[float] | float) -> Ours:
-        """Return the summary of one number or many; NaN was not measured, an infinite one is of a search that failed.
-
-        >>> Ours.of([1.0, 2.0, nan, inf, inf])
-        Ours(median=inf, q1=1.75, q3=inf, n=4)
-        """
+    def of(values: Ours | Iterable[float] | float) -> Ours:
+        """Return the summary of one number or many; NaN was not measured, infinite is a search that failed."""
+        if isinstance(values, Ours):
+            return values
         numbers = np.atleast_1d(np.asarray(values if isinstance(values, float | int) else list(values), dtype=float))
         numbers = numbers[~np.isnan(numbers)]
         if not numbers.size:
@@ -68,28 +62,20 @@ class Ours:
         return Ours(median, q1, q3, int(numbers.size))
 
 
-_LARGEST = 1e300
 NOTHING = Ours(nan, nan, nan, 0)
 
 
 @final
 @dataclass(frozen=True)
 class Tolerance:
-    """How near is the same number (`exact`), how near is the same in kind, and why.
-
-    `in_kind` is an absolute distance in the row's unit, or with ``decades=True`` a distance of decimal logarithms of
-    the numbers' distances from `origin`: of the errors, where that is the true value.
-    """
+    """How near is the same number (`exact`), the same in kind (`in_kind`: an absolute distance, or with `decades` one
+    of decimal logarithms of the distances from `origin`), and why."""
 
     exact: float
     why: str
     in_kind: float = nan
     decades: bool = False
     origin: float = 0.0
-
-    def same(self, ours: float, other: float) -> bool:
-        """Tell whether two numbers are the same to print."""
-        return abs(ours - other) <= self.exact
 
     def same_in_kind(self, ours: float, other: float) -> bool:
         """Tell whether two numbers are the same in kind; never where no such tolerance was given."""
@@ -102,13 +88,13 @@ class Tolerance:
         return decades_between(ours, other) <= self.in_kind
 
 
+NO_TOLERANCE = Tolerance(nan, "nothing to compare with")
+
+
 @final
 @dataclass(frozen=True)
 class Ruling:
-    """A verdict with what it follows from: the number that was judged, the limit it was held to, and in kind.
-
-    `share` is that of plans and releases within the band, where a row is judged over them.
-    """
+    """A verdict with what it follows from: the number judged, its limit, that in kind, and `share` as in `Row`."""
 
     verdict: Verdict
     judged: float
@@ -156,75 +142,17 @@ class Row:
     method: str
 
 
-def make_row(
-    *,
-    paper: str,
-    key: str,
-    kind: Kind,
-    about: str,
-    place: str,
-    quantity: str,
-    unit: str,
-    printed: float,
-    read: float,
-    ours: Ours,
-    tolerance: Tolerance,
-    ruling: Ruling,
-    reason: str,
-    method: str,
-    differs: str = "",
-) -> Row:
-    """Return the row of these parts: the numbers of the limits are the ruling's, the words the tolerance's."""
-    return Row(
-        paper=paper,
-        key=key,
-        kind=kind,
-        about=about,
-        place=place,
-        quantity=quantity,
-        unit=unit,
-        printed=float(printed),
-        read=float(read),
-        ours_median=ours.median,
-        ours_q1=ours.q1,
-        ours_q3=ours.q3,
-        n=ours.n,
-        judged=float(ruling.judged),
-        rule=ruling.rule,
-        tolerance=float(ruling.limit),
-        tolerance_in_kind=float(ruling.in_kind),
-        tolerance_in_decades=ruling.decades,
-        tolerance_origin=float(tolerance.origin),
-        share=float(ruling.share),
-        why_tolerance=tolerance.why,
-        verdict=ruling.verdict,
-        reason=" ".join(reason.split()),
-        differs=differs,
-        method=method,
-    )
-
-
 def judge(printed: float, read: float, ours: float, tolerance: Tolerance) -> Verdict:
-    """Return the verdict on a printed number. `printed` is NaN where nothing legible stands there.
-
-    A misprint is where ours agrees with what to read, to print or in kind, and with what is printed does not.
-
-    >>> half = Tolerance(0.05, "half a digit")
-    >>> judge(244.5, 243.5, 243.52, half), judge(243.5, 243.5, 243.52, half), judge(243.5, 243.5, 244.0, half)
-    ('misprint, corrected', 'reproduced', 'not reproduced')
-    """
+    """Return the verdict on a printed number, NaN where nothing legible stands; a misprint agrees with `read` alone."""
     if not isfinite(ours):
         return "not checkable"
-    if tolerance.same(ours, printed):
+    if abs(ours - printed) <= tolerance.exact:
         return "reproduced"
-    corrected = printed != read
-    if corrected and tolerance.same(ours, read):
+    if printed != read and abs(ours - read) <= tolerance.exact:
         return "misprint, corrected"
     if tolerance.same_in_kind(ours, printed):
         return "reproduced in kind"
-    if corrected and tolerance.same_in_kind(ours, read):
-        return "misprint, corrected"
-    return "not reproduced"
+    return "misprint, corrected" if printed != read and tolerance.same_in_kind(ours, read) else "not reproduced"
 
 
 def judge_near(printed: float, read: float, ours: float, tolerance: Tolerance) -> Ruling:
@@ -234,37 +162,21 @@ def judge_near(printed: float, read: float, ours: float, tolerance: Tolerance) -
 
 
 def judge_share(printed: float, read: float, values: Sequence[float], tolerance: Tolerance) -> Ruling:
-    """Return the ruling on a number over all plans and releases, of which the print says neither.
-
-    The verdict is the best that half of them reach. Where half do not reach the band it depends on plan or release, or
-    is not reproduced where hardly any (a twentieth) do.
-
-    >>> one = Tolerance(0.5, "half a digit")
-    >>> [judge_share(3.0, 3.0, values, one).verdict for values in ((3.1, 2.9, 9.0), (3.1, 9.0, 9.0), (8.0, 9.0))]
-    ['reproduced', 'depends on plan or release', 'not reproduced']
-    """
+    """Return the ruling over all plans and releases, which are not printed: the best verdict that half of them reach,
+    else that it depends on them, or is not reproduced where hardly any (a twentieth) come within the band."""
     nearest_first = sorted(
         (_NEARNESS.index(judge(printed, read, value, tolerance)), abs(value - printed), value) for value in values
     )
     share = sum(rank < len(_NEARNESS) - 1 for rank, _, _ in nearest_first) / len(values)
-    middle = nearest_first[(len(values) - 1) // 2][2]
-    ruling = judge_near(printed, read, middle, tolerance)
+    ruling = judge_near(printed, read, nearest_first[(len(values) - 1) // 2][2], tolerance)
     verdict = "depends on plan or release" if ruling.verdict == _NEARNESS[-1] and share > _FEW else ruling.verdict
     return replace(ruling, verdict=verdict, rule="near, in half of plans and releases", share=share)
 
 
-_NEARNESS: tuple[Verdict, ...] = ("reproduced", "misprint, corrected", "reproduced in kind", "not reproduced")
-
-
 def judge_either(printed: float, values: Sequence[float], tolerance: Tolerance) -> Ruling:
-    """Return the ruling on a number that may be of any of several tables: in kind where some give it and some do not.
-
-    >>> one = Tolerance(0.5, "half a digit")
-    >>> [judge_either(3.0, values, one).verdict for values in ((2.9, 3.1), (2.9, 2.1), (2.2, 2.1))]
-    ['reproduced', 'reproduced in kind', 'not reproduced']
-    """
+    """Return the ruling on a number that may be of any of several tables: in kind where only some give it."""
     nearest = min(values, key=lambda value: abs(value - printed), default=nan)
-    agree = sum(tolerance.same(value, printed) for value in values)
+    agree = sum(abs(value - printed) <= tolerance.exact for value in values)
     verdict: Verdict = "reproduced in kind" if agree else "not reproduced"
     if agree == len(values):
         verdict = "reproduced" if values else "not checkable"
@@ -272,11 +184,7 @@ def judge_either(printed: float, values: Sequence[float], tolerance: Tolerance) 
 
 
 def judge_limit(ours: float, below: float, below_in_kind: float = nan) -> Ruling:
-    """Return the ruling on a claim that holds where a number is at or below `below`, in kind to `below_in_kind`.
-
-    >>> [judge_limit(value, 1.0, 2.0).verdict for value in (0.5, 1.5, 3.0)]
-    ['reproduced', 'reproduced in kind', 'not reproduced']
-    """
+    """Return the ruling on a claim that holds where a number is at or below `below`, in kind to `below_in_kind`."""
     verdict: Verdict = "not checkable"
     if isfinite(ours):
         verdict = "reproduced" if ours <= below else "reproduced in kind" if ours <= below_in_kind else "not reproduced"
@@ -284,38 +192,21 @@ def judge_limit(ours: float, below: float, below_in_kind: float = nan) -> Ruling
 
 
 def judge_at_least(ours: float, above: float, above_in_kind: float = nan) -> Ruling:
-    """Return the ruling on a claim that holds where a number is at or above `above`, in kind from `above_in_kind` on.
-
-    >>> [judge_at_least(value, 2.0, 1.0).verdict for value in (3.0, 1.5, 0.5)]
-    ['reproduced', 'reproduced in kind', 'not reproduced']
-    """
-    return replace(judge_limit(-ours, -above, -above_in_kind), judged=ours, rule="at least", limit=above,
-                   in_kind=above_in_kind)  # fmt: skip
+    """Return the ruling on a claim that holds where a number is at or above `above`, in kind `above_in_kind`."""
+    below = judge_limit(-ours, -above, -above_in_kind)
+    return Ruling(below.verdict, ours, "at least", above, above_in_kind)
 
 
 def at_budget(ruling: Ruling, budget: float, printed_budget: float) -> Ruling:
-    """Return the ruling on a search that is said of `printed_budget` evaluations: open with less, whatever it shows.
-
-    >>> at_budget(judge_limit(0.5, 1.0), 20_000, 5e7).verdict, at_budget(judge_limit(0.5, 1.0), 5e7, 5e7).verdict
-    ('open at this budget', 'reproduced')
-    """
+    """Return the ruling on a search that is said of `printed_budget` evaluations: open with less, whatever it shows."""
     if ruling.verdict == "not checkable" or budget >= printed_budget:
         return ruling
     return replace(ruling, verdict="open at this budget")
 
 
 def judge_level(printed: float, ours: Ours, budget: float, printed_budget: float, tolerance: Tolerance) -> Ruling:
-    """Return the ruling on the level that a search is said to reach with `printed_budget` evaluations.
-
-    More evaluations only lower a level. So one that is below what is printed by more than the tolerance, in decades,
-    refutes it at any budget; any other is open until the whole budget was spent.
-
-    >>> decade = Tolerance(0.0, "a decade", 1.0, decades=True)
-    >>> judge_level(1e3, Ours.of(12.0), 20_000, 5e7, decade).verdict
-    'not reproduced'
-    >>> [judge_level(14.0, Ours.of(12.0), budget, 5e7, decade).verdict for budget in (20_000, 5e7)]
-    ['open at this budget', 'reproduced in kind']
-    """
+    """Return the ruling on the level of a search of `printed_budget` evaluations: more only lower it, so one that is
+    too low refutes it at any budget, and any other is open until the whole budget was spent."""
     ruling = judge_near(printed, printed, ours.median, tolerance)
     if ruling.verdict == "not reproduced" and ours.median < printed:
         return ruling
@@ -327,6 +218,11 @@ def decades_between(a: float, b: float) -> float:
     return abs(log10(a / b)) if a > 0 and b > 0 else inf
 
 
+def median(values: Sequence[float] | Array) -> float:
+    """Return the median; NaN of nothing."""
+    return float(np.median(values)) if len(values) else nan
+
+
 @final
 @dataclass(frozen=True, eq=False)
 class Evidence:
@@ -336,23 +232,16 @@ class Evidence:
     traces: pd.DataFrame
 
     def of(
-        self,
-        study: str,
-        problem: str,
-        optimizer: str,
-        problem_options: Mapping[str, Any],
+        self, study: str, problem: str, optimizer: str, problem_options: Mapping[str, Any],
         optimizer_options: Mapping[str, Any] | None = None,
-    ) -> pd.DataFrame:
+    ) -> pd.DataFrame:  # fmt: skip
         """Return the runs with these options, by repetition; an option that is not named may be anything."""
         runs = self.runs
         mine = runs[(runs["study"] == study) & (runs["problem"] == problem) & (runs["optimizer"] == optimizer)]
-        chosen = mine["problem_options"].map(lambda text: _has(text, problem_options)).astype(bool)
-        chosen &= mine["optimizer_options"].map(lambda text: _has(text, optimizer_options or {})).astype(bool)
-        return mine[chosen].sort_values(["problem_options", "repetition"], kind="stable")
-
-    def trace(self, run_id: str) -> pd.DataFrame:
-        """Return the trace of a run."""
-        return self.traces[self.traces["run_id"] == run_id]
+        for column, wanted in (("problem_options", problem_options), ("optimizer_options", optimizer_options or {})):
+            have = [json.loads(text) for text in mine[column]]
+            mine = mine[np.array([all(h.get(k) == v for k, v in wanted.items()) for h in have], dtype=bool)]
+        return mine.sort_values(["problem_options", "repetition"], kind="stable")
 
 
 def problem(name: str, **options: Any) -> Any:
@@ -370,15 +259,5 @@ def solved_for(misfit: Callable[[float], Array], start: float, scale: float = 1.
     return float(fit.x[0]), np.asarray(fit.jac[:, 0])
 
 
-def values_of(runs: pd.DataFrame, quantity: str) -> Array:
-    """Return a calibrated parameter, or a column of the runs, one number for each run."""
-    if quantity in runs.columns:
-        return runs[quantity].to_numpy(dtype=float)
-    kept = runs[runs["parameter_values"].notna()]
-    pairs = zip(kept["parameter_names"], kept["parameter_values"], strict=True)
-    return np.array([list(values)[list(names).index(quantity)] for names, values in pairs if quantity in list(names)])
-
-
-def _has(text: str, wanted: Mapping[str, Any]) -> bool:
-    have = json.loads(text)
-    return all(have.get(key) == value for key, value in wanted.items())
+def values_of(runs: pd.DataFrame, column: str) -> Array:
+    return runs[column].to_numpy(dtype=float)

@@ -1,15 +1,11 @@
 """Which code made a row: a digest of the problem's, of the optimiser's, and of the gate between them.
 
 ``code_digest`` is three groups of twelve digits, ``problem.optimizer.gate``; where the problem is given files, their
-content stands behind the first, ``problem-files.optimizer.gate``. It is no part of a run's id nor of its
-seed: the same run by other code is the same run, and a resume asks what to do with it. A group covers the module of the
-class and the local modules that it imports (`core.sources`); of what is defined in a notebook, the bytecode. That of
-an optimiser also holds the version of the library it calls, as does that of a problem that names one in `library`. The
-rest of this package, which draws and reports, is no part of it, nor are docstrings and comments.
-
-Files count that a problem is given as options of type `Path`, unless it has a `data_id`, which names its data. A
-relative path is searched for in the working folder, then beside the module of the class. Of a folder all files count,
-with their names, at any depth; hidden ones and `__pycache__` do not.
+content stands behind the first, ``problem-files.optimizer.gate``. It is no part of a run's id nor of its seed. A group
+covers the module of the class and the local modules that it imports (`core.sources`); of what is defined in a notebook,
+the bytecode; and the version of the library that is called. Files are options of type `Path`, unless the problem has a
+`data_id`; a relative one is searched for in the working folder, then beside the module of the class. Of a folder all
+files count, at any depth; hidden ones and `__pycache__` do not.
 """
 
 from __future__ import annotations
@@ -19,9 +15,11 @@ import stat
 import sys
 import types
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import lru_cache
 from hashlib import blake2b, file_digest
+from itertools import product
 from pathlib import Path, PurePath
 from typing import Any, TypedDict
 
@@ -29,27 +27,19 @@ from calibench.bench.provenance.environment import library_version
 from calibench.bench.provenance.run_id import code_of, made_as, plain, seen_options
 from calibench.core import sources
 
-GATE = tuple(f"calibench.bench.gate.{name}" for name in ("evaluator", "calls", "face", "box"))
+GATE = tuple(f"calibench.bench.gate.{name}" for name in ("evaluator", "calls", "face"))
 PARTS = ("problem", "optimizer", "gate", "files")
 
 
 def code_digest(problem: Any, optimizer: Any) -> str:
-    """Return the digest of the code that runs `optimizer` on `problem`, ``problem.optimizer.gate``.
-
-    A class in the place of its object has the object's.
-    """
+    """Return the digest of the code that runs `optimizer` on `problem`; a class has its object's."""
     library = library_of(optimizer)
     method = _digest([digest_of(optimizer), library["library"], library["library_version"]])
+    task, package = digest_of(problem), getattr(problem, "library", None)
+    if isinstance(package, str):  # whose function it is
+        task = _digest([task, package, library_version(package)])
     files = digest_of_files(problem)
-    return f"{_digest_of_problem(problem)}{files and f'-{files}'}.{method}.{gate_digest()}"
-
-
-def _digest_of_problem(problem: Any) -> str:
-    """Return 12 digits for the code of a problem, and for the version of the `library` whose function it is, if any."""
-    library = getattr(problem, "library", None)
-    if not isinstance(library, str):
-        return digest_of(problem)
-    return _digest([digest_of(problem), library, library_version(library)])
+    return f"{task}{files and f'-{files}'}.{method}.{gate_digest()}"
 
 
 def gate_digest() -> str:
@@ -58,17 +48,13 @@ def gate_digest() -> str:
 
 
 def changed_parts(before: str, now: str) -> list[str]:
-    """Return which parts differ between two digests: some of problem, optimizer, gate, files.
-
-    A digest from before files were part of it has no part for them.
-    """
-    return [part for part, a, b in zip(PARTS, _parts(before), _parts(now), strict=False) if a != b and (a and b)]
-
-
-def _parts(digest: str) -> tuple[str, ...]:
-    problem, *others = digest.split(".")
-    code, _, files = problem.partition("-")
-    return code, *others, files
+    """Return which parts differ between two digests: some of `PARTS`; files are no part of an old one."""
+    parts = []
+    for digest in (before, now):
+        problem, *others = digest.split(".")
+        code, _, files = problem.partition("-")
+        parts.append([code, *others, files])
+    return [part for part, a, b in zip(PARTS, *parts, strict=False) if a != b and (a and b)]
 
 
 class Library(TypedDict):
@@ -92,14 +78,12 @@ def digest_of(thing: Any) -> str:
     targets: list[Any] = [thing if isinstance(thing, types.FunctionType | type) else type(thing)]
     if made is not None:
         targets.append(made.factory)
-    digests = {_told(target) for target in targets}
+    digests = set()
+    for target in targets:
+        inner = getattr(target, "func", target)  # a partial stands where its function does
+        module = getattr(inner, "__module__", None) or type(inner).__module__
+        digests.add(sources.module_digest(module) or _digest(_of_live_code(inner, module, set())))
     return digests.pop() if len(digests) == 1 else _digest(sorted(digests))
-
-
-def _told(target: Any) -> str:
-    inner = getattr(target, "func", target)  # a partial stands where its function does
-    module = getattr(inner, "__module__", None) or type(inner).__module__
-    return sources.module_digest(module) or _digest(_of_live_code(inner, module, set()))
 
 
 def _of_live_code(target: Any, module: str, seen: set[int]) -> list[Any]:
@@ -107,20 +91,20 @@ def _of_live_code(target: Any, module: str, seen: set[int]) -> list[Any]:
     if id(target) in seen:
         return []
     seen.add(id(target))
-    if isinstance(target, type):
-        parts: list[Any] = [target.__qualname__]
-        for base in target.__bases__:
-            parts.append(sources.module_digest(base.__module__) or _of_live_code(base, module, seen))
-        for name, value in sorted(vars(target).items()):
-            if name.startswith("__") and not isinstance(value, types.FunctionType):
-                continue
+    if not isinstance(target, type):
+        return [_of_member(target, module, seen)]
+    parts: list[Any] = [target.__qualname__]
+    for base in target.__bases__:
+        parts.append(sources.module_digest(base.__module__) or _of_live_code(base, module, seen))
+    for name, value in sorted(vars(target).items()):
+        if isinstance(value, types.FunctionType) or not name.startswith("__"):
             parts.append([name, _of_member(value, module, seen)])
-        return parts
-    return [_of_member(target, module, seen)]
+    return parts
 
 
 def _of_member(value: Any, module: str, seen: set[int]) -> Any:
-    functions = list(_functions(value))
+    members = [value, *(getattr(value, part, None) for part in ("__func__", "fget", "func", "__wrapped__"))]
+    functions = [one for one in members if isinstance(one, types.FunctionType)]
     if not functions:
         try:
             return plain(value)
@@ -137,26 +121,17 @@ def _of_member(value: Any, module: str, seen: set[int]) -> Any:
             if isinstance(used, type | types.FunctionType) and used.__module__ == module:
                 parts.append([name, _of_live_code(used, module, seen)])
             elif isinstance(used, types.ModuleType):
-                parts.append([name, sources.module_digest(used.__name__) if _is_local(used) else ""])
+                file = sources.file_of(used.__name__)
+                is_local = file is not None and sources.is_local(file) and used.__name__ in sys.modules
+                parts.append([name, sources.module_digest(used.__name__) if is_local else ""])
             elif isinstance(used, int | float | str | tuple):
                 parts.append([name, repr(used)])
     return parts
 
 
-def _functions(value: Any) -> Iterator[types.FunctionType]:
-    for one in (value, *(getattr(value, part, None) for part in ("__func__", "fget", "func", "__wrapped__"))):
-        if isinstance(one, types.FunctionType):
-            yield one
-
-
 def _names(code: types.CodeType) -> list[str]:
     inner = [name for c in code.co_consts if isinstance(c, types.CodeType) for name in _names(c)]
     return sorted({*code.co_names, *inner})
-
-
-def _is_local(module: types.ModuleType) -> bool:
-    file = sources.file_of(module.__name__)
-    return file is not None and sources.is_local(file) and module.__name__ in sys.modules
 
 
 def _digest(value: Any) -> str:
@@ -168,14 +143,25 @@ _MOST = 10_000  # files and folders in a folder: to look through them takes some
 
 
 def digest_of_files(problem: Any) -> str:
-    """Return 12 digits for the content of the files that the options of `problem` name; '' where there are none."""
+    """Return 12 digits for the content of the files that the options of `problem` name; '' where none is there."""
     if isinstance(problem, type) or getattr(problem, "data_id", None) is not None:
         return ""
     made = made_as(problem)
     options = seen_options(problem) if made is None else made.arguments
     home = sources.file_of(type(problem).__module__)
-    found = [content for path in _paths(options) if (content := _content(path, home))]
-    return blake2b("".join(found).encode(), digest_size=6).hexdigest() if found else ""
+    digests = []
+    for path in _paths(options):
+        places = [Path(path), *([] if home is None else [home.parent / path])]
+        for is_folder, place in product((False, True), places):
+            with suppress(OSError):
+                if is_folder and place.is_dir():
+                    digests.append(_digest_of_folder(place.absolute(), _files_of(place)))
+                    break
+                if not is_folder and place.is_file():
+                    status = place.stat()
+                    digests.append(_digest_of_file(place.absolute(), status.st_size, status.st_mtime_ns))
+                    break
+    return blake2b("".join(digests).encode(), digest_size=6).hexdigest() if digests else ""
 
 
 def _paths(value: Any, depth: int = 0) -> Iterator[PurePath]:
@@ -192,32 +178,11 @@ def _paths(value: Any, depth: int = 0) -> Iterator[PurePath]:
             yield from _paths(each, depth + 1)
 
 
-def _content(path: PurePath, home: Path | None) -> str:
-    """Return the digest of the content of a file, or else of a folder; '' for what is missing or cannot be read."""
-    places = (Path(path), *(() if home is None else (home.parent / path,)))
-    for place in places:
-        try:
-            if place.is_file():
-                status = place.stat()
-                return _digest_of_file(place.absolute(), status.st_size, status.st_mtime_ns)
-        except OSError:  # the problem itself will say so
-            continue
-    for place in places:
-        try:
-            if place.is_dir():
-                return _digest_of_folder(place.absolute(), _files_of(place))
-        except OSError:
-            continue
-    return ""
-
-
 def _files_of(folder: Path) -> tuple[tuple[str, int, int], ...]:
-    """Return name, size and time of all files in a folder, sorted; a folder that links lead to again counts once.
-
-    Raises `ValueError` where there are too many of them to look through at every run.
-    """
+    """Return name, size and time of all files in a folder, sorted; a folder that links lead to again counts once."""
     found: list[tuple[str, int, int]] = []
-    entries, seen, left = 0, {_place(folder.stat())}, [("", folder)]
+    status = folder.stat()
+    entries, seen, left = 0, {(status.st_dev, status.st_ino)}, [("", folder)]
     while left:
         above, inside = left.pop()
         for entry in sorted(os.scandir(inside), key=lambda entry: entry.name):
@@ -236,14 +201,10 @@ def _files_of(folder: Path) -> tuple[tuple[str, int, int], ...]:
                 continue
             if stat.S_ISREG(status.st_mode):
                 found.append((name, status.st_size, status.st_mtime_ns))
-            elif stat.S_ISDIR(status.st_mode) and (place := _place(status)) not in seen:
-                seen.add(place)
+            elif stat.S_ISDIR(status.st_mode) and (status.st_dev, status.st_ino) not in seen:
+                seen.add((status.st_dev, status.st_ino))
                 left.append((f"{name}/", inside / entry.name))
     return tuple(sorted(found))
-
-
-def _place(status: os.stat_result) -> tuple[int, int]:
-    return status.st_dev, status.st_ino
 
 
 @lru_cache(maxsize=64)

@@ -6,6 +6,7 @@ import json
 import platform
 import subprocess
 import sys
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -27,12 +28,18 @@ class Provenance(TypedDict):
 @cache
 def provenance() -> Provenance:
     """Return git_commit, git_dirty (of this package's checkout, else empty), versions (JSON) and platform."""
-    commit, dirty = _checkout()
+    root = Path(__file__).resolve().parents[2]
+    lines: list[str] = []
+    if (root / ".git").exists():
+        asked = ["git", "-C", str(root), "status", "--porcelain=v2", "--branch", "--untracked-files=no"]
+        with suppress(OSError, subprocess.SubprocessError):
+            lines = subprocess.run(asked, capture_output=True, text=True, timeout=10, check=True).stdout.splitlines()
+    commit = next((line.split()[-1] for line in lines if line.startswith("# branch.oid ")), "")
     versions = {package: library_version(package) for package in _PACKAGES}
     versions |= {package: version for package in _SUITES if (version := library_version(package))}
     return {
-        "git_commit": commit,
-        "git_dirty": dirty,
+        "git_commit": "" if commit == "(initial)" else commit,
+        "git_dirty": any(not line.startswith("#") for line in lines),
         "versions": json.dumps({"python": platform.python_version(), **versions}),
         "platform": f"{sys.platform} {platform.machine()}",
     }
@@ -45,20 +52,3 @@ def library_version(package: str) -> str:
         return version(package)
     except (PackageNotFoundError, ValueError):
         return ""
-
-
-def _checkout() -> tuple[str, bool]:
-    """Return the commit of this package's checkout, and whether a tracked file differs from it; "" outside of one."""
-    root = Path(__file__).resolve().parents[2]
-    if not (root / ".git").exists():
-        return "", False
-    asked = ["git", "-C", str(root), "status", "--porcelain=v2", "--branch", "--untracked-files=no"]
-    try:
-        done = subprocess.run(asked, capture_output=True, text=True, timeout=10)
-    except (OSError, subprocess.TimeoutExpired):
-        return "", False
-    if done.returncode != 0:
-        return "", False
-    lines = done.stdout.splitlines()
-    commit = next((line.split()[-1] for line in lines if line.startswith("# branch.oid ")), "")
-    return "" if commit == "(initial)" else commit, any(not line.startswith("#") for line in lines)

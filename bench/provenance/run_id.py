@@ -1,15 +1,12 @@
 """The identity of a run: canonical names and options, the digest that names it, and the seeds that follow from names.
 
-Nothing here depends on the order of jobs, on the machine, or on Python's `hash`: an optimiser added to a sweep leaves
-every other row as it was, to the last bit. Options are JSON in which every difference between two runs is kept: there
-numbers, texts, lists and mappings stay as they are, a dataclass becomes its fields; a large array, another object or a
-nameless function is represented by a digest of its content. What has none, such as a random generator or an open file,
-is refused.
+Nothing here depends on the order of jobs, on the machine, or on Python's `hash`. Options are JSON in which every
+difference between two runs is kept: numbers, texts, lists and mappings stay as they are, a dataclass becomes its
+fields; a large array, another object or a nameless function is a digest of its content. What has none is refused.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import json
 import types
@@ -19,7 +16,6 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import lru_cache
 from hashlib import blake2b
-from json import dumps
 from pathlib import PurePath
 from sys import modules
 from typing import Any
@@ -50,15 +46,12 @@ def name_of(thing: Any) -> str:
 
 
 def options_of(thing: Any) -> dict[str, Any]:
-    """Return the options of a problem or optimiser as JSON can hold them.
+    """Return the options of a problem or optimiser as JSON can hold them; `ValueError` for one that cannot be told.
 
     For an entry of a registry: the arguments it was given, then its own `options`, then the defaults; an option of its
     `said_if_chosen` only where it was given. For another object: its `options`, or its dataclass fields, or its
-    attributes that are named as the parameters of its `__init__`; a parameter that is no attribute (``self.n`` or
-    ``self._n``) shows only in the box, with a warning. Where `options` is one parameter beside others, it is a value
-    as they are, and says nothing of them; but for a class with ``options_tell_all = True``.
-
-    Raises `ValueError` for a value that cannot be told from others, such as a random generator.
+    attributes named as the parameters of its `__init__` (``self.n`` or ``self._n``). Where `options` is one parameter
+    beside others, it says nothing of them, but for a class with ``options_tell_all = True``.
     """
     made = made_as(thing)
     if made is None:
@@ -67,16 +60,41 @@ def options_of(thing: Any) -> dict[str, Any]:
 
 
 def seen_options(thing: Any) -> Mapping[Any, Any]:
-    """Return the options, as they are, of an object that no registry made."""
+    """Return the options of an object that no registry made; 10 and 10.0 of a float are one run."""
     said = _said(thing, _parameters(type(thing)))
-    return _seen(thing) if said is None else said
+    if said is not None:
+        return said
+    if isinstance(thing, type):
+        return {}
+    found: dict[str, Any] = {}
+    if is_dataclass(thing):
+        found = {field.name: getattr(thing, field.name) for field in fields(thing) if field.init}
+    else:
+        hidden = []
+        for name in _parameters(type(thing)):
+            attribute = next((each for each in (name, f"_{name}") if hasattr(thing, each)), None)
+            if attribute is None:
+                hidden.append(name)
+            else:
+                found[name] = getattr(thing, attribute)
+        if hidden:
+            box = [np.asarray(getattr(thing, side, ()), dtype=float).tolist() for side in ("lower", "upper", "start")]
+            found |= dict.fromkeys(hidden, f"{UNSEEN} {digest(box)}")
+    kind: Any = type(thing)
+    declared = _declared(kind)
+    for name, value in found.items():
+        if isinstance(value, str | float | bool):  # rows tell these in one way
+            continue
+        with suppress(KeyError, ValueError, TypeError):  # no such parameter; an attribute of another type
+            taken = declared[name].taken(name, value)
+            found[name] = taken if plain(taken) == plain(value) else value
+    return found
 
 
 def _said(thing: Any, parameters: Collection[str], argument: Any = None) -> Mapping[Any, Any] | None:
     """Return the `options` by which an object tells what it is; None without, or where they are one of its parameters.
 
-    As a parameter beside others it would hide them: of two objects that differ in another one all would be the same.
-    `argument` is what that parameter was given, where it is known.
+    As a parameter (given `argument`) beside others they would hide these.
     """
     own = getattr(thing, OPTIONS, None)
     if not isinstance(own, Mapping):
@@ -89,10 +107,7 @@ def _said(thing: Any, parameters: Collection[str], argument: Any = None) -> Mapp
 
 
 def options_as_asked(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what `options_of` returns of the entry `name` made with `options`, where that cannot be built to ask it.
-
-    It is the same unless the object itself says other `options`.
-    """
+    """Return what `options_of` returns of the entry `name` made with `options`, without building it."""
     given = registry.check(name, options)
     defaults = {key: option.default for key, option in registry.options(name).items()}
     factory = registry.factory(name)
@@ -104,8 +119,8 @@ def made_as(thing: Any) -> Made | None:
     return problems.registry.made(thing) or optimizers.registry.made(thing)
 
 
-def canonical(options: Mapping[str, Any]) -> str:
-    """Return options as JSON with sorted keys: equal options, equal text."""
+def canonical(options: Any) -> str:
+    """Return options, or any JSON, as text with sorted keys: equal options, equal text."""
     return json.dumps(options, sort_keys=True, separators=(",", ":"), default=list)
 
 
@@ -113,32 +128,36 @@ def chosen_options(registry: Registry[Any], name: str, options: Mapping[str, Any
     """Return the options that differ from what `name` declares, so that a new option with a default changes no id."""
     if name not in registry:  # a class by its path, or an object: all its options count
         return dict(options)
-    declared = registry.options(name)
-    return {k: v for k, v in options.items() if k not in declared or not _is_default(v, declared[k])}
+    declared = {key: option for key, option in registry.options(name).items() if not option.required}
+    return {
+        key: value
+        for key, value in options.items()
+        if key not in declared or canonical({"": value}) != canonical({"": declared[key].default})
+    }
 
 
 def given_options(registry: Registry[Any], name: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options of a row as `make` takes them.
 
-    None in a row also means an option that a registered name leaves out: an instance determines plan and noise by
-    itself. The word that a row has for a default that is a function or an object is left out, so the default is used.
+    None may mean an option that a registered name leaves out; the word for a default that is an object is left out.
     """
-    if name not in registry:  # somebody's own: None is what was given
-        try:
-            declared = registry.options(name)
-        except ValueError:  # it is elsewhere
-            return dict(options)
-        return {k: v for k, v in options.items() if k not in declared or not _is_word_of(v, declared[k])}
-    declared = registry.options(name)
-    return {k: v for k, v in options.items() if v is not None or (k in declared and declared[k].takes_none)}
-
-
-def _is_word_of(value: Any, option: Option) -> bool:
-    """Tell whether `value` is the word that a row has for the option's default, which is not a word itself."""
+    if name in registry:
+        declared = registry.options(name)
+        return {k: v for k, v in options.items() if v is not None or (k in declared and declared[k].takes_none)}
     try:
-        return not option.required and isinstance(value, str) and value == plain(option.default) != option.default
-    except NotPlain:
-        return False
+        declared = registry.options(name)
+    except ValueError:  # it is elsewhere
+        return dict(options)
+    given = {}
+    for key, value in options.items():  # of somebody's own None is what was given
+        is_word = False
+        with suppress(NotPlain):
+            option = declared.get(key)
+            if option is not None and not option.required and isinstance(value, str):
+                is_word = value == plain(option.default) != option.default
+        if not is_word:
+            given[key] = value
+    return given
 
 
 def key_of_problem(problem: Any, name: str) -> list[Any]:
@@ -156,10 +175,6 @@ def run_id(problem_key: Any, optimizer_key: Any, budget: int, repetition: int, s
     if isinstance(start, np.ndarray):
         start = (start + 0.0).tolist()  # -0.0 is 0.0
     return digest(problem_key, optimizer_key, budget, repetition, start, target)
-
-
-def _is_default(value: Any, option: Option) -> bool:
-    return not option.required and canonical({"": value}) == canonical({"": option.default})
 
 
 def _of_made(thing: Any, made: Made, said: Mapping[str, Any]) -> dict[str, Any]:
@@ -185,39 +200,6 @@ def _as_plain(thing: Any, options: Mapping[Any, Any]) -> dict[str, Any]:
                 f"{name_of(thing)}: its option {key} cannot be written into results: {error}; give the object "
                 "`options`, a mapping that says what tells it from others"
             ) from None
-    return held
-
-
-def _seen(thing: Any) -> dict[str, Any]:
-    """Return the fields of an object that no registry made, or its attributes that are named as parameters."""
-    if isinstance(thing, type):
-        return {}
-    if dataclasses.is_dataclass(thing):
-        return _as_declared(thing, {f.name: getattr(thing, f.name) for f in dataclasses.fields(thing) if f.init})
-    found, hidden = {}, []
-    for name in _parameters(type(thing)):
-        for attribute in (name, f"_{name}"):
-            if hasattr(thing, attribute):
-                found[name] = getattr(thing, attribute)
-                break
-        else:
-            hidden.append(name)
-    if hidden:
-        box = [np.asarray(getattr(thing, side, ()), dtype=float).tolist() for side in ("lower", "upper", "start")]
-        found |= dict.fromkeys(hidden, f"{UNSEEN} {digest(box)}")
-    return _as_declared(thing, found)
-
-
-def _as_declared(thing: Any, found: dict[str, Any]) -> dict[str, Any]:
-    """Return values in the types of their annotations where they are equal: 10 and 10.0 of a float are one run."""
-    kind: Any = type(thing)
-    held, declared = dict(found), _declared(kind)
-    for name, value in found.items():
-        if isinstance(value, str | float | bool):  # rows tell these in one way
-            continue
-        with suppress(KeyError, ValueError, TypeError):  # no such parameter; an attribute of another type
-            taken = declared[name].taken(name, value)
-            held[name] = taken if plain(taken) == plain(value) else value
     return held
 
 
@@ -276,14 +258,37 @@ def plain(value: Any, depth: int = 0) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item, depth + 1) for item in value]
     if isinstance(value, set | frozenset):
-        return sorted((plain(item, depth + 1) for item in value), key=_text)
+        return sorted((plain(item, depth + 1) for item in value), key=canonical)
     if isinstance(value, PurePath):
         return str(value)
     if isinstance(value, complex | range | slice):
         return repr(value)
     if isinstance(value, bytes | bytearray):
         return f"bytes {_digest(bytes(value).hex())}"
-    return _object(value, depth + 1)
+    # a function or class is its module and name, another object its class and attributes
+    there: Any = modules.get(getattr(value, "__module__", None) or "")
+    for part in str(getattr(value, "__qualname__", "")).split("."):
+        there = getattr(there, part, None)
+    if isinstance(value, type | types.BuiltinFunctionType | np.ufunc) or (there is value and callable(value)):
+        return _path_of(value)
+    if isinstance(value, types.FunctionType):
+        return f"{_path_of(value)} {_digest(code_of(value, depth + 1))}"
+    if isinstance(value, types.MethodType):
+        return [plain(value.__self__, depth + 1), value.__func__.__qualname__]
+    if callable(getattr(value, "func", None)) and isinstance(getattr(value, "keywords", None), Mapping):  # a partial
+        return [plain(part, depth + 1) for part in (value.func, value.args, value.keywords)]
+    options = getattr(value, "options", None)
+    if isinstance(options, Mapping):
+        return {"class": _path_of(type(value)), **plain(options, depth + 1)}
+    if hasattr(value, "__array__"):
+        columns = [str(name) for name in getattr(value, "columns", ())]
+        return f"{_path_of(type(value))} {_digest([columns, _array(np.asarray(value), depth + 1)])}"
+    held = _held(value)
+    if held is None:
+        raise NotPlain(f"a {type(value).__name__} has nothing to tell it from another")
+    if is_dataclass(value) and {*held} == {f.name for f in fields(value) if f.init}:  # they are all that it is
+        return {CLASS: _path_of(type(value)), **plain(held, depth + 1)}
+    return f"{_path_of(type(value))} {_digest(plain(held, depth + 1))}" if held else _path_of(type(value))
 
 
 def code_of(value: Any, depth: int = 0) -> Any:
@@ -291,30 +296,6 @@ def code_of(value: Any, depth: int = 0) -> Any:
     closed = [cell.cell_contents for cell in value.__closure__ or ()]
     bound = [value.__defaults__ or (), value.__kwdefaults__ or {}, closed]
     return [_code(value.__code__, value.__doc__), plain(bound, depth + 1)]
-
-
-def _object(value: Any, depth: int) -> Any:
-    """Return a function or class by its module and name, and another object by its class and attributes."""
-    if isinstance(value, type | types.BuiltinFunctionType | np.ufunc) or _is_importable(value):
-        return _path_of(value)
-    if isinstance(value, types.FunctionType):
-        return f"{_path_of(value)} {_digest(code_of(value, depth))}"
-    if isinstance(value, types.MethodType):
-        return [plain(value.__self__, depth), value.__func__.__qualname__]
-    if callable(getattr(value, "func", None)) and isinstance(getattr(value, "keywords", None), Mapping):  # a partial
-        return [plain(part, depth) for part in (value.func, value.args, value.keywords)]
-    options = getattr(value, "options", None)
-    if isinstance(options, Mapping):
-        return {"class": _path_of(type(value)), **plain(options, depth)}
-    if hasattr(value, "__array__"):
-        columns = [str(name) for name in getattr(value, "columns", ())]
-        return f"{_path_of(type(value))} {_digest([columns, _array(np.asarray(value), depth)])}"
-    held = _held(value)
-    if held is None:
-        raise NotPlain(f"a {type(value).__name__} has nothing to tell it from another")
-    if is_dataclass(value) and {*held} == {f.name for f in fields(value) if f.init}:  # they are all that it is
-        return {CLASS: _path_of(type(value)), **plain(held, depth)}
-    return f"{_path_of(type(value))} {_digest(plain(held, depth))}" if held else _path_of(type(value))
 
 
 def _held(value: Any) -> dict[str, Any] | None:
@@ -343,21 +324,15 @@ def _array(array: np.ndarray[Any, Any], depth: int) -> str:
 
 def _code(code: types.CodeType, doc: str | None) -> list[Any]:
     constants = code.co_consts[1:] if doc is not None and code.co_consts[:1] == (doc,) else code.co_consts
-    held = [_code(c, None) if isinstance(c, types.CodeType) else _constant(c) for c in constants]
+    held: list[Any] = []
+    for value in constants:
+        if isinstance(value, types.CodeType):
+            held.append(_code(value, None))
+        elif isinstance(value, frozenset):  # in an order that Python draws anew for each process
+            held.append(f"set {sorted(map(repr, value))}")
+        else:
+            held.append(repr(value))
     return [code.co_code.hex(), list(code.co_names), held]
-
-
-def _constant(value: Any) -> str:
-    if isinstance(value, frozenset):  # in an order that Python draws anew for each process
-        return f"set {sorted(map(repr, value))}"
-    return repr(value)
-
-
-def _is_importable(value: Any) -> bool:
-    found: Any = modules.get(getattr(value, "__module__", None) or "")
-    for part in str(getattr(value, "__qualname__", "")).split("."):
-        found = getattr(found, part, None)
-    return found is value and value is not None and callable(value)
 
 
 def _path_of(value: Any) -> str:
@@ -365,8 +340,4 @@ def _path_of(value: Any) -> str:
 
 
 def _digest(value: Any) -> str:
-    return blake2b(_text(value).encode(), digest_size=8).hexdigest()
-
-
-def _text(value: Any) -> str:
-    return dumps(value, sort_keys=True, separators=(",", ":"))
+    return blake2b(canonical(value).encode(), digest_size=8).hexdigest()

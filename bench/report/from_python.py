@@ -70,22 +70,20 @@ class Runs:
         levels = levels_of(self.runs, {"gap": COCO_GAPS})
         if levels.empty:
             raise ValueError("no run found a value inside the box: there is no best value to set targets above")
-        names = columns_for(["gap"])
         place = {run_id: i for i, run_id in enumerate(self.runs["run_id"])}
         mine = traces[traces["run_id"].isin(place)]
         mine = mine.iloc[mine["run_id"].map(place).argsort(kind="stable")]
-        rows = _arrow(self.runs, pa.schema([RUNS_SCHEMA.field(name) for name in names]))
-        tables = list(hit_tables(rows, [_arrow(mine, TRACES_SCHEMA)], levels))
-        return to_pandas(pa.concat_tables([HITS_SCHEMA.empty_table(), *tables]))
+        schema = pa.schema([RUNS_SCHEMA.field(name) for name in columns_for(["gap"])])
+        rows, points = (
+            # the metadata of pandas name types which it cannot read back
+            pa.Table.from_pandas(table[s.names], s, preserve_index=False).replace_schema_metadata(None)
+            for table, s in ((self.runs, schema), (mine, TRACES_SCHEMA))
+        )
+        return to_pandas(pa.concat_tables([HITS_SCHEMA.empty_table(), *hit_tables(rows, [points], levels)]))
 
     def title(self) -> str:
         titles = problem_titles(self.runs).unique()
         return str(titles[0]) if len(titles) == 1 else counted(len(titles), "problem")
-
-
-def _arrow(table: pd.DataFrame, schema: pa.Schema) -> pa.Table:
-    whole = pa.Table.from_pandas(table[schema.names], schema, preserve_index=False)
-    return whole.replace_schema_metadata(None)  # that of pandas names types which it cannot read back
 
 
 def read_source(source: Source, problem: str | None = None, traces: pd.DataFrame | None = None) -> Runs:

@@ -1,8 +1,7 @@
 """One run in a terminal: `find_run` looks it up, `show_run` describes it, `again_command` repeats it.
 
-Its curve is one line of blocks over the logarithm of the cost, and a table below it. The height is the logarithm of the
-value above the least that is possible: the declared minimum, or zero where no value is below it. Where neither holds it
-is the value itself. A run that has come down to rounding ends at the bottom.
+Its curve is one line of blocks over the logarithm of the cost; the height is the logarithm of the value above the
+declared minimum, or zero where no value is below it, else the value itself.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ import json
 import re
 import shlex
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -26,7 +26,7 @@ from calibench.bench.store.manifest import StoreError, studies_in
 from calibench.bench.store.runs import ResultStore
 from calibench.core.registry import MissingFile, NotImported, names_of_files
 from calibench.core.words import listed, plain
-from calibench.problems.base import Parameter, parameters_of
+from calibench.problems.base import parameters_of
 
 Array = NDArray[np.float64]
 _TARGETS = 12  # that are listed
@@ -43,12 +43,39 @@ _WORDS = {"true", "false", "null", "nan", "inf"}
 def show_run(run: Found) -> str:
     """Return the run as text."""
     row = run.row
-    lines = [f"run {row['run_id']}  (study {row['study']}, {run.folder})", *_asked(row)]
-    lines += [*_ended(row), *_answer(row)]
-    if (curve := curve_of(run.trace)) is not None:
-        lines += ["", "curve, over the logarithm of what was charged:"]
-        lines += curve_lines(curve, float(row["minimum"]) if _is_known(row["minimum"]) else None, _unit(row))
-    lines += _targets(row)
+    unit = f" {row['unit']}" if isinstance(row["unit"], str) and row["unit"] else ""
+    lines = [f"run {row['run_id']}  (study {row['study']}, {run.folder})", *_asked_and_ended(row)]
+    best = "no finite value was found"
+    if row["best_evaluation"]:
+        best = f"{row['best_value']:.6g}{unit} at evaluation {row['best_evaluation']}"
+    lines.append(f"best       {best}")
+    if _is_known(row["judged_evaluations"]):
+        fresh = int(row["judged_evaluations"])
+        how = f"mean of {fresh} fresh evaluations" if fresh else "without noise"
+        lines.append(f"judged     {row['judged_value']:.6g}{unit} ({how})")
+    if _is_known(row["minimum"]):
+        gap = f": {plain(row['best_value'] - row['minimum'], 4)} above it" if row["best_evaluation"] else ""
+        lines.append(f"minimum    {row['minimum']:.6g}{unit}, as the problem declares{gap}")
+    if _is_known(row["kmrmse"]):
+        raw, aligned, phi = (plain(row[name], 4) for name in ("kmrmse", "kmrmse_aligned", "gauge_phi"))
+        lines.append(f"merit      kmrmse {raw} mm, modulo the gauge {aligned} mm, phi {phi} rad")
+    if isinstance(row["merit"], str):
+        merits = json.loads(row["merit"]).items()
+        lines.append("merit      " + ", ".join(f"{k} {v:.6g}" if type(v) is float else f"{k} {v}" for k, v in merits))
+    if row["best_evaluation"] and _is_known(row["inside_box"]):
+        bounds = ", ".join(row["at_bound"]) or "none"
+        lines.append(f"box        {'inside' if row['inside_box'] else 'outside'}; at a bound: {bounds}")
+    lines += curve_lines(run.trace, float(row["minimum"]) if _is_known(row["minimum"]) else None, unit)
+    hits = list(zip(map(float, row["targets"]), row["hits"], row["hits_charged"], strict=True))
+    if hits:
+        reached = [(level, int(hit), int(charged)) for level, hit, charged in hits if _is_known(hit)]
+        missed = [level for level, _, _ in hits if level not in {level for level, _, _ in reached}]
+        places = sorted({round(place) for place in np.linspace(0, len(reached) - 1, _TARGETS)}) if reached else []
+        some = f", {len(places)} of them" if len(places) < len(reached) else ""
+        lines += ["", f"targets    {len(reached)} of {len(hits)} reached{some}:"]
+        shown = (reached[place] for place in places)
+        lines += [f"  {level:12.6g}  at evaluation {hit} ({charged} charged)" for level, hit, charged in shown]
+        lines += [f"  {missed[0]:12.6g}  not reached"] if missed else []
     if isinstance(row["traceback"], str) and row["traceback"]:
         lines += ["", "the last frames:", row["traceback"].rstrip()]
     lines += _parameters(row)
@@ -61,95 +88,52 @@ def show_run(run: Found) -> str:
     return "\n".join([*lines, "", f"again      {command}"])
 
 
-def _asked(row: Mapping[str, Any]) -> list[str]:
+def _asked_and_ended(row: Mapping[str, Any]) -> list[str]:
     library = " ".join(str(row[name]) for name in ("library", "library_version") if isinstance(row[name], str))
-    budget = _whole(row["budget"])
     target = f", target {row['target']:g}" if _is_known(row["target"]) else ""
-    return [
-        f"problem    {row['problem']} {_readable(row['problem_options'])}",
-        f"optimizer  {row['optimizer']} {_readable(row['optimizer_options'])}  ({library.rstrip()})",
-        f"asked      repetition {row['repetition']}, {_text(row['start'])} start, budget {budget}{target}",
-        f"code       {_text(row['code_digest'])}",
-    ]
-
-
-def _ended(row: Mapping[str, Any]) -> list[str]:
+    # options as JSON with letters beyond ASCII as they are
+    problem, optimizer = (
+        json.dumps(json.loads(row[f"{of}_options"]), separators=(",", ":"), ensure_ascii=False)
+        for of in ("problem", "optimizer")
+    )
+    budget = _whole(row["budget"])
     ended = ", ".join(dict.fromkeys(_text(row[name]) for name in ("status", "stop_reason")))
     error = " ".join(str(row[name]) for name in ("error_type", "error") if isinstance(row[name], str))
     seconds = f", {plain(row['wall_s'], 3)} s" if _is_known(row["wall_s"]) else ""
     lines = [
-        f"ended      {ended} {error}".rstrip(),
+        f"problem    {row['problem']} {problem}", f"optimizer  {row['optimizer']} {optimizer}  ({library.rstrip()})",
+        f"asked      repetition {row['repetition']}, {_text(row['start'])} start, budget {budget}{target}",
+        f"code       {_text(row['code_digest'])}", f"ended      {ended} {error}".rstrip(),
         f"cost       {row['evaluations']} evaluations, {_whole(row['jacobian_evaluations'])} Jacobians: "
-        f"{row['charged']} charged of {_whole(row['budget'])}{seconds}",
-    ]
+        f"{row['charged']} charged of {budget}{seconds}",
+    ]  # fmt: skip
     changes = row.get("process_changes")
     if changes is not None and len(changes):
         lines.append(f"process    {', '.join(changes)}: changed by the run, put back after it")
-    if _is_known(row["restarts"]) and row["restarts"]:
-        lines.append(f"restarts   {_whole(row['restarts'])}")
-    if _is_known(row["non_finite"]) and row["non_finite"]:
-        lines.append(f"not finite {_whole(row['non_finite'])} of the values")
-    if _is_known(row["non_finite_slopes"]) and row["non_finite_slopes"]:
-        lines.append(f"not finite {_whole(row['non_finite_slopes'])} entries of gradients and Jacobians, read as 0")
+    for name, before, after in (
+        ("restarts", "restarts  ", ""),
+        ("non_finite", "not finite", " of the values"),
+        ("non_finite_slopes", "not finite", " entries of gradients and Jacobians, read as 0"),
+    ):
+        if _is_known(row[name]) and row[name]:
+            lines.append(f"{before} {_whole(row[name])}{after}")
     return lines
-
-
-def _answer(row: Mapping[str, Any]) -> list[str]:
-    unit = _unit(row)
-    lines = [
-        f"best       {row['best_value']:.6g}{unit} at evaluation {row['best_evaluation']}"
-        if row["best_evaluation"]
-        else "best       no finite value was found"
-    ]
-    if _is_known(row["judged_evaluations"]):
-        fresh = int(row["judged_evaluations"])
-        how = f"mean of {fresh} fresh evaluations" if fresh else "without noise"
-        lines.append(f"judged     {row['judged_value']:.6g}{unit} ({how})")
-    if _is_known(row["minimum"]):
-        gap = f": {plain(row['best_value'] - row['minimum'], 4)} above it" if row["best_evaluation"] else ""
-        lines.append(f"minimum    {row['minimum']:.6g}{unit}, as the problem declares{gap}")
-    if _is_known(row["kmrmse"]):
-        lines.append(
-            f"merit      kmrmse {plain(row['kmrmse'], 4)} mm, modulo the gauge {plain(row['kmrmse_aligned'], 4)} mm, "
-            f"phi {plain(row['gauge_phi'], 4)} rad"
-        )
-    if isinstance(row["merit"], str):
-        merits = json.loads(row["merit"]).items()
-        lines.append("merit      " + ", ".join(f"{k} {v:.6g}" if type(v) is float else f"{k} {v}" for k, v in merits))
-    if row["best_evaluation"] and _is_known(row["inside_box"]):
-        bounds = ", ".join(row["at_bound"]) or "none"
-        lines.append(f"box        {'inside' if row['inside_box'] else 'outside'}; at a bound: {bounds}")
-    return lines
-
-
-def _readable(options: str) -> str:
-    """Return options as JSON with letters beyond ASCII as they are."""
-    return json.dumps(json.loads(options), separators=(",", ":"), ensure_ascii=False)
-
-
-def _targets(row: Mapping[str, Any]) -> list[str]:
-    levels = [float(level) for level in row["targets"]]
-    if not levels:
-        return []
-    reached = [
-        (level, int(hit), int(charged))
-        for level, hit, charged in zip(levels, row["hits"], row["hits_charged"], strict=True)
-        if hit is not None and hit == hit
-    ]
-    missed = [level for level in levels if level not in {level for level, _, _ in reached}]
-    places = sorted({round(place) for place in np.linspace(0, len(reached) - 1, _TARGETS)}) if reached else []
-    shown = [reached[place] for place in places]
-    some = f", {len(shown)} of them" if len(shown) < len(reached) else ""
-    lines = ["", f"targets    {len(reached)} of {len(levels)} reached{some}:"]
-    lines += [f"  {level:12.6g}  at evaluation {hit} ({charged} charged)" for level, hit, charged in shown]
-    return lines + ([f"  {missed[0]:12.6g}  not reached"] if missed else [])
 
 
 def _parameters(row: Mapping[str, Any]) -> list[str]:
     """Return the physical parameters, with unit, truth and standard error where the problem knows them."""
     if row["parameter_values"] is None:
         return []
-    parameters, errors, notes = _parameters_and_errors(row)
+    parameters = {p.name: p for p in parameters_in(row)}
+    errors: Mapping[str, float | None] = {}  # standard errors at the answer; None: the data do not tell it
+    notes: list[str] = []
+    with suppress(ValueError, AttributeError, ArithmeticError):  # somebody's own; without parameters, or a Jacobian
+        problem = problem_of(row)
+        parameters = {p.name: p for p in parameters_of(problem)}
+        known = problems.identify(problem, np.array(row["best_x"], dtype=float))
+        errors = known.to_dict()["standard_errors"]
+        scale = f"for independent noise of {known.noise:g} {known.noise_unit} a reading"
+        notes = [f"  ±: one standard error at this answer, {scale}", f"  {known.sentence()}"]
     lines = [""]
     names = list(row["parameter_names"])
     widest = max(6, *map(len, names))
@@ -158,34 +142,16 @@ def _parameters(row: Mapping[str, Any]) -> list[str]:
     for name, value in zip(names, row["parameter_values"], strict=True):
         error = errors.get(name)
         spread = "" if name not in errors else "  not determined" if error is None else f"  ± {error:11.3g}   "
-        known = parameters[name].true if name in parameters else None
+        true = parameters[name].true if name in parameters else None
         unit = f" {units.get(name, '')}".ljust(room) if room else ""
-        true = "" if known is None else f"   true {_fixed(known):>12s}"
-        lines.append(f"  {name:{widest}s} {_fixed(value):>14s}{unit}{spread}{true}".rstrip())
+        said = "" if true is None else f"   true {_fixed(true):>12s}"
+        lines.append(f"  {name:{widest}s} {_fixed(value):>14s}{unit}{spread}{said}".rstrip())
     return [*lines, *notes]
 
 
 def _fixed(value: float) -> str:
     """Return a value with six digits after the point; with a power of ten where these would not tell it."""
     return f"{value:.6f}" if not value or 1e-4 <= abs(value) < 1e7 else f"{value:.6e}"
-
-
-def _parameters_and_errors(row: Mapping[str, Any]) -> tuple[dict[str, Parameter], dict[str, float | None], list[str]]:
-    """Return parameters by name, standard errors at the answer (None: the data do not tell it), and what is said."""
-    try:
-        problem = problem_of(row)
-        parameters = {p.name: p for p in parameters_of(problem)}
-    except (ValueError, AttributeError):  # somebody's own, or without parameters
-        return {p.name: p for p in parameters_in(row)}, {}, []
-    try:
-        known = problems.identify(problem, np.array(row["best_x"], dtype=float))
-    except (ValueError, AttributeError, ArithmeticError):  # without a Jacobian nothing is said
-        return parameters, {}, []
-    errors = known.to_dict()["standard_errors"]
-    note = (
-        f"  ±: one standard error at this answer, for independent noise of {known.noise:g} {known.noise_unit} a reading"
-    )
-    return parameters, errors, [note, f"  {known.sentence()}"]
 
 
 def _is_known(value: Any) -> bool:
@@ -200,10 +166,6 @@ def _whole(value: Any) -> str:
     return str(int(value)) if _is_known(value) else "?"
 
 
-def _unit(row: Mapping[str, Any]) -> str:
-    return f" {row['unit']}" if isinstance(row["unit"], str) and row["unit"] else ""
-
-
 @final
 @dataclass(frozen=True)
 class Found:
@@ -215,11 +177,7 @@ class Found:
 
 
 def find_run(parent: Path, prefix: str) -> Found:
-    """Return the run whose id begins with `prefix`, from any study under `parent`.
-
-    `parent` is the folder of the studies, or of one study. Raises `StoreError` where there is none, or more than one:
-    then with the candidates.
-    """
+    """Return the run whose id begins with `prefix`, from any study under `parent`."""
     if not parent.is_dir():
         raise StoreError(f"{parent}: there is no such results folder; name one with results=DIR")
     candidates: dict[str, tuple[dict[str, Any], Path]] = {}
@@ -251,34 +209,27 @@ class Curve:
     restarts: Array
 
 
-def curve_of(trace: pd.DataFrame) -> Curve | None:
-    """Return the curve of a run's trace, from its first finite value on; None where it has none."""
+def curve_lines(trace: pd.DataFrame, minimum: float | None, unit: str) -> list[str]:
+    """Return the curve of a run's trace as lines of text, from its first finite value on; none where it has none."""
     finite = trace[np.isfinite(trace["best_value"].to_numpy(dtype=float))]
     if finite.empty:
-        return None
+        return []
     charged, values, restarts = (finite[name].to_numpy(dtype=float) for name in ("charged", "best_value", "restart"))
-    return Curve(charged, values, np.nan_to_num(restarts))
-
-
-def curve_lines(curve: Curve, minimum: float | None, unit: str) -> list[str]:
-    """Return the curve as lines of text."""
-    first, last = curve.charged[0], curve.charged[-1]
-    lines = [f"  {plain(curve.values[0], 4)}{unit} {sparkline(curve, minimum)} {plain(curve.values[-1], 4)}{unit}"]
+    curve = Curve(charged, values, np.nan_to_num(restarts))
     again = bool(curve.restarts.any())
-    lines.append(f"  {'charged':>9s}  {'best value':>12s}" + ("  restarts" if again else ""))
-    marks: Array = np.unique(np.round(np.geomspace(max(first, 1.0), max(last, 1.0), _ROWS)))
+    lines = [
+        "", "curve, over the logarithm of what was charged:",
+        f"  {plain(values[0], 4)}{unit} {sparkline(curve, minimum)} {plain(values[-1], 4)}{unit}",
+        f"  {'charged':>9s}  {'best value':>12s}" + ("  restarts" if again else ""),
+    ]  # fmt: skip
+    marks: Array = np.unique(np.round(np.geomspace(max(charged[0], 1.0), max(charged[-1], 1.0), _ROWS)))
     for at, i in zip(marks, _steps(curve, marks), strict=True):
-        restarts = f"  {curve.restarts[i]:8.0f}" if again else ""
-        lines.append(f"  {at:9.0f}  {curve.values[i]:12.6g}{restarts}")
+        lines.append(f"  {at:9.0f}  {values[i]:12.6g}" + (f"  {curve.restarts[i]:8.0f}" if again else ""))
     return lines
 
 
 def sparkline(curve: Curve, minimum: float | None) -> str:
-    """Return a block for each of some counts, a constant factor apart.
-
-    >>> sparkline(Curve(np.array([1.0, 10.0, 100.0]), np.array([100.0, 1.0, 0.01]), np.zeros(3)), None)[::10]
-    '███▄▄▄'
-    """
+    """Return a block for each of some counts, a constant factor apart."""
     marks: Array = np.geomspace(max(curve.charged[0], 1.0), max(curve.charged[-1], 1.0), _WIDTH)
     heights = curve.values
     gaps = heights - (0.0 if minimum is None else minimum)
@@ -296,12 +247,8 @@ def _steps(curve: Curve, marks: Array) -> NDArray[np.int64]:
 
 
 def again_command(row: Mapping[str, Any]) -> str | None:
-    """Return the `bench run` command of this very run: the same run id, the same seed.
-
-    None where no command can say it: an object made in Python, a start of one's own, or published results. Raises
-    `NotImported` or `MissingFile` where a class of somebody's own would say which options it was given, and is not
-    imported, or not there.
-    """
+    """Return the `bench run` command of this very run, the same id and seed; None where no command can say it. Raises
+    `NotImported` or `MissingFile` where somebody's own class, which knows its options, is not imported or not there."""
     options = {of: json.loads(row[f"{of}_options"]) for of in ("problem", "optimizer")}
     if row["start"] not in ("nominal", "random") or "published" in options["optimizer"]:
         return None

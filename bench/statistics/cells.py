@@ -1,10 +1,8 @@
 """A cell: runs that differ only in their repetition. Every statistic is of one cell, never of a mixture.
 
 A problem is its name with its options and data, a method an optimiser with its options; a cell is both under one start,
-budget and target. A task is what methods are compared on: a problem under one start, budget and goal.
-
-`ByCell` computes numbers of every cell at once: a study of thousands of cells is sorted once, not sliced cell by cell.
-Each number comes from the rows of its own cell alone, the same to the last bit whatever other cells there are.
+budget and target. A task is what methods are compared on: a problem under one start, budget and goal. `ByCell` computes
+numbers of every cell at once, each from the rows of its own cell alone, to the last bit whatever other cells there are.
 """
 
 from __future__ import annotations
@@ -42,14 +40,13 @@ def mixed_code(runs: pd.DataFrame) -> str:
 @final
 @dataclass(frozen=True)
 class ByCell:
-    """Rows grouped by their cell: `order`, shape (rows,), lists the rows cell by cell.
-
-    `begins` and `count`, shapes (cells,), say where in it a cell begins, and how many rows it has.
-    """
+    """Rows by their cell: `order` lists them cell by cell; in it a cell begins at `begins`, and has `count` rows."""
 
     order: Counts
     begins: Counts
     count: Counts
+    first: Counts  # rows of each cell
+    last: Counts
 
     @property
     def number(self) -> Counts:
@@ -58,43 +55,22 @@ class ByCell:
         number[self.order] = np.repeat(np.arange(len(self.count)), self.count)
         return number
 
-    @property
-    def first(self) -> Counts:
-        """Return the first row of each cell."""
-        return np.asarray(self.order[self.begins])
-
-    @property
-    def last(self) -> Counts:
-        """Return the last row of each cell."""
-        return np.asarray(self.order[self.begins + self.count - 1])
-
     def rows(self, cell: int) -> Counts:
         """Return the rows of one cell."""
         return self.order[self.begins[cell] : self.begins[cell] + self.count[cell]]
 
+    def over(self, how: np.ufunc, values: Any) -> Any:
+        """Return `how` over each cell's values, shape (cells,): of `np.fmin` the least that is not NaN."""
+        return how.reduceat(values[self.order], self.begins) if len(self.begins) else values[:0]
+
     def sums(self, values: Any) -> Counts:
         """Return the sum of whole numbers, or how many are true, in each cell."""
-        return np.asarray(self._reduced(np.add, np.asarray(values).astype(np.int64)))
-
-    def least(self, values: Array) -> Array:
-        """Return the least of each cell's values, those that are NaN left out; NaN of none."""
-        return np.asarray(self._reduced(np.fmin, values))
-
-    def most(self, values: Array) -> Array:
-        """Return the largest of each cell's values, those that are NaN left out; NaN of none."""
-        return np.asarray(self._reduced(np.fmax, values))
-
-    def spreads(self, values: Array) -> Array:
-        """Return the largest minus the least of each cell's values, those that are NaN left out; NaN of none."""
-        with np.errstate(invalid="ignore"):
-            return self.most(values) - self.least(values)
+        return np.asarray(self.over(np.add, np.asarray(values).astype(np.int64)))
 
     def quantiles(self, values: Array, at: Sequence[float]) -> Array:
-        """Return the quantiles `at` of each cell, shape (at, cells): those of `bench.statistics.summary.quantiles`.
-
-        A value that is NaN is worse than all; a quantile on or beside it is infinite.
-        """
-        ordered = self._sorted(np.where(np.isnan(values), np.inf, values))
+        """Return the quantiles `at` of each cell, shape (at, cells): those of `bench.statistics.summary.quantiles`."""
+        ordered = np.where(np.isnan(values), np.inf, values)[self.order]
+        ordered = ordered[np.lexsort([ordered, np.repeat(np.arange(len(self.count)), self.count)])]
         quantiles = np.empty((len(at), len(self.begins)))
         for i, q in enumerate(at):
             place = q * (self.count - 1)
@@ -110,20 +86,13 @@ class ByCell:
     def medians(self, values: Array) -> Array:
         """Return the median of each cell's values, those that are NaN left out; NaN of none."""
         known = self.count - self.sums(np.isnan(values))
-        ordered = self._sorted(values)  # NaN last
+        ordered = values[self.order]
+        ordered = ordered[np.lexsort([ordered, np.repeat(np.arange(len(self.count)), self.count)])]  # NaN last
         low = ordered[self.begins + np.maximum(known - 1, 0) // 2]
         high = ordered[self.begins + np.minimum(known // 2, self.count - 1)]
         with np.errstate(invalid="ignore"):
             between = np.where(known % 2 == 1, low, (low + high) / 2)
         return np.where(known == 0, np.nan, between)
-
-    def _sorted(self, values: Array) -> Array:
-        """Return values cell by cell, in a cell in order, NaN last."""
-        ordered = values[self.order]
-        return np.asarray(ordered[np.lexsort([ordered, np.repeat(np.arange(len(self.count)), self.count)])])
-
-    def _reduced(self, how: np.ufunc, values: Any) -> Any:
-        return how.reduceat(values[self.order], self.begins) if len(self.begins) else values[:0]
 
 
 def by_cell(runs: Columns, columns: Sequence[str] = CELL) -> ByCell:
@@ -135,7 +104,8 @@ def by_number(cell: Counts) -> ByCell:
     """Return rows by the numbers of their cells, all from 0 to the largest."""
     order = np.argsort(cell, kind="stable").astype(np.int64)
     begins = np.flatnonzero(np.diff(cell[order], prepend=-1)).astype(np.int64)
-    return ByCell(order, begins, np.diff(begins, append=len(order)).astype(np.int64))
+    count = np.diff(begins, append=len(order)).astype(np.int64)
+    return ByCell(order, begins, count, order[begins], order[begins + count - 1])
 
 
 def answers(runs: Columns) -> Array:

@@ -33,48 +33,39 @@ def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
 def titles_of_problems(named: Iterable[tuple[str, str, str]], but: Sequence[str] = ()) -> list[str]:
     """Return what each problem (name, options, data) is called beside the others, the options in `but` left unsaid.
 
-    That is its name, the options chosen, and those in which the problems of its name differ here, also where its own is
-    the default. Of a class of one's own nobody here knows the defaults: of up to `MOST_OPTIONS` options all are said,
-    of more those that differ. Where two problems would share that, also what is not said of an option else, and where
-    only their data differ, the start of the data's digest.
+    That is its name, the options chosen, and those in which the problems of its name differ here. Of a class of one's
+    own nobody knows the defaults: up to `MOST_OPTIONS` options are said, else those that differ. Where two would share
+    that, also what is left unsaid of an option, and where only their data differ, the start of the data's digest.
     """
-    sharing: dict[str, list[tuple[str, str, str]]] = {}
     asked = list(named)
     every = list(dict.fromkeys(asked))
-    varied = _varied(every)
-    ours = problems.registry
-    for name, options, data in every:
-        keys = {*parts(json.loads(options))}
-        same = keys - varied[name] if name not in ours and len(keys) > MOST_OPTIONS else set()
-        title = problem_name(name, options, (*but, *same), varied[name])
-        sharing.setdefault(title, []).append((name, options, data))
-    titles: dict[tuple[str, str, str], str] = {}
-    for title, alike in sharing.items():
-        have = [{k: v for k, v in parts(json.loads(options)).items() if k not in but} for _, options, _ in alike]
-        apart = [k for k in sorted({k for h in have for k in h}) if any(h.get(k) != have[0].get(k) for h in have)]
-        for key, chosen in zip(alike, have, strict=True):
-            titles[key] = " ".join([title, *(option_text(option, chosen.get(option), short=False) for option in apart)])
-    count = Counter((name, options) for name, options, _ in every)
-    for key in titles:
-        if count[key[:2]] > 1:
-            titles[key] += f" data={key[2][:6]}"
-    return [titles[key] for key in asked]
-
-
-def _varied(keys: Iterable[tuple[str, str, str]]) -> dict[str, set[str]]:
-    """Return of each name of a problem the options that differ between the problems of that name."""
-    seen: dict[str, dict[str, set[str]]] = {}
-    texts = {(name, options) for name, options, _ in keys}
+    texts = list(dict.fromkeys((name, options) for name, options, _ in every))
+    held = {options: parts(json.loads(options)) for _, options in texts}
+    values: dict[tuple[str, str], list[str]] = {}  # of an option of a name
     for name, options in texts:
-        of_name = seen.setdefault(name, {})
-        for key, value in parts(json.loads(options)).items():
-            of_name.setdefault(key, set()).add(json.dumps(value))
+        for key, value in held[options].items():
+            values.setdefault((name, key), []).append(json.dumps(value))
     count = Counter(name for name, _ in texts)
-    every = Counter((name, key) for name, options in texts for key in parts(json.loads(options)))
-    return {
-        name: {key for key, values in of_name.items() if len(values) > 1 or every[name, key] < count[name]}
-        for name, of_name in seen.items()
-    }
+    varied = {pair for pair, have in values.items() if len(set(have)) > 1 or len(have) < count[pair[0]]}
+
+    sharing: dict[str, list[tuple[str, str, str]]] = {}
+    for name, options, data in every:
+        differ = {key for one, key in varied if one == name}
+        unknown = name not in problems.registry and len(held[options]) > MOST_OPTIONS
+        same = held[options].keys() - differ if unknown else set()
+        sharing.setdefault(problem_name(name, options, (*but, *same), differ), []).append((name, options, data))
+
+    titles: dict[tuple[str, str, str], str] = {}
+    copies = Counter((name, options) for name, options, _ in every)
+    for title, together in sharing.items():
+        have = [{key: value for key, value in held[options].items() if key not in but} for _, options, _ in together]
+        keys = sorted({key for each in have for key in each})
+        apart = [key for key in keys if any(each.get(key) != have[0].get(key) for each in have)]
+        for problem, chosen in zip(together, have, strict=True):
+            more = [option_text(option, chosen.get(option), short=False) for option in apart]
+            more += [f"data={problem[2][:6]}"] if copies[problem[:2]] > 1 else []
+            titles[problem] = " ".join([title, *more])
+    return [titles[problem] for problem in asked]
 
 
 def in_order(text: str) -> list[tuple[float, str]]:
@@ -83,8 +74,7 @@ def in_order(text: str) -> list[tuple[float, str]]:
     >>> sorted(["d=10", "d=2", "d=-1", "d=0.5"], key=in_order)
     ['d=-1', 'd=0.5', 'd=2', 'd=10']
     """
-    parts = _NUMBER.split(text)
-    return [(float(part), part) if i % 2 else (0.0, part) for i, part in enumerate(parts)]
+    return [(float(part), part) if i % 2 else (0.0, part) for i, part in enumerate(_NUMBER.split(text))]
 
 
 def options_seen(runs: pd.DataFrame, problem: str, option: str) -> set[Any]:
@@ -94,15 +84,11 @@ def options_seen(runs: pd.DataFrame, problem: str, option: str) -> set[Any]:
 
 
 def method_titles(table: pd.DataFrame) -> pd.Series:
-    """Return for each row its method, named so that it can be run again: with the options that are not the default.
-
-    Of a class of one's own nobody here knows the defaults: it is named as beside the others here (`method_names`).
-    """
+    """Return for each row its method, with the options that are not the default; one's own as beside the others."""
     import pandas as pd
 
-    ours = optimizers.registry
     rows = zip(table["optimizer"], table["optimizer_options"], method_names(table), strict=True)
-    titles = [method_name(name, options) if name in ours else beside for name, options, beside in rows]
+    titles = [method_name(name, options) if name in optimizers.registry else beside for name, options, beside in rows]
     return pd.Series(titles, index=table.index, dtype=str)
 
 
@@ -119,10 +105,7 @@ def settings_that_vary(mine: pd.DataFrame) -> list[str]:
 
 
 def method_labels(table: pd.DataFrame) -> pd.Series:
-    """Return what each row's method is called, with the start, budget and target of which it has several here.
-
-    What differs only from problem to problem, such as the start that each prefers, makes no second method.
-    """
+    """Return what each row's method is called, with start, budget and target where it has several on one problem."""
     labels = method_names(table)
     for _, mine in table.groupby(METHOD, sort=False):
         columns = settings_that_vary(mine)

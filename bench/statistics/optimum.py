@@ -1,13 +1,8 @@
 """What is known of a problem's least value. It decides what is drawn and reported, and what is called a floor.
 
-Four cases, decided by what the problem declares and by what the runs found, never by its name:
-
-- a `minimum` f* other than 0 is declared: f - f* is drawn on a logarithmic axis;
-- the problem has a `truth`: its value there is a line, and called the rounding floor only where it is rounding;
-- nothing is known: the value itself, on a logarithmic axis where every value is above 0, else on a linear one;
-- the values are noisy: the value itself, and tables have the judged values.
-
-A declared minimum that a run inside the box falls below is not used, and the page says so.
+Where a `minimum` f* other than 0 is declared, f - f* is drawn, unless a run inside the box falls below it, which the
+page says. The value at a `truth` is a line, called the rounding floor only where it is rounding. Else, and where values
+are noisy, the value itself is drawn.
 """
 
 from __future__ import annotations
@@ -18,13 +13,13 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibench.bench.execution.request import minimum_of, unit_of
 from calibench.bench.execution.stochastic import is_stochastic
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import SAME, lowest_below
 from calibench.bench.statistics.tables import problem_of
+from calibench.bench.store.columns import Array
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,9 +33,8 @@ _WIDE = 100.0  # ratio, beyond which values of both signs need a symlog axis
 class Optimum:
     """What is known of the least value in some runs of one problem: `minimum`, or None; values are in `unit`.
 
-    `symbol` is what the value is called (J2, or f). `floor` is the value at the truth, or None; where it is rounding,
-    `rounding` is the level below which values are rounding alone, else None. `noisy`: values are random. `below` is the
-    lowest value found below the declared minimum, or None.
+    `symbol` is what the value is called (J2, or f); `floor` the value at the truth, `rounding` the level below which
+    values are rounding alone; `noisy`: values are random; `below` is the lowest value found below the declared minimum.
     """
 
     symbol: str
@@ -61,12 +55,12 @@ class Optimum:
         """Return what is subtracted before a value is drawn or told: f*, or 0."""
         return float(self.minimum or 0.0) if self.is_gap else 0.0
 
-    def above(self, values: Any) -> NDArray[np.float64]:
+    def above(self, values: Any) -> Array:
         """Return values as they are drawn: as they are, or above f*, where half a rounding of f* stands for 0."""
         drawn = np.asarray(values, dtype=float)
         return np.maximum(drawn - self.least, np.spacing(abs(self.least)) / 2) if self.is_gap else drawn
 
-    def scale(self, drawn: NDArray[np.float64]) -> str:
+    def scale(self, drawn: Array) -> str:
         """Return the axis for what is `drawn`: log where nothing is below 0, else linear, or symlog if wide."""
         seen = drawn[np.isfinite(drawn)]
         if seen.size and (seen >= 0).all() and (seen > 0).any():
@@ -81,13 +75,13 @@ class Optimum:
     @property
     def axis(self) -> str:
         """Return the label of the axis, with its unit."""
-        return f"{'lowest noisy' if self.noisy else 'best'} {self.quantity}{in_brackets(self.unit)}"
+        return f"{'lowest noisy' if self.noisy else 'best'} {self.quantity}{f' [{self.unit}]' if self.unit else ''}"
 
     @property
     def heading(self) -> str:
         """Return what a table is about, with its unit: the name, and how its numbers are to be read."""
         more = ", above the least value" if self.is_gap else ", noisy: the answer as judged" if self.noisy else ""
-        return f"{self.quantity}{more}{in_brackets(self.unit)}"
+        return f"{self.quantity}{more}{f' [{self.unit}]' if self.unit else ''}"
 
     @property
     def floor_text(self) -> str:
@@ -95,18 +89,13 @@ class Optimum:
         name = "J" if self.symbol.startswith("J") else self.symbol
         return f"rounding floor: {name}(truth)" if self.rounding is not None else f"{name}(truth)"
 
-    @property
-    def digits(self) -> int:
-        """Return how many digits of a value are told: two where the least value is 0, otherwise six."""
-        ends_at_zero = self.below is None and not self.noisy and (self.rounding is not None or self.minimum == 0)
-        return 2 if self.is_gap or ends_at_zero else 6
-
     def text(self, value: float) -> str:
-        """Return a value for a table under `heading`; a dash where there is none."""
+        """Return a value for a table under `heading`, in two digits where the least value is 0, otherwise six."""
         if not isfinite(value):
             return "–"
+        ends_at_zero = self.below is None and not self.noisy and (self.rounding is not None or self.minimum == 0)
         under = self.is_gap and value < self.least - SAME * abs(self.least)  # of an answer outside the box
-        return f"{value - self.least if under else self.above(value):.{self.digits}g}"
+        return f"{value - self.least if under else self.above(value):.{2 if self.is_gap or ends_at_zero else 6}g}"
 
     def sentence(self, value: float) -> str:
         """Return a value in a sentence, with what it is and its unit: ``f - f* 1.2e-09 V``."""
@@ -141,30 +130,31 @@ def optimum_of(runs: pd.DataFrame) -> Optimum:
     except ValueError:  # a user's problem that is not here any more: the rows must suffice
         problem = None
     unit, minimum = _of_rows(runs, "unit"), _of_rows(runs, "minimum")
-    if unit is None:
-        unit = "" if problem is None else unit_of(problem)
-    if minimum is None and problem is not None:
-        minimum = minimum_of(problem)
+    if problem is not None:
+        unit = unit_of(problem) if unit is None else unit
+        minimum = minimum_of(problem) if minimum is None else minimum
     noisy = _of_rows(runs, "judged_evaluations") is not None or (problem is not None and is_stochastic(problem))
-    floor, rounding = (None, None) if minimum or noisy else _floor(problem)
+
+    floor = rounding = None
+    truth = None if minimum or noisy else getattr(problem, "truth", None)
+    if truth is not None:
+        try:
+            floor, first = float(problem(np.array(truth))), float(problem(np.array(problem.start)))
+        except Exception:  # a user's code has failed: the figure has no such line
+            floor = None
+        if floor is not None and not isfinite(floor):
+            floor = None
+        if floor is not None and 0 <= floor <= _ROUNDING * first:
+            rounding = _ROUNDING * first
     return Optimum(
         symbol=str(json.loads(row["problem_options"]).get("error", "")) or "f",
-        unit=str(unit),
+        unit="" if unit is None else str(unit),
         minimum=None if minimum is None else float(minimum),
         floor=floor,
         rounding=rounding,
         noisy=noisy,
         below=None if minimum is None else lowest_below(runs, float(minimum)),
     )
-
-
-def in_brackets(unit: str) -> str:
-    """Return a unit as labels have it.
-
-    >>> in_brackets("mm"), in_brackets("")
-    (' [mm]', '')
-    """
-    return f" [{unit}]" if unit else ""
 
 
 def _of_rows(runs: pd.DataFrame, column: str) -> Any:
@@ -178,17 +168,3 @@ def _of_rows(runs: pd.DataFrame, column: str) -> Any:
     if (values == values[0]).all():
         return values[0]
     return values[np.argsort(runs["started_at"].to_numpy()[known], kind="stable")[-1]]
-
-
-def _floor(problem: Any) -> tuple[float | None, float | None]:
-    """Return the value at the truth, where there is one, and, if that is rounding, how large rounding can be."""
-    truth = getattr(problem, "truth", None)
-    if truth is None:
-        return None, None
-    try:
-        floor, first = float(problem(np.array(truth))), float(problem(np.array(problem.start)))
-    except Exception:  # a user's code has failed: the figure has no such line
-        return None, None
-    if not isfinite(floor):
-        return None, None
-    return floor, _ROUNDING * first if 0 <= floor <= _ROUNDING * first else None

@@ -6,18 +6,14 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import Any, final
 
 from calibench.bench.execution.in_progress import hosts_at_work
 from calibench.bench.store.manifest import in_other_shards
 from calibench.bench.store.runs import ResultStore
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _LONG = 100  # letters of a reason
 _NUMBER = re.compile(r"[-+]?\b\d[\d.]*(?:[eE][-+]?\d+)?")
-_ROW = ["run_id", "status", "problem", "optimizer", "repetition", "error_type", "error"]
 
 
 @final
@@ -34,11 +30,10 @@ class Reason:
 @final
 @dataclass(frozen=True, kw_only=True)
 class SweepProgress:
-    """Counts of runs: `left` by what a cell is called, `mixed` cells hold two codes.
+    """Counts of runs: `left` by what a cell is called, `mixed` cells hold two codes, `pace` is in runs a second.
 
-    `in_other_shards` are runs of the same sweep that are neither planned nor done here. `pace` is in runs a second, 0
-    where nobody is at it. `hosts` are the machines that are at work on it: only of this one that can be seen. `command`
-    is the last that added runs, '' where it was none.
+    `in_other_shards` are neither planned nor done here. `hosts` are at work on it. `command` is the last that added
+    runs.
     """
 
     planned: int
@@ -78,6 +73,18 @@ def sweep_progress(store: ResultStore) -> SweepProgress:
     ended = Counter(state.status for state in states.values())
     names = manifest.get("called") or {}
     count = Counter(names.get(label, label) for label in set(planned.values()))
+
+    rows: list[dict[Any, Any]] = []
+    if len(states) > ended["ok"]:
+        columns = ["run_id", "status", "problem", "optimizer", "repetition", "error_type", "error"]
+        rows = store.rows_not_ok(columns).to_dict("records")
+    groups: dict[tuple[str, str], list[tuple[str, str]]] = {}  # (run_id, text) by status and what texts have in common
+    for row in rows:
+        text = " ".join(f"{row['error_type'] or ''}: {row['error'] or 'no reason is known'}".split()).removeprefix(": ")
+        text = text if len(text) <= _LONG else f"{text[: _LONG - 1]}…"
+        groups.setdefault((str(row["status"]), without_numbers(text)), []).append((str(row["run_id"]), text))
+    frequent = sorted(groups.items(), key=lambda item: (-len(item[1]), item[0]))
+    firsts = [(status, min(runs), len(runs)) for (status, _), runs in frequent]
     return SweepProgress(
         planned=len(planned),
         done=len(states),
@@ -85,7 +92,7 @@ def sweep_progress(store: ResultStore) -> SweepProgress:
         timeouts=ended["timeout"],
         # by its label where another sweep of the study took the same name
         left={n if count[n] == 1 else label: k for label, k in left.items() for n in [names.get(label, label)]},
-        reasons=reasons_of(store.rows_not_ok(_ROW)) if len(states) > ended["ok"] else (),
+        reasons=tuple(Reason(status, text, number, run_id) for status, (run_id, text), number in firsts),
         pace=survey.pace,
         mixed=sum(len(digests) > 1 for label, digests in codes.items() if label),
         damaged=survey.damaged,
@@ -93,18 +100,6 @@ def sweep_progress(store: ResultStore) -> SweepProgress:
         hosts=survey.hosts | hosts_at_work(store.folder),
         command=(manifest.get("commands") or [""])[-1],
     )
-
-
-def reasons_of(rows: pd.DataFrame) -> tuple[Reason, ...]:
-    """Return why runs of `rows` did not end well, the most frequent reason first."""
-    groups: dict[tuple[str, str], list[tuple[str, str]]] = {}  # (run_id, text) by status and what texts have in common
-    for row in rows.to_dict("records"):
-        text = " ".join(f"{row['error_type'] or ''}: {row['error'] or 'no reason is known'}".split()).removeprefix(": ")
-        text = text if len(text) <= _LONG else f"{text[: _LONG - 1]}…"
-        groups.setdefault((str(row["status"]), without_numbers(text)), []).append((str(row["run_id"]), text))
-    ordered = sorted(groups.items(), key=lambda item: (-len(item[1]), item[0]))
-    firsts = [(status, min(runs), len(runs)) for (status, _), runs in ordered]
-    return tuple(Reason(status, text, count, run_id) for status, (run_id, text), count in firsts)
 
 
 def without_numbers(text: str) -> str:

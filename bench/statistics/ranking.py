@@ -1,19 +1,10 @@
 """The order of runs, of the methods on a task, and of methods over many tasks.
 
-Runs (`scores`): first those that reached the goal, then those that paid less, then those with the lower value. All
-tests compare runs by this order alone, so no scale is needed, and no cost is invented for a run that never reached the
-goal; without a goal, runs are ordered by value.
+Runs (`scores`): first those that reached the goal, then those that paid less, then those with the lower value. Methods
+on a task take places, with ties; over tasks the mean of the places counts. Friedman's test, with Nemenyi's and Holm's
+comparisons, has a task as its block, with the median over repetitions of each run's rank among all runs of the task.
 
-Methods on a task take places, with ties; over tasks, the mean of the places counts, unsolved tasks too. Medians of
-different problems have no common scale, and a sum over solved problems would favour a method that solves few. Values at
-the floor are tied, because below it they differ by rounding. Colours and lists of a report follow this order.
-
-Many methods on many problems: Friedman's test, and whose mean ranks differ (Nemenyi, or Holm against the best). A block
-is a task, and has the median over repetitions of each run's rank among all runs of the task; repetitions are never
-blocks: they tell nothing of other problems. Below `FEWEST` blocks there is no test, and it says why not.
-
-Sources: Demsar, J. Machine Learning Research 7 (2006); Holm, Scand. J. Statistics 6 (1979): SciPy 1.17 has
-false-discovery control, which promises less, and no Holm.
+Sources: Demsar, J. Machine Learning Research 7 (2006); Holm, Scand. J. Statistics 6 (1979), which SciPy 1.17 has not.
 """
 
 from __future__ import annotations
@@ -24,27 +15,25 @@ from math import nan
 from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from calibench.bench.statistics.cells import CELL, METHOD, TASK, answers, by_cell, by_number
 from calibench.bench.statistics.names import in_order, method_labels
 from calibench.bench.statistics.summary import alike, goal_hits, goals_of, method_names
-from calibench.bench.store.columns import Columns, Counts, floats, numbered, plain
+from calibench.bench.store.columns import Array, Columns, Counts, floats, numbered, plain
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 By = Literal["goal", "value", "charged"]
 FEWEST = 10  # blocks, below which chi squared is far from Friedman's statistic and ranks say little
 LOOK = "look"  # the column of runs that holds the number of a method's colour and line style
 
 
 def places(cells: Columns) -> Array:
-    """Return the place of each cell on its task, shape (cells,): 1 is best, ties share their mean.
+    """Return the place of each row of `summary` on its task: 1 is best, ties share their mean.
 
-    A cell is a row of `bench.statistics.summary.summary`. The order is by the share of runs at the goal, then the cost
-    to get there, then the median value, as far as the floor and to nine digits.
+    By the share of runs at the goal, then the cost to get there, then the median value, to nine digits above the floor.
     """
     success, cost = floats(cells["success"]), floats(cells["charged_to_target"])
     keys = np.column_stack(
@@ -54,7 +43,7 @@ def places(cells: Columns) -> Array:
             np.maximum(floats(cells["best_median"]), floats(cells["floor"])),
         ]
     )
-    tasks, places = by_number(_tasks(cells)), np.empty(len(keys))
+    tasks, places = by_cell(cells, TASK), np.empty(len(keys))
     for task in range(len(tasks.count)):
         mine = tasks.rows(task)
         keys[mine, 2] = alike(keys[mine, 2])
@@ -69,10 +58,7 @@ def best_first(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def order_of(cells: Columns) -> Counts:
-    """Return the order of cells with a column `method`: best first on each task; ties by failed runs, then by name.
-
-    Problems stand by name, then by their options, numbers as numbers.
-    """
+    """Return the order of cells with a column `method`: by problem, best first; ties by failed runs, then by name."""
     pairs = list(zip(plain(cells["problem"]), plain(cells["problem_options"]), strict=True))
     keys = [
         _ranks(pairs, lambda pair: [in_order(text) for text in pair]),
@@ -87,25 +73,29 @@ def order_of(cells: Columns) -> Counts:
 
 
 def _ranks(values: Sequence[Any], key: Callable[[Any], Any] | None = None) -> Counts:
-    """Return the place of each value among those that differ."""
     place = {value: i for i, value in enumerate(sorted(set(values), key=key))}
     return np.array([place[value] for value in values], dtype=np.int64)
 
 
 def methods(cells: pd.DataFrame) -> pd.DataFrame:
-    """Return a row a method (columns optimizer, optimizer_options), best first, over all tasks of `cells`.
+    """Return a row a method, best first over all tasks: rank, METHOD, solved, place (both means), tasks, of_tasks.
 
-    rank (ties share the lowest), solved (mean share of runs at the goal) and place (mean), both over the tasks on which
-    it was run; tasks (how many these are), of_tasks. A method that was run on fewer tasks stands behind those that were
-    run on more: what was not run is not known.
+    A method that was run on fewer tasks stands behind those that were run on more: what was not run is not known.
     """
     import pandas as pd
 
-    placed = cells.assign(place=places(cells), task=_tasks(cells))
-    total = placed["task"].nunique()
+    ranked = cells.assign(place=places(cells), task=numbered(cells[name] for name in TASK))
+    total = ranked["task"].nunique()
     rows = []
-    for pair, group in placed.groupby(METHOD, sort=False):
-        place, solved = _means(group, "place"), _means(group[group["goal"].notna()], "success")
+    for pair, group in ranked.groupby(METHOD, sort=False):
+        means_of = []  # by task
+        for some, column in ((group, "place"), (group[group["goal"].notna()], "success")):
+            values: dict[int, list[float]] = {}
+            for task, value in zip(some["task"].tolist(), some[column].tolist(), strict=True):
+                values.setdefault(task, []).append(value)
+            of_one = {task: of[0] if len(of) == 1 else float(pd.Series(of).mean()) for task, of in values.items()}
+            means_of.append(of_one)
+        place, solved = means_of
         share = sum(solved.values()) / len(solved) if solved else np.nan
         means = {"solved": share, "place": sum(place.values()) / len(place)}
         rows.append(dict(zip(METHOD, pair, strict=True)) | means | {"tasks": len(place), "of_tasks": total})
@@ -116,25 +106,11 @@ def methods(cells: pd.DataFrame) -> pd.DataFrame:
     return table.reset_index(drop=True)
 
 
-def _means(cells: pd.DataFrame, column: str) -> dict[int, float]:
-    import pandas as pd
-
-    values: dict[int, list[float]] = {}
-    for task, value in zip(cells["task"].tolist(), cells[column].tolist(), strict=True):
-        values.setdefault(task, []).append(value)
-    return {task: of[0] if len(of) == 1 else float(pd.Series(of).mean()) for task, of in values.items()}
-
-
-def _tasks(cells: Columns) -> Counts:
-    return numbered(cells[name] for name in TASK)
-
-
 def scores(runs: pd.DataFrame, by: By = "goal") -> Array:
     """Return for each run a pair of numbers, shape (runs, 2): smaller is better, the first decides.
 
-    ``by="goal"``: (charged at the goal, 0) for a run that reached it, (infinite, value) for another; ``"value"``: only
-    the value of the answer, infinite where there is none; ``"charged"``: only the total charge of the run, infinite
-    where it failed or ran out of time.
+    goal: (charged at the goal, 0), or (infinite, value); value: that of the answer; charged: that of a run that ended
+    well.
     """
     values = answers(runs)
     values = np.where(np.isnan(values), np.inf, values)
@@ -150,13 +126,7 @@ def scores(runs: pd.DataFrame, by: By = "goal") -> Array:
 
 
 def order_of_scores(pairs: Array) -> Array:
-    """Return the ranks of scores, shape (n, 2) -> (n,): 1 is best, those that are alike share their mean rank.
-
-    Values that agree to nine digits are alike (`bench.statistics.summary.alike`).
-
-    >>> order_of_scores(np.array([[np.inf, 3.0], [20.0, 0.0], [np.inf, 1.0], [20.0, 0.0]])).tolist()
-    [4.0, 1.5, 3.0, 1.5]
-    """
+    """Return the ranks of scores, shape (n, 2) -> (n,): 1 is best, those alike (`summary.alike`) share their mean."""
     from scipy.stats import rankdata
 
     pairs = np.column_stack([pairs[:, 0], alike(pairs[:, 1])])
@@ -166,31 +136,20 @@ def order_of_scores(pairs: Array) -> Array:
 @final
 @dataclass(frozen=True)
 class Blocks:
-    """What each method did in each block: `medians`, shape (blocks, methods), the smaller the better.
-
-    `methods` are their names; `left_out` says what was left out, '' where nothing was.
-    """
+    """What each method did in each block: `medians`, shape (blocks, methods); `left_out` is a sentence, or ''."""
 
     methods: tuple[str, ...]
     medians: Array
     left_out: str = ""
 
-    @property
-    def ranks(self) -> Array:
-        """Return the ranks within each block, shape (blocks, methods): 1 is best, ties share their mean."""
-        from scipy.stats import rankdata
-
-        return np.asarray(rankdata(self.medians, axis=1))
-
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Ranked:
-    """Friedman's test of some methods, and their mean ranks, best first.
+    """Friedman's test of some methods, best first, or why it is `refused`: then the numbers are NaN.
 
-    `refused` says why there is no test ('' where there is one): then the numbers are NaN. `critical_difference` is
-    Nemenyi's: mean ranks further apart differ at `level`. `nemenyi`, shape (methods, methods), and `against_best`,
-    shape (methods,), are p-values; the second by Holm, NaN of the best itself.
+    Mean ranks further apart than Nemenyi's `critical_difference` differ at `level`. `nemenyi` and `against_best` (by
+    Holm) are p-values.
     """
 
     methods: tuple[str, ...]
@@ -238,7 +197,12 @@ def blocks_of(runs: pd.DataFrame, by: By = "goal") -> Blocks:
 def friedman(blocks: Blocks, level: float = 0.05) -> Ranked:
     """Return Friedman's test of the methods in `blocks`, with Nemenyi's and Holm's comparisons."""
     n, k = blocks.medians.shape
-    mean = blocks.ranks.mean(axis=0) if n else np.full(k, np.nan)
+    ranks, mean = blocks.medians, np.full(k, np.nan)
+    if n:  # within each block: 1 is best, ties share their mean
+        from scipy.stats import rankdata
+
+        ranks = np.asarray(rankdata(blocks.medians, axis=1))
+        mean = ranks.mean(axis=0)
     order = np.argsort(mean, kind="stable")
     methods, mean = tuple(blocks.methods[i] for i in order), mean[order]
     refused = ""
@@ -257,7 +221,7 @@ def friedman(blocks: Blocks, level: float = 0.05) -> Ranked:
         return ranked
     from scipy.stats import friedmanchisquare, norm, studentized_range  # half a second: only where there is a test
 
-    if (blocks.ranks == blocks.ranks[:, :1]).all():  # alike everywhere
+    if (ranks == ranks[:, :1]).all():  # alike everywhere
         statistic, p = 0.0, 1.0
     else:
         statistic, p = (float(value) for value in friedmanchisquare(*blocks.medians.T))
@@ -296,7 +260,7 @@ def looks_of(named: pd.DataFrame, methods: list[str]) -> dict[str, int]:
     return dict(zip(named["method"], named[LOOK].astype(int), strict=True))
 
 
-def holm(p: ArrayLike) -> NDArray[np.float64]:
+def holm(p: ArrayLike) -> Array:
     """Return adjusted p-values, shape (n,), of `p`, shape (n,); NaN (no test was made) stays NaN and counts for none.
 
     >>> holm([0.01, 0.04, 0.03]).round(3).tolist()

@@ -2,8 +2,6 @@
 
 A cell's row has quartiles, the success rate with its interval, and what failed. A name says only what sets a method
 apart here; options that are just those of a preset (a file of ``conf/optimizer/``) are said by the preset's name.
-`endings` tells how a method ends: a field has each local method in two kinds, one that stops by its own test and one
-that begins again there, as a method that stops with budget left cannot be compared with one that spends it all.
 The seconds that the objective takes (`priced`) are a second currency: counts of calls times the costs of
 `bench.sweep.costs`, records with the columns of `PROBLEM` and of `KINDS` in seconds.
 """
@@ -18,7 +16,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibench import conf, optimizers, problems
 from calibench.bench.execution.answer import PREFIX
@@ -26,37 +23,41 @@ from calibench.bench.execution.request import repetitions_of
 from calibench.bench.provenance.run_id import canonical, chosen_options, given_options, options_of
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, ByCell, answers, by_cell, by_number, judged
 from calibench.bench.store.arrays import lists_of
-from calibench.bench.store.columns import Columns, floats, known, numbered, parts, plain, true, typed
+from calibench.bench.store.columns import Array, Columns, Flags, floats, known, numbered, parts, plain, true, typed
 from calibench.core.registry import NotImported, names_of_files
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 SAME = 1e-9  # of a value: what is closer to it is the same value
 QUARTILES = (0.25, 0.5, 0.75)
 _NORMAL_975 = 1.959963984540054  # the normal distribution's quantile at .975
 KINDS = ("value_s", "batch_s", "residuals_s", "jacobian_s", "gradient_s", "joint_s")  # of calls, columns of costs
 MOST_OPTIONS = 3  # of a user's class, up to which all of them are in its name
+CONF = Path(conf.__file__).resolve().parent
 
 
 def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.DataFrame:
     """Return a row for each cell (`bench.statistics.cells`): medians, quartiles, success, failures.
 
-    `success` is the share of all runs, failed ones included, that reached the `goal`: the run's target, or where it had
-    none the last of the problem's. A failed run reached nothing. The share's 95 % interval is
-    Wilson's, and NaN where chance has no part in the runs. Without a goal there is no success: NaN.
-    `charged_to_target` is the median over the runs that did: read it beside `success`. Below `floor` values are not
-    compared. Where values are noisy, best_* are of the answers as they were judged afterwards
-    (`bench.execution.stochastic`), and `seen_median` is of the values that the runs saw. With `costs`
-    (`bench.sweep.costs`) also `objective_s_median`, the seconds that the objective took, and `objective_s_to_target`.
+    `success` is the share of all runs that reached the `goal`, with Wilson's interval where chance has a part;
+    `charged_to_target` the median over the runs that did. Below `floor` values are not compared. Where values are
+    noisy, best_* are of the answers as judged, and `seen_median` of the values seen. Of each ``merit.KEY`` there is the
+    median (``_median``), or of flags the share (``_share``). With `costs` (`bench.sweep.costs`) also
+    `objective_s_median` and `objective_s_to_target`.
     """
     import pandas as pd
 
     if runs.empty:
         return pd.DataFrame()
     cells = by_cell(runs)
-    columns = _statistics(runs, cells) | _merits(runs, cells)
+    columns = _statistics(runs, cells)
+    for key in (str(key) for key in runs.columns if str(key).startswith(PREFIX)):
+        if pd.api.types.is_bool_dtype(runs[key]):
+            with np.errstate(invalid="ignore"):
+                columns[f"{key}_share"] = cells.sums(runs[key].fillna(False)) / cells.sums(runs[key].notna())
+        elif pd.api.types.is_float_dtype(runs[key]):
+            columns[f"{key}_median"] = cells.medians(floats(runs[key]))
     seconds = floats(priced(runs, costs))
     if not np.isnan(seconds).all():
         hits, charged = goal_hits(runs), floats(runs["charged"])
@@ -71,10 +72,7 @@ def summary(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]] = ()) -> pd.D
 
 
 def priced(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]]) -> pd.Series:
-    """Return for each run the seconds that its calls of the objective take: counts by kind times `costs`.
-
-    NaN where a kind that it called has no known cost, and where the kinds were not counted.
-    """
+    """Return the seconds that each run's calls of the objective take: counts by kind times `costs`; NaN: not known."""
     import pandas as pd
 
     known = {key_of_costs(record): record for record in costs}
@@ -109,21 +107,32 @@ def summary_columns(runs: Columns) -> dict[str, list[Any]]:
 
 
 def _statistics(runs: Columns, cells: ByCell) -> dict[str, Any]:
-    """Return the columns of `summary` that every study has, but for what a cell is called."""
     count = cells.count
-    reached, charged = goal_hits(runs), floats(runs["charged"])
-    hit = np.isfinite(reached)
-    won = cells.sums(hit)
-    level = goals_of(runs)[cells.first]
+    reached, charged, status = goal_hits(runs), floats(runs["charged"]), plain(runs["status"])
+    hit, inside, noisy = np.isfinite(reached), true(runs["inside_box"]), cells.sums(judged(runs)) > 0
+    won, level = cells.sums(hit), goals_of(runs)[cells.first]
     low, high = np.full(len(count), np.nan), np.full(len(count), np.nan)
     for i in np.flatnonzero((level == level) & chances(runs, cells)):
         low[i], high[i] = success_interval(int(won[i]), int(count[i]))
     q1, median, q3 = cells.quantiles(answers(runs), QUARTILES)
     unit = plain(runs["unit"]) if "unit" in runs else [None] * len(charged)
+    phi = floats(runs["gauge_phi"])
+    with np.errstate(invalid="ignore"):
+        spread = cells.over(np.fmax, phi) - cells.over(np.fmin, phi)
+
+    minimum = np.full(len(count), np.nan)
+    if "minimum" in runs:  # one that a run of any cell of the problem has passed is wrong
+        declared, values = floats(runs["minimum"])[cells.last], floats(runs["best_value"])
+        below = cells.over(np.fmin, np.where(inside & np.isfinite(values), values, np.nan)) < declared
+        problem = numbered(runs[name] for name in PROBLEM)[cells.first]
+        suspects = np.flatnonzero(below & ~noisy).tolist()
+        wrong = [problem[i] for i in suspects if lowest_below(runs, float(declared[i]), cells.rows(i)) is not None]
+        minimum = np.where(np.isin(problem, wrong), np.nan, declared)
+
     return {
         "runs": count,
-        "failed": cells.sums([status == "failed" for status in plain(runs["status"])]),
-        "timeouts": cells.sums([status == "timeout" for status in plain(runs["status"])]),
+        "failed": cells.sums([how == "failed" for how in status]),
+        "timeouts": cells.sums([how == "timeout" for how in status]),
         "goal": level,
         "reached": won,
         "success": np.where(level == level, won / count, np.nan),
@@ -136,80 +145,34 @@ def _statistics(runs: Columns, cells: ByCell) -> dict[str, Any]:
         "seen_median": cells.quantiles(floats(runs["best_value"]), (0.5,))[0],
         "charged_median": cells.medians(charged),
         "charged_to_target": cells.medians(np.where(hit, reached, np.nan)),
-        "inside_box": cells.sums(true(runs["inside_box"])),
+        "inside_box": cells.sums(inside),
         "outside_box": cells.sums(outside_box(runs)),
         "restarts": cells.sums(np.nan_to_num(floats(runs["restarts"]))),
         "kmrmse_median": cells.medians(floats(runs["kmrmse"])),
         "kmrmse_aligned_median": cells.medians(floats(runs["kmrmse_aligned"])),
         "parameter_error_mm_median": cells.medians(floats(runs["parameter_error_mm"])),
-        "gauge_phi_spread": cells.spreads(floats(runs["gauge_phi"])),
+        "gauge_phi_spread": spread,
         "wall_s_median": cells.medians(floats(runs["wall_s"])),
         "unit": [text if isinstance(text, str) else "" for text in (unit[i] for i in cells.last)],
-        "minimum": _minima(runs, cells),
-        "noisy": _noisy(runs, cells),
+        "minimum": minimum,
+        "noisy": noisy,
     }
 
 
-def outside_box(runs: Columns) -> NDArray[np.bool_]:
+def outside_box(runs: Columns) -> Flags:
     """Return whether each run has an answer that lies outside the box; of published runs nobody knows, so not."""
     outside = known(runs["inside_box"]) & ~true(runs["inside_box"])
     return np.asarray(outside & np.isfinite(floats(runs["best_value"])))
 
 
-def _minima(runs: Columns, cells: ByCell) -> Array:
-    """Return the minimum that each cell's problem declares; NaN: none, or a run of any cell of the problem is below."""
-    if "minimum" not in runs:
-        return np.full(len(cells.count), np.nan)
-    declared = floats(runs["minimum"])[cells.last]
-    values, noisy = _inside(runs), _noisy(runs, cells)
-    problem = numbered(runs[name] for name in PROBLEM)[cells.first]
-    wrong = [
-        problem[i]
-        for i in np.flatnonzero((cells.least(values) < declared) & ~noisy).tolist()
-        if _lowest_below(values[cells.rows(i)], float(declared[i])) is not None
-    ]
-    return np.where(np.isin(problem, wrong), np.nan, declared)  # a declared minimum that a run has passed is wrong
-
-
-def _noisy(runs: Columns, cells: ByCell) -> NDArray[np.bool_]:
-    return cells.sums(judged(runs)) > 0
-
-
-def _inside(runs: Columns) -> Array:
-    """Return the best value of each run, NaN where it is not finite or lies outside the box."""
-    values = floats(runs["best_value"])
-    return np.where(true(runs["inside_box"]) & np.isfinite(values), values, np.nan)
-
-
-def _merits(runs: pd.DataFrame, cells: ByCell) -> dict[str, Array]:
-    """Return of each ``merit.KEY`` the medians (``_median``), or of flags the shares (``_share``)."""
-    import pandas as pd
-
-    merits = {}
-    for key in (str(key) for key in runs.columns if str(key).startswith(PREFIX)):
-        if pd.api.types.is_bool_dtype(runs[key]):
-            counted = cells.sums(runs[key].notna())
-            with np.errstate(invalid="ignore"):
-                merits[f"{key}_share"] = cells.sums(runs[key].fillna(False)) / counted
-        elif pd.api.types.is_float_dtype(runs[key]):
-            merits[f"{key}_median"] = cells.medians(floats(runs[key]))
-    return merits
-
-
-def lowest_below(runs: Columns, minimum: float) -> float | None:
-    """Return the lowest value of an answer inside the box that is below `minimum` by more than rounding, or None.
-
-    Noisy values may be below it by chance, so they do not count.
-    """
-    return None if judged(runs).any() else _lowest_below(_inside(runs), minimum)
-
-
-def _lowest_below(values: Array, minimum: float) -> float | None:
-    known_values = values[~np.isnan(values)]
-    if minimum != minimum or not known_values.size:
+def lowest_below(runs: Columns, minimum: float, rows: Any = slice(None)) -> float | None:
+    """Return the lowest value inside the box that is below `minimum` by more than rounding; None: none, or noisy."""
+    values = floats(runs["best_value"])[rows]
+    values = values[true(runs["inside_box"])[rows] & np.isfinite(values)]
+    if minimum != minimum or not values.size or judged(runs)[rows].any():
         return None
-    allowed = SAME * max(abs(minimum), float(np.median(np.abs(known_values))))
-    return float(known_values.min()) if known_values.min() < minimum - allowed else None
+    allowed = SAME * max(abs(minimum), float(np.median(np.abs(values))))
+    return float(values.min()) if values.min() < minimum - allowed else None
 
 
 def quantiles(values: Array, at: Sequence[float]) -> Array:
@@ -242,7 +205,7 @@ def median_of_reached(values: Array) -> float:
 def success_interval(successes: int, count: int) -> tuple[float, float]:
     """Return Wilson's 95 % interval of a share, as scipy.stats has it to the last bit; that loads for half a second.
 
-    Newcombe, Two-sided confidence intervals for the single proportion, Statistics in Medicine 17 (1998), method 3.
+    Newcombe, Statistics in Medicine 17 (1998), method 3.
     """
     p, n, z = successes / count, count, _NORMAL_975
     width = 2 * (n + z**2)
@@ -250,16 +213,13 @@ def success_interval(successes: int, count: int) -> tuple[float, float]:
     return (middle - half if successes else 0.0), (middle + half if successes < count else 1.0)
 
 
-def chances(runs: Columns, cells: ByCell) -> NDArray[np.bool_]:
-    """Tell for each cell whether its runs depend on chance: by the method, by its start, or by differing results.
-
-    A deterministic method from one start gives one answer, however often it is run: nothing there is uncertain.
-    """
-    by_results = _noisy(runs, cells)  # of a noisy value even one run is a draw
+def chances(runs: Columns, cells: ByCell) -> Flags:
+    """Tell for each cell whether its runs depend on chance: by the method, by its start, or by differing results."""
+    by_results = cells.sums(judged(runs)) > 0  # of a noisy value even one run is a draw
     for name in ("best_value", "charged"):
         values = floats(runs[name])
         unlike = cells.sums(np.isnan(values)) > 0  # a run without a value is like no other
-        by_results |= (cells.count > 1) & (unlike | (cells.least(values) < cells.most(values)))
+        by_results |= (cells.count > 1) & (unlike | (cells.over(np.fmin, values) < cells.over(np.fmax, values)))
     names = [plain(runs[name]) for name in (*METHOD, "start")]
     stated = plain(runs["chance"]) if "chance" in runs else [None] * len(names[0])
     return by_results | [
@@ -274,28 +234,25 @@ def has_chance(cell: pd.DataFrame) -> bool:
 
 
 def runs_once(optimizer: str, options: str, start: str) -> bool:
-    """Tell whether a method, as rows name it, gives one answer however often it is run from this start.
+    """Tell whether a method, as rows name it, gives one answer however often it is run; of one not imported: no."""
+    key = optimizer, options, start
+    if key not in _RUNS_ONCE:
+        made: Any = None
+        try:
+            with names_of_files(leaves_out="whether its runs depend on chance"):
+                given = given_options(optimizers.registry, optimizer, json.loads(options))
+                made = optimizers.make(optimizer, **given)
+        except NotImported:
+            return False
+        except (Exception, SystemExit):  # options of another version, or whatever a class raises
+            pass
+        has_traits = isinstance(getattr(made, "traits", None), optimizers.Traits)  # else its row does not tell them
+        which: Any = "random" if start == "random" else "nominal"
+        _RUNS_ONCE[key] = has_traits and len(repetitions_of(made, which, range(2))) == 1
+    return _RUNS_ONCE[key]
 
-    Of somebody's own that was not imported nothing is known.
-    """
-    try:
-        with names_of_files(leaves_out="whether its runs depend on chance"):
-            return _runs_once(optimizer, options, start)
-    except NotImported:
-        return False
 
-
-@cache
-def _runs_once(optimizer: str, options: str, start: str) -> bool:
-    try:
-        made = optimizers.make(optimizer, **given_options(optimizers.registry, optimizer, json.loads(options)))
-    except NotImported:
-        raise
-    except (Exception, SystemExit):  # options of another version, or whatever a class raises
-        return False
-    if not isinstance(getattr(made, "traits", None), optimizers.Traits):  # its row does not tell them
-        return False
-    return len(repetitions_of(made, "random" if start == "random" else "nominal", range(2))) == 1
+_RUNS_ONCE: dict[tuple[str, str, str], bool] = {}  # of a method and its start
 
 
 def alike(values: Array) -> Array:
@@ -325,8 +282,7 @@ def method_names(table: pd.DataFrame) -> pd.Series:
 def names_of_methods(methods: Iterable[tuple[str, str]]) -> list[str]:
     """Return what each method (optimiser, options) is called: the optimiser, and of its variants what sets them apart.
 
-    A variant is named by its options that are not the declared default, the first of them if that is enough; a preset
-    of two options or more by its own name (`bench.statistics.summary`).
+    That is the options that are not the default, the first if that is enough; of a preset of two or more its own name.
     """
     asked = list(methods)
     pairs = list(dict.fromkeys(asked))
@@ -362,10 +318,7 @@ def option_text(key: str, value: Any, short: bool = True) -> str:
 
 
 def problem_name(problem: str, options: str, but: Sequence[str] = (), also: Collection[str] = ()) -> str:
-    """Return what a problem is called beside others: its name and the options that are not the declared default.
-
-    Those in `also` are told at their default too.
-    """
+    """Return a problem's name and the options that are not the declared default; those in `also` always."""
     declared = problems.registry.options(problem) if problem in problems.registry else {}
     have = parts(json.loads(options))
     named = parts(json.loads(options), classes=False)
@@ -380,26 +333,14 @@ def problem_name(problem: str, options: str, but: Sequence[str] = (), also: Coll
     return " ".join([problem, *texts])
 
 
-def goal(target: float | None, targets: Sequence[float]) -> float:
-    """Return the level that counts as success: the run's own target, else the last of the problem's, else NaN."""
-    if target is not None and target == target:
-        return float(target)
-    levels = list(targets)
-    return float(levels[-1]) if levels else float("nan")
-
-
 def goals_of(runs: Columns) -> Array:
-    """Return the `goal` of each run, shape (runs,)."""
+    """Return the level that counts as success of each run: its own target, else the last of its problem's, else NaN."""
     target = floats(runs["target"])
     return np.where(np.isnan(target), lists_of(runs["targets"]).last, target)
 
 
 def goal_hits(runs: Columns) -> Array:
-    """Return for each run the charged evaluations at which its goal was reached, shape (runs,); NaN: it never was.
-
-    A failed run reached nothing, whatever it passed: it has no answer that was judged. One that was ended by its time
-    limit keeps what it reached before.
-    """
+    """Return the charged evaluations at which each run reached its goal; NaN: never, or it failed. Shape (runs,)."""
     levels, hits = lists_of(runs["targets"]), lists_of(runs["hits_charged"])
     charged = np.full(len(levels.count), np.nan)
     at_goal = np.flatnonzero(levels.flat == np.repeat(goals_of(runs), levels.count))
@@ -414,45 +355,36 @@ def endings(table: pd.DataFrame) -> pd.Series:
     """Return of each row's method "restarts", "stops", or "" where it spends the budget or is not known here."""
     import pandas as pd
 
-    kinds = [_ending(*key) for key in zip(*(table[column] for column in METHOD), strict=True)]
-    return pd.Series(kinds, index=table.index, dtype=str)
-
-
-@cache
-def _ending(optimizer: str, options: str) -> str:
-    if json.loads(options).get("restarts"):
-        return "restarts"
-    if optimizer not in optimizers.registry:
-        return ""
-    chosen = given_options(optimizers.registry, optimizer, json.loads(options))
-    try:
-        return "stops" if optimizers.make(optimizer, **chosen).traits.self_terminating else ""
-    except (ValueError, AttributeError):  # options of another version, or a class without traits
-        return ""
-
-
-CONF = Path(conf.__file__).resolve().parent
+    keys = list(zip(*(table[column] for column in METHOD), strict=True))
+    kinds = dict.fromkeys(keys, "")
+    for optimizer, text in kinds:
+        options = json.loads(text)
+        if options.get("restarts"):
+            kinds[optimizer, text] = "restarts"
+        elif optimizer in optimizers.registry:
+            given = given_options(optimizers.registry, optimizer, options)
+            try:
+                stops = optimizers.make(optimizer, **given).traits.self_terminating
+                kinds[optimizer, text] = "stops" if stops else ""
+            except (ValueError, AttributeError):  # options of another version, or a class without traits
+                pass
+    return pd.Series([kinds[key] for key in keys], index=table.index, dtype=str)
 
 
 @cache
 def preset_names() -> dict[tuple[str, str], str]:
     """Return (optimiser, its options as canonical JSON) -> the preset that has just these options."""
-    names: dict[tuple[str, str], str] = {}
-    for path in sorted((CONF / "optimizer").glob("*.yaml")):
-        name, options = _resolved(path.stem)
-        if name in optimizers.registry:
-            names.setdefault((name, canonical(options_of(optimizers.make(name, **options)))), path.stem)
-    return names
-
-
-def _resolved(preset: str) -> tuple[str, dict[str, Any]]:
-    """Return the registered name at the end of a preset's `defaults`, and the options on the way."""
     from omegaconf import OmegaConf
 
-    path = CONF / "optimizer" / f"{preset}.yaml"
-    if not path.is_file():
-        return preset, {}
-    content: Any = OmegaConf.to_container(OmegaConf.load(path))
-    base = next((entry for entry in content.pop("defaults", []) if entry != "_self_"), content.pop("name", preset))
-    name, options = _resolved(str(base))
-    return name, options | content
+    names: dict[tuple[str, str], str] = {}
+    for preset in sorted((CONF / "optimizer").glob("*.yaml")):
+        name = preset.stem
+        options: dict[str, Any] = {}
+        while (path := CONF / "optimizer" / f"{name}.yaml").is_file():  # to the registered name at its end
+            content: Any = OmegaConf.to_container(OmegaConf.load(path))
+            name = content.pop("name", name)
+            name = str(next((entry for entry in content.pop("defaults", []) if entry != "_self_"), name))
+            options = content | options
+        if name in optimizers.registry:
+            names.setdefault((name, canonical(options_of(optimizers.make(name, **options)))), preset.stem)
+    return names

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import Any
 
@@ -39,8 +39,8 @@ def problems_made_once() -> Iterator[None]:
 def problem_of(row: Mapping[str, Any] | pd.Series, leaves_out: str = _OF_THE_DATA) -> Any:
     """Return the problem a row was made with; `leaves_out` is what is not told without it.
 
-    Raises `ValueError` where it cannot be built again here: its class is somebody's own, which reading does not import,
-    or a file that it reads is elsewhere.
+    Raises `ValueError` where it cannot be built here: its class is somebody's own, or a file that it reads is
+    elsewhere.
     """
     key = (row["problem"], row["problem_options"])
     made = _MADE.get()
@@ -64,9 +64,8 @@ _OF_PARAMETERS = ("parameter_names", "parameter_units", "parameter_starts", "par
 def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = lambda name, problem: {}) -> pd.DataFrame:
     """Return calibrated values against the truth: a row for each cell (`bench.statistics.cells`) and parameter.
 
-    Columns: those of a cell, parameter, unit, true, start_value, printed (a published result for this problem, by
-    `printed_values`; NaN where there is none), and ours: median, q1, q3 over the runs that have an answer, worst error,
-    n of them.
+    Columns: those of a cell, parameter, unit, true, start_value, printed (`printed_values`), median, q1, q3,
+    worst_error, n (runs that have an answer).
     """
     rows = []
     known: dict[tuple[str, str], tuple[Sequence[Parameter], Mapping[str, float]]] = {}
@@ -79,7 +78,17 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = lambda name, 
         names = dict(zip(CELL, key, strict=True))
         named = (names["problem"], names["problem_options"])
         if named not in known:
-            known[named] = _parameters(answered.iloc[int(cells.first[number])], printed_values)
+            row = answered.iloc[int(cells.first[number])]
+            problem = None
+            if row["problem"] in problems.registry:
+                with suppress(ValueError):  # a file that it reads is not here
+                    problem = problem_of(row)
+            if problem is None:  # as the row tells them
+                known[named] = parameters_in(row), {}
+            elif getattr(problem, "parameters", None) is None:
+                known[named] = (), {}
+            else:
+                known[named] = parameters_of(problem), printed_values(str(row["problem"]), problem)
         parameters, printed = known[named]
         if not parameters:
             continue
@@ -100,21 +109,6 @@ def calibrated(runs: pd.DataFrame, printed_values: PrintedValues = lambda name, 
     return pd.DataFrame(rows)
 
 
-def _parameters(
-    row: Mapping[str, Any] | pd.Series, printed_values: PrintedValues
-) -> tuple[Sequence[Parameter], Mapping[str, float]]:
-    """Return the parameters of a problem and what is printed of them; of somebody's own as the row tells them."""
-    if row["problem"] not in problems.registry:
-        return parameters_in(row), {}
-    try:
-        problem = problem_of(row)
-    except ValueError:  # a file that it reads is not here
-        return parameters_in(row), {}
-    if getattr(problem, "parameters", None) is None:
-        return (), {}
-    return parameters_of(problem), printed_values(str(row["problem"]), problem)
-
-
 def parameters_in(row: Mapping[str, Any] | pd.Series) -> tuple[Parameter, ...]:
     """Return the parameters that a row tells of: those that its problem declares."""
     columns = [row.get(name) for name in _OF_PARAMETERS]
@@ -131,12 +125,9 @@ def overview(
 ) -> pd.DataFrame:
     """Return a field of methods, best first: a row for each cell (`bench.statistics.cells`), a method's together.
 
-    Columns: of the method over all tasks (`bench.statistics.ranking`) rank, solved, mean_place, tasks,
-    of_tasks; of the cell optimizer, options, problem, error, problem_options, data_id, dimension, start, budget,
-    target, goal, place (within the task, ties share their mean), runs, failed, timeouts, reached, success,
-    charged_to_target (median over those that reached it), best_median, parameter_error_mm (aligned, median), cpu_s
-    (median), outside_box; with `costs` (`bench.sweep.costs`) objective_s_median and objective_s_to_target. `cells`
-    is the summary of the runs, where it is made already.
+    Columns are `_OVERVIEW`: of the method over all tasks rank, solved, mean_place, tasks, of_tasks; of the cell the
+    others; with `costs` objective_s_median and objective_s_to_target. `cells` is the summary of the runs, where it is
+    made already.
     """
     cells = summary(runs, costs) if cells is None else cells.copy()
     cells["place"] = ranking.places(cells)
@@ -168,9 +159,7 @@ _OVERVIEW = [
 def identifiability(runs: pd.DataFrame) -> pd.DataFrame:
     """Return what the data of each problem can tell: a row a problem, whatever was run on it.
 
-    Columns: problem, problem_options, data_id, dimension, rank, condition, finding (a sentence),
-    worst_standard_error_mm and _rad at the problem's typical `noise` (`noise_unit` a reading) over the parameters that
-    can be found.
+    The worst standard errors are at the problem's typical `noise`, over the parameters that can be found.
     """
     rows = []
     for name, options, data in runs[PROBLEM].drop_duplicates().itertuples(index=False):

@@ -1,27 +1,9 @@
-"""The targets by which a study is read: in the value, above the best, in the user's quantities, in reading noise.
+"""The targets by which a study is read (docs/statistics.md): in the value, above the best, in noise, of the answer.
 
-Quantities, and what reaches a target of each:
-
-- ``value``: the best value is at or below the target [the problem's unit]; by default the levels that the problem and
-  the runs declare.
-- ``gap``: the value is at most the target above the `reference`: the declared minimum, else the lowest value that any
-  run of the study found inside the box; then a run whose answer lies outside reaches none. By default 51 levels.
-- ``noise``: the value is at most the target times what the noise of the readings alone would leave at the true
-  parameters, the sum of the variances of the residuals; only of problems that declare their noise, their truth and how
-  it enters a residual. By default 1: as good as the noise.
-- ``parameter_error_mm`` and the like, ``kmrmse``, ``merit.KEY``: the size of that column of the run's *answer*. It is
-  known of no earlier point, so a hit stands at the evaluation that proposed the answer: the target was reached then,
-  perhaps also before, and a run that passed it on the way to a worse answer has not reached it.
-
-A run that failed reached nothing. Of noisy values the answer as judged counts, as for the quantities of the answer.
-
-A problem that declares no target has none by which it is solved, and of values at the rounding floor the order is
-chance: 3e-30 is no better than 2e-28 where f began at 4. `with_lowest_seen` gives it the lowest value seen as its goal,
-as far as rounding can tell: at most `EPS` times f's own scale, the median size of the first value of a run, or a
-`SAME` part of itself, above the declared minimum, or else above the lowest value that any run found inside the box; a
-run whose answer lies outside does not reach it. It does so where half of the runs of some method come that far, and two
-runs at least; their cost is read off the traces, at the first point of the trace, which may be up to a seventh too
-late. Where none does, values differ by more than rounding, and they alone are compared.
+A problem that declares no target is given one by `with_lowest_seen`: the lowest value seen, as far as rounding can tell
+(3e-30 is no better than 2e-28 where f began at 4). That is `EPS` times the median size of the first value of a run, or
+a `SAME` part of itself, above the declared minimum, or else above the lowest value that any run found inside the box,
+where half of the runs of some method come that far, and two runs at least; their cost is read off the traces.
 """
 
 from __future__ import annotations
@@ -32,13 +14,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibench.bench.execution.answer import PREFIX, offered
+from calibench.bench.execution.answer import PREFIX
 from calibench.bench.statistics.cells import METHOD, PROBLEM, answers, by_cell, judged
 from calibench.bench.statistics.summary import SAME, goals_of, lowest_below
 from calibench.bench.statistics.tables import problem_of
 from calibench.bench.store.columns import floats
-from calibench.bench.store.hits import columns_for, declared_levels
-from calibench.bench.store.runs import ResultStore
+from calibench.bench.store.hits import declared_levels
 from calibench.core.options import suggest
 from calibench.problems.base import extra_of
 from calibench.problems.suites.black_box import COCO_GAPS
@@ -47,106 +28,86 @@ EPS = float(np.finfo(float).eps)
 _SHARE = 0.5  # of the runs of some method, that come to the floor
 COLUMN = "goal_is_lowest_seen"
 LEVELS = [*PROBLEM, "quantity", "target", "level", "inside"]
+_MM = (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6)
+_RAD = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 OF_THE_ANSWER: Mapping[str, tuple[float, ...]] = {
-    "parameter_error_mm": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
-    "parameter_error_rad": (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8),
-    "parameter_error_mm_aligned": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
-    "parameter_error_rad_aligned": (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8),
-    "kmrmse": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
-    "kmrmse_aligned": (1.0, 0.1, 0.01, 1e-3, 1e-4, 1e-5, 1e-6),
-}  # [mm, rad]: what one would ask of a calibrated machine, and far below it
-_NEEDED = [
-    *PROBLEM, "targets", "target", "status", "best_value", "inside_box", "minimum", "judged_value",
-    "judged_evaluations", "tampering",
-]  # fmt: skip
-
-
-def hits_of(store: ResultStore, levels: pd.DataFrame | None = None) -> pd.DataFrame:
-    """Return the hits of a study for `levels`, by default all of `levels_of`, a row for each run and target.
-
-    The columns are those of `HITS_SCHEMA`.
-    """
-    return store.hits(levels_of_study(store) if levels is None else levels)
-
-
-def levels_of_study(store: ResultStore, wanted: Mapping[str, Sequence[float]] | None = None) -> pd.DataFrame:
-    """Return `levels_of` the finished runs of a study, or of all studies of a folder."""
-    return levels_of(store.runs(columns_for([*OF_THE_ANSWER, *(wanted or {}), *_NEEDED])), wanted)
+    "parameter_error_mm": _MM,
+    "parameter_error_rad": _RAD,
+    "parameter_error_mm_aligned": _MM,
+    "parameter_error_rad_aligned": _RAD,
+    "kmrmse": _MM,
+    "kmrmse_aligned": _MM,
+}  # what one would ask of a calibrated machine, and far below it
 
 
 def levels_of(runs: pd.DataFrame, wanted: Mapping[str, Sequence[float]] | None = None) -> pd.DataFrame:
-    """Return the targets of each problem in `runs`, a row each: problem, problem_options, data_id, quantity, target,
-    level, inside.
+    """Return the targets of each problem in `runs`, a row each (columns `LEVELS`), the largest of a quantity first.
 
-    `level` is the value that reaches the target, NaN of a quantity of the answer; `inside` tells that only a run whose
-    answer lies in the box can reach it. `wanted` is {quantity: targets} in place of the defaults. The largest target
-    stands first. Raises `ValueError` for a quantity that the runs do not have.
+    `level` is the value that reaches the target, NaN of a quantity of the answer; `inside`: only an answer in the box
+    can. `wanted` is {quantity: targets} in place of the defaults. Raises `ValueError` for a quantity that the runs
+    lack.
     """
-    unread = "merit" in runs and any(name.startswith(PREFIX) and name not in runs for name in wanted or ())
-    merits = offered(runs[["merit"]]) if unread else runs
+    names = ["value", "gap", "noise", *OF_THE_ANSWER]
+    figures = [str(name) for name in runs.columns if str(name).startswith(PREFIX)]
     for quantity in wanted or ():
-        _check_quantity(quantity, runs if quantity in runs else merits)
-    levels = []
-    asked: Mapping[str, Sequence[float] | None] = dict.fromkeys(["value", "gap", "noise", *OF_THE_ANSWER])
-    asked = asked if wanted is None else wanted
+        unread = quantity.startswith(PREFIX) and not figures and "merit" not in runs
+        if quantity not in names and quantity not in runs and not unread:
+            near = suggest(quantity, [*figures, *names])
+            raise ValueError(f"there is no quantity {quantity!r} to set targets in; {near}")
+        if quantity in figures and runs[quantity].dtype.kind not in "fiub":
+            raise ValueError(f"{quantity} is text: a target is a number")
+    asked: Mapping[str, Sequence[float] | None] = dict.fromkeys(names) if wanted is None else wanted
     least = references(runs).itertuples(index=False) if "gap" in asked else ()
     known = {tuple(row[:3]): (float(row[3]), bool(row[4])) for row in least}
-    declared_of: dict[tuple[Any, ...], list[float]] = {}
-    for *names, level in declared_levels(runs)[[*PROBLEM, "target"]].itertuples(index=False):
-        declared_of.setdefault(tuple(names), []).append(float(level))
+    declared_of: dict[tuple[Any, ...], set[float]] = {}
+    for *problem, level in declared_levels(runs)[[*PROBLEM, "target"]].itertuples(index=False):
+        declared_of.setdefault(tuple(problem), set()).add(float(level))
     cells = by_cell(runs, PROBLEM)
     measured = {name: cells.sums(runs[name].notna()) > 0 for name in asked if name in runs}
+
+    levels = []
     for i, key in enumerate(runs[PROBLEM].iloc[cells.first].itertuples(index=False, name=None)):
         reference, declared = known.get(key, (float("nan"), True))
-        for quantity, targets in asked.items():
+        defaults = {**OF_THE_ANSWER, "value": declared_of.get(key, ()), "gap": COCO_GAPS, "noise": (1.0,)}
+        for quantity, given in asked.items():
+            targets = sorted(map(float, defaults[quantity] if given is None else given), reverse=True)
             if quantity == "value":
-                values = declared_of.get(key, []) if targets is None else targets
-                rows = [(float(t), float(t)) for t in sorted(set(values), reverse=True)]
-            elif targets is None and quantity in OF_THE_ANSWER and not (quantity in measured and measured[quantity][i]):
-                rows = []
+                rows = [(target, target) for target in dict.fromkeys(targets)]
+            elif quantity == "noise":
+                noise = _noise_level(dict(zip(PROBLEM, key, strict=True)))
+                rows = [(target, target * noise) for target in targets if noise == noise]
+            elif quantity == "gap":
+                rows = [(target, reference + target) for target in targets if reference == reference]
             else:
-                rows = _levels(quantity, targets, dict(zip(PROBLEM, key, strict=True)), reference)
+                absent = given is None and not (quantity in measured and measured[quantity][i])
+                rows = [] if absent else [(target, float("nan")) for target in targets]
             inside = quantity == "gap" and not declared
             levels += [(*key, quantity, target, level, inside) for target, level in rows]
     return pd.DataFrame(levels, columns=LEVELS).astype({"target": float, "level": float, "inside": bool})
 
 
-def _check_quantity(quantity: str, runs: pd.DataFrame) -> None:
-    known = ["value", "gap", "noise", *OF_THE_ANSWER]
-    figures = [str(name) for name in runs.columns if str(name).startswith(PREFIX)]
-    unread = quantity.startswith(PREFIX) and not figures and "merit" not in runs
-    if quantity not in known and quantity not in runs and not unread:
-        near = suggest(quantity, [*figures, *known])
-        raise ValueError(f"there is no quantity {quantity!r} to set targets in; {near}")
-    if quantity in figures and runs[quantity].dtype.kind not in "fiub":
-        raise ValueError(f"{quantity} is text: a target is a number")
-
-
 def references(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the best value known of each problem, a row each: problem, problem_options, data_id, reference, declared.
+    """Return the best value known of each problem: PROBLEM, reference, declared.
 
-    It is the minimum that the problem declares, where no run fell below it, else the lowest value found by any run
-    inside the box (of noisy values the lowest judged answer); `declared` tells which. NaN where no run found any.
+    That is the declared minimum, where no run fell below it, else the lowest value (judged, of noisy ones) in the box.
     """
     cells = by_cell(runs, PROBLEM)
     minimum = floats(runs["minimum"].iloc[cells.last])
     inside = runs["inside_box"].fillna(False).astype(bool).to_numpy()
     seen, values = floats(runs["best_value"]), answers(runs)
     declared = minimum == minimum
-    below = cells.least(np.where(inside & np.isfinite(seen), seen, np.nan)) < minimum
+    below = cells.over(np.fmin, np.where(inside & np.isfinite(seen), seen, np.nan)) < minimum
     for i in np.flatnonzero(below).tolist():
-        declared[i] = lowest_below(runs.iloc[cells.rows(i)], float(minimum[i])) is None
-    lowest = cells.least(np.where(inside & np.isfinite(values), values, np.nan))
+        declared[i] = lowest_below(runs, float(minimum[i]), cells.rows(i)) is None
+    lowest = cells.over(np.fmin, np.where(inside & np.isfinite(values), values, np.nan))
     problems = runs[PROBLEM].iloc[cells.first].reset_index(drop=True)
     return problems.assign(reference=np.where(declared, minimum, lowest), declared=declared)
 
 
-def _noise_level(row: Mapping[str, Any] | pd.Series) -> float:
+def _noise_level(row: Mapping[str, Any]) -> float:
     """Return the value that the noise of the readings alone would leave, of the problem of a row; NaN: unknown.
 
-    It is what the problem says itself (`as_good_as_noise`), else the expectation of ``r @ r`` at the true parameters:
-    the declared noise squared times the trace of the covariance of the residuals for noise of 1. A fit of p parameters
-    is expected to end about p/m of it lower.
+    It is what the problem says itself, else the expectation of ``r @ r`` at the true parameters, by its declared noise.
     """
     try:
         problem = problem_of(row, "the level that its noise leaves, where it has a truth and a noise")
@@ -165,28 +126,8 @@ def _noise_level(row: Mapping[str, Any] | pd.Series) -> float:
     return float("nan")
 
 
-def _levels(
-    quantity: str, targets: Sequence[float] | None, problem: Mapping[str, Any], reference: float
-) -> list[tuple[float, float]]:
-    """Return (target, level) of one problem, the largest first."""
-    if quantity == "noise":
-        level = _noise_level(problem)
-        listed = sorted((1.0,) if targets is None else targets, reverse=True)
-        return [(float(t), float(t) * level) for t in listed] if level == level else []
-    if quantity == "gap":
-        if reference != reference:
-            return []
-        listed = sorted(COCO_GAPS if targets is None else targets, reverse=True)
-        return [(float(t), reference + float(t)) for t in listed]
-    wanted = OF_THE_ANSWER[quantity] if targets is None else targets
-    return [(float(t), float("nan")) for t in sorted(wanted, reverse=True)]
-
-
 def with_lowest_seen(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs with targets and hits where their problem has none, and the column `goal_is_lowest_seen`.
-
-    Runs that have that column already are returned as they are.
-    """
+    """Return the runs with targets and hits where their problem has none, and the column `goal_is_lowest_seen`."""
     if COLUMN in runs:
         return runs
     runs = runs.assign(**{COLUMN: False})

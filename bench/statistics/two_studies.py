@@ -1,9 +1,11 @@
-"""Two studies cell by cell: where the second is better, where it is worse, where the runs do not tell.
+"""Two sets of runs, and two studies cell by cell: where the second is better, where worse, where the runs do not tell.
 
-A cell of one is compared with the same cell of the other: the same problem, optimiser, start, budget and target, with
-the same options, or where each side has just one other set of options, with that. Options are the same where those that
-differ from the declared ones are: another version may have declared more. Holm's correction is over all cells that are
-tested, so that for studies without a difference some cell is reported as different in at most 5 of 100.
+Pairs (the same repetition: the same data and start) are tested by Wilcoxon's signed-rank test on the differences of
+their ranks among all runs of both, runs without partners by Mann and Whitney's test, runs beside the one value of a
+side without chance by the sign test; exact, ties and all, up to 60 pairs or 80 runs. How much is A12: P(first better)
+and half of P(alike), with Brunner and Munzel's interval (2000; of pairs 2002) on the logistic scale with Student's t.
+Cells have the same problem, setting and chosen options, or where each side has just one other set of options, that.
+Holm's correction is over all cells that are tested. Source of A12: Vargha and Delaney, J. Educ. Behav. Stat. 25 (2000).
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import comb, nan
 from typing import Any, Literal, final
 
 import numpy as np
@@ -18,35 +21,18 @@ import pandas as pd
 
 from calibench import optimizers, problems
 from calibench.bench.provenance.run_id import canonical, chosen_options
+from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING, answers
 from calibench.bench.statistics.ranking import By, holm, scores
-from calibench.bench.statistics.summary import (
-    goal_hits,
-    goals_of,
-    has_chance,
-    median_of_reached,
-    option_text,
-    outside_box,
-    quantiles,
-)
-from calibench.bench.statistics.two_methods import Tested, two_methods
-from calibench.bench.store.columns import parts
+from calibench.bench.statistics.ranking import order_of_scores as order_of
+from calibench.bench.store.columns import Array, parts
 from calibench.core.words import counted
 
 Verdict = Literal["better", "worse", "equal", "undecided"]
+Test = Literal["signed-rank", "Mann-Whitney", "sign", "equal", "fact", "none"]
 LEVEL = 0.05
-_SHARED = ["data_id", *SETTING]
-_UNSAID = "default"
-
-
-@final
-@dataclass(frozen=True)
-class Shared:
-    """Two sets of runs that are compared, and how the options of the second differ; '' where they do not."""
-
-    first: pd.DataFrame
-    second: pd.DataFrame
-    other_options: str
+_MOST_PAIRS = 60  # whose exchanges are all counted
+_MOST_RUNS = 80  # of both sides, whose exchanges are all counted
 
 
 @final
@@ -66,150 +52,284 @@ class Compared:
 def compare(
     first: pd.DataFrame, second: pd.DataFrame, by: By = "goal", methods: tuple[str, str] | None = None
 ) -> Compared:
-    """Return how the runs `second` stand to the runs `first`, cell by cell; `by` is the order of runs (`score`).
+    """Return how the runs `second` stand to the runs `first`, cell by cell; `by` is the order of runs (`scores`).
 
-    With `methods` the two are optimisers, by name, and cells are matched whatever their optimiser. Columns: problem,
-    problem_options, data_id, optimizer, optimizer_options (of the first), other_options (of the second, where they
-    differ), start, budget, target, goal (NaN: none), unit (of the value), minimum (as declared; NaN: none), runs_a,
-    runs_b, pairs (0: unpaired), alone_a and alone_b (runs without a partner, which are left out of pairs and of every
-    number here), test, p, p_holm, p_sign, a12 with a12_low and a12_high (how often a run of the second beats one of the
-    first), outside_a and outside_b (answers outside the box), reached_a, reached_b, charged_to_target_a and
-    _b, best_median_a and _b, verdict (of the second), why.
+    With `methods` the two are optimisers, and cells are matched whatever their optimiser. Columns are those of the cell
+    of the first, other_options (of the second), goal, unit, minimum, and of both (_a, _b) runs, alone (without a
+    partner: they are in no number here), outside, reached, charged_to_target, best_median; pairs, test, p, p_holm,
+    p_sign, a12 (how often a run of the second beats one of the first) with its interval, verdict (of the second), why.
     """
-    matched, only = _matched(first, second, methods)
-    sides = [partners(pair.first, pair.second) for pair in matched]
+    matched, only = _matched(first, second, methods is not None)
+    # the runs to compare, and whether they are pairs: as where half of the larger side has a partner
+    sides: list[tuple[pd.DataFrame, pd.DataFrame, bool]] = []
+    for a, b, _ in matched:
+        is_unique = a["repetition"].is_unique and b["repetition"].is_unique
+        shared = sorted(set(a["repetition"]) & set(b["repetition"])) if is_unique else []
+        paired = bool(shared) and len(shared) >= max(len(a), len(b)) / 2
+        if paired:
+            a, b = (r.set_index("repetition", drop=False).loc[shared].reset_index(drop=True) for r in (a, b))
+        sides.append((a, b, paired))
     results = [
-        two_methods(scores(a, by), scores(b, by), paired, (has_chance(a), has_chance(b))) for a, b, paired in sides
+        two_methods(scores(a, by), scores(b, by), paired, (stats.has_chance(a), stats.has_chance(b)))
+        for a, b, paired in sides
     ]
-    rows = [
-        _row(pair, side, result, p, *_of_runs(side, result, verdict, why, by))
-        for pair, side, result, (p, verdict, why) in zip(matched, sides, results, verdicts(results, by), strict=True)
-    ]
+    rows = []
+    for (a, b, other_options), side, result, (p, verdict, why) in zip(
+        matched, sides, results, verdicts(results, by), strict=True
+    ):
+        pair = side[:2]
+        # what the scores alone do not tell: that nothing ended, that all is at the goal
+        if result.test == "equal" and not any(np.isfinite(scores(runs, by)).all(axis=1).any() for runs in pair):
+            if by == "charged":
+                verdict, why = "undecided", "no run of either side ended well"
+            elif not any(np.isfinite(answers(runs)).any() for runs in pair):
+                verdict, why = "undecided", "no run of either side found a value"
+        hits = [stats.goal_hits(runs) for runs in pair]
+        if by == "value" and verdict in ("better", "worse") and all(np.isfinite(hit).all() for hit in hits):
+            why = f"{why}; but all runs are below the goal, where values may differ by rounding alone"
+
+        unit = a["unit"].iloc[0]
+        least = a["minimum"].iloc[0] if a["judged_value"].isna().all() else None  # of noisy values there is none
+        row: dict[str, Any] = {name: a[name].iloc[0] for name in (*PROBLEM, *METHOD)}
+        row |= {"other_options": other_options} | {name: a[name].iloc[0] for name in SETTING}
+        row |= {"goal": float(stats.goals_of(a)[0]), "unit": unit if isinstance(unit, str) else ""}
+        row |= {"minimum": nan if least is None else float(least)}
+        row |= {"runs_a": result.runs[0], "runs_b": result.runs[1], "pairs": result.pairs}
+        row |= {"alone_a": len(a) - len(pair[0]), "alone_b": len(b) - len(pair[1]), "test": result.test}
+        row |= {"p": result.p, "p_holm": p, "p_sign": result.sign_p}
+        row |= {"a12": result.effect.a12, "a12_low": result.effect.low, "a12_high": result.effect.high}
+        for name, runs, hit in zip("ab", pair, hits, strict=True):  # of the runs that were tested
+            row |= {
+                f"outside_{name}": int(stats.outside_box(runs).sum()),
+                f"reached_{name}": int(np.isfinite(hit).sum()),
+                f"charged_to_target_{name}": stats.median_of_reached(hit),
+                f"best_median_{name}": float(stats.quantiles(answers(runs), (0.5,))[0]),
+            }
+        rows.append(row | {"verdict": verdict, "why": why})
     return Compared(pd.DataFrame(rows), *only)
 
 
-def verdicts(results: Sequence[Tested], by: By = "goal") -> list[tuple[float, Verdict, str]]:
-    """Return of each cell's result Holm's p over all of them, the verdict on the second side, and why."""
-    adjusted = [float(p) for p in holm([result.p for result in results])]
-    return [(p, *_verdict(result, p, by)) for result, p in zip(results, adjusted, strict=True)]
-
-
 def _matched(
-    first: pd.DataFrame, second: pd.DataFrame, methods: tuple[str, str] | None
-) -> tuple[list[Shared], tuple[int, int]]:
-    """Return the shared cells, and how many cells only the first and only the second has."""
-    sides = [_cells(runs, methods is not None) for runs in (first, second)]
-    shared: list[Shared] = []
-    only = [0, 0]
-    for key in dict.fromkeys([*sides[0], *sides[1]]):
-        a, b = (side.get(key, {}) for side in sides)
-        same = [options for options in a if options in b]
-        shared += [Shared(a[options], b[options], "") for options in same]
-        rest = [[options for options in side if options not in same] for side in (a, b)]
+    first: pd.DataFrame, second: pd.DataFrame, any_method: bool
+) -> tuple[list[tuple[pd.DataFrame, pd.DataFrame, str]], tuple[int, int]]:
+    """Return the shared cells, with how the options of the second differ, and how many only the one and other has."""
+    sides: list[dict[tuple[Any, ...], dict[str, pd.DataFrame]]] = []  # {what is the same: {chosen options: runs}}
+    for each in (first, second):
+        cells: dict[tuple[Any, ...], dict[str, pd.DataFrame]] = {}
+        for key, mine in each.groupby([*PROBLEM, *METHOD, *SETTING], sort=False, dropna=False):
+            named: dict[str, Any] = dict(zip([*PROBLEM, *METHOD, *SETTING], key, strict=True))
+            problem, method = (
+                canonical(chosen_options(registry, named[kind], json.loads(named[f"{kind}_options"])))
+                for registry, kind in ((problems.registry, "problem"), (optimizers.registry, "optimizer"))
+            )
+            setting = [None if named[name] != named[name] else named[name] for name in ("data_id", *SETTING)]
+            what = (named["problem"], problem, *setting, *([] if any_method else [named["optimizer"]]))
+            options = f"{named['optimizer']} {method}" if any_method else method
+            held = cells.setdefault(what, {})
+            held[options] = pd.concat([held[options], mine]) if options in held else mine
+        sides.append(cells)
+
+    shared, only = [], [0, 0]
+    for what in dict.fromkeys([*sides[0], *sides[1]]):
+        a, b = (side.get(what, {}) for side in sides)
+        shared += [(a[options], b[options], "") for options in a if options in b]
+        rest = [[options for options in side if not (options in a and options in b)] for side in (a, b)]
         if len(rest[0]) == len(rest[1]) == 1:
-            shared.append(Shared(a[rest[0][0]], b[rest[1][0]], _difference(rest[0][0], rest[1][0])))
+            [its], [other] = rest
+            differ = other  # of two methods, each with its name
+            if not any_method:  # in the form of the command line
+                have, has = (parts(json.loads(text), classes=False) for text in (its, other))
+                keys = [key for key in dict.fromkeys([*have, *has]) if have.get(key) != has.get(key)]
+                values = {key: stats.option_text(key, has.get(key, "default")).removeprefix(f"{key}=") for key in keys}
+                differ = ", ".join(
+                    f"{stats.option_text(key, have.get(key, 'default'))} -> {values[key]}" for key in keys
+                )
+            shared.append((a[its], b[other], differ))
         else:
             only = [count + len(more) for count, more in zip(only, rest, strict=True)]
     return shared, (only[0], only[1])
 
 
-def _cells(runs: pd.DataFrame, any_method: bool) -> dict[tuple[Any, ...], dict[str, pd.DataFrame]]:
-    """Return {what must be the same: {chosen options of the optimiser: runs}}."""
-    cells: dict[tuple[Any, ...], dict[str, pd.DataFrame]] = {}
-    for key, mine in runs.groupby([*PROBLEM, *METHOD, *SETTING], sort=False, dropna=False):
-        named: dict[str, Any] = dict(zip([*PROBLEM, *METHOD, *SETTING], key, strict=True))
-        problem, method = (
-            canonical(chosen_options(registry, named[kind], json.loads(named[f"{kind}_options"])))
-            for registry, kind in ((problems.registry, "problem"), (optimizers.registry, "optimizer"))
-        )
-        setting = tuple(None if named[name] != named[name] else named[name] for name in _SHARED)
-        what = (named["problem"], problem, *setting, *([] if any_method else [named["optimizer"]]))
-        options = f"{named['optimizer']} {method}" if any_method else method
-        held = cells.setdefault(what, {})
-        held[options] = pd.concat([held[options], mine]) if options in held else mine
-    return cells
+@final
+@dataclass(frozen=True)
+class Effect:
+    """A12 of the first over the second, and its interval."""
+
+    a12: float
+    low: float
+    high: float
 
 
-def _difference(first: str, second: str) -> str:
-    """Return how two sets of chosen options differ, in the form of the command line."""
-    try:
-        a, b = (parts(json.loads(text), classes=False) for text in (first, second))
-    except ValueError:  # two methods, each with its name
-        return second
-    keys = [key for key in dict.fromkeys([*a, *b]) if a.get(key) != b.get(key)]
-    others = {key: option_text(key, b.get(key, _UNSAID)).removeprefix(f"{key}=") for key in keys}
-    return ", ".join(f"{option_text(key, a.get(key, _UNSAID))} -> {others[key]}" for key in keys)
+@final
+@dataclass(frozen=True, kw_only=True)
+class Tested:
+    """What a test of two sets of runs says: `p` two-sided, `p_least` the least possible, `sign_p` of the sign test.
 
-
-Sides = tuple[pd.DataFrame, pd.DataFrame, bool]  # the runs of both that are compared, and whether they are pairs
-
-
-def partners(first: pd.DataFrame, second: pd.DataFrame) -> Sides:
-    """Return the runs to compare, and whether they are pairs: runs of one repetition, which share data and start.
-
-    They are where at least half of the runs of the larger side have a partner; then the others are left out.
+    `test`: "equal" in every score, "fact" where neither side has chance in it and both differ, "none" where none can be
+    made. `effect` is A12 of the second over the first. `ahead`: 1 where the second is, -1 where the first is, 0 where
+    neither is, or the test of pairs and A12 contradict each other.
     """
-    if first["repetition"].is_unique and second["repetition"].is_unique:
-        shared = sorted(set(first["repetition"]) & set(second["repetition"]))
-        if shared and len(shared) >= max(len(first), len(second)) / 2:
-            a, b = (runs.set_index("repetition", drop=False).loc[shared] for runs in (first, second))
-            return a.reset_index(drop=True), b.reset_index(drop=True), True
-    return first, second, False
+
+    test: Test
+    runs: tuple[int, int]
+    effect: Effect
+    pairs: int = 0
+    p: float = nan
+    p_least: float = nan
+    sign_p: float = nan
+    ahead: int = 0
 
 
-def _of_runs(side: Sides, result: Tested, verdict: Verdict, why: str, by: By) -> tuple[Verdict, str]:
-    """Return verdict and reason with what the scores alone do not tell: that nothing ended, that all is at the goal."""
-    first, second, _ = side
-    if result.test == "equal" and not any(np.isfinite(scores(runs, by)).all(axis=1).any() for runs in (first, second)):
-        if by == "charged":
-            return "undecided", "no run of either side ended well"
-        if not any(np.isfinite(answers(runs)).any() for runs in (first, second)):
-            return "undecided", "no run of either side found a value"
-    arrived = all(np.isfinite(goal_hits(runs)).all() for runs in (first, second))
-    if by == "value" and verdict in ("better", "worse") and arrived:
-        return verdict, f"{why}; but all runs are below the goal, where values may differ by rounding alone"
-    return verdict, why
+def verdicts(results: Sequence[Tested], by: By = "goal") -> list[tuple[float, Verdict, str]]:
+    """Return of each cell's result Holm's p over all of them, the verdict on the second side, and why."""
+    found: list[tuple[float, Verdict, str]] = []
+    for result, p in zip(results, holm([result.p for result in results]).tolist(), strict=True):
+        way: Verdict = "better" if result.ahead > 0 else "worse"
+        if result.test == "equal":
+            way, why = "equal", "every run was charged the same" if by == "charged" else "every run gave the same"
+        elif result.test == "none":
+            way, why = "undecided", "no runs on one side"
+        elif result.test == "fact" and result.ahead:
+            why = "no chance in it: what differs, differs"
+        elif result.test == "fact":
+            way, why = "undecided", "runs without chance that differ both ways"
+        elif p <= LEVEL and result.ahead:
+            why = f"Holm's p {p:.2g}"
+        elif p <= LEVEL:
+            way, why = "undecided", f"Holm's p {p:.2g}, but of all couples as many or more say the opposite"
+        elif result.p_least > LEVEL:
+            of = counted(result.pairs, "pair") if result.pairs else f"{result.runs[0]} and {result.runs[1]} runs"
+            of += ", of one side without chance," if result.test == "sign" else ""
+            way, why = "undecided", f"{of} cannot give a p below {result.p_least:.2g}"
+        else:
+            way, why = "undecided", f"Holm's p {p:.2g}"
+        found.append((p, way, why))
+    return found
 
 
-def _row(pair: Shared, side: Sides, result: Tested, p: float, verdict: Verdict, why: str) -> dict[str, Any]:
-    row: dict[str, Any] = {name: pair.first[name].iloc[0] for name in (*PROBLEM, *METHOD)}
-    row |= {"other_options": pair.other_options} | {name: pair.first[name].iloc[0] for name in SETTING}
-    unit = pair.first["unit"].iloc[0]
-    row |= {"goal": float(goals_of(pair.first)[0]), "unit": unit if isinstance(unit, str) else ""}
-    least = pair.first["minimum"].iloc[0] if pair.first["judged_value"].isna().all() else None
-    row |= {"minimum": float("nan") if least is None else float(least)}  # of noisy values there is none
-    row |= {"runs_a": result.runs[0], "runs_b": result.runs[1], "pairs": result.pairs}
-    row |= {"alone_a": len(pair.first) - len(side[0]), "alone_b": len(pair.second) - len(side[1]), "test": result.test}
-    row |= {"p": result.p, "p_holm": p, "p_sign": result.sign_p}
-    row |= {"a12": result.effect.a12, "a12_low": result.effect.low, "a12_high": result.effect.high}
-    for name, runs in (("a", side[0]), ("b", side[1])):  # of the runs that were tested
-        hits = goal_hits(runs)
-        values = answers(runs)
-        row |= {
-            f"outside_{name}": int(outside_box(runs).sum()),
-            f"reached_{name}": int(np.isfinite(hits).sum()),
-            f"charged_to_target_{name}": median_of_reached(hits),
-            f"best_median_{name}": float(quantiles(values, (0.5,))[0]),
-        }
-    return row | {"verdict": verdict, "why": why}
+def two_methods(first: Array, second: Array, paired: bool, chance: tuple[bool, bool] = (True, True)) -> Tested:
+    """Return the test of the runs `first`, scores of shape (n, 2), against `second`, shape (m, 2).
+
+    `paired`: the i-th of both belong together. `chance` tells of both whether it has a part.
+    """
+    n, m = runs = len(first), len(second)
+    pairs = n if paired else 0
+    if not n or not m:
+        return Tested(test="none", runs=runs, pairs=pairs, effect=Effect(nan, 0.0, 1.0))
+    effect = a12(second, first, paired)
+    ahead = int(np.sign(effect.a12 - 0.5))
+    alike = first == second if paired else np.sort(first, axis=0) == np.sort(second, axis=0) if n == m else False
+    if np.all(alike):
+        return Tested(test="equal", runs=runs, pairs=pairs, effect=effect)
+    if not any(chance):
+        return Tested(test="fact", runs=runs, pairs=pairs, effect=effect, ahead=ahead)
+    if not all(chance):
+        signs = beside_fixed(first, second) if chance[1] else -beside_fixed(second, first)
+        p, least = _sign(signs), min(1.0, 2.0 ** (1 - len(signs)))
+        return Tested(test="sign", runs=runs, p=p, p_least=least, sign_p=p, effect=effect, ahead=ahead)
+    ranks = order_of(np.concatenate([first, second]))
+    if not paired:
+        p, least = min(1.0, 2 * min(rank_sum_tails(ranks[:n], ranks[n:]))), min(1.0, 2.0 / comb(n + m, n))
+        return Tested(test="Mann-Whitney", runs=runs, p=p, p_least=least, effect=effect, ahead=ahead)
+    difference = ranks[n:] - ranks[:n]
+    above, below = signed_rank_tails(difference)
+    return Tested(
+        test="signed-rank",
+        runs=runs,
+        pairs=n,
+        p=min(1.0, 2 * min(above, below)),
+        p_least=min(1.0, 2.0 ** (1 - n)),
+        sign_p=_sign(difference),
+        effect=effect,
+        ahead=ahead if ahead == int(np.sign(above - below)) else 0,  # a higher rank is behind
+    )
 
 
-def _verdict(result: Tested, p: float, by: By) -> tuple[Verdict, str]:
-    if result.test == "equal":
-        return "equal", "every run was charged the same" if by == "charged" else "every run gave the same"
-    if result.test == "none":
-        return "undecided", "no runs on one side"
-    way: Verdict = "better" if result.ahead > 0 else "worse"
-    if result.test == "fact":
-        if not result.ahead:
-            return "undecided", "runs without chance that differ both ways"
-        return way, "no chance in it: what differs, differs"
-    if p <= LEVEL and result.ahead:
-        return way, f"Holm's p {p:.2g}"
-    if p <= LEVEL:
-        return "undecided", f"Holm's p {p:.2g}, but of all couples as many or more say the opposite"
-    if result.p_least > LEVEL:
-        of = counted(result.pairs, "pair") if result.pairs else f"{result.runs[0]} and {result.runs[1]} runs"
-        of += ", of one side without chance," if result.test == "sign" else ""
-        return "undecided", f"{of} cannot give a p below {result.p_least:.2g}"
-    return "undecided", f"Holm's p {p:.2g}"
+def signed_rank_tails(difference: Array) -> tuple[float, float]:
+    """Return the one-sided p of Wilcoxon's signed-rank test that differences, shape (n,), are above 0, and below.
+
+    SciPy's exact distribution knows no ties. Twice the sum of the ranks above 0 is a sum of independent whole numbers,
+    each there or not: its distribution is a product of polynomials. Pairs that are alike are left out.
+    """
+    from scipy.stats import rankdata, wilcoxon
+
+    apart = difference[difference != 0]
+    if not apart.size:
+        return 1.0, 1.0
+    if len(apart) > _MOST_PAIRS:
+        above, below = (wilcoxon(apart, method="approx", alternative=way).pvalue for way in ("greater", "less"))
+        return float(above), float(below)
+    twice = np.rint(2 * rankdata(np.abs(apart))).astype(int)
+    seen, whole = int(twice[apart > 0].sum()), int(twice.sum())
+    ways = np.ones(1)
+    for rank in twice.tolist():
+        ways = np.convolve(ways, np.concatenate([[0.5], np.zeros(rank - 1), [0.5]]))
+    return min(1.0, float(ways[: whole - seen + 1].sum())), min(1.0, float(ways[: seen + 1].sum()))  # 1: by rounding
+
+
+def rank_sum_tails(first: Array, second: Array) -> tuple[float, float]:
+    """Return the one-sided p of Wilcoxon, Mann and Whitney's test that the ranks `first` are below `second`, and above.
+
+    Exact, ties and all: the number of ways to choose k of the ranks with sum s, rank by rank.
+    """
+    from scipy.stats import mannwhitneyu, rankdata
+
+    n = len(first)
+    both = np.concatenate([first, second])
+    if len(np.unique(both)) == 1:
+        return 1.0, 1.0
+    if len(both) > _MOST_RUNS:
+        below, above = (mannwhitneyu(first, second, alternative=way).pvalue for way in ("less", "greater"))
+        return float(below), float(above)
+    twice = np.rint(2 * rankdata(both)).astype(int)
+    ways = np.zeros((n + 1, int(np.sort(twice)[-n:].sum()) + 1))
+    ways[0, 0] = 1.0
+    for rank in twice.tolist():
+        ways[1:, rank:] += ways[:-1, : ways.shape[1] - rank].copy()
+    share, seen = ways[n] / ways[n].sum(), int(twice[:n].sum())
+    return min(1.0, float(share[: seen + 1].sum())), min(1.0, float(share[seen:].sum()))  # 1: by rounding
+
+
+def beside_fixed(fixed: Array, drawn: Array) -> Array:
+    """Return 1 for each run of `drawn` that is behind the one value of `fixed`, -1 for one ahead, else 0."""
+    ranks = order_of(np.concatenate([fixed[:1], drawn]))
+    signs: Array = np.sign(ranks[1:] - ranks[0])
+    return signs
+
+
+def _sign(difference: Array) -> float:
+    from scipy.stats import binomtest
+
+    apart = difference[difference != 0]
+    return float(binomtest(int((apart > 0).sum()), len(apart)).pvalue) if apart.size else 1.0
+
+
+def a12(first: Array, second: Array, paired: bool = False, level: float = 0.95) -> Effect:
+    """Return the effect of `first` over `second`, scores of shapes (n, 2) and (m, 2), `paired` or not."""
+    from scipy.stats import norm, t
+
+    n, m = len(first), len(second)
+    ranks = order_of(np.concatenate([first, second]))
+    within = [order_of(first), order_of(second)]
+    of_first = 1 - (ranks[:n] - within[0]) / m  # the share of the second that each run of the first beats
+    of_second = (ranks[n:] - within[1]) / n  # the share of the first that beats each run of the second
+    effect = float(of_first.mean())
+    if n < 2 or m < 2:
+        return Effect(effect, 0.0, 1.0)
+    if paired:
+        both = of_first + of_second
+        variance, freedom = float(both.var(ddof=1)) / n, n - 1.0
+    else:
+        parts = float(of_first.var(ddof=1)) / n, float(of_second.var(ddof=1)) / m
+        variance = sum(parts)
+        below = parts[0] ** 2 / (n - 1) + parts[1] ** 2 / (m - 1)
+        freedom = variance**2 / below if below else float(min(n, m) - 1)
+    if not 0 < effect < 1 or variance <= 0:  # what complete separation of n runs still allows: Wilson's interval
+        k, z2 = min(n, m), float(norm.ppf((1 + level) / 2)) ** 2
+        middle = (effect + z2 / (2 * k)) / (1 + z2 / k)
+        reach = np.sqrt(z2 * (effect * (1 - effect) / k + z2 / (4 * k * k))) / (1 + z2 / k)
+        return Effect(effect, max(0.0, float(middle - reach)), min(1.0, float(middle + reach)))
+    middle = np.log(effect / (1 - effect))
+    reach = float(t.ppf((1 + level) / 2, freedom)) * np.sqrt(variance) / (effect * (1 - effect))
+    low, high = (1 / (1 + np.exp(-(middle + side * reach))) for side in (-1, 1))
+    return Effect(effect, float(low), float(high))

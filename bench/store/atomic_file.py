@@ -8,15 +8,12 @@ from __future__ import annotations
 import os
 import platform
 import re
-import shutil
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from calibench.bench.gate.processes import is_gone
-
-_ENDING = re.compile(r"\.(\d+)@(.*)\.tmp$")
+TEMPORARY = re.compile(r"\.(\d+)@(.*)\.tmp$")  # the process, and its machine
 
 
 def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
@@ -37,19 +34,6 @@ def write_whole(path: Path, write: Callable[[BinaryIO], object]) -> Path:
 def temporary_name(path: Path) -> Path:
     """Return the name under which this process writes what will be `path`."""
     return path.with_name(f"{path.name}.{os.getpid()}@{platform.node()}.tmp")
-
-
-def remove_stale(folder: Path, under_lock: tuple[str, ...]) -> None:
-    """Delete what killed processes left in `folder`, whose lock we hold; what may still be written stays.
-
-    Files whose names begin as one of `under_lock` are written by who holds the lock alone, so nobody writes them now.
-    Others go where their process is known to be gone from this machine.
-    """
-    for path in folder.glob("*.tmp"):
-        writer = _ENDING.search(path.name)
-        if writer is not None and (path.name.startswith(under_lock) or is_gone(writer[2], int(writer[1]), "")):
-            with suppress(FileNotFoundError):  # it has just got its name
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def open_within(path: Path, flags: int) -> int:

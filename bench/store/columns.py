@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from calibench.bench.store.arrays import cast, dictionary_encode, numbers
+from calibench.bench.store.arrays import cast, compute, numbers
 from calibench.core.options import CLASS
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def floats(column: Any) -> Array:
 def plain(column: Any) -> list[Any]:
     """Return a column as Python has it, None where it has nothing; NaN is nothing."""
     if isinstance(column, pa.ChunkedArray) and pa.types.is_string(column.type):
-        coded = dictionary_encode(column.combine_chunks())  # each text is kept once, however many rows have it
+        coded = compute("dictionary_encode", column.combine_chunks())  # each text once, however many rows have it
         texts = [*coded.dictionary.to_pylist(), None]
         return [texts[place] for place in numbers(coded.indices, -1).tolist()]
     if isinstance(column, pa.ChunkedArray):
@@ -79,11 +79,7 @@ def true(column: Any) -> Flags:
 
 
 def numbered(columns: Iterable[Any]) -> Counts:
-    """Return for each row the number, from 0, of what it has in `columns`; what comes first has the lowest.
-
-    >>> numbered([["a", "b", "a", "a"], [1.0, float("nan"), 1.0, float("nan")]]).tolist()
-    [0, 1, 0, 2]
-    """
+    """Return for each row the number, from 0, of what it has in `columns`; what comes first has the lowest."""
     seen: dict[tuple[Any, ...], int] = {}
     rows = zip(*map(plain, columns), strict=True)
     return np.array([seen.setdefault(row, len(seen)) for row in rows], dtype=np.int64)
@@ -92,7 +88,6 @@ def numbered(columns: Iterable[Any]) -> Counts:
 _KINDS = (("prob.", "problem", "problem_options"), ("opt.", "optimizer", "optimizer_options"))
 PREFIXES = tuple(prefix for prefix, _, _ in _KINDS)  # of the columns
 OF_OPTIONS = tuple(column for _, name, options in _KINDS for column in (name, options))
-
 
 # a member of an enumeration, as rows write it; its class has a capital letter, which data:run.csv has not
 _MEMBER = re.compile(r"[A-Za-z_][\w.]*:(?:[A-Za-z_]\w*\.)*_*[A-Z]\w*\.([A-Za-z_]\w*)")
@@ -123,10 +118,8 @@ def parts(options: Mapping[str, Any], classes: bool = True) -> dict[str, Any]:
 def with_options(runs: pd.DataFrame) -> pd.DataFrame:
     """Return `runs` with a column for each option of which some problem or optimiser has several values here.
 
-    An option inside another is ``prob.noise.sigma``; a member of an enumeration is told by its name.
-
-    Numbers are a column of floats (of integers, where none is missing), flags of nullable booleans, all else text;
-    missing where the problem or optimiser has no such option, or null. A mixture of kinds is text, as JSON.
+    It is ``prob.NAME`` or ``opt.NAME``: floats (integers where none is missing), nullable booleans, else text; missing
+    where there is no such option, or null. A mixture of kinds is text, as JSON.
     """
     import pandas as pd
 
@@ -139,29 +132,18 @@ def with_options(runs: pd.DataFrame) -> pd.DataFrame:
             for key, value in read[text].items():
                 seen.setdefault(key, {}).setdefault(owner, set()).add(json.dumps(value, sort_keys=True))
         for key in sorted(key for key, owners in seen.items() if any(len(values) > 1 for values in owners.values())):
-            names = {member: typed(member) for text in read for member in [read[text].get(key)] if _is_text(member)}
+            names = {v: typed(v) for text in read for v in [read[text].get(key)] if isinstance(v, str)}
             apart = len({*names.values()}) == len(names)  # no two members of one name
             values = [read[text].get(key) for text in runs[options]]
-            texts = [names[value] if apart and _is_text(value) else value for value in values]
-            columns[prefix + key] = _column(texts, runs.index)
+            values = [names[value] if apart and isinstance(value, str) else value for value in values]
+            kinds = {type(value) for value in values if value is not None}
+            dtype = "str"
+            if kinds <= {bool}:
+                dtype = "boolean"
+            elif kinds <= {int, float}:
+                dtype = "int64" if kinds == {int} and None not in values else "float64"
+                values = [float("nan") if value is None else value for value in values]
+            elif kinds != {str}:
+                values = [None if v is None else json.dumps(v, sort_keys=True, ensure_ascii=False) for v in values]
+            columns[prefix + key] = pd.Series(values, runs.index, dtype=dtype)
     return pd.concat([runs, pd.DataFrame(columns, index=runs.index)], axis=1) if columns else runs
-
-
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
-
-
-def _column(values: list[Any], index: pd.Index) -> pd.Series:
-    import pandas as pd
-
-    known = [value for value in values if value is not None]
-    if all(isinstance(value, bool) for value in known):
-        return pd.Series(values, index, dtype="boolean")
-    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in known):
-        whole = len(known) == len(values) and all(isinstance(value, int) for value in known)
-        return pd.Series(
-            [float("nan") if v is None else v for v in values], index, dtype="int64" if whole else "float64"
-        )
-    if not all(isinstance(value, str) for value in known):
-        values = [None if v is None else json.dumps(v, sort_keys=True, ensure_ascii=False) for v in values]
-    return pd.Series(values, index, dtype="str")

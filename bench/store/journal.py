@@ -1,19 +1,15 @@
 """A journal: the finished runs of one writer, appended a line each, until they are collected into the tables.
 
-Lines are checksummed, begin and end with a newline, and each file begins with two headers. So a kill costs the line
-that was being written and no other, and damage to one line costs at most that line. A line is, with tabs between::
+Lines are checksummed, begin and end with a newline, and each file begins with two headers: a kill costs the line that
+was being written, and damage to one line at most that line. Values are JSON, with NaN and Infinity. With tabs between::
 
     CRC32  H  {header}                                          who writes, and the columns that all its rows share
     CRC32  R  run_id  status  code_digest  [row]  [trace]       a finished run, its values in the order of the columns
 
-Values are JSON, in which a double is written so that the same bits are read, with the words NaN and Infinity.
-
-Only its writer appends to a journal, and opens it for each line anew: nothing that a run starts inherits it. Who holds
-the lock of the study claims journals: renames them, reads them, and deletes them when the tables hold their runs.
-Having appended, the writer looks whether the file still has its name. Where it has not, the line may have come too late
-to be read; it is written once more, into a new file, and a run that stands twice is taken once. So nobody has to know
-whether a writer still lives, and no clock is asked. A drive of several machines has to show a rename to all at once, as
-local disks, NFS from version 4 on and the parallel file systems of clusters do.
+Only its writer appends to a journal, and opens it for each line anew. Who holds the study's lock claims it: renames
+it, reads it, and deletes it when the tables hold its runs. Where the file has lost its name as the writer looks again,
+the line is written once more, into a new file, and a run that stands twice is taken once. A shared drive has to show a
+rename to all at once, as NFS from version 4 on and the parallel file systems of clusters do.
 """
 
 from __future__ import annotations
@@ -25,7 +21,7 @@ import re
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from secrets import token_hex
@@ -35,7 +31,7 @@ from zlib import crc32
 import numpy as np
 
 from calibench.bench.execution.run_row import COLUMNS, SCHEMA_VERSION
-from calibench.bench.gate.processes import born, is_gone
+from calibench.bench.gate.processes import born
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.store.atomic_file import open_within
 
@@ -54,38 +50,18 @@ _APPEND = os.O_WRONLY | os.O_APPEND | getattr(os, "O_BINARY", 0)
 @final
 @dataclass(frozen=True)
 class Record:
-    """A finished run as a journal holds it; `row` and `trace` are read from JSON when they are asked for."""
+    """A finished run as a journal holds it; `row` and `trace` are JSON: values of `names`, and columns of points.
+
+    Times are microseconds since 1970, UTC; columns of a trace are in the order of `schema.POINT`.
+    """
 
     run_id: str
     status: str
     code_digest: str
     names: tuple[str, ...]  # of the columns in the line
     common: Mapping[str, Any]  # the other columns
-    _row: bytes
-    _trace: bytes
-
-    @property
-    def size(self) -> int:
-        """Return the bytes of the line."""
-        return len(self._row) + len(self._trace)
-
-    def row(self) -> dict[str, Any]:
-        """Return the row by the names of its columns; times are microseconds since 1970, UTC."""
-        return {**self.common, **dict(zip(self.names, self.values(), strict=True))}
-
-    def values(self) -> list[Any]:
-        """Return the values of `names`."""
-        values: list[Any] = json.loads(self._row)
-        return values
-
-    def raw(self) -> bytes:
-        """Return row and trace as they were written."""
-        return self._row + b"\n" + self._trace
-
-    def trace(self) -> list[list[Any]]:
-        """Return the columns of the trace, in the order of `schema.POINT`."""
-        columns: list[list[Any]] = json.loads(self._trace)
-        return columns
+    row: bytes
+    trace: bytes
 
 
 class State(NamedTuple):
@@ -103,11 +79,7 @@ class Journal:
     def __init__(
         self, folder: Path, study: str, name: str | None = None, origin: Mapping[str, Any] | None = None
     ) -> None:
-        """Begin a journal of the study in `folder`; the file is made with the first run.
-
-        Names of its files begin with `name`, one that nobody has by default. `origin` is where its rows were made
-        (`provenance`): in this process by default.
-        """
+        """Begin a journal: its file, made with the first run, is named from `name`; `origin` is where rows are made."""
         self._folder, self._name = folder / FOLDER, name or writer_name()
         self._common = {**(origin or provenance()), "study": study, "schema_version": SCHEMA_VERSION}
         self._names = [column.name for column in COLUMNS if column.name not in self._common]
@@ -118,60 +90,83 @@ class Journal:
     def append(self, run: Run) -> None:
         """Write a finished run. When this returns, a kill of this process no longer loses it."""
         record = vars(run.record)
-        row = [_plain(record[name], name) for name in self._names]
+        times = {name for name in _TIMES if record.get(name) is not None}
+        row = [(record[name] - _EPOCH) // _MICROSECOND if name in times else record[name] for name in self._names]
         points = [list(column) for column in zip(*run.points, strict=True)] or [[], [], [], []]
-        fields = (b"R", record["run_id"].encode(), record["status"].encode(), (record["code_digest"] or "").encode())
-        line = _line(*fields, _json(row), _json(points))
-        while not self._is_appended(line):
-            self.path = None
+        fields = ("R", record["run_id"], record["status"], record["code_digest"] or "")
+        line = _line(*fields, _ENCODER.encode(row), _ENCODER.encode(points))
+        while True:  # until nobody has claimed the file that holds it
+            if self.path is None:
+                path, flags = self._folder / f"{self._name}-{token_hex(8)}{ENDING}", _APPEND | os.O_CREAT | os.O_EXCL
+                header = {
+                    "schema_version": SCHEMA_VERSION, "host": platform.node(), "pid": os.getpid(),
+                    "born": born(os.getpid()), "began_at": time.time(), "columns": self._names, "common": self._common,
+                }  # fmt: skip
+                self._header, self._count = _line("H", _ENCODER.encode(header)), 0
+            else:
+                path, flags = self.path, _APPEND
+            try:
+                file = open_within(path, flags) if self.path is None else os.open(path, flags)
+            except FileNotFoundError:
+                self.path = None
+                continue
+            self.path = path
+            try:
+                copies = 2 if os.fstat(file).st_size == 0 else self._count % _HEADER_EVERY == 0
+                _write(file, self._header * copies + line)
+                if time.monotonic() - self._synced > _SYNC_EVERY:
+                    with suppress(OSError):  # some network drives have no such order
+                        os.fsync(file)
+                    self._synced = time.monotonic()
+            finally:
+                os.close(file)
+            self._count += 1
+            try:  # whether it is still there: by opening it, which a network drive answers anew
+                os.close(os.open(path, os.O_RDONLY))
+                return
+            except FileNotFoundError:
+                self.path = None
 
-    def _is_appended(self, line: bytes) -> bool:
-        """Append a line; return whether nobody has claimed the file until then."""
-        if self.path is None:
-            path, flags = self._folder / f"{self._name}-{token_hex(8)}{ENDING}", _APPEND | os.O_CREAT | os.O_EXCL
-            self._header, self._count = self._made_header(), 0
-        else:
-            path, flags = self.path, _APPEND
-        try:
-            file = open_within(path, flags) if self.path is None else os.open(path, flags)
-        except FileNotFoundError:
-            return False
-        self.path = path
-        try:
-            copies = 2 if os.fstat(file).st_size == 0 else self._count % _HEADER_EVERY == 0
-            _write(file, self._header * copies + line)
-            if time.monotonic() - self._synced > _SYNC_EVERY:
-                with suppress(OSError):  # some network drives have no such order
-                    os.fsync(file)
-                self._synced = time.monotonic()
-        finally:
-            os.close(file)
-        self._count += 1
-        try:  # whether it is still there: by opening it, which a network drive answers anew
-            os.close(os.open(path, os.O_RDONLY))
-        except FileNotFoundError:
-            return False
-        return True
 
-    def _made_header(self) -> bytes:
-        header = {
-            "schema_version": SCHEMA_VERSION, "host": platform.node(), "pid": os.getpid(), "born": born(os.getpid()),
-            "began_at": time.time(), "columns": self._names, "common": self._common,
-        }  # fmt: skip
-        return _line(b"H", _json(header))
+def _write(file: int, line: bytes) -> None:
+    """Append all of `line`; a disk that is full raises `OSError`, and what was written of the line is cut off."""
+    before = os.lseek(file, 0, os.SEEK_END)
+    try:
+        left = memoryview(line)
+        while left:
+            left = left[os.write(file, left) :]
+    except OSError:
+        with suppress(OSError):
+            os.ftruncate(file, before)
+        raise
+
+
+def _line(*fields: str) -> bytes:
+    rest = "\t".join(fields).encode()
+    return b"\n%08x\t%b\n" % (crc32(rest), rest)
+
+
+def _of_numpy(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} cannot be kept in a row")
+
+
+_ENCODER = json.JSONEncoder(separators=(",", ":"), default=_of_numpy, check_circular=False)
 
 
 @final
+@dataclass(eq=False)
 class JournalReader:
     """The whole records of one journal, in order; after them `damaged` counts the lines that cannot be read.
 
     A journal that is claimed meanwhile is read all the same; one that is gone is empty: its runs stand in the tables.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.damaged = self.count = 0
-        self._header: dict[str, Any] | None = None
+    path: Path
+    damaged: int = 0
+    count: int = 0
+    _header: dict[str, Any] | None = field(default=None, init=False, repr=False)
 
     def __iter__(self) -> Iterator[Record]:
         """Yield the records."""
@@ -201,19 +196,6 @@ class JournalReader:
             self._header = next((json.loads(fields[1]) for fields in self._lines(1) if fields[0] == b"H"), None)
         return self._header
 
-    def began(self) -> float:
-        """Return when the file was begun, in seconds since 1970 by its writer's clock; 0 where that cannot be read."""
-        return float((self.header() or {}).get("began_at", 0.0))
-
-    def host(self) -> str:
-        """Return the machine of its writer; '' where that cannot be read."""
-        return str((self.header() or {}).get("host", ""))
-
-    def is_written(self) -> bool:
-        """Tell whether its writer may still be there; on another machine it may. To be shown, not to be decided by."""
-        header = self.header()
-        return header is not None and not is_gone(header["host"], header["pid"], header["born"])
-
     def _lines(self, splits: int) -> Iterator[list[bytes]]:
         """Yield the fields of each whole line; one without its end is being written, or its writer was killed."""
         self.damaged = 0
@@ -229,24 +211,29 @@ class JournalReader:
                     yield line[9:-1].split(b"\t", splits)
 
 
-def claim(folder: Path) -> list[JournalReader]:
-    """Rename all journals of the study in `folder` and return them, for who holds its lock to read and to delete.
+def _opened(path: Path) -> BinaryIO:
+    """Open a journal to read, under the name that it has now."""
+    try:
+        return open(path, "rb")
+    except FileNotFoundError:
+        return open(path.with_suffix(CLAIMED), "rb")
 
-    Those that another has claimed, who was killed then, are among them.
-    """
+
+def claim(folder: Path) -> list[JournalReader]:
+    """Rename all journals of the study in `folder` and return them, with those that a killed one has claimed."""
     for path in (folder / FOLDER).glob(f"*{ENDING}"):
         with suppress(OSError):  # where an open file cannot be renamed: next time
             path.rename(path.with_suffix(CLAIMED))
     return [JournalReader(path) for path in sorted((folder / FOLDER).glob(f"*{CLAIMED}"))]
 
 
-def journals_in(folder: Path) -> list[Path]:
+def journals_in(folder: Path) -> list[JournalReader]:
     """Return the journals of the study in `folder`, by name.
 
     A folder is listed twice: of a file that is renamed meanwhile, one listing may show neither name.
     """
     found = [path for _ in range(2) for ending in (ENDING, CLAIMED) for path in (folder / FOLDER).glob(f"*{ending}")]
-    return sorted({path.with_suffix(ENDING) for path in found})
+    return [JournalReader(path) for path in sorted({path.with_suffix(ENDING) for path in found})]
 
 
 def writer_name() -> str:
@@ -257,48 +244,5 @@ def writer_name() -> str:
 
 def kept_by(folder: Path, name: str) -> dict[str, str]:
     """Return {run_id: status} of the runs in the journals of the writer `name` of the study in `folder`."""
-    journals = (path for path in journals_in(folder) if path.name.startswith(f"{name}-"))
-    return {state.run_id: state.status for path in journals for state in JournalReader(path).states()}
-
-
-def _opened(path: Path) -> BinaryIO:
-    """Open a journal to read, under the name that it has now."""
-    try:
-        return open(path, "rb")
-    except FileNotFoundError:
-        return open(path.with_suffix(CLAIMED), "rb")
-
-
-def _line(*fields: bytes) -> bytes:
-    rest = b"\t".join(fields)
-    return b"\n%08x\t%b\n" % (crc32(rest), rest)
-
-
-def _json(value: Any) -> bytes:
-    return _ENCODER.encode(value).encode()
-
-
-def _plain(value: Any, name: str) -> Any:
-    return (value - _EPOCH) // _MICROSECOND if name in _TIMES and value is not None else value
-
-
-def _of_numpy(value: Any) -> Any:
-    if isinstance(value, np.generic | np.ndarray):
-        return value.tolist()
-    raise TypeError(f"{type(value).__name__} cannot be kept in a row")
-
-
-_ENCODER = json.JSONEncoder(separators=(",", ":"), default=_of_numpy, check_circular=False)
-
-
-def _write(file: int, line: bytes) -> None:
-    """Append all of `line`; a disk that is full raises `OSError`, and what was written of the line is cut off."""
-    before = os.lseek(file, 0, os.SEEK_END)
-    try:
-        left = memoryview(line)
-        while left:
-            left = left[os.write(file, left) :]
-    except OSError:
-        with suppress(OSError):
-            os.ftruncate(file, before)
-        raise
+    journals = [reader for reader in journals_in(folder) if reader.path.name.startswith(f"{name}-")]
+    return {state.run_id: state.status for reader in journals for state in reader.states()}

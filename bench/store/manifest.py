@@ -21,11 +21,21 @@ class StoreError(ValueError):
     """A results folder that is not ours, cannot be read, or holds a damaged file."""
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """Return the manifest of a study of runs: kind, schema_version, study, and planned, {run_id: label of its cell}.
+_ENTRIES: dict[str, tuple[type, ...]] = {  # a dictionary or list, and of what
+    "planned": (dict, str, str),
+    "called": (dict, str, str),
+    "budgets": (dict, str, int),
+    "abandoned": (list, str),
+    "commands": (list, str),
+    "other_shards": (list, str),
+    "files": (dict, str, str),
+    "costs": (list, dict),
+}
 
-    It may also have called {label: name of the cell on a terminal}, budgets {label: budget}, other_shards [run_id],
-    abandoned [run_id: finished, and dropped from the plan], commands, files, costs.
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Return the manifest of a study of runs: kind, schema_version, study, planned {run_id: label of its cell} ...
+
     Raises `StoreError` where the folder is missing or none of ours.
     """
     path = folder / "manifest.json"
@@ -38,52 +48,55 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             near = f"; {hint}"
         raise StoreError(f"{folder}: there is no such study folder{near}")
     try:
-        manifest = json_of(path.read_text(encoding="utf-8"))
+        found: Any = json_of(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise StoreError(
             f"{folder}: has no manifest.json, so it is no study of ours; take another folder{_near(folder)}"
         ) from None
     except (OSError, ValueError) as error:
         raise StoreError(f"{path}: cannot be read: {error}") from None
-    if _is_of_a_discovery(manifest):
+    manifest: dict[str, Any] = found if isinstance(found, dict) else {}
+    if manifest.get("kind") == DISCOVERY:
         raise StoreError(
             f"{folder}: is a study of bench discover; read CASE/report.html, findings.parquet and gaps.parquet"
         )
-    if not isinstance(manifest, dict) or manifest.get("kind") != KIND:
+    if manifest.get("kind") != KIND:
         raise StoreError(f"{path}: is not a manifest of ours; take another folder")
     if manifest.get("schema_version") != SCHEMA_VERSION:
         raise StoreError(f"{folder}: schema {manifest.get('schema_version')!r}, this version reads {SCHEMA_VERSION}")
-    found: dict[str, Any] = manifest
-    cells = found.pop("cells", None)  # as it is written: a label once, and the runs of its cell
+    cells = manifest.pop("cells", None)  # as it is written: a label once, and the runs of its cell
     try:
-        found["planned"] = {run_id: cell["label"] for cell in cells for run_id in cell["runs"]}
-        found["called"], found["budgets"] = (
-            {cell["label"]: cell[key] for cell in cells if key in cell} for key in ("called", "budget")
-        )
+        manifest["planned"] = {run_id: cell["label"] for cell in cells for run_id in cell["runs"]}
+        for key, name in (("called", "called"), ("budgets", "budget")):
+            manifest[key] = {cell["label"]: cell[name] for cell in cells if name in cell}
     except (TypeError, KeyError):
         raise StoreError(f"{path}: its entry 'planned' is damaged") from None
-    for key, is_right in _KINDS.items():
-        if not is_right(found.get(key)):
+    if not (isinstance(manifest.get("study"), str) and manifest["study"]):
+        raise StoreError(f"{path}: its entry 'study' is damaged")
+    for key, (kind, *inside) in _ENTRIES.items():
+        entry = manifest.get(key)
+        if entry is None:
+            continue
+        whole = isinstance(entry, kind)
+        items = [*(entry.items() if kind is dict else zip(entry, strict=True))] if whole else []
+        if not whole or not all(isinstance(v, one) for item in items for v, one in zip(item, inside, strict=True)):
             raise StoreError(f"{path}: its entry {key!r} is damaged")
-    return found
+    return manifest
 
 
 def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
     """Write the manifest, whole."""
     cells: dict[str, list[str]] = {}
-    names, budgets = manifest.get("called", {}), manifest.get("budgets", {})
     for run_id, label in manifest["planned"].items():
         cells.setdefault(label, []).append(run_id)
-    kept = {key: value for key, value in manifest.items() if key not in ("planned", "called", "budgets")}
-    lines = [f" {json.dumps(key)}: " + json.dumps(value, indent=1).replace("\n", "\n ") for key, value in kept.items()]
-    entries = (
-        {"label": label}
-        | ({"called": names[label]} if label in names else {})
-        | ({"budget": budgets[label]} if label in budgets else {})
-        | {"runs": ids}
+    rest = {key: value for key, value in manifest.items() if key not in ("planned", "called", "budgets")}
+    lines = [f" {json.dumps(key)}: " + json.dumps(value, indent=1).replace("\n", "\n ") for key, value in rest.items()]
+    names = {"called": manifest.get("called", {}), "budget": manifest.get("budgets", {})}
+    runs = ",\n".join(
+        "  "
+        + json.dumps({"label": label} | {key: of[label] for key, of in names.items() if label in of} | {"runs": ids})
         for label, ids in cells.items()
     )
-    runs = ",\n".join(f"  {json.dumps(cell)}" for cell in entries)
     text = "{\n" + ",\n".join([*lines, f' "cells": [\n{runs}\n ]']) + "\n}\n"
     write_whole(folder / "manifest.json", lambda file: file.write(text.encode()))
 
@@ -118,10 +131,6 @@ def is_discovery(folder: Path) -> bool:
         manifest = json_of((folder / "manifest.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return _is_of_a_discovery(manifest)
-
-
-def _is_of_a_discovery(manifest: Any) -> bool:
     return isinstance(manifest, dict) and manifest.get("kind") == DISCOVERY
 
 
@@ -129,30 +138,3 @@ def _near(parent: Path, name: str = "") -> str:
     """Return a hint of the studies that stand in `parent`; '' where there are none."""
     known = [path.parent.name for path in sorted(parent.glob("*/manifest.json"))]
     return f"; in {parent} {suggest(name, known)}" if known else ""
-
-
-def _are(key: type, value: type) -> Any:
-    return lambda found: (
-        isinstance(found, dict) and all(isinstance(k, key) and isinstance(v, value) for k, v in found.items())
-    )
-
-
-def _is_list(kind: type) -> Any:
-    return lambda found: isinstance(found, list) and all(isinstance(item, kind) for item in found)
-
-
-def _or_missing(is_right: Any) -> Any:
-    return lambda found: found is None or is_right(found)
-
-
-_KINDS = {
-    "study": lambda found: isinstance(found, str) and found != "",
-    "planned": _are(str, str),
-    "called": _or_missing(_are(str, str)),
-    "budgets": _or_missing(_are(str, int)),
-    "abandoned": _or_missing(_is_list(str)),
-    "commands": _or_missing(_is_list(str)),
-    "other_shards": _or_missing(_is_list(str)),
-    "files": _or_missing(_are(str, str)),
-    "costs": _or_missing(_is_list(dict)),
-}

@@ -1,26 +1,17 @@
 """Results on disk: each writer appends to a journal of its own; journals are collected into the two Parquet tables.
 
-A run is finished when it stands in a journal, or in both tables. Any number of processes, on any machines, may share a
-folder, and any of them may be killed at any moment. They keep to this:
+A run is finished when it stands in a journal, or in both tables. Any processes on any machines share a folder, and
+may be killed at any moment. They keep to this; no clock, age of a file or live process decides:
 
-- **The lock** (``.lock``, which is never deleted) is the system's, and ends with its holder. Who holds it alone makes
-  and rewrites ``manifest.json``, ``runs.parquet`` and ``traces.parquet``, claims journals, and deletes them.
-- **Creation**: whoever comes first makes the folder, takes the lock, and writes the manifest, whole. Nothing else of
-  ours is there before it but what belongs to the lock: a folder without a manifest holds somebody else's files.
-- **The plan** is a union: each command adds its runs to the manifest under the lock, and takes none out.
+- **The lock** (``.lock``, never deleted) is the system's, and ends with its holder. Who holds it alone makes and
+  rewrites the manifest and the tables, claims journals, deletes them, and what only it writes.
+- **Creation**: whoever comes first makes the folder, takes the lock, and writes the manifest, whole. A folder without
+  one holds somebody else's files. **The plan** is a union.
 - **Journals** are appended to by their writer alone, without the lock (`bench.store.journal`).
 - **Collecting**, under the lock: claim all journals, also of writers that live; write the traces, then the rows; only
-  then delete what was claimed, or set it aside where lines of it are damaged. A kill in between leaves claimed
-  journals to the next who collects. A journal that appears meanwhile is kept for later. A run stands once, by its id.
-- **Reading** takes no lock and changes nothing: journals first, then the tables. What is folded meanwhile stands in
-  both or in the tables; what is forgotten meanwhile may still be seen; of a pair of tables that is just being replaced,
-  the runs are taken that are whole in both.
-- **Temporary files** that only who holds the lock writes are deleted by the next who holds it.
-
-No decision is made by a clock, by the age of a file, or by whether a process on another machine is alive.
-
-The lock is `filelock.FileLock`; on a file system that has none, such as some network drives, it is that a file exists
-(`filelock.SoftFileLock`). Beside it stands a note of who holds it, for those that wait.
+  then delete what was claimed, or set it aside where lines are damaged. A kill leaves claimed journals to the next.
+- **Reading** takes no lock and changes nothing: journals first, then the tables; of a pair of tables that is just being
+  replaced, the runs are taken that are whole in both.
 """
 
 from __future__ import annotations
@@ -32,10 +23,11 @@ import json
 import logging
 import os
 import platform
+import shutil
 import time
 import warnings
 from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
@@ -45,15 +37,18 @@ from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
 
 from calibench.bench.execution.answer import offered
 from calibench.bench.execution.run import Run
+from calibench.bench.execution.run_row import COLUMNS
+from calibench.bench.gate.processes import is_gone
 from calibench.bench.provenance.run_id import UNSEEN
-from calibench.bench.store.arrays import all_true, array_of, cast_table, empty_table, is_in, kept, not_equal, scalar_of
-from calibench.bench.store.atomic_file import remove_stale, write_whole
-from calibench.bench.store.collection import PIECE, collect_into, in_order, part_table, points_of
+from calibench.bench.store import manifest as manifests
+from calibench.bench.store.arrays import array_of, cast_table, compute, empty_table, is_in, kept
+from calibench.bench.store.atomic_file import TEMPORARY, write_whole
+from calibench.bench.store.collection import PIECE, collect_into, in_order, nested, part_table, points_of
 from calibench.bench.store.columns import OF_OPTIONS, with_options
 from calibench.bench.store.hits import PROBLEM, columns_for, declared_levels, hit_tables
-from calibench.bench.store.journal import ENDING, FOLDER, Journal, JournalReader, Record, State, claim, journals_in
-from calibench.bench.store.manifest import StoreError, new_manifest, read_manifest, studies_in, write_manifest
-from calibench.bench.store.schema import HITS_SCHEMA, PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, to_pandas
+from calibench.bench.store.journal import ENDING, FOLDER, Journal, Record, State, claim, journals_in
+from calibench.bench.store.manifest import StoreError
+from calibench.bench.store.schema import HITS_SCHEMA, PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, in_schema, to_pandas
 from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, metadata, sealed_writer, write_table
 from calibench.core.words import counted, html_table
 
@@ -77,11 +72,9 @@ def locked(folder: Path, soon: float = _SOON, at_most: float = _AT_MOST) -> Iter
     """Hold the lock of `folder`. A wait of `soon` seconds is logged; one of `at_most` raises `LockHeldError`."""
     try:
         lock = _wait(FileLock(folder / LOCK), folder, soon, at_most)
-    except OSError as error:
-        if error.errno not in _NO_LOCKS:
+    except (OSError, NotImplementedError) as error:  # the second is what filelock makes of ENOSYS
+        if isinstance(error, OSError) and error.errno not in _NO_LOCKS:
             raise
-        lock = _wait(SoftFileLock(folder / SOFT_LOCK), folder, soon, at_most)
-    except NotImplementedError:  # what filelock makes of ENOSYS
         lock = _wait(SoftFileLock(folder / SOFT_LOCK), folder, soon, at_most)
     holder = folder / HOLDER
     try:
@@ -98,30 +91,30 @@ def locked(folder: Path, soon: float = _SOON, at_most: float = _AT_MOST) -> Iter
 
 def _wait(lock: BaseFileLock, folder: Path, soon: float, at_most: float) -> BaseFileLock:
     first = min(soon, at_most)
-    try:
-        lock.acquire(timeout=first)
-    except Timeout:
-        _log.warning("%s: is held by %s; waiting", lock.lock_file, _holder(folder))
+    for seconds, is_last in ((first, False), (at_most - first, True)):
         try:
-            lock.acquire(timeout=at_most - first)
+            lock.acquire(timeout=seconds)
+            return lock
         except Timeout:
-            raise LockHeldError(
-                f"{lock.lock_file}: has been held by {_holder(folder)} for {at_most:g} s; ask there, or end that "
-                "process, then give the same command again: finished runs are kept"
-            ) from None
-    return lock
+            holder = ""
+            with suppress(OSError):
+                holder = (folder / HOLDER).read_text(encoding="utf-8")
+            holder = holder or "another process"
+            if is_last:
+                raise LockHeldError(
+                    f"{lock.lock_file}: has been held by {holder} for {at_most:g} s; ask there, or end that process, "
+                    "then give the same command again: finished runs are kept"
+                ) from None
+            _log.warning("%s: is held by %s; waiting", lock.lock_file, holder)
+    raise AssertionError("the last wait returns or raises")
 
 
-def _holder(folder: Path) -> str:
-    try:
-        return (folder / HOLDER).read_text(encoding="utf-8") or "another process"
-    except OSError:
-        return "another process"
-
-
-_OK = scalar_of("ok", pa.string())
 _BEGUN = {FOLDER, LOCK, SOFT_LOCK, HOLDER}  # what may stand in a folder before its manifest
 _UNDER_LOCK = ("manifest.json", RUNS, TRACES, PIECE)  # files that only who holds the lock writes
+_POINTS = 1 << 18  # points of traces that are read at a time
+_AT_ONCE = 10_000  # runs that are merged at a time
+_OF_THE_PLACE = ("study", "wall_s", "cpu_s")
+_COMPARED = [column.name for column in COLUMNS if column.group != "origin" and column.name not in _OF_THE_PLACE]
 _SHOWN = ("problem", "optimizer", "start", "budget")
 _FOR_USERS = ("folder", "hits", "manifest", "open", "runs", "study", "traces", "write")  # what the tab key shows
 FOLDER_OF = "folder"  # the key of `attrs` under which a table of runs says where its traces are
@@ -130,10 +123,7 @@ FOLDER_OF = "folder"  # the key of `attrs` under which a table of runs says wher
 @final
 @dataclass(frozen=True)
 class Survey:
-    """What a folder holds: how each run ended, files with damaged lines, and the runs a second of who writes now.
-
-    `hosts` are the machines of those writers: on another than this one they may be gone unseen.
-    """
+    """How each run ended, files with damaged lines, and the pace (runs a second) and machines of who writes now."""
 
     states: Mapping[str, State]
     damaged: tuple[Path, ...]
@@ -143,12 +133,7 @@ class Survey:
 
 @final
 class ResultStore:
-    """The folder of one study, or to read from, the folder of many. Writing creates it.
-
-    >>> ResultStore("nowhere/none").runs()
-    Traceback (most recent call last):
-    calibench.bench.store.manifest.StoreError: nowhere/none: there is no such study folder
-    """
+    """The folder of one study, or to read from, the folder of many. Writing creates it."""
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
@@ -210,13 +195,13 @@ class ResultStore:
 
     def rows(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Return all finished runs as Arrow has them: columns of `RUNS_SCHEMA`, or `columns`. No pandas is loaded."""
-        found = pa.concat_tables([store._gathered(store.manifest(), columns)[0] for store in self._studies()])
+        found = pa.concat_tables([store.tables(columns)[0] for store in self._studies()])
         pa.default_memory_pool().release_unused()  # what reading took beside: of 1e5 rows 70 MB
         return found
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
-        return to_pandas(pa.concat_tables([store._gathered(store.manifest())[1] for store in self._studies()]))
+        return to_pandas(pa.concat_tables([store.tables()[1] for store in self._studies()]))
 
     def hits(self, levels: pd.DataFrame | None = None) -> pd.DataFrame:
         """Return when each finished run reached each target: columns of `HITS_SCHEMA`, null where it never did.
@@ -230,30 +215,27 @@ class ResultStore:
 
     def write_hits(self, levels: pd.DataFrame | None = None) -> Path:
         """Write ``hits.parquet``, what `hits` returns, some thousand runs at a time; return its path."""
+        schema = HITS_SCHEMA.with_metadata(metadata())
 
         def write(file: Any) -> None:
-            with sealed_writer(file, HITS_SCHEMA.with_metadata(metadata())) as out:
+            with sealed_writer(file, schema) as out:
                 for table in self._hit_tables(levels):
-                    out.write_table(cast_table(table, HITS_SCHEMA.with_metadata(metadata())))
+                    out.write_table(cast_table(table, schema))
 
         return write_whole(self.folder / HITS, write)
 
     def _hit_tables(self, levels: pd.DataFrame | None) -> Iterator[pa.Table]:
-        """Yield the hits of this study some thousand runs at a time."""
-        manifest = self.manifest()
-        tables = self._tables(manifest)
-        if self.has_journals() or not tables.are_one_pair():
-            rows, points = self._gathered(manifest)
+        tables = Tables(self.folder, str(self.manifest()["study"]))
+        file = None if self.has_journals() or not tables.are_one_pair() else tables.open(TRACES)
+        if file is None:
+            rows, points = self.tables()
             traces: Iterable[pa.Table] = [points]
         else:
             rows = tables.runs([*columns_for([] if levels is None else levels["quantity"].unique()), "target"])
-            traces = tables.points_in_pieces()
+            batches = file.iter_batches(batch_size=_POINTS, use_threads=False)
+            traces = (in_schema(pa.Table.from_batches([batch]), TRACES_SCHEMA) for batch in batches)
         asked = declared_levels(to_pandas(rows.select([*PROBLEM, "targets", "target"]))) if levels is None else levels
         return hit_tables(rows, traces, asked)
-
-    def tables(self) -> tuple[pa.Table, pa.Table]:
-        """Return rows and traces of all finished runs of this study as Arrow has them, in the order of the tables."""
-        return self._gathered(self.manifest())
 
     def open(self) -> None:
         """Create the folder for writing. Raises `StoreError` where something else stands there."""
@@ -261,19 +243,21 @@ class ResultStore:
             raise StoreError(f"{self.folder}: is a file, a folder for results is needed")
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            strangers = [path for path in self.folder.iterdir() if not _may_precede_a_manifest(path.name)]
+            names = [path.name for path in self.folder.iterdir()]
+            unfinished = {name for name in names if name.startswith("manifest.json.") and name.endswith(".tmp")}
+            strangers = {*names} - unfinished - _BEGUN
             if strangers or self.is_begun:  # asked in this order: what is ours comes after the manifest
                 self.manifest()
                 return
-            with self.locked():
+            with locked(self.folder):
                 if not self.is_begun:
-                    write_manifest(self.folder, new_manifest(self.folder.resolve().name))
+                    manifests.write_manifest(self.folder, manifests.new_manifest(self.folder.resolve().name))
         except OSError as error:
             raise StoreError(f"{self.folder}: cannot be written: {error.strerror}") from None
 
     def manifest(self) -> dict[str, Any]:
         """Return the manifest. Raises `StoreError` where the folder is missing or not a study of ours."""
-        return read_manifest(self.folder)
+        return manifests.read_manifest(self.folder)
 
     def plan(
         self, labels: Mapping[str, str], command: str = "", files: Mapping[str, str] | None = None,
@@ -282,12 +266,10 @@ class ResultStore:
     ) -> None:  # fmt: skip
         """Note which runs are intended: {run_id: label}, and by which command. `status` tells what is left of them.
 
-        `files` are those of a user's own classes, {name in the rows: absolute path}; `called` is what cells are called
-        on a terminal, {label: name}, `budgets` are those of the cells; `other_shards` are the runs of the sweep that
-        other shards do. With `drop` what was planned before and is not among these runs is abandoned: it is neither
-        waited for nor, where it is done, part of the study's answer. Raises `StoreError` for imported results.
+        `files` are those of a user's classes {name: path}, `called` the names and `budgets` those of cells, by label.
+        With `drop` what was planned before and is not among these, nor of `other_shards`, is abandoned.
         """
-        with self.locked():
+        with locked(self.folder):
             manifest = self.manifest()
             if "imported" in manifest:
                 raise StoreError(
@@ -310,54 +292,58 @@ class ResultStore:
                 manifest["called"] = {**manifest.get("called", {}), **(called or {})}
                 manifest["budgets"] = {**manifest.get("budgets", {}), **(budgets or {})}
                 manifest["commands"] = [*manifest.get("commands", []), *([command] if command and new else [])]
-                write_manifest(self.folder, manifest)
+                manifests.write_manifest(self.folder, manifest)
 
     def note_costs(self, costs: Iterable[Mapping[str, Any]]) -> None:
         """Keep what a call of each problem costs (`bench.sweep.costs`) in the manifest."""
         new = list(costs)
         if not new:
             return
-        with self.locked():
+        with locked(self.folder):
             manifest = self.manifest()
             manifest["costs"] = [*manifest.get("costs", []), *new]
-            write_manifest(self.folder, manifest)
+            manifests.write_manifest(self.folder, manifest)
 
     def finished(self) -> set[str]:
         """Return the ids of the runs that are done and can be read."""
         manifest = self.manifest()
-        written = {state.run_id for reader in self._journals() for state in reader.states()}
-        return written | self._tables(manifest).complete()
+        written = {state.run_id for reader in journals_in(self.folder) for state in reader.states()}
+        return written | Tables(self.folder, str(manifest["study"])).complete()
 
     def collected(self) -> set[str]:
         """Return the ids of the runs that are whole in the tables."""
-        return self._tables(self.manifest()).complete()
+        return Tables(self.folder, str(self.manifest()["study"])).complete()
 
     def survey(self) -> Survey:
         """Return how each run ended, what is damaged, and the pace: all that is told without reading the rows."""
-        manifest = self.manifest()
-        readers = self._journals()
+        tables, readers = Tables(self.folder, str(self.manifest()["study"])), journals_in(self.folder)
         new: dict[str, State] = {}
         for state in itertools.chain.from_iterable(reader.states() for reader in readers):
             new.setdefault(state.run_id, state)
-        writing = [reader for reader in readers if reader.count and reader.is_written()]
-        began = min((reader.began() for reader in writing), default=0.0)
-        pace = sum(reader.count for reader in writing) / max(time.time() - began, 1e-3) if began else 0.0
+        # whose writer may still be there; on another machine it may: to be shown, not to be decided by
+        writing = [
+            (reader.count, header)
+            for reader in readers
+            if reader.count
+            and (header := reader.header())
+            and not is_gone(header["host"], header["pid"], header["born"])
+        ]
+        began = min((float(header["began_at"]) for _, header in writing), default=0.0)
+        pace = sum(count for count, _ in writing) / max(time.time() - began, 1e-3) if began else 0.0
         damaged = tuple(reader.path for reader in readers if reader.damaged)
-        tables = self._tables(manifest)
         rows, known = tables.runs(State._fields), tables.complete()
         for run_id, status, code in zip(*(rows[name].to_pylist() for name in State._fields), strict=True):
             if run_id in known:
                 new[run_id] = State(run_id, status, code or "")
-        return Survey(new, damaged, pace, frozenset(reader.host() for reader in writing))
+        return Survey(new, damaged, pace, frozenset(str(header["host"]) for _, header in writing))
 
     def rows_not_ok(self, columns: Sequence[str]) -> pd.DataFrame:
         """Return the rows (of `columns`) that did not end well; of journals only these are read."""
         asked = list(dict.fromkeys(["run_id", "status", *columns]))
-        manifest = self.manifest()
-        found = [record for reader in self._journals() for record in reader if record.status != "ok"]
-        tables = self._tables(manifest)
+        tables = Tables(self.folder, str(self.manifest()["study"]))
+        found = [record for reader in journals_in(self.folder) for record in reader if record.status != "ok"]
         rows = tables.runs(asked)
-        rows = kept(rows, not_equal(rows["status"], _OK))
+        rows = kept(rows, compute("not_equal", rows["status"], array_of(["ok"], pa.string())[0]))
         new = _as_parts(list(_distinct(found, tables.complete())))
         return to_pandas(pa.concat_tables([rows, new.select(asked)]))
 
@@ -376,10 +362,6 @@ class ResultStore:
         """
         if self._journal is None or self._journal[0] != os.getpid():
             self._journal = os.getpid(), self.writer()
-        self._warn_of_unseen(run)
-        self._journal[1].append(run)
-
-    def _warn_of_unseen(self, run: Run) -> None:
         record = run.record
         named = {(record.problem, record.problem_options), (record.optimizer, record.optimizer_options)}
         for name, options in sorted(named - self._unseen):
@@ -392,8 +374,9 @@ class ResultStore:
                     f"{name}: {', '.join(hidden)} cannot be seen on the object, so that objects of one box that differ "
                     f"in it alone have one run id; keep it as an attribute (self.{hidden[0]}), or give the object "
                     "`options`",
-                    stacklevel=3,
+                    stacklevel=2,
                 )
+        self._journal[1].append(run)
 
     def writer(self, name: str | None = None) -> Journal:
         """Return a new journal of this study, whose files' names begin with `name`."""
@@ -404,14 +387,15 @@ class ResultStore:
     ) -> list[Path]:
         """Make this the folder of just these runs, collected, in place of what it had; return the three files.
 
-        Columns as `runs` and `traces` of a store return them. The study is called as the folder, or `study`; `source`
-        says where it was imported from: runs of our own are then not planned in it.
+        `source` says where they were imported from: runs of our own are then not planned in it.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         paths = [self.folder / name for name in ("manifest.json", TRACES, RUNS)]
         imported = {} if source is None else {"imported": dict(source)}
-        with self.locked():
-            write_manifest(self.folder, new_manifest(study or self.folder.resolve().name) | imported)
+        with locked(self.folder):
+            manifests.write_manifest(
+                self.folder, manifests.new_manifest(study or self.folder.resolve().name) | imported
+            )
             write_table(pa.Table.from_pandas(traces, TRACES_SCHEMA, preserve_index=False), paths[1])
             rows = runs.assign(study=self.study)
             write_table(pa.Table.from_pandas(rows, RUNS_SCHEMA, preserve_index=False), paths[2])
@@ -419,29 +403,33 @@ class ResultStore:
 
     def forget(self, run_ids: Iterable[str]) -> None:
         """Take runs out, so that they are done again."""
-        with self.locked():
+        with locked(self.folder):
             self._collect(self.manifest(), set(run_ids))
 
     def collect(self) -> list[Path]:
         """Fold all journals into ``runs.parquet`` and ``traces.parquet``; return where damaged ones were set aside."""
         if not self.is_begun:
             self.manifest()  # it raises what is wrong, before a lock is made there
-        with self.locked():
+        with locked(self.folder):
             return self._collect(self.manifest(), set())
 
     def _collect(self, manifest: Mapping[str, Any], drop: set[str]) -> list[Path]:
         """Collect, without the runs to `drop`, by who holds the lock."""
         self._journal = None  # its next run goes to a new one
-        remove_stale(self.folder, _UNDER_LOCK)
+        for path in self.folder.glob("*.tmp"):  # what killed processes left; what may still be written stays
+            writer = TEMPORARY.search(path.name)
+            if writer is not None and (path.name.startswith(_UNDER_LOCK) or is_gone(writer[2], int(writer[1]), "")):
+                with suppress(FileNotFoundError):  # it has just got its name
+                    shutil.rmtree(path) if path.is_dir() else path.unlink()
         readers = claim(self.folder)
-        tables = self._tables(manifest)
+        tables = Tables(self.folder, str(manifest["study"]))
         aside: dict[Path, None] = {}
         quarantine = self.folder / "quarantine"
 
         def refuse(record: Record) -> None:
             quarantine.mkdir(exist_ok=True)
             where = quarantine / f"{record.run_id}.json"
-            where.write_bytes(record.raw())
+            where.write_bytes(record.row + b"\n" + record.trace)
             aside[where] = None
 
         new = _distinct(itertools.chain(*readers), tables.complete() | drop)
@@ -463,45 +451,30 @@ class ResultStore:
 
     def _studies(self) -> list[ResultStore]:
         """Return the stores to read: this one, or those of the studies in this folder of studies."""
-        if (self.folder / "manifest.json").exists():
+        if self.is_begun:
             return [self]
-        return [ResultStore(folder) for folder in studies_in(self.folder)] or [self]
+        return [ResultStore(folder) for folder in manifests.studies_in(self.folder)] or [self]
 
-    def _tables(self, manifest: Mapping[str, Any]) -> Tables:
-        return Tables(self.folder, str(manifest["study"]))
-
-    def _journals(self) -> list[JournalReader]:
-        return [JournalReader(path) for path in journals_in(self.folder)]
-
-    def _gathered(self, manifest: Mapping[str, Any], columns: Sequence[str] | None = None) -> tuple[pa.Table, pa.Table]:
-        """Return rows and traces of all finished runs, in the order of the tables."""
-        written = [record for reader in self._journals() for record in reader]
-        tables = self._tables(manifest)
+    def tables(self, columns: Sequence[str] | None = None) -> tuple[pa.Table, pa.Table]:
+        """Return rows (of `columns`: then perhaps without traces) and traces of all finished runs, in their order."""
+        tables = Tables(self.folder, str(self.manifest()["study"]))
+        written = [record for reader in journals_in(self.folder) for record in reader]
         known = tables.complete()
         records = list(_distinct(written, known))
-        if not records and columns is not None:
-            rows = tables.runs(list(dict.fromkeys(["run_id", *columns])))
-            return self._only(rows, known, "run_id").select(list(columns)), empty_table(TRACES_SCHEMA)
-        rows, traces = self._only(tables.runs(), known), self._only(tables.traces(), known)
+        is_quick = columns is not None and not records
+        rows = tables.runs(list(dict.fromkeys(["run_id", *columns])) if columns is not None and is_quick else None)
+        traces = empty_table(TRACES_SCHEMA) if is_quick else tables.traces()
+        ids = array_of(sorted(known), pa.string())
+        flags = [is_in(table["run_id"], ids) for table in (rows, traces)]
+        rows, traces = (
+            table if compute("all", whole).as_py() is not False else kept(table, whole)
+            for table, whole in zip((rows, traces), flags, strict=True)
+        )
         if records:
             new = _as_parts(records)
             rows = pa.concat_tables([rows, new.select(RUNS_SCHEMA.names)])
             rows, traces = in_order(rows, pa.concat_tables([traces, points_of(new)]))
         return (rows if columns is None else rows.select(list(columns))), traces
-
-    @staticmethod
-    def _only(table: pa.Table, known: set[str], column: str = "run_id") -> pa.Table:
-        """Return the rows of the runs that are whole."""
-        whole = is_in(table[column], array_of(sorted(known), pa.string()))
-        return table if all_true(whole) else kept(table, whole)
-
-    def locked(self) -> AbstractContextManager[None]:
-        """Let one process at a time rewrite the tables."""
-        return locked(self.folder)
-
-
-def _may_precede_a_manifest(name: str) -> bool:
-    return name in _BEGUN or (name.startswith("manifest.json.") and name.endswith(".tmp"))
 
 
 def _distinct(records: Iterable[Record], known: Container[str]) -> Iterator[Record]:
@@ -517,3 +490,98 @@ def _as_parts(records: Sequence[Record]) -> pa.Table:
     """Return records as one table; one that no row can be made of is left out."""
     tables = [part_table(records[i : i + 5000]) for i in range(0, len(records), 5000)]
     return pa.concat_tables(tables or [empty_table(PART_SCHEMA)])
+
+
+@final
+@dataclass(frozen=True)
+class Merged:
+    """The runs in the folder now, those that stood in several, those not done: planned, and in other shards."""
+
+    runs: int
+    twice: int
+    left: int
+    in_other_shards: int = 0
+
+
+def merge(sources: Sequence[Path], target: Path, keep_first: bool = False) -> Merged:
+    """Make `target` the study of all runs in `sources` and of those it has already; the sources stay as they are.
+
+    A run that stands in two of them is taken once. Raises `StoreError` where its rows differ in more than times and
+    places, unless `keep_first`.
+    """
+    stores = [ResultStore(path) for path in sources]
+    plans = [store.manifest() for store in stores]
+    into = ResultStore(target)
+    if any(path.resolve() == target.resolve() for path in sources):
+        raise StoreError(f"{target}: is merged into, and stands among what is to be merged; give another --to")
+    twice = _in_several([*([into] if target.exists() else []), *stores], keep_first)
+    into.open()
+    into.collect()
+    with locked(target):
+        joined = into.manifest()
+        tables = Tables(target, str(joined["study"]))
+        new = _rows_of_others(stores, tables.study, tables.complete())
+        collect_into(tables, new, set(), lambda record: None)
+        plans.insert(0, joined.copy())
+        for other in plans[1:]:
+            for key in ("planned", "called", "budgets", "files"):
+                joined[key] = {**joined.get(key, {}), **other.get(key, {})}
+            for key in ("commands", "costs"):
+                before = joined.get(key, [])
+                joined[key] = [*before, *(item for item in other.get(key, []) if item not in before)]
+        gone, others = (
+            {run_id for manifest in plans for run_id in manifest.get(key, ())} - joined["planned"].keys()
+            for key in ("abandoned", "other_shards")
+        )
+        joined |= {"abandoned": sorted(gone)} if gone else {}
+        if any(manifest.get("other_shards") for manifest in plans):
+            joined["other_shards"] = sorted(others)
+        manifests.write_manifest(target, joined)
+        known = tables.complete()
+    manifest = into.manifest()
+    left = len(manifest["planned"].keys() - known)
+    return Merged(len(known), twice, left, len(manifests.in_other_shards(manifest, known)))
+
+
+def _rows_of_others(stores: Sequence[ResultStore], study: str, known: set[str]) -> Iterator[pa.Table]:
+    """Yield the runs of the stores that are not `known`, each once, as runs of `study`."""
+    seen = set(known)
+    at = RUNS_SCHEMA.get_field_index("study")
+    for store in stores:
+        rows, traces = store.tables()
+        rows = rows.filter(pa.array([run_id not in seen for run_id in rows["run_id"].to_pylist()], pa.bool_()))
+        seen.update(rows["run_id"].to_pylist())
+        for begin in range(0, len(rows), _AT_ONCE):
+            some = rows.slice(begin, _AT_ONCE)
+            some = some.set_column(at, RUNS_SCHEMA.field("study"), pa.array([study] * len(some), pa.string()))
+            yield nested(some, traces.filter(is_in(traces["run_id"], some["run_id"].combine_chunks())))
+
+
+def _in_several(stores: Sequence[ResultStore], keep_first: bool) -> int:
+    """Return how many runs stand in several stores; raise where two rows of one differ and nobody says which counts."""
+    where: dict[str, list[int]] = {}
+    for i, store in enumerate(stores):
+        for run_id in store.finished():
+            where.setdefault(run_id, []).append(i)
+    several = {run_id: found for run_id, found in where.items() if len(found) > 1}
+    if not several or keep_first:
+        return len(several)
+    first: dict[str, dict[str, Any]] = {}
+    unlike = {}
+    for i in sorted({i for found in several.values() for i in found}):
+        rows, _ = stores[i].tables()
+        chosen = rows.filter(is_in(rows["run_id"], pa.array(list(several), pa.string()))).select(_COMPARED)
+        for row in chosen.to_pylist():
+            before = first.setdefault(row["run_id"], row)
+            pairs = {name: (value, before[name]) for name, value in row.items()}
+            # NaN is NaN
+            columns = [name for name, (a, b) in pairs.items() if not (bool(a == b) or (a != a and b != b))]
+            if columns:
+                unlike[row["run_id"]] = columns
+    if unlike:
+        run_id, columns = next(iter(unlike.items()))
+        raise StoreError(
+            f"{counted(len(unlike), 'run')} stand in several folders with rows that differ, such as {run_id} in "
+            f"{', '.join(columns[:4])}; leave a folder out, or take the first of each with --keep-first"
+        )
+    return len(several)

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from calibench.bench.execution.run_row import COLUMNS
-from calibench.bench.store.arrays import cast_table, dictionary_encode, fill_null, scalar_of
+from calibench.bench.store.arrays import cast_table, compute, numbers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,19 +22,8 @@ _TYPES = {
     "timestamp[us, tz=UTC]": pa.timestamp("us", tz="UTC"),
 }  # fmt: skip
 TRACE = "trace"  # the column that holds the points where a run and its trace are one row
-
-
-def _arrow_type(name: str) -> pa.DataType:
-    """Return the Arrow type of this name.
-
-    >>> _arrow_type("list<double>")
-    ListType(list<item: double>)
-    """
-    items = name.removeprefix("list<")
-    return _TYPES[name] if items == name else pa.list_(_arrow_type(items.removesuffix(">")))
-
-
-RUNS_SCHEMA = pa.schema([(column.name, _arrow_type(column.parquet)) for column in COLUMNS])
+_TYPES |= {f"list<{name}>": pa.list_(kind) for name, kind in _TYPES.items()}
+RUNS_SCHEMA = pa.schema([(column.name, _TYPES[column.parquet]) for column in COLUMNS])
 TRACES_SCHEMA = pa.schema(
     [
         ("run_id", pa.string()), ("evaluations", pa.int64()), ("charged", pa.int64()), ("best_value", pa.float64()),
@@ -43,16 +32,11 @@ TRACES_SCHEMA = pa.schema(
 )  # fmt: skip
 HITS_SCHEMA = pa.schema(
     [
-        ("run_id", pa.string()),
-        ("quantity", pa.string()),
-        ("target", pa.float64()),
-        ("evaluations", pa.int64()),
-        ("charged", pa.int64()),
-        ("evaluations_after", pa.int64()),
-        ("charged_after", pa.int64()),
+        ("run_id", pa.string()), ("quantity", pa.string()), ("target", pa.float64()), ("evaluations", pa.int64()),
+        ("charged", pa.int64()), ("evaluations_after", pa.int64()), ("charged_after", pa.int64()),
         ("seconds", pa.float64()),
     ]
-)  # a row a run and target, null: never reached (`bench.store.hits`)
+)  # fmt: skip  # a row a run and target, null: never reached (`bench.store.hits`)
 POINT = tuple(name for name in TRACES_SCHEMA.names if name != "run_id")
 PART_SCHEMA = RUNS_SCHEMA.append(
     pa.field(TRACE, pa.list_(pa.struct([(name, TRACES_SCHEMA.field(name).type) for name in POINT])))
@@ -66,31 +50,21 @@ def in_schema(table: pa.Table, schema: pa.Schema, columns: Sequence[str] | None 
 
 
 def to_pandas(table: pa.Table) -> pd.DataFrame:
-    """Return pandas with lists as Arrow lists, flags as nullable booleans and text as pandas' `str`.
+    """Return pandas with lists as Arrow lists, flags as nullable booleans and text as pandas' `str`, held by reference.
 
-    Of the two ways in which pandas can hold text it is by reference: equal texts are one, and a slice, a group or a
-    loop of some thousand rows takes a tenth of the time that Arrow's text takes.
+    Equal texts are one: a slice or loop of some thousand rows takes a tenth of the time that Arrow's text takes.
     """
     import pandas as pd
 
-    texts = {field.name for field in table.schema if pa.types.is_string(field.type)}
-    others = table.drop_columns(list(texts)).to_pandas(types_mapper=_column_type)
-    columns = {name: _text(table[name]) if name in texts else others[name] for name in table.schema.names}
+    texts = {}
+    for field in table.schema:
+        if pa.types.is_string(field.type):
+            coded = compute("dictionary_encode", table[field.name]).combine_chunks()
+            different = np.array([*coded.dictionary.to_pylist(), np.nan], dtype=object)  # the last stands for null
+            text = different[numbers(coded.indices, len(different) - 1)]
+            texts[field.name] = pd.array(text, dtype=pd.StringDtype("python", na_value=np.nan))
+    kinds: dict[pa.DataType, Any] = {kind: pd.ArrowDtype(kind) for kind in table.schema.types if pa.types.is_list(kind)}
+    kinds[pa.bool_()] = pd.BooleanDtype()
+    others = table.drop_columns(list(texts)).to_pandas(types_mapper=kinds.get)
+    columns = {name: texts[name] if name in texts else others[name] for name in table.schema.names}
     return pd.DataFrame(columns, index=range(len(table)), copy=False)
-
-
-def _column_type(arrow: pa.DataType) -> Any:
-    import pandas as pd
-
-    if pa.types.is_list(arrow):
-        return pd.ArrowDtype(arrow)
-    return pd.BooleanDtype() if pa.types.is_boolean(arrow) else None
-
-
-def _text(column: pa.ChunkedArray) -> Any:
-    import pandas as pd
-
-    coded = dictionary_encode(column).combine_chunks()
-    different = np.array([*coded.dictionary.to_pylist(), np.nan], dtype=object)  # the last stands for null
-    codes = fill_null(coded.indices, scalar_of(len(different) - 1, coded.indices.type)).to_numpy()
-    return pd.array(different[codes], dtype=pd.StringDtype("python", na_value=np.nan))

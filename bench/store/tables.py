@@ -1,19 +1,15 @@
 """The two tables of a study, ``runs.parquet`` and ``traces.parquet``: read with care, written whole, sealed.
 
-Read is only what this store wrote for this study: our columns with their types, each run once, all of one study and
-schema. Anything else is refused, named by row and column where a value is one that no run can have
-(`bench.store.damage`), and left alone. The tables are replaced one after the other; a kill in between leaves them
-unlike, which the mark that both hold tells.
-
-A seal is a digest of all bytes before the footer, kept in the footer, so that an edit with whatever tool is noticed:
-what rewrites a table leaves the digest out, or keeps it beside other bytes. In a manifest beside the table, a kill
-between the two would leave a table that nobody reads again. It guards against accidents, not against who forges it.
+Read is only what this store wrote for this study; anything else is refused, named by row and column where a value is
+one that no run can have (`bench.store.damage`), and left alone. The tables are replaced one after the other; a kill in
+between leaves them unlike, which the mark that both hold tells. A seal is a digest of all bytes before the footer, kept
+in the footer, so that an edit with whatever tool is noticed. It guards against accidents, not against who forges it.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -26,14 +22,14 @@ from pyarrow.fs import LocalFileSystem
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.store.arrays import count_distinct, empty_table, unique
+from calibench.bench.store.arrays import compute, empty_table
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, in_schema
 from calibench.core.words import shortened
 
 RUNS, TRACES, HITS = "runs.parquet", "traces.parquet", "hits.parquet"
-_PIECE = 1 << 18  # points of traces that are read at a time
+_SCHEMAS = {RUNS: RUNS_SCHEMA, TRACES: TRACES_SCHEMA}
 ORDER = ("problem", "problem_options", "optimizer", "optimizer_options", "start", "budget", "repetition", "run_id")
 _KEY = b"calibench"  # of the metadata
 _READ_ALWAYS = ("run_id", "study", "schema_version", "evaluations")
@@ -43,9 +39,7 @@ _CHECKED: dict[Path, list[tuple[int, int, int] | None]] = {}  # folders whose ta
 
 def parquet_file(path: Path) -> pq.ParquetFile:
     """Return the Parquet file of that name on this machine: ``lab:1`` and ``s3://x`` are folders, no addresses."""
-    return pq.ParquetFile(
-        path.absolute(), filesystem=LocalFileSystem()
-    )  # and not read_table, which loads pyarrow.dataset
+    return pq.ParquetFile(path.absolute(), filesystem=LocalFileSystem())  # read_table loads pyarrow.dataset
 
 
 @final
@@ -59,19 +53,13 @@ class Tables:
     def runs(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Return the rows (of `columns`), checked; none where there is no table."""
         wanted = None if columns is None else list(dict.fromkeys([*columns, *_READ_ALWAYS]))
-        table = self._read(RUNS, RUNS_SCHEMA, wanted)
+        table = self._content(RUNS, self.open(RUNS), wanted)
         self._check(table)
         return table if columns is None else table.select(list(columns))
 
-    def traces(self, columns: Sequence[str] | None = None) -> pa.Table:
+    def traces(self) -> pa.Table:
         """Return the points of all traces; none where there is no table."""
-        return self._read(TRACES, TRACES_SCHEMA, columns)
-
-    def points_in_pieces(self) -> Iterator[pa.Table]:
-        """Yield the points of all traces, in the order of the runs, some hundred thousand at a time."""
-        file = self.open(TRACES)
-        for batch in () if file is None else file.iter_batches(batch_size=_PIECE, use_threads=False):
-            yield in_schema(pa.Table.from_batches([batch]), TRACES_SCHEMA)
+        return self._content(TRACES, self.open(TRACES))
 
     def complete(self) -> set[str]:
         """Return the ids of the runs whose row and trace are both there."""
@@ -80,101 +68,92 @@ class Tables:
         if not ids or self.are_one_pair():
             return set(ids)
         file = self.open(TRACES)
-        traced = set() if file is None else set(unique(file.read(columns=["run_id"])["run_id"]).to_pylist())
+        traced = set() if file is None else set(compute("unique", file.read(columns=["run_id"])["run_id"]).to_pylist())
         evaluations = rows["evaluations"].to_pylist()
         return {run_id for run_id, n in zip(ids, evaluations, strict=True) if run_id in traced or not n}
 
     def are_one_pair(self) -> bool:
         """Tell whether both tables were written by the same collection, which makes them whole."""
-        files = [self.open(name) for name in (RUNS, TRACES)]
-        marks = [None if file is None else _statements(file).get("pair") for file in files]
+        marks = []
+        for file in (self.open(RUNS), self.open(TRACES)):
+            try:
+                origin = None if file is None else json.loads(file.schema_arrow.metadata[_KEY])
+            except ValueError:  # its metadata was damaged
+                origin = None
+            marks.append(origin.get("pair") if isinstance(origin, dict) else None)
         return marks[0] is not None and marks[0] == marks[1]
 
     def open(self, name: str) -> pq.ParquetFile | None:
         """Return a table as a file; None where it is missing. Both tables are checked: one is not read without both."""
-        files = {each: self._opened(each) for each in (RUNS, TRACES)}
-        paths = [self.folder / each for each in (RUNS, TRACES)]
+        files: dict[str, pq.ParquetFile] = {}
+        for each, schema in _SCHEMAS.items():
+            path = self.folder / each
+            if not path.exists():
+                continue
+            try:
+                files[each] = parquet_file(path)
+            except (OSError, pa.ArrowException) as error:
+                raise self._unreadable(path, error) from None
+            found = files[each].schema_arrow
+            if not set(schema.names) <= set(found.names):
+                raise StoreError(
+                    f"{path}: has not our columns; is it from another program or version? It is left alone"
+                )
+            if _KEY not in (found.metadata or {}):
+                raise StoreError(
+                    f"{path}: has our columns and not the mark of bench, so another program has written it; {_LEFT}"
+                )
+            for field in schema:
+                kind, wanted = found.field(field.name).type, field.type
+                if pa.types.is_list(kind) and pa.types.is_list(wanted):  # the items of a file's lists have another name
+                    kind, wanted = kind.value_type, wanted.value_type
+                if kind != wanted and not (pa.types.is_timestamp(kind) and pa.types.is_timestamp(wanted)):
+                    kind = found.field(field.name).type
+                    raise StoreError(f"{path}: column {field.name} is {kind}, not {field.type}; it is left alone")
+        paths = [self.folder / each for each in _SCHEMAS]
         status = [path.stat() if path.exists() else None for path in paths]
         # by what the two files, once they were checked, are known again
         state = [None if one is None else (one.st_ino, one.st_size, one.st_mtime_ns) for one in status]
         place = self.folder.absolute()
         if _CHECKED.get(place) != state:
-            self._check_whole(files)
+            changed = [each for each in files if not is_whole(self.folder / each)]
+            if changed:  # say what is wrong in a table that is not as it was written
+                rows, traces = (self._content(each, files.get(each)) for each in _SCHEMAS)
+                self._check(rows)
+                from calibench.bench.store.damage import first_damage  # of no use for tables that are whole
+
+                damage = first_damage(rows, traces)
+                if damage is None:
+                    raise StoreError(f"{self.folder / changed[0]}: was changed after bench wrote it; {_LEFT}")
+                where = f"row {damage.row} (run {damage.run}), column {damage.column}"
+                value = shortened(json.dumps(damage.value, default=str))
+                path = self.folder / (TRACES if damage.in_traces else RUNS)
+                raise StoreError(f"{path}: {where}: {value} {damage.rule}; {_LEFT}")
             _CHECKED[place] = state
-        return files[name]
+        return files.get(name)
 
-    def _check_whole(self, files: Mapping[str, pq.ParquetFile | None]) -> None:
-        """Refuse a table that is not as it was written."""
-        there = {name: file for name, file in files.items() if file is not None}
-        changed = [name for name in there if not is_whole(self.folder / name)]
-        if not changed:
-            return
-        tables = {RUNS: empty_table(RUNS_SCHEMA), TRACES: empty_table(TRACES_SCHEMA)}
-        for name, file in there.items():
-            tables[name] = self._content(name, file, tables[name].schema)
-        self._check(tables[RUNS])
-        from calibench.bench.store.damage import first_damage  # of no use for tables that are whole
-
-        found = first_damage(tables[RUNS], tables[TRACES])
-        if found is not None:
-            where = f"row {found.row} (run {found.run}), column {found.column}"
-            value = shortened(json.dumps(found.value, default=str))
-            raise StoreError(
-                f"{self.folder / (TRACES if found.in_traces else RUNS)}: {where}: {value} {found.rule}; {_LEFT}"
-            )
-        raise StoreError(f"{self.folder / changed[0]}: was changed after bench wrote it; {_LEFT}")
-
-    def _opened(self, name: str) -> pq.ParquetFile | None:
-        path = self.folder / name
-        if not path.exists():
-            return None
-        try:
-            file = parquet_file(path)
-        except (OSError, pa.ArrowException) as error:
-            raise self._unreadable(path, error) from None
-        self._check_columns(path, file.schema_arrow, RUNS_SCHEMA if name == RUNS else TRACES_SCHEMA)
-        return file
-
-    def _read(self, name: str, schema: pa.Schema, columns: Sequence[str] | None) -> pa.Table:
-        file = self.open(name)
+    def _content(self, name: str, file: pq.ParquetFile | None, columns: Sequence[str] | None = None) -> pa.Table:
+        schema = _SCHEMAS[name]
         if file is None:
-            chosen = schema if columns is None else pa.schema([schema.field(column) for column in columns])
-            return empty_table(chosen)
-        return self._content(name, file, schema, columns)
-
-    def _content(
-        self, name: str, file: pq.ParquetFile, schema: pa.Schema, columns: Sequence[str] | None = None
-    ) -> pa.Table:
+            return empty_table(schema if columns is None else pa.schema([schema.field(column) for column in columns]))
         try:
             return in_schema(file.read(columns=list(columns or schema.names)), schema, columns)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise self._unreadable(self.folder / name, error) from None
 
-    def _check_columns(self, path: Path, found: pa.Schema, schema: pa.Schema) -> None:
-        if not set(schema.names) <= set(found.names):
-            raise StoreError(f"{path}: has not our columns; is it from another program or version? It is left alone")
-        if _KEY not in (found.metadata or {}):
-            raise StoreError(
-                f"{path}: has our columns and not the mark of bench, so another program has written it; {_LEFT}"
-            )
-        for field in schema:
-            if field.name in found.names and not _fits(found.field(field.name).type, field.type):
-                kind = found.field(field.name).type
-                raise StoreError(f"{path}: column {field.name} is {kind}, not {field.type}; it is left alone")
-
-    def _check(self, table: pa.Table) -> None:
-        path, ids = self.folder / RUNS, table["run_id"]
+    def _check(self, rows: pa.Table) -> None:
+        path, ids = self.folder / RUNS, rows["run_id"]
         if ids.null_count:
             raise StoreError(f"{path}: {ids.null_count} rows have no run_id; it is left alone")
-        if (double := len(ids) - count_distinct(ids)) > 0:
+        if (double := len(ids) - compute("count_distinct", ids).as_py()) > 0:
             raise StoreError(f"{path}: {double} rows have a run_id that another row has; it is left alone")
-        others = sorted({str(name) for name in unique(table["study"]).to_pylist()} - {self.study})
+        others = sorted({str(name) for name in compute("unique", rows["study"]).to_pylist()} - {self.study})
         if others:
             raise StoreError(
                 f"{path}: has rows of study {others[0]!r}, this folder is study {self.study!r}; it is left alone "
                 "(`bench merge A B --to C` joins studies)"
             )
-        versions = {version for version in unique(table["schema_version"]).to_pylist()} - {SCHEMA_VERSION}
+        versions = {*compute("unique", rows["schema_version"]).to_pylist()} - {SCHEMA_VERSION}
         if versions:
             raise StoreError(f"{path}: has rows of schema {versions.pop()}, this version reads {SCHEMA_VERSION}")
 
@@ -183,9 +162,9 @@ class Tables:
         return StoreError(f"{path}: cannot be read ({first}); {_LEFT}")
 
 
-def write_table(table: pa.Table, path: Path, pair: str | None = None) -> None:
+def write_table(table: pa.Table, path: Path) -> None:
     """Write a table whole, with where it comes from as metadata."""
-    origin = metadata(pair)
+    origin = metadata()
 
     def write(file: BinaryIO) -> None:
         with sealed_writer(file, table.schema.with_metadata(origin)) as out:
@@ -198,22 +177,6 @@ def metadata(pair: str | None = None) -> dict[str, str]:
     """Return the metadata of a table; tables of one collection hold the same `pair`."""
     origin: dict[str, Any] = provenance() | {"schema_version": SCHEMA_VERSION, "pair": pair}
     return {_KEY.decode(): json.dumps(origin)}
-
-
-def _statements(file: pq.ParquetFile) -> dict[str, Any]:
-    """Return what a table of ours says of itself in its metadata; nothing where that was damaged."""
-    try:
-        origin = json.loads(file.schema_arrow.metadata[_KEY])
-    except ValueError:
-        origin = None
-    return origin if isinstance(origin, dict) else {}
-
-
-def _fits(found: pa.DataType, wanted: pa.DataType) -> bool:
-    """Tell whether a column is of the type wanted, but for the name that a list's items have in a file."""
-    if pa.types.is_list(found) and pa.types.is_list(wanted):
-        return _fits(found.value_type, wanted.value_type)
-    return bool(found == wanted) or (pa.types.is_timestamp(found) and pa.types.is_timestamp(wanted))
 
 
 _DIGEST = b"calibench_digest"
@@ -253,18 +216,12 @@ class _Digested:
     closed = False
 
     def __init__(self, file: BinaryIO) -> None:
-        self._file, self._written, self.digest = file, 0, blake2b(digest_size=16)
+        self._file, self.digest = file, blake2b(digest_size=16)
+        self.tell, self.flush = file.tell, file.flush
 
     def write(self, data: bytes) -> int:
         self.digest.update(data)
-        self._written += len(data)
         return self._file.write(data)
-
-    def tell(self) -> int:
-        return self._written
-
-    def flush(self) -> None:
-        self._file.flush()
 
     def close(self) -> None:
         pass

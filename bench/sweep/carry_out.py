@@ -6,24 +6,26 @@ number of workers, on any machines.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Timer
-from typing import Any, final
+from typing import Any, Literal, final
 
-from calibench.bench.execution.costly import ReplayFolder, forget_finished, values_of
+from calibench.bench.execution.costly import ReplayFolder, forget_finished
 from calibench.bench.execution.in_progress import at_work, remove_gone
 from calibench.bench.execution.kernels import load_kernels
-from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Run, Spec
+from calibench.bench.execution.standing import lost_run
 from calibench.bench.gate.processes import CAN_FORK
+from calibench.bench.provenance.code_digest import changed_parts
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
-from calibench.bench.sweep.execution import Execution, read_execution
 from calibench.bench.sweep.request import Request
-from calibench.bench.sweep.stale import Stale, Way, find_stale, settle
+from calibench.bench.sweep.words import Execution, read_execution
+from calibench.bench.words import RequestError
 from calibench.bench.workers.carrier import Carrier, How, Job, Packs, Serial
 from calibench.bench.workers.processes import Processes, printed_files
 from calibench.core.words import counted
@@ -33,6 +35,30 @@ _COMPILING = "compiling what these runs need; it is kept, so that the next sweep
 _PATIENCE = 1.0  # seconds to look again at what could not be built
 _ATTEMPTS = 2  # to have a row of each run: something may damage what was kept
 Report = Callable[[int, int, str], None]  # done, of, what has just ended
+Way = Literal["ask", "rerun", "keep"]  # what to do with rows of other code: stop and say so, replace, or leave
+
+
+@final
+@dataclass(frozen=True)
+class Stale:
+    """The finished runs of a request that other code made, those nobody can tell of, and what differs, in words.
+
+    Rows without a ``code_digest``, as of a run whose code could not be read, cannot be judged: they are kept and named.
+    """
+
+    other: frozenset[str]
+    unknown: frozenset[str]
+    finished: int
+    what: tuple[str, ...]
+
+    def lines(self) -> list[str]:
+        """Return how many rows are of other code, and of what; and how many have no digest; a line each."""
+        said = (
+            (self.other, ("is", "are"), f"of other code: {'; '.join(self.what)}"),
+            (self.unknown, ("has", "have"), "no code_digest: what made them is not known"),
+        )
+        of = f"of {counted(self.finished, 'finished run')}"
+        return [f"{len(runs)} {of} {verbs[len(runs) > 1]} {what}" for runs, verbs, what in said if runs]
 
 
 @final
@@ -40,8 +66,7 @@ Report = Callable[[int, int, str], None]  # done, of, what has just ended
 class Outcome:
     """What a sweep did: ids asked for, those skipped as done, files set aside as damaged, and rows of other code.
 
-    `unfinished` counts the runs that were not begun or not ended because `stop_after` failures had happened. `printed`
-    are the files with what the runs printed.
+    `unfinished` runs were not begun or ended because of `stop_after`; `printed` are files with what the runs printed.
     """
 
     asked: tuple[str, ...]
@@ -53,21 +78,14 @@ class Outcome:
 
 
 def carry_out(
-    request: Request,
-    report: Report,
-    retry_failed: bool = False,
-    drop_planned: bool = False,
-    command: str = "",
-    way: Way = "ask",
-    tell: Callable[[str], None] = lambda line: None,
-) -> Outcome:
+    request: Request, report: Report, retry_failed: bool = False, drop_planned: bool = False, command: str = "",
+    way: Way = "ask", tell: Callable[[str], None] = lambda line: None,
+) -> Outcome:  # fmt: skip
     """Run what is not done yet and collect the tables; the manifest keeps the `command` that asked for it.
 
-    A run counts as done when the tables have its row: one that has none after all were done is done once more.
-    With `drop_planned` what was planned before and is not asked for now is abandoned.
-    Finished runs of other code (`bench.sweep.stale`) are done again or kept, as `way` says, and are told before
-    anything runs. Raises `RequestError`, `StoreError` before anything runs: also where there are such and the way is
-    "ask". Raises `ClusterError` before anything is written where a Dask cluster is asked for and cannot be had.
+    A run counts as done when the tables have its row. With `drop_planned` what was planned before and is not asked for
+    now is abandoned. Finished runs of other code are done again or kept, as `way` says; where it is "ask" and there are
+    some, `RequestError` is raised before anything runs, as are `StoreError` and `ClusterError`.
     """
     execution = read_execution(request.execution)
     store = ResultStore(request.folder)
@@ -81,7 +99,15 @@ def carry_out(
     if retry_failed:
         runs = store.runs(["run_id", "status"])
         failed_before = set(runs.loc[runs["status"] != "ok", "run_id"]) & set(request.specs)
-    stale = _settled(request, store, way, tell, failed_before)
+    # finished runs of other code: the store forgets those that are done again
+    stale = find_stale(request, store, failed_before)
+    if way == "ask" and stale.other:
+        raise RequestError(f"{stale.lines()[0]}; --rerun does them again, --keep goes on with them; nothing was run")
+    for line in stale.lines():
+        tell(f"{line}; {'they are done again' if way == 'rerun' else 'they are kept'}")
+    again = {*failed_before, *stale.other, *stale.unknown} if way == "rerun" else failed_before
+    if again:
+        store.forget(again)
     done = store.finished()
     store.plan(
         request.labels, command, request.files, request.called, request.other_shards, request.budgets, drop_planned
@@ -89,7 +115,7 @@ def carry_out(
     left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
     remove_gone(request.folder)
     forget_finished(request.folder, done)
-    goes_on = len([run_id for run_id in values_of(request.folder) if run_id in left])
+    goes_on = sum(path.stem in left for path in (request.folder / "replay").glob("*.journal"))
     if goes_on:
         tell(f"{counted(goes_on, 'run')} {'goes' if goes_on == 1 else 'go'} on from the values of before the kill")
     skipped, before = len(request.specs) - len(left), printed_files(request.folder)
@@ -114,15 +140,20 @@ def carry_out(
 
 
 def _do(
-    request: Request,
-    left: Mapping[str, Spec],
-    store: ResultStore,
-    execution: Execution,
-    report: Report,
+    request: Request, left: Mapping[str, Spec], store: ResultStore, execution: Execution, report: Report,
     tell: Callable[[str], None],
-) -> int:
+) -> int:  # fmt: skip
     """Do the runs that are `left`; return how many have not been done, because `stop_after` failures had happened."""
-    broken = _fail_broken(request, left, store)
+    # the rows of runs whose problem or optimiser cannot be built at all
+    first: dict[str, Run] = {}  # of a cell: the others differ in their repetition alone
+    broken = {run_id: spec for run_id, spec in left.items() if run_id in request.broken}
+    for run_id, spec in broken.items():
+        label = request.labels[run_id]
+        if label not in first:
+            first[label] = lost_run(spec, run_id, *request.broken[run_id], patience=_PATIENCE)
+        record = replace(first[label].record, run_id=run_id, repetition=spec.repetition)
+        store.write(replace(first[label], record=record))
+
     unbegun = {run_id: spec for run_id, spec in left.items() if run_id not in broken}
     if unbegun and CAN_FORK and execution.name != "dask":
         with told_after(_SILENCE, lambda: tell(_COMPILING)) as compiling:
@@ -133,9 +164,19 @@ def _do(
     jobs = [Job(run_id, spec, request.labels[run_id]) for run_id, spec in unbegun.items()]
     replay = None if request.replay is False else ReplayFolder(request.folder.resolve(), request.replay is True)
     packs = Packs(jobs, execution.workers, How(execution.inner, replay))
+
+    carrier: Carrier
+    if execution.name == "dask":
+        from calibench.bench.workers.dask import Dask
+
+        carrier = Dask(store.folder, store.study, execution.workers, execution.address)
+    elif CAN_FORK or execution.workers > 1:
+        carrier = Processes(store.folder, store.study, execution.workers)
+    else:
+        carrier = Serial(store.folder, store.study)
     report(len(broken), len(left), "")
     failed = len(broken)
-    with closing(_carrier_of(execution, store).carry(packs)) as notices:
+    with closing(carrier.carry(packs)) as notices:
         for ended, notice in enumerate(notices, start=len(broken) + 1):
             label = request.labels[notice.run_id]
             report(ended, len(left), request.called.get(label, label))
@@ -143,24 +184,6 @@ def _do(
             if request.stop_after is not None and failed >= request.stop_after:
                 return len(left) - ended
     return 0
-
-
-def _settled(
-    request: Request, store: ResultStore, way: Way, tell: Callable[[str], None], failed: Collection[str]
-) -> Stale:
-    """Return the finished runs of other code after the decision on them, and after the store has forgotten some.
-
-    `failed` are forgotten too, whatever code made them. Raises `RequestError` where there are runs of other code and
-    the way is "ask"; nothing is forgotten then.
-    """
-    stale = find_stale(request, store, failed)
-    again = settle(stale, way) | set(failed)
-    for line in (stale.told(), stale.told_unknown()):
-        if line:
-            tell(f"{line}; {'they are done again' if way == 'rerun' else 'they are kept'}")
-    if again:
-        store.forget(again)
-    return stale
 
 
 def tell_of_costs(measured: Iterable[Mapping[str, Any]], tell: Callable[[str], None]) -> None:
@@ -206,24 +229,36 @@ def told_after(seconds: float, say: Callable[[], None]) -> Iterator[Callable[[],
             clock.join()
 
 
-def _fail_broken(request: Request, left: Mapping[str, Spec], store: ResultStore) -> set[str]:
-    """Keep the rows of runs whose problem or optimiser cannot be built at all; return their ids."""
-    broken = {run_id: spec for run_id, spec in left.items() if run_id in request.broken}
-    first: dict[str, Run] = {}  # of a cell: the others differ in their repetition alone
-    for run_id, spec in broken.items():
-        label = request.labels[run_id]
-        if label not in first:
-            first[label] = lost_run(spec, run_id, *request.broken[run_id], patience=_PATIENCE)
-        record = replace(first[label].record, run_id=run_id, repetition=spec.repetition)
-        store.write(replace(first[label], record=record))
-    return set(broken)
-
-
-def _carrier_of(execution: Execution, store: ResultStore) -> Carrier:
-    if execution.name == "dask":
-        from calibench.bench.workers.dask import Dask
-
-        return Dask(store.folder, store.study, execution.workers, execution.address)
-    if CAN_FORK or execution.workers > 1:
-        return Processes(store.folder, store.study, execution.workers)
-    return Serial(store.folder, store.study)
+def find_stale(request: Request, store: ResultStore, but: Collection[str] = ()) -> Stale:
+    """Return which finished runs of `request`, `but` those that are done again anyway, other code has made."""
+    columns = ["run_id", "problem", "optimizer", "library", "library_version", "code_digest"]
+    mine = [row for row in store.rows(columns).to_pylist() if row["run_id"] in request.specs]
+    mine = [row for row in mine if row["run_id"] not in but]
+    before = store.manifest().get("files", {})
+    moved = {  # classes whose file was another in this study, and still is: two files may bear one name
+        name: f"{name}, whose file was {before[name]}"
+        for name, file in request.files.items()
+        if name in before and before[name] != file and Path(before[name]).is_file()
+    }
+    other, unknown, counts = set(), set(), Counter[tuple[str, ...]]()
+    for row in mine:
+        run_id, code = str(row["run_id"]), row["code_digest"]
+        known = isinstance(code, str) and code != ""
+        parts = changed_parts(str(code), request.codes[run_id]) if known else []
+        problem, optimizer = str(row["problem"]), str(row["optimizer"])
+        library = f"{row['library']} {row['library_version']}" if row["library_version"] else ""
+        words = {
+            "problem": f"problem {problem}",
+            "optimizer": f"optimizer {optimizer}" + (f" (the runs were made with {library})" if library else ""),
+            "gate": "calibench's evaluator",
+            "files": f"problem {problem}, whose file of data was another (where it writes it: a str)",
+        }
+        named = [words[part] for part in parts]
+        what = tuple(dict.fromkeys([*named, *(moved[name] for name in (problem, optimizer) if name in moved)]))
+        if what:
+            other.add(run_id)
+            counts.update([what])
+        elif not known:
+            unknown.add(run_id)
+    what = tuple(f"{n} of {' and of '.join(what)}" for what, n in counts.items())
+    return Stale(frozenset(other), frozenset(unknown), len(mine), what)

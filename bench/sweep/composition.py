@@ -5,11 +5,10 @@ Hydra itself, and its grammar, are loaded for what is more than plain words (`be
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from decimal import Decimal
 from functools import cache
@@ -19,20 +18,11 @@ from typing import Any, get_args
 from unicodedata import normalize
 
 from calibench import conf, optimizers, problems
-from calibench.bench.sweep.execution import check_name, check_option
-from calibench.bench.sweep.words import PlainOverride, RequestError, compose_plainly, plain_override
+from calibench.bench.sweep.words import PlainOverride, check_execution, compose_plainly, plain_override
+from calibench.bench.words import RequestError
+from calibench.core import options as opt
 from calibench.core.kept import kept
-from calibench.core.options import (
-    FilePath,
-    field_type,
-    inside,
-    is_text,
-    item_type,
-    pair_of,
-    parts_of,
-    suggest,
-    unquoted,
-)
+from calibench.core.options import FilePath, is_text, parts_of, suggest, unquoted
 from calibench.core.registry import Registry
 from calibench.core.user_file import is_file_path
 from calibench.core.words import check_word, shortened
@@ -50,12 +40,11 @@ def compose(overrides: Sequence[Any]) -> Any:
 def compose_texts(overrides: list[str]) -> Any:
     """Return the composition of conf/config.yaml with `overrides`, as plain containers."""
     given = dict(override.partition("=")[::2] for override in overrides)
-    for key in ("execution", "execution.name"):
-        if key in given:
-            check_name(given[key])
-    for key in given:
-        if key.startswith("execution.") and key != "execution.name":
-            check_option(given.get("execution.name", given.get("execution", "serial")), key.partition(".")[2])
+    names = [given[key] for key in ("execution", "execution.name") if key in given]
+    for name in names:
+        check_execution(name)
+    options = [key.partition(".")[2] for key in given if key.startswith("execution.") and key != "execution.name"]
+    check_execution(names[-1] if names else "serial", options)
     plainly = compose_plainly(overrides, _settings, _member)
     return compose_by_hydra(overrides) if plainly is None else plainly
 
@@ -75,7 +64,12 @@ def compose_by_hydra(overrides: list[str]) -> Any:
         texts = ["=".join((in_ascii(key), value)) for key, _, value in (o.partition("=") for o in overrides)]
         return _as_named(OmegaConf.to_container(hydra.compose("config", overrides=texts), resolve=True))
     except (HydraException, OmegaConfBaseException) as error:
-        raise RequestError(f"{_at_fault(error, overrides)}{_first_line(error)}") from None
+        typed = [re.sub(r"\\(.)", r"\1", text) for text in overrides]
+        named = [text for text in typed if text.partition("=")[0] == getattr(error, "full_key", None)]
+        about = named or [text for text in typed if "${" in text]  # the argument that the error is about
+        cause = error.__cause__ if error.__cause__ is not None else error
+        where = f"{about[0]}: " if about else ""
+        raise RequestError(f"{where}{str(cause).strip().splitlines()[0]}") from None
 
 
 def _settings(execution: str) -> Any:
@@ -108,11 +102,12 @@ def _as_named(composed: Any) -> Any:
 @cache
 def _initialize() -> None:
     """Tell Hydra where conf/ is and enter every registered name into its groups."""
-    from hydra import initialize_config_dir
+    from hydra import __version__, initialize_config_dir
     from hydra.core.global_hydra import GlobalHydra
 
     GlobalHydra.instance().clear()
-    initialize_config_dir(str(CONF), job_name="bench", **({"version_base": "1.3"} if _is_1_3() else {}))  # 1.4 warns
+    base = {"version_base": "1.3"} if __version__.startswith("1.3.") else {}  # at which 1.4 warns
+    initialize_config_dir(str(CONF), job_name="bench", **base)
     for kind in ("problem", "optimizer"):
         for name in registry_of(kind).names():
             _enter(kind, name, _node(name, registry_of(kind)))
@@ -127,10 +122,10 @@ _ENTERED: dict[tuple[str, str], dict[str, Any]] = {}  # what is not in Hydra's g
 
 
 def _enter(kind: str, name: str, node: dict[str, Any]) -> None:
-    """Enter a node into Hydra's group `kind`."""
+    from hydra import __version__
     from hydra.core.config_store import ConfigStore
 
-    again: dict[str, Any] = {} if _is_1_3() else {"replace": True}  # 1.4 asks for what 1.3 does
+    again: dict[str, Any] = {} if __version__.startswith("1.3.") else {"replace": True}  # 1.4 asks for what 1.3 does
     ConfigStore.instance().store(group=kind, name=name, node={in_ascii(k): v for k, v in node.items()}, **again)
 
 
@@ -138,13 +133,6 @@ def _node(name: str, registry: Registry[Any]) -> dict[str, Any]:
     """Return a registered name with its options and their defaults, as Hydra's node."""
     declared = registry.options(name)
     return {REGISTERED: name, **{k: NOT_GIVEN if o.required else plain(o.default) for k, o in declared.items()}}
-
-
-def _is_1_3() -> bool:
-    """Tell whether this is Hydra 1.3; 1.4 takes the same requests, some by other arguments."""
-    from hydra import __version__
-
-    return __version__.startswith("1.3.")
 
 
 def entered(name: str) -> str:
@@ -160,26 +148,11 @@ def plain(value: Any) -> Any:
 
 
 def registry_of(kind: str) -> Registry[Any]:
-    """Return the registry of problems or of optimizers."""
     return problems.registry if kind == "problem" else optimizers.registry
 
 
-def _at_fault(error: Exception, overrides: Sequence[str]) -> str:
-    """Return the argument that an error is about, before a colon; '' where none is known."""
-    key = getattr(error, "full_key", None)
-    typed = [re.sub(r"\\(.)", r"\1", text) for text in overrides]
-    named = [text for text in typed if text.partition("=")[0] == key]
-    found = named or [text for text in typed if "${" in text]
-    return f"{found[0]}: " if found else ""
-
-
-def _first_line(error: Exception) -> str:
-    cause = error.__cause__ if error.__cause__ is not None else error
-    return str(cause).strip().splitlines()[0]
-
-
 ONCE = ("execution", "results", "time_limit", "shard", "stop_after", "replay")  # of the whole sweep
-_KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "study", *ONCE)
+KEYS = ("problem", "optimizer", "budget", "seeds", "start", "target", "study", *ONCE)
 MOST_VALUES = 10_000  # of one list or range: each is composed and built, in a hundredth of a second
 _LONGEST_PARSED = 20_000  # characters: Hydra's parser takes up to two seconds for them
 _AS_TEXT = ("seeds", "results", "study", "shard", "execution.address")  # 0:10 and paths are no Hydra grammar
@@ -192,44 +165,21 @@ _FOREIGN = re.compile(
 )  # what stands in quotes, or text with a sign beyond ASCII
 
 
-def check_keys(overrides: list[Any]) -> None:
-    """Raise `RequestError` at a key that no run has."""
-    for o in overrides:
-        head = o.key_or_group.partition(".")[0]
-        if o.key_or_group in _KEYS or head in ("problem", "optimizer", "execution"):
-            continue
-        if head in ("prob", "opt") and o.key_or_group.count(".") >= 2:
-            continue
-        if head in ("n_jobs", "inner", "address"):
-            raise RequestError(f"unknown argument {o.key_or_group!r}; did you mean 'execution.{head}'?")
-        raise RequestError(f"unknown argument {o.key_or_group!r}; {suggest(head, [*_KEYS, 'prob.NAME', 'opt.NAME'])}")
-
-
 def refuse_lists(overrides: list[Any]) -> None:
-    """Raise `RequestError` at a list where one value is meant."""
     for o in overrides:
         if o.is_sweep_override():
             raise RequestError(f"{o.input_line}: a list sweeps; add -m (bench run -m ...)")
 
 
 def last_value(overrides: list[Any], key: str, default: str) -> str:
-    """Return the value of `key` as text, or `default`."""
-    last = [o for o in overrides if o.key_or_group == key][-1:]
-    return _as_text(last[0]) if last else default
-
-
-def _as_text(override: Any) -> str:
-    if isinstance(override, PlainOverride):
-        return str(override.value())
+    last = next((o for o in reversed(overrides) if o.key_or_group == key), None)
+    if last is None:
+        return default
+    if isinstance(last, PlainOverride):
+        return str(last.value())
     from omegaconf import OmegaConf
 
-    return str(OmegaConf.create({"value": override.value()})["value"])
-
-
-def products(overrides: list[Any]) -> Iterator[list[str]]:
-    """Yield every choice of one value for each override, as text."""
-    for values in itertools.product(*(values_of(o) for o in overrides)):
-        yield [f"{o.key_or_group}={value}" for o, value in zip(overrides, values, strict=True)]
+    return str(OmegaConf.create({"value": last.value()})["value"])
 
 
 def as_annotated(override: Any, kind: Any) -> Any:
@@ -257,26 +207,25 @@ def in_quotes(text: str, kind: Any) -> str:
 def _in_quotes(text: str, kind: Any) -> str:
     word = text.strip()
     begin, _, end = text.partition(word) if word else ("", "", "")
-    if (held := inside(word, "[")) is not None:
-        items = [_in_quotes(part, item_type(kind, i)) for i, part in enumerate(parts_of(held))]
+    if (held := opt.inside(word, "[")) is not None:
+        items = [_in_quotes(part, opt.item_type(kind, i)) for i, part in enumerate(parts_of(held))]
         return f"{begin}[{','.join(items)}]{end}"
-    if (held := inside(word, "{")) is not None:
-        pairs = [pair_of(part) for part in parts_of(held)]
+    if (held := opt.inside(word, "{")) is not None:
+        pairs = [opt.pair_of(part) for part in parts_of(held)]
         named = [(unquoted(pair[0].strip()), pair[1]) for pair in pairs if pair is not None]
-        items = [f"{_as_key(name)}:{_in_quotes(value, field_type(kind, name))}" for name, value in named]
+        # of names the signs that Hydra's grammar does not know stand by their numbers
+        unknown = re.compile(r"^\d|[^\w]|^(?=(null|true|false|nan|inf)$).", re.ASCII | re.IGNORECASE)
+        keys = [unknown.sub(lambda letter: f"__u{ord(letter[0]):x}__", name) for name, _ in named]
+        words = [_in_quotes(value, opt.field_type(kind, name)) for name, value in named]
+        items = [f"{key}:{value}" for key, value in zip(keys, words, strict=True)]
         return text if None in pairs else f"{begin}{{{','.join(items)}}}{end}"
     return f"{begin}'{word}'{end}" if _BARE.fullmatch(word) and is_text(kind, word) else text
-
-
-def _as_key(name: str) -> str:
-    """Return the name of a mapping as Hydra's grammar takes it: signs that it does not know by their numbers."""
-    return re.sub(r"^\d|[^\w]|^(?=(null|true|false|nan|inf)$).", _by_number, name, flags=re.ASCII | re.IGNORECASE)
 
 
 def values_of(override: Any) -> list[Any]:
     """Return an override's values as text that Hydra reads back: one, or those of its sweep."""
     if isinstance(override, PlainOverride):
-        return [override.get_value_element_as_str()]
+        return [override.written]
     from hydra.core.override_parser.types import ChoiceSweep, FloatRange, Glob, IntervalSweep, RangeSweep
 
     value = override.value()
@@ -313,16 +262,20 @@ def parse(arguments: Sequence[str]) -> list[Any]:
             raise RequestError(f"{argument!r}: + and ~ are not used here; every option is declared (bench list)")
         key = argument.partition("=")[0]
         if not key.partition(".")[0].isascii() or not re.fullmatch(r"[\w.:/-]+", key):
-            raise RequestError(f"unknown argument {key!r}; {suggest(key, _KEYS)}")
+            raise RequestError(f"unknown argument {key!r}; {suggest(key, KEYS)}")
         key = normalize("NFKC", key)  # as Python has names: µ of a keyboard and μ of Greek are one
         argument = f"{key}={argument.partition('=')[2]}"
         if key in given:
             raise RequestError(f"{key} is given twice ({given[key]} and {argument}); give it once")
         check_word(argument)
         given[key] = argument
-    problem, overrides = given.get("problem", "").partition("=")[2], []
+    named, overrides = given.get("problem", "").partition("=")[2].split(","), []
+    known = [name for name in named if ":" not in name and name in problems.registry]
     for key, argument in given.items():
-        as_text = key in _AS_TEXT or _is_file(key, problem)
+        head, _, name = key.partition(".")
+        declared = [problems.registry.options(p).get(name) for p in known] if head == "problem" and name else []
+        is_file = any(option is not None and FilePath in get_args(option.annotation) for option in declared)
+        as_text = key in _AS_TEXT or is_file
         text = _with_environment(argument, as_text)
         check_word(text)
         read = plain_override(text, as_text) or replace(_override(text, as_text), key_or_group=key, input_line=text)
@@ -330,19 +283,8 @@ def parse(arguments: Sequence[str]) -> list[Any]:
     return overrides
 
 
-def _is_file(key: str, problem: str) -> bool:
-    """Tell whether `problem`, one or several with commas, declares the option `key` as a `FilePath`."""
-    head, _, name = key.partition(".")
-    known = [p for p in problem.split(",") if name and ":" not in p and p in problems.registry]
-    declared = [problems.registry.options(p).get(name) for p in known] if head == "problem" else []
-    return any(option is not None and FilePath in get_args(option.annotation) for option in declared)
-
-
 def _with_environment(argument: str, as_text: bool) -> str:
-    """Return `argument` with ${oc.env:NAME} and ${oc.env:NAME,DEFAULT} as if their values had been typed.
-
-    After a backslash it stays as it is. Raises `RequestError` where the variable is not set and has no default.
-    """
+    """Return `argument` with ${oc.env:NAME} and ${oc.env:NAME,DEFAULT} as if their values had been typed."""
 
     def resolve(found: re.Match[str]) -> str:
         name, default = found["name"].strip(), found["default"]
@@ -360,33 +302,26 @@ def _with_environment(argument: str, as_text: bool) -> str:
 
 
 def _override(argument: str, as_text: bool = False) -> Any:
+    """Return what Hydra reads; with `as_text` a value that stands for itself to the letter."""
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
 
+    key, _, value = argument.partition("=")
     if len(argument) > _LONGEST_PARSED:
-        key = argument.partition("=")[0]
         raise RequestError(f"{key}=: has {len(argument)} characters; at most {_LONGEST_PARSED} are parsed")
+    if as_text:
+        is_quoted = len(value) > 1 and value[0] == value[-1] and value[0] in "'\""
+        written = f"{key}={quoted_text(value[1:-1] if is_quoted else value)}"
+    else:  # a path of a class or file is no key of Hydra's grammar
+        readable = re.sub(r"[^\w.]|[.]{2,}", "_", key, flags=re.ASCII)
+        written = f"{readable}={_FOREIGN.sub(_quoted_foreign, in_quotes(value, Any) if '{' in value else value)}"
     try:
-        return OverridesParser.create().parse_override(_quoted(argument, as_text))
+        return OverridesParser.create().parse_override(written)
     except (HydraException, ValueError):  # its words are those of a grammar; Python reads no 5000 digits
-        key, _, value = argument.partition("=")
         raise RequestError(
             f"{shortened(argument)}: the value cannot be read: brackets, braces and quotes must match and commas part "
             f'something; text that holds such characters stands in quotes: "{key}={shortened(quoted_text(value))}"'
         ) from None
-
-
-def _quoted(argument: str, as_text: bool) -> str:
-    key, _, value = argument.partition("=")
-    if not as_text:
-        readable = re.sub(
-            r"[^\w.]|[.]{2,}", "_", key, flags=re.ASCII
-        )  # a path of a class or file is no key of Hydra's grammar
-        value = in_quotes(value, Any) if "{" in value else value
-        return f"{readable}={_FOREIGN.sub(_quoted_foreign, value)}"
-    if len(value) > 1 and value[0] == value[-1] and value[0] in "'\"":
-        value = value[1:-1]
-    return f"{key}={quoted_text(value)}"
 
 
 def _quoted_foreign(found: re.Match[str]) -> str:
@@ -407,11 +342,7 @@ def in_ascii(name: str) -> str:
     >>> in_ascii("Δt")
     '__u394__t'
     """
-    return re.sub(r"[^\x00-\x7f]", _by_number, normalize("NFKC", name))
-
-
-def _by_number(letter: re.Match[str]) -> str:
-    return f"__u{ord(letter[0]):x}__"
+    return re.sub(r"[^\x00-\x7f]", lambda letter: f"__u{ord(letter[0]):x}__", normalize("NFKC", name))
 
 
 def quoted_text(value: str) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from statistics import median
 from time import perf_counter
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from calibench import problems
 from calibench.bench.execution.request import foreign_modules
 from calibench.bench.execution.stochastic import is_stochastic, seeded
-from calibench.bench.gate.processes import CAN_FORK, Receiver, Sender, forked
+from calibench.bench.gate.processes import CAN_FORK, Sender, forked
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.provenance.run_id import canonical, name_of, options_of
 from calibench.bench.statistics.cells import PROBLEM
@@ -34,9 +35,8 @@ if TYPE_CHECKING:
     from calibench.bench.execution.run import Spec
 
 Array = NDArray[np.float64]
-Record = dict[
-    str, Any
-]  # PROBLEM's columns, dimension, a column of KINDS each [s] (None: not known), platform, measured_at
+# PROBLEM's columns, dimension, a column of KINDS each [s] (None: not known), platform, measured_at
+Record = dict[str, Any]
 
 _MEASURING = 0.1  # seconds a problem, all kinds together, once each has been called
 _ALL = 4.0  # seconds of that for all problems of a sweep: of hundreds each gets less
@@ -78,10 +78,7 @@ def problem_of(spec: Spec) -> tuple[str, str]:
 def seconds_a_call(
     specs: Iterable[Spec], known: Iterable[Mapping[str, Any]] = ()
 ) -> dict[tuple[str, str], float | None]:
-    """Return by `problem_of` what a value of each problem takes; None where it has not answered.
-
-    What is not `known` is measured in a child process.
-    """
+    """Return by `problem_of` what a value takes (None: no answer); what is not `known` a child process measures."""
     names: dict[tuple[str, str], tuple[str, str, str]] = {}
     records = {key_of_costs(record): record for record in known}
     unknown = []
@@ -104,8 +101,7 @@ def costs_of(
     """Return seconds a call, by kind, as medians of interleaved repeats; None where a problem has no such call.
 
     Each call gets another point than the one before, so that what remembers its last answer pays. The first call of a
-    kind may compile and is not counted; `tell` hears of the second, which is all there is where that takes long, and
-    where there are no `seconds` for more.
+    kind may compile and is not counted; `tell` hears of the second.
     """
     problem = seeded(problem, "costs", 0)  # a noisy one draws from a generator that it is given
     calls: dict[str, tuple[Callable[[Any], Any], list[Any], int]] = {}
@@ -142,11 +138,10 @@ def costs_of(
 
 
 def unlike(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
-    """Return as `UNLIKE` two values of the start that differ by more than rounding; an empty result where they agree.
+    """Return what of a problem is none, by the seconds of its calls in `record`; noisy and slow problems are not tried.
 
-    As `TWO_GOALS`, return its value and the sum of its squared residuals likewise, because methods that use residuals
-    search the sum; as `WRONG_SLOPE` what a derivative says that is none. Noisy problems and slow ones are not tried:
-    `record` has the seconds of its calls.
+    `UNLIKE`: two values of the start that differ by more than rounding; `TWO_GOALS`: its value and the sum of its
+    squared residuals likewise; `WRONG_SLOPE`: what a derivative says.
     """
     if is_stochastic(problem) or not _is_quick(record[KINDS[0]]):
         return {}
@@ -155,7 +150,7 @@ def unlike(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[Any, ...]
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             first, second = float(problem(start.copy())), float(problem(start.copy()))
-            if _differ(first, second, _ROUNDING):
+            if abs(first - second) > _ROUNDING * max(abs(first), abs(second)):
                 return {UNLIKE: (first, second)}
             slope = _wrong_slope(problem, record)
             if not _is_quick(record[KINDS[2]]):
@@ -163,7 +158,8 @@ def unlike(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[Any, ...]
             squared = float(np.sum(np.square(problem.residuals(start.copy()))))
     except Exception:  # the rows of its runs will have the error
         return {}
-    return slope | ({TWO_GOALS: (first, squared)} if _differ(first, squared, _SINGLE) else {})
+    differ = abs(first - squared) > _SINGLE * max(abs(first), abs(squared))
+    return slope | ({TWO_GOALS: (first, squared)} if differ else {})
 
 
 def _wrong_slope(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[Any, ...]]:
@@ -171,64 +167,59 @@ def _wrong_slope(problem: Any, record: Mapping[str, Any]) -> dict[str, tuple[Any
     places = _points(problem)
     middle, width = places.mean(axis=0), np.ptp(places, axis=0)
     inner = middle + 0.9 * (places[1:4] - middle)  # so that no step leaves the box
+    line = width * np.where(np.arange(len(width)) % 2, -1.0, 1.0)
     for kind, name in (("gradient", "__call__"), ("jacobian", "residuals")):
         derive, function = getattr(problem, kind, None), getattr(problem, name, None)
         if derive is None or function is None or not _is_quick(record.get(f"{kind}_s")):
             continue
-        found = [_slopes(function, derive, x, width) for x in inner]
-        if all(gap > _WRONG * size for _, _, gap, size in found):
-            return {WRONG_SLOPE: (kind, *found[0][:2])}
+        found, wrong = [], []
+        for x in inner:
+            slope = np.atleast_2d(np.asarray(derive(x.copy()), dtype=float))
+            along, size = slope @ line, float(np.abs(slope @ np.diag(line)).sum())
+            ends = [(np.asarray(function(x + h * line)), np.asarray(function(x - h * line)), h) for h in _STEPS]
+            there = [(above - below) / (2 * h) for above, below, h in ends]
+            gaps = [float(np.abs(one - along).max()) for one in there]
+            near = there[min(range(len(gaps)), key=gaps.__getitem__)]
+            worst = int(np.argmax(np.abs(near - along)))
+            found.append((float(along[worst]), float(np.ravel(near)[worst])))
+            wrong.append(float(np.abs(near - along)[worst]) > _WRONG * size)
+        if all(wrong):
+            return {WRONG_SLOPE: (kind, *found[0])}
     return {}
 
 
-def _slopes(function: Any, derive: Any, x: Array, width: Array) -> tuple[float, float, float, float]:
-    """Return the slope at `x` along a line through the box, that by differences, their gap, and the slope's size."""
-    line = width * np.where(np.arange(len(x)) % 2, -1.0, 1.0)
-    slope = np.atleast_2d(np.asarray(derive(x.copy()), dtype=float))
-    along, size = slope @ line, float(np.abs(slope @ np.diag(line)).sum())
-    there = [(np.asarray(function(x + h * line)) - np.asarray(function(x - h * line))) / (2 * h) for h in _STEPS]
-    near = min(there, key=lambda one: float(np.abs(one - along).max()))
-    worst = int(np.argmax(np.abs(near - along)))
-    return float(along[worst]), float(np.ravel(near)[worst]), float(np.abs(near - along)[worst]), size
-
-
-def _is_quick(seconds: float | None) -> bool:
-    """Tell whether a call takes little time; None: not known, or there is no such call."""
+def _is_quick(seconds: float | None) -> bool:  # None: not known, or there is no such call
     return seconds is not None and seconds <= _QUICK
-
-
-def _differ(a: float, b: float, share: float) -> bool:
-    return abs(a - b) > share * max(abs(a), abs(b))
-
-
-def _share(specs: Sequence[Spec]) -> float:
-    return min(_MEASURING, _ALL / max(1, len(specs)))
 
 
 def _here(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
     """Yield the costs of each problem, measured in this process; None of one that is known or cannot be made."""
     for spec in specs:
-        try:
-            with nothing_printed(), kept(*foreign_modules(problems.registry, spec.problem)):
-                problem, record = _begun(spec, done)
-                if record is not None:
-                    record |= costs_of(problem, seconds=_share(specs))
-                    record |= unlike(problem, record)
-            yield record
-        except Exception:  # the rows of its runs will have the error
-            yield None
+        parts: list[Record] = []
+        fails = _measure(spec, done, parts.append, len(specs))
+        yield None if fails or not parts else {key: value for part in parts for key, value in part.items()}
 
 
-def _begun(spec: Spec, done: set[tuple[Any, ...]]) -> tuple[Any, Record | None]:
-    """Return the problem, compiled, and its record without costs; None for that where it is `done`."""
-    problem: Any = problems.make(spec.problem, **spec.problem_options)
-    names = (name_of(problem), canonical(options_of(problem)), extra_of(problem, "data_id", ""))
-    if names in done:
-        return problem, None
-    if extra_of(problem, "compile"):
-        problem.compile()
-    said = {"dimension": len(problem.lower), **dict.fromkeys(KINDS), "platform": provenance()["platform"]}
-    return problem, dict(zip(PROBLEM, names, strict=True)) | said | {"measured_at": datetime.now(UTC).isoformat()}
+def _measure(spec: Spec, done: set[tuple[Any, ...]], tell: Callable[[Record], None], count: int) -> bool:
+    """Tell of one of `count` problems, part by part, what its calls take, if not `done`; return whether it fails."""
+    try:
+        with nothing_printed(), kept(*foreign_modules(problems.registry, spec.problem)):
+            problem: Any = problems.make(spec.problem, **spec.problem_options)
+            names = (name_of(problem), canonical(options_of(problem)), extra_of(problem, "data_id", ""))
+            if names in done:
+                return False
+            if extra_of(problem, "compile"):
+                problem.compile()
+            said = {"dimension": len(problem.lower), **dict.fromkeys(KINDS), "platform": provenance()["platform"]}
+            named = dict(zip(PROBLEM, names, strict=True))
+            tell(named | said | {"measured_at": datetime.now(UTC).isoformat()})
+            seconds = min(_MEASURING, _ALL / max(1, count))
+            known = costs_of(problem, lambda kind, took: tell({kind: took}), seconds)
+            tell(known)
+            tell(unlike(problem, known))
+    except Exception:  # the rows of its runs will have the error
+        return True
+    return False
 
 
 def _in_a_child(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[Record | None]:
@@ -236,44 +227,27 @@ def _in_a_child(specs: Sequence[Spec], done: set[tuple[Any, ...]]) -> Iterator[R
 
     def work(theirs: Sender) -> None:
         for spec in specs:
-            try:
-                with nothing_printed(), kept(*foreign_modules(problems.registry, spec.problem)):
-                    problem, record = _begun(spec, done)
-                    if record is not None:
-                        theirs.send(record)
-                        known = costs_of(problem, lambda kind, took: theirs.send({kind: took}), _share(specs))
-                        theirs.send(known)
-                        theirs.send(unlike(problem, known))
-            except Exception:  # the rows of its runs will have the error
-                pass
+            _measure(spec, done, theirs.send, len(specs))
             theirs.send(None)
 
     with forked(work) as (_, ours):
         for _ in specs:
-            record, goes_on = _heard(ours)
+            record: Record | None = None
+            end, goes_on = perf_counter() + _READY, False
+            with suppress(EOFError):  # the problem ended the child's process
+                while ours.poll(max(0.0, end - perf_counter())):
+                    message = ours.recv()
+                    if message is None:
+                        goes_on = True
+                        break
+                    end = perf_counter() + _PATIENCE if record is None else end
+                    record = (record or {}) | message
             yield record
             if not goes_on:
                 return
 
 
-def _heard(ours: Receiver) -> tuple[Record | None, bool]:
-    """Return what the child tells of one problem, and whether it goes on to the next."""
-    record: Record | None = None
-    end = perf_counter() + _READY
-    try:
-        while ours.poll(max(0.0, end - perf_counter())):
-            message = ours.recv()
-            if message is None:
-                return record, True
-            end = perf_counter() + _PATIENCE if record is None else end
-            record = (record or {}) | message
-    except EOFError:  # the problem ended the child's process
-        pass
-    return record, False
-
-
 def _sample(call: Callable[[Any], Any], given: list[Any]) -> float | None:
-    """Return the seconds a call takes, over those `given`; None where one raises."""
     try:
         began = perf_counter()
         for x in given:

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 from calibench.bench.statistics.cells import PROBLEM
 from calibench.bench.statistics.summary import key_of_costs
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.sweep.carry_out import carry_out, tell_of_costs
+from calibench.bench.sweep.carry_out import Way, carry_out, tell_of_costs
 from calibench.bench.sweep.progress import progress as shown_progress
 from calibench.bench.sweep.remarks import ONE_RUN, remarks_on_rows
 from calibench.bench.sweep.request import read_request
-from calibench.bench.sweep.stale import Way
-from calibench.bench.sweep.words import RequestError
+from calibench.bench.words import RequestError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +35,7 @@ def sweep(*arguments: str, way: Way = "ask", progress: bool = False) -> pd.DataF
         raise error.with_traceback(None) from None  # it says what is wrong with the words: no frame of ours helps
     for line in (*request.left_out, *request.copies, *request.remarks):
         warnings.warn(line, stacklevel=2)
-    with shown_progress(request.folder) if progress else nullcontext(_unseen) as report:
+    with shown_progress(request.folder) if progress else nullcontext(lambda done, of, label: None) as report:
         outcome = carry_out(request, report, way=way, tell=lambda line: None)
     store = ResultStore(request.folder)
     runs = store.runs()
@@ -49,7 +48,3 @@ def sweep(*arguments: str, way: Way = "ask", progress: bool = False) -> pd.DataF
     for line in (*said, *remarks_on_rows(mine), *([ONE_RUN] if in_vain else [])):
         warnings.warn(line, stacklevel=2)
     return mine
-
-
-def _unseen(done: int, of: int, label: str) -> None:
-    """Tell nothing."""

@@ -1,8 +1,7 @@
 """Progress of a sweep: a bar on a terminal and in a notebook, plain lines elsewhere; with the runs in progress.
 
 A thread reads the folder of the study every few seconds, where workers, here or elsewhere, write how far long runs are
-(`bench.execution.in_progress`). How long the rest takes is told from the finished runs of a cell, or the cost of a
-call.
+(`bench.execution.in_progress`).
 """
 
 from __future__ import annotations
@@ -10,21 +9,17 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from html import escape
 from importlib import import_module
 from pathlib import Path
-from statistics import mean
 from textwrap import shorten
 from typing import Any
 
 from calibench.bench.execution.in_progress import Running, read_running
-from calibench.bench.store.runs import ResultStore
-from calibench.bench.sweep import costs
 from calibench.bench.sweep.carry_out import Report
-from calibench.bench.sweep.execution import read_execution
-from calibench.bench.sweep.request import Request
 from calibench.core.words import counted, printable
 from calibench.core.words import print_plain as print
 
@@ -38,9 +33,11 @@ _LINES = 4  # runs in progress that a log tells of at a time
 @contextmanager
 def progress(folder: Path | None = None) -> Iterator[Report]:
     """Yield a report(done, of, label) to call as runs end; of the study in `folder` runs in progress are told too."""
-    notebook = _display()
-    if notebook is not None:
-        bar_there = _NotebookBar(notebook)
+    python = sys.modules.get("IPython")
+    shell = None if python is None else python.get_ipython()
+    if type(shell).__name__ == "ZMQInteractiveShell":  # a notebook; IPython in a terminal has a terminal's bar
+        display: Callable[..., Any] = import_module("IPython.display").display
+        bar_there = _NotebookBar(display)
         with _looking(folder, _LOOK, bar_there.running):
             yield bar_there.report
         return
@@ -49,49 +46,35 @@ def progress(folder: Path | None = None) -> Iterator[Report]:
         with _looking(folder, _LOG, log.running):
             yield log.report
         return
+    from rich import progress as rich
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
 
     columns = (
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("")
-
-        def report(done: int, of: int, label: str) -> None:
-            bar.update(task, completed=done, total=of, description=printable(label[:60]))
+        rich.BarColumn(), rich.MofNCompleteColumn(), rich.TimeElapsedColumn(), rich.TimeRemainingColumn(),
+        rich.TextColumn("{task.description}"),
+    )  # fmt: skip
+    with rich.Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task, silent = bar.add_task(""), set[str]()
 
         def running(found: list[Running]) -> None:
-            bar.update(
-                task, description=printable(found[0].line() + (f" (and {len(found) - 1} more)" if found[1:] else ""))
-            )
-            for line in hints.new(found):
+            bar.update(task, description=printable(_first_of(found)))
+            for line in _new_hints(found, silent):
                 bar.console.print(printable(line))
 
-        hints = _Hints()
         with _looking(folder, _LOOK, running):
-            yield report
+            yield lambda done, of, label: bar.update(task, completed=done, total=of, description=printable(label[:60]))
 
 
-def _display() -> Callable[..., Any] | None:
-    """Return what shows an object in the notebook that this process serves; None where it serves none."""
-    python = sys.modules.get("IPython")
-    shell = None if python is None else python.get_ipython()
-    if type(shell).__name__ != "ZMQInteractiveShell":  # that of a terminal has a terminal's bar
-        return None
-    display: Callable[..., Any] = import_module("IPython.display").display
-    return display
+def _first_of(found: list[Running]) -> str:
+    return found[0].line() + (f" (and {len(found) - 1} more)" if found[1:] else "")
+
+
+def _new_hints(runs: list[Running], known: set[str]) -> list[str]:
+    """Return what to do about runs that make no evaluation any more, once of each: `known` are those told of."""
+    lines = {run.run_id: run.silent_line() for run in runs if run.run_id not in known}
+    silent = {run_id: line for run_id, line in lines.items() if line is not None}
+    known.update(silent)
+    return list(silent.values())
 
 
 class _NotebookBar:
@@ -100,7 +83,7 @@ class _NotebookBar:
     def __init__(self, display: Callable[..., Any]) -> None:
         self._began, self._seconds, self._shown_at = time.monotonic(), 0.0, 0.0
         self._done, self._of, self._label = 0, 0, ""
-        self._hints, self._silent = _Hints(), list[str]()
+        self._known, self._silent = set[str](), list[str]()
         self._handle = display(self, display_id=True)
 
     def report(self, done: int, of: int, label: str) -> None:
@@ -109,8 +92,8 @@ class _NotebookBar:
             self._show()
 
     def running(self, found: list[Running]) -> None:
-        self._label = found[0].line() + (f" (and {len(found) - 1} more)" if found[1:] else "")
-        self._silent += self._hints.new(found)
+        self._label = _first_of(found)
+        self._silent += _new_hints(found, self._known)
         self._show()
 
     def _show(self) -> None:
@@ -127,12 +110,14 @@ class _NotebookBar:
         return "<br>".join([f"{bar} {self!r}{last}", *map(escape, self._silent)])
 
 
+@dataclass(eq=False)
 class _Log:
     """Lines for a file: at each tenth of the way, and when runs take longer than that."""
 
-    def __init__(self) -> None:
-        self._began, self._said, self._told_at = time.monotonic(), -1, time.monotonic()
-        self._hints = _Hints()
+    _began: float = field(default_factory=time.monotonic)
+    _said: int = -1
+    _told_at: float = field(default_factory=time.monotonic)
+    _known: set[str] = field(default_factory=set)
 
     def report(self, done: int, of: int, label: str) -> None:
         tenth = 10 * done // of if of else 10
@@ -142,7 +127,7 @@ class _Log:
             self._tell(f"  {done}/{counted(of, 'run')}, {time.monotonic() - self._began:.1f} s, last: {last}")
 
     def running(self, runs: list[Running]) -> None:
-        for line in self._hints.new(runs):
+        for line in _new_hints(runs, self._known):
             self._tell(f"  {line}")
         if time.monotonic() - self._told_at >= _LOG:
             more = [f"and {len(runs) - _LINES} more"] if len(runs) > _LINES else []
@@ -153,25 +138,8 @@ class _Log:
         print(text, file=sys.stderr, flush=True)
 
 
-class _Hints:
-    """What to do about runs that make no evaluation any more, said once of each."""
-
-    def __init__(self) -> None:
-        self._said: set[str] = set()
-
-    def new(self, runs: list[Running]) -> list[str]:
-        lines = []
-        for run in runs:
-            line = run.silent_line()
-            if line is not None and run.run_id not in self._said:
-                self._said.add(run.run_id)
-                lines.append(line)
-        return lines
-
-
 @contextmanager
 def _looking(folder: Path | None, every: float, tell: Callable[[list[Running]], None]) -> Iterator[None]:
-    """Tell of the runs in progress every few seconds, where there are any."""
     if folder is None:
         yield
         return
@@ -191,37 +159,3 @@ def _looking(folder: Path | None, every: float, tell: Callable[[list[Running]], 
     finally:
         ended.set()
         thread.join()
-
-
-_OVERHEAD = 0.002  # seconds a run takes besides its evaluations
-
-
-def seconds_left(request: Request, done: Set[str]) -> float | None:
-    """Return the wall time in seconds of the runs of `request` that are not `done`; None where nothing tells.
-
-    Of a cell without a finished run it is the budget times what a call of the problem takes, measured now where the
-    study does not know it yet. An optimiser's own time is not in that, so it is a lower limit.
-    """
-    store = ResultStore(request.folder)
-    known = store.manifest().get("costs", []) if store.folder.is_dir() else []
-    took: dict[str, list[float]] = {}
-    if done:
-        rows = store.runs(["run_id", "wall_s"])
-        for run_id, wall in zip(rows["run_id"], rows["wall_s"], strict=True):
-            if run_id in request.labels:
-                took.setdefault(request.labels[run_id], []).append(float(wall))
-    usual = {label: mean(walls) + _OVERHEAD for label, walls in took.items()}
-    left = {run_id: spec for run_id, spec in request.specs.items() if run_id not in done}
-    unknown = [spec for run_id, spec in left.items() if request.labels[run_id] not in usual]
-    calls = costs.seconds_a_call(unknown, known) if unknown else {}
-    seconds = 0.0
-    for run_id, spec in left.items():
-        label = request.labels[run_id]
-        if label in usual:
-            seconds += usual[label]
-            continue
-        cost = calls.get(costs.problem_of(spec))
-        if cost is None:
-            return None
-        seconds += spec.budget * cost + _OVERHEAD
-    return seconds / read_execution(request.execution).workers

@@ -26,10 +26,7 @@ Asked = tuple[str, Any, str, Any, int, float | None]  # problem's label, problem
 
 
 def remarks_of(cells: Iterable[Asked]) -> tuple[str, ...]:
-    """Return a line for each target below the least value that a problem declares, and one for each budget in vain.
-
-    A budget is in vain for a method that proposes nothing of its own within it, by its `Traits`.
-    """
+    """Return a line for each target below the least value that a problem declares, and one for each budget in vain."""
     lines: dict[str, None] = {}
     vain: dict[int, dict[str, int]] = {}
     for problem_label, problem, method_label, method, budget, target in cells:
@@ -57,16 +54,6 @@ def remarks_of(cells: Iterable[Asked]) -> tuple[str, ...]:
 
 def remarks_on_rows(rows: Columns) -> Iterator[str]:
     """Yield a line for what was not finite in these runs, what methods tried, and what changed the process."""
-    yield from _not_finite(rows)
-    both = zip(plain(rows["optimizer"]), plain(rows["tampering"]), strict=True)
-    for (name, tampering), count in Counter((name, tried) for name, tried in both if tried).most_common(_REASONS):
-        runs = counted(count, "run")
-        yield f"{name} tried in {runs} what no method may: {tampering}; the counts are true all the same"
-    yield from _process_changes(rows)
-
-
-def _not_finite(rows: Columns) -> Iterator[str]:
-    """Yield how many values and slopes were not finite, and of which methods on which problems."""
     evaluations = sum(int(count or 0) for count in plain(rows["evaluations"]))
     for column, what in (
         ("non_finite", f"of {evaluations} values were not finite (NaN or infinite)"),
@@ -81,19 +68,11 @@ def _not_finite(rows: Columns) -> Iterator[str]:
             more = f" and {len(+where) - len(names)} more" if len(+where) > len(names) else ""
             yield f"{where.total()} {what}: {', '.join(names)}{more}"
 
+    both = zip(plain(rows["optimizer"]), plain(rows["tampering"]), strict=True)
+    for (name, tampering), count in Counter((name, tried) for name, tried in both if tried).most_common(_REASONS):
+        runs = counted(count, "run")
+        yield f"{name} tried in {runs} what no method may: {tampering}; the counts are true all the same"
 
-def points_outside(rows: Columns) -> str:
-    """Return how many points lay outside the box, and of which methods; "" where none: those without bounds do that."""
-    outside = Counter[str]()
-    for name, count in zip(plain(rows["optimizer"]), plain(rows["outside_evaluations"]), strict=True):
-        outside[name] += int(count or 0)
-    names = [f"{count} of {name}" for name, count in outside.most_common(_REASONS) if count]
-    more = f" and those of {len(+outside) - len(names)} more" if len(+outside) > len(names) else ""
-    return f"{outside.total()} points lay outside the box or were not finite: {', '.join(names)}{more}" if names else ""
-
-
-def _process_changes(rows: Columns) -> Iterator[str]:
-    """Yield what runs changed in their process, and of which methods and problems they were."""
     changed = Counter[str]()
     named = zip(*(plain(rows[key]) for key in ("problem", "optimizer", "process_changes")), strict=True)
     for problem, optimizer, changes in named:
@@ -104,3 +83,13 @@ def _process_changes(rows: Columns) -> Iterator[str]:
         more = f"; and {len(changed) - len(names)} more (column process_changes)" if len(changed) > len(names) else ""
         runs = counted(changed.total(), "run")
         yield f"{runs} changed the state of the process, which was put back: {'; '.join(names)}{more}"
+
+
+def points_outside(rows: Columns) -> str:
+    """Return how many points lay outside the box, and of which methods; "" where none: those without bounds do that."""
+    outside = Counter[str]()
+    for name, count in zip(plain(rows["optimizer"]), plain(rows["outside_evaluations"]), strict=True):
+        outside[name] += int(count or 0)
+    names = [f"{count} of {name}" for name, count in outside.most_common(_REASONS) if count]
+    more = f" and those of {len(+outside) - len(names)} more" if len(+outside) > len(names) else ""
+    return f"{outside.total()} points lay outside the box or were not finite: {', '.join(names)}{more}" if names else ""

@@ -1,48 +1,40 @@
 """A sweep whose next setting is proposed from the scores of those before: Optuna over the options of one optimiser.
 
-``interval(0.3,0.9)`` is any number between, ``int(interval(10,200))`` any whole one, ``tag(log,int(interval(10,200)))``
-likewise on a logarithmic scale; ``range(10,200,10)`` and ``a,b,c`` are values to choose from.
-
 A trial is one setting on all cells of the command, by the same gate, store and run ids as any sweep. So nothing is kept
-of the search but its rows: the same command asks the same proposals of the same seed again, finds the runs of the
-finished trials done, tells their scores and goes on. For that a score depends on the runs of its trial alone, in an
-order that does not depend on when they were collected; and a trial without one (a run without an answer, or nobody at
-the goal) counts as one decade worse than the worst before it, or as failed where there was none. The default setting is
-run first, as it is what choosing must beat.
+of the search but its rows: the same command asks the same proposals again, finds their runs done, and goes on. A trial
+without a score (a run without an answer, or nobody at the goal) counts as one decade worse than the worst before it, or
+as failed where there was none. The default setting is run first, as it is what choosing must beat.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from importlib import import_module
 from itertools import combinations
-from typing import Annotated, Any, Literal, final, get_args
+from typing import Any, Literal, final, get_args
 
-from calibench.bench.statistics.choosing import NEEDED, By, default_of, score_of
+from calibench.bench.statistics.choosing import NEEDED, By, score_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.carry_out import Outcome
 from calibench.bench.sweep.composition import as_annotated, last_value, parse, values_of
 from calibench.bench.sweep.request import Request, read_request
-from calibench.bench.sweep.words import PlainOverride, RequestError, Word, read
-from calibench.core.options import LARGEST_WHOLE, unquoted
+from calibench.bench.sweep.words import PlainOverride
+from calibench.bench.verbs import TunerWords
+from calibench.bench.words import RequestError, read
+from calibench.core.options import unquoted
 from calibench.core.seeds import seed_sequence
 from calibench.optimizers import registry
 
 Sampler = Literal["tpe", "random", "cmaes"]
-MOST_TRIALS = 10_000
 _WHOLE_SWEEP = ("shard", "stop_after")  # a trial is judged by all its runs
 
 
 @final
 @dataclass(frozen=True)
 class Dimension:
-    """What one option may be: numbers from `low` to `high`, or where there are `choices` one of them, as Hydra text.
-
-    `option` is its name, ``noise.sigma`` inside another, and `word` what the command calls it. `default` is the
-    declared one; None where it is not known or lies outside.
-    """
+    """What one option may be: numbers from `low` to `high`, or where there are `choices` one of them, as Hydra text."""
 
     word: str
     option: str
@@ -52,29 +44,6 @@ class Dimension:
     log: bool
     choices: tuple[str, ...]
     default: Any
-
-    def probes(self) -> list[Any]:
-        """Return values that must be right before anything runs: all choices, or both ends and one between."""
-        if self.choices:
-            return list(self.choices)
-        between = self.low + (self.high - self.low) / math.pi
-        return [self.low, self.high, round(between) if self.whole else between]
-
-    def text(self, value: Any) -> str:
-        """Return KEY=VALUE for `value`."""
-        return f"{self.word}={value if self.choices else repr(value)}"
-
-
-@final
-@dataclass(frozen=True)
-class TunerWords:
-    """The words that say how options are proposed."""
-
-    tuner: Annotated[str, Word("tuner", "optuna", "Optuna proposes values for options")] = ""
-    trials: Annotated[int, Word("tuner.trials", "N", "how many settings are tried", least=1, most=MOST_TRIALS)] = 20
-    sampler: Annotated[Sampler, Word("tuner.sampler", "tpe|random|cmaes", "how the next one is chosen")] = "tpe"
-    seed: Annotated[int, Word("tuner.seed", "N", "of the sampler", least=0, most=LARGEST_WHOLE)] = 0
-    by: Annotated[By, Word("tuner.by", "value|goal", "what is best")] = "value"
 
 
 @final
@@ -92,11 +61,11 @@ class Tuning:
 
     def words_of(self, values: Mapping[str, Any]) -> list[str]:
         """Return the words of ``bench run`` for a setting {option: value}; an option not in it has its default."""
-        return [*self.words, *(d.text(values[d.option]) for d in self.space if d.option in values)]
+        given = [(d, values[d.option]) for d in self.space if d.option in values]
+        return [*self.words, *(f"{d.word}={value if d.choices else repr(value)}" for d, value in given)]
 
 
 def read_tuning(words: Sequence[str]) -> Tuning:
-    """Return what `words` ask for. Raises `RequestError`."""
     ours = [text for text in words if text.partition("=")[0].partition(".")[0] == "tuner"]
     rest = [text for text in words if text not in ours]
     given = read(TunerWords, "run", ours)
@@ -123,21 +92,13 @@ def read_tuning(words: Sequence[str]) -> Tuning:
     if given.sampler == "cmaes" and sum(not d.choices for d in space) < 2:
         raise RequestError("tuner.sampler=cmaes: needs two options that are intervals, or tuner.sampler=tpe")
     return Tuning(
-        words=words_left,
-        space=space,
-        optimizer=optimizer,
-        trials=given.trials,
-        sampler=given.sampler,
-        seed=given.seed,
+        words=words_left, space=space, optimizer=optimizer, trials=given.trials, sampler=given.sampler, seed=given.seed,
         by=given.by,
-    )
+    )  # fmt: skip
 
 
 def _option(key: str, optimizer: str) -> str:
-    """Return which option of the optimiser a word is about, ``noise.sigma`` inside another; "" where it is about none.
-
-    A class of a file is addressed by its name alone, too.
-    """
+    """Return which option of the optimiser a word is about, ``noise.sigma`` inside another; "" for none."""
     for prefix in ("optimizer.", f"opt.{optimizer}.", f"opt.{optimizer.rpartition(':')[2]}."):
         if key.startswith(prefix):
             return key.removeprefix(prefix)
@@ -149,19 +110,19 @@ def _dimension(override: Any, optimizer: str) -> Dimension:
 
     word = override.key_or_group
     option = _option(word, optimizer)
-    try:
-        default = default_of(optimizer, option)
-    except ValueError:  # a preset, or a class by its path: read_request says what is wrong with it
-        default = None
+    default: Any = None
+    kind: Any = Any
+    with suppress(ValueError):  # a preset, or a class by its path: read_request says what is wrong with it
+        declared = registry.option(optimizer, option)
+        default, kind = declared.default, declared.annotation
     value = None if isinstance(override, PlainOverride) else override.value()
     if not isinstance(value, IntervalSweep):
-        choices = tuple(dict.fromkeys(values_of(as_annotated(override, _kind(optimizer, option)))))
+        choices = tuple(dict.fromkeys(values_of(as_annotated(override, kind))))
         if not choices:
             raise RequestError(f"{override.input_line}: holds no value")
         own = next((text for text in choices if _same(text, default)), None)
-        return Dimension(
-            word=word, option=option, low=0.0, high=0.0, whole=False, log=False, choices=choices, default=own
-        )
+        ends = {"low": 0.0, "high": 0.0}
+        return Dimension(word=word, option=option, **ends, whole=False, log=False, choices=choices, default=own)
     low, high = value.start, value.end
     if low is None or high is None:
         raise RequestError(f"{override.input_line}: interval(LOW,HIGH) with finite LOW < HIGH is needed")
@@ -177,25 +138,13 @@ def _dimension(override: Any, optimizer: str) -> Dimension:
     return Dimension(word=word, option=option, low=low, high=high, whole=whole, log=log, choices=(), default=own)
 
 
-def _kind(optimizer: str, option: str) -> Any:
-    """Return what an option is annotated with; anything where that is not known."""
-    try:
-        return registry.option(optimizer, option).annotation
-    except ValueError:  # a preset, or a class by its path: read_request says what is wrong with it
-        return Any
-
-
 def _same(text: str, default: Any) -> bool:
-    """Tell whether Hydra's text stands for a default."""
     if isinstance(default, bool) or default is None:
         return text.lower() == {None: "null", True: "true", False: "false"}[default]
     try:
         return float(text) == float(default)
     except (TypeError, ValueError):
         return unquoted(text) == str(default)
-
-
-CarryOut = Callable[[Request, int], Outcome]  # a request, and the number of its trial
 
 
 @final
@@ -210,32 +159,43 @@ class Trial:
     score: float
 
 
-def check_optuna(tuning: Tuning) -> None:
-    """Raise `ModuleNotFoundError` in one line where Optuna, or what its sampler needs, is not installed."""
-    try:
-        for package in ("optuna", "cmaes") if tuning.sampler == "cmaes" else ("optuna",):
-            import_module(package)
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(f"tuner=optuna: needs {error.name}; pip install 'calibench[optuna]'") from None
-
-
 def first_request(tuning: Tuning) -> Request:
     """Return the runs of the default setting, after all ends of the space were checked. Raises `RequestError`."""
-    middle = {d.option: d.probes()[-1] for d in tuning.space}
+    probes: dict[str, list[Any]] = {}  # of each option all choices, or both ends and one between
     for d in tuning.space:
-        for value in d.probes():
-            read_request(tuning.words_of(middle | {d.option: value}), multirun=True)
+        between = d.low + (d.high - d.low) / math.pi
+        probes[d.option] = [*d.choices] or [d.low, d.high, round(between) if d.whole else between]
+    middle = {option: values[-1] for option, values in probes.items()}
+    for option, values in probes.items():
+        for value in values:
+            read_request(tuning.words_of(middle | {option: value}), multirun=True)
     return read_request(tuning.words_of({}), multirun=True)
 
 
-def trials(tuning: Tuning, carry: CarryOut) -> Iterator[Trial]:
-    """Yield the default and then each trial when its runs are done; `carry` does the runs of a request."""
+def trials(tuning: Tuning, carry: Callable[[Request, int], Outcome]) -> Iterator[Trial]:
+    """Yield the default and then each trial when its runs are done; `carry` does a request, given its number too."""
     import optuna
+    from optuna import distributions as optunas
+    from optuna import samplers
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    study = optuna.create_study(sampler=_sampler(tuning), direction="minimize")
+    seed = int(seed_sequence("tuner", tuning.sampler, repetition=tuning.seed).generate_state(1)[0])
+    sampler: Any = samplers.RandomSampler(seed=seed)
+    if tuning.sampler == "cmaes":  # the random one of choices, and before CMA-ES has a population
+        sampler = samplers.CmaEsSampler(seed=seed, independent_sampler=sampler, warn_independent_sampling=False)
+    elif tuning.sampler == "tpe":
+        sampler = samplers.TPESampler(seed=seed)
+    distributions: dict[str, Any] = {}
+    for d in tuning.space:
+        if d.choices:
+            distributions[d.option] = optunas.CategoricalDistribution(d.choices)
+        elif d.whole:
+            distributions[d.option] = optunas.IntDistribution(int(d.low), int(d.high), log=d.log)
+        else:
+            distributions[d.option] = optunas.FloatDistribution(d.low, d.high, log=d.log)
+
+    study = optuna.create_study(sampler=sampler, direction="minimize")
     worst = -math.inf
-    distributions = {d.option: _distribution(d) for d in tuning.space}
     for number in range(tuning.trials + 1):
         asked = study.ask(distributions) if number else None
         values = dict(asked.params) if asked is not None else {}
@@ -255,25 +215,3 @@ def trials(tuning: Tuning, carry: CarryOut) -> Iterator[Trial]:
             default = {d.option: d.default for d in tuning.space}
             study.add_trial(optuna.trial.create_trial(params=default, distributions=distributions, value=value))
         yield Trial(number, values, request, outcome, score)
-
-
-def _sampler(tuning: Tuning) -> Any:
-    import optuna
-
-    seed = int(seed_sequence("tuner", tuning.sampler, repetition=tuning.seed).generate_state(1)[0])
-    if tuning.sampler == "random":
-        return optuna.samplers.RandomSampler(seed=seed)
-    if tuning.sampler == "cmaes":
-        independent = optuna.samplers.RandomSampler(seed=seed)  # of choices, and before CMA-ES has a population
-        return optuna.samplers.CmaEsSampler(seed=seed, independent_sampler=independent, warn_independent_sampling=False)
-    return optuna.samplers.TPESampler(seed=seed)
-
-
-def _distribution(d: Dimension) -> Any:
-    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
-
-    if d.choices:
-        return CategoricalDistribution(d.choices)
-    if d.whole:
-        return IntDistribution(int(d.low), int(d.high), log=d.log)
-    return FloatDistribution(d.low, d.high, log=d.log)

@@ -1,32 +1,25 @@
-"""The words of a command line, turned into values or refused in one line.
+"""The words of a sweep, turned into values or refused in one line: budget=, seeds=, execution= and the others.
 
-First what budget=, seeds=, start=, target= and the other words of a sweep may be. Then the words of a verb that Hydra
-does not compose: its request is a dataclass that declares a `Word` for each field, `read` makes it and `help_of` its
-help. Last, overrides of plain words and numbers, read and composed without Hydra, which is loaded for what needs its
-grammar: lists, globs, quotes, presets. ``problem=full12 budget=100`` does not, and composing it by Hydra costs as much
-processor time as a small run. A test holds both to the same result.
+Then overrides of plain words and numbers, read and composed without Hydra, which is loaded for what needs its grammar:
+lists, globs, quotes, presets. ``problem=full12 budget=100`` does not, and composing it by Hydra costs as much processor
+time as a small run. A test holds both to the same result.
 """
 
 from __future__ import annotations
 
-import math
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
-from typing import Any, Literal, TypeVar, final, get_args, get_origin, get_type_hints
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Any, final
 
-from calibench.bench.execution.request import LONGEST_TIME, MOST_EVALUATIONS, Start
-from calibench.core.options import LARGEST_WHOLE, coerce, read_option, shown, suggest
+from calibench.bench.execution.request import LONGEST_TIME, MOST_EVALUATIONS
+from calibench.bench.words import MOST_WORKERS, RequestError, read_workers
+from calibench.core.options import LARGEST_WHOLE, coerce, shown, suggest
 
-T = TypeVar("T")
 MOST_RUNS = 1_000_000  # of one command: planning them takes .6 GB and a minute
-MOST_WORKERS = 1024  # processes on one machine: each has its own Python
-LONGEST_NAME = 200  # bytes: file systems take 255, and files beside a folder add to its name
 _REPETITIONS = {"ci": 5, "paper": 10}
-
-
-class RequestError(ValueError):
-    """A request that makes no sense, in one line."""
 
 
 def read_budget(value: Any, problem: str, numbers: Mapping[str, int]) -> int:
@@ -74,7 +67,6 @@ def read_seeds(value: Any) -> range:
 
 
 def check_runs(count: int) -> None:
-    """Raise `RequestError` for more runs than one command plans."""
     if count > MOST_RUNS:
         raise RequestError(
             f"these are {count} runs or more, and one command plans at most {MOST_RUNS}; ask for part of the seeds "
@@ -82,173 +74,104 @@ def check_runs(count: int) -> None:
         )
 
 
-def check_study(name: str) -> None:
-    """Raise `RequestError` for a `study=` that names no folder inside another."""
-    plain = name.isprintable() and "/" not in name and name not in ("", ".", "..")
-    if not plain or len(name.encode(errors="replace")) > LONGEST_NAME:
-        raise RequestError(
-            f"study={name:.40}: the name of one folder inside results=, of at most {LONGEST_NAME} bytes, is needed"
-        )
+@final
+@dataclass(frozen=True)
+class Once:
+    """The settings that are the same for all runs of a sweep.
 
-
-def read_workers(value: Any) -> int:
-    """Return the number of processes, -1 for one a core."""
-    try:
-        workers: int = coerce("execution.n_jobs", value, int)
-    except ValueError:
-        workers = 0
-    if workers == 0 or not -1 <= workers <= MOST_WORKERS:
-        raise RequestError(
-            f"execution.n_jobs={shown(value)}: a number of processes, at most {MOST_WORKERS}, or -1 for one a core, is "
-            "needed"
-        )
-    return workers
-
-
-def read_inner(value: Any) -> int:
-    """Return the number of processes that evaluate the batches of one run."""
-    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= MOST_WORKERS:
-        raise RequestError(f"execution.inner={shown(value)}: a number of processes, 1 to {MOST_WORKERS}, is needed")
-    return value
-
-
-def read_start(value: Any) -> Start | None:
-    """Return the start, or None for what the problem prefers."""
-    if value not in (None, "nominal", "random"):
-        raise RequestError(f"start={shown(value)}: {suggest(shown(value), ['nominal', 'random'])}")
-    start: Start | None = value
-    return start
-
-
-def read_target(value: Any) -> float | None:
-    """Return the value that ends a run, or None."""
-    if value is None:
-        return None
-    try:
-        target: float = coerce("target", value, float)
-    except ValueError:
-        raise RequestError(f"target={shown(value)}: a number is needed") from None
-    return target
-
-
-def read_shard(value: Any) -> tuple[int, int]:
-    """Return I and N of the text I/N: which of how many parts of a sweep; 1 and 1 for None, all of it."""
-    if value is None:
-        return 1, 1
-    found = re.fullmatch(r"(\d{1,9})/(\d{1,9})", str(value))
-    if found is None or not 1 <= int(found[1]) <= int(found[2]):
-        raise RequestError(f"shard={value}: I/N is needed, 1 <= I <= N, such as shard=1/4 to shard=4/4")
-    return int(found[1]), int(found[2])
-
-
-def read_stop_after(value: Any) -> int | None:
-    """Return the number of failed runs after which no other is begun, or None."""
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise RequestError(f"stop_after={shown(value)}: a number of failed runs, 1 or more, is needed, or null")
-    return value
-
-
-def read_replay(value: Any) -> bool | None:
-    """Return whether the values of runs are kept as they go; None: of costly problems."""
-    if value is not None and not isinstance(value, bool):
-        raise RequestError(f"replay={value}: true, false or null is needed")
-    return value
-
-
-def read_time_limit(value: Any) -> float | None:
-    """Return the seconds after which a run is ended, or None."""
-    if value is None:
-        return None
-    try:
-        limit: float = coerce("time_limit", value, float)
-    except ValueError:
-        limit = 0.0
-    if not 0 < limit <= LONGEST_TIME:
-        raise RequestError(
-            f"time_limit={shown(value)}: seconds above 0, at most {LONGEST_TIME:g}, are needed, or null for no limit"
-        )
-    return limit
-
-
-def read_pairs(verb: str, words: Iterable[str], known: Mapping[str, str]) -> dict[str, str]:
-    """Return KEY=VALUE words as a mapping; `known` has an example for each key.
-
-    Raises `ValueError` at an unknown key, at one without a value, and at one that is given twice.
+    `time_limit` [s] of a run; `shard` of `shards`: which of how many parts of the sweep; the failed runs to
+    `stop_after`; whether the values of runs are kept as they go (`replay`; None: of costly problems).
     """
-    given: dict[str, str] = {}
-    for word in words:
-        key, equals, value = word.partition("=")
-        if key not in known:
-            raise ValueError(f"{verb}: unknown argument {key!r}; {suggest(key, known)}")
-        if not equals or not value:
-            raise ValueError(f"{verb}: {key} needs a value, such as {key}={known[key]}")
-        if key in given:
-            raise ValueError(f"{verb}: {key} is given twice ({given[key]} and {value}); give it once")
-        given[key] = value
-    return given
+
+    time_limit: float | None
+    shard: int
+    shards: int
+    stop_after: int | None
+    replay: bool | None
+
+
+def read_once(settings: Mapping[str, Any]) -> Once:
+    limit: float | None = settings["time_limit"]
+    if limit is not None:
+        try:
+            limit = coerce("time_limit", limit, float)
+        except ValueError:
+            limit = 0.0
+        if limit is None or not 0 < limit <= LONGEST_TIME:
+            given = shown(settings["time_limit"])
+            raise RequestError(
+                f"time_limit={given}: seconds above 0, at most {LONGEST_TIME:g}, are needed, or null for no limit"
+            )
+    shard, shards = 1, 1
+    if settings["shard"] is not None:
+        parts = re.fullmatch(r"(\d{1,9})/(\d{1,9})", str(settings["shard"]))
+        if parts is None or not 1 <= int(parts[1]) <= int(parts[2]):
+            raise RequestError(f"shard={settings['shard']}: I/N is needed, 1 <= I <= N, such as shard=1/4 to shard=4/4")
+        shard, shards = int(parts[1]), int(parts[2])
+    after, replay = settings["stop_after"], settings["replay"]
+    if after is not None and (isinstance(after, bool) or not isinstance(after, int) or after < 1):
+        raise RequestError(f"stop_after={shown(after)}: a number of failed runs, 1 or more, is needed, or null")
+    if replay is not None and not isinstance(replay, bool):
+        raise RequestError(f"replay={replay}: true, false or null is needed")
+    return Once(limit, shard, shards, after, replay)
+
+
+_OPTIONS = {
+    "serial": ("inner",), "processes": ("n_jobs", "inner"), "dask": ("n_jobs", "address", "inner"),
+}  # fmt: skip
+_BY_SHARDS = ("slurm", "ray", "kubernetes", "submitit", "pbs", "sge", "lsf", "htcondor")
 
 
 @final
 @dataclass(frozen=True)
-class Word:
-    """Metadata of a field of a request: the word ``key=example``, what it means, and the bounds of a number."""
+class Execution:
+    """The back end (serial, processes or dask), how many workers, and how many evaluate the batches of one run.
 
-    key: str
-    example: str
-    meaning: str
-    least: float = -math.inf
-    most: float = math.inf
-
-
-def read(cls: type[T], verb: str, words: Iterable[str]) -> T:
-    """Return the request that KEY=VALUE words ask for: a dataclass whose fields are annotated with their `Word`.
-
-    Raises `ValueError`, one line: as `read_pairs` does, at a word without a default that is missing, and at a value
-    of another type, of no choice, or out of bounds.
+    `address` names a Dask scheduler that stands already; `workers` are then those that it has.
     """
-    declared = _declared(cls)
-    given = read_pairs(verb, words, {one.key: one.example for _, one, _ in declared.values()})
-    values: dict[str, Any] = {}
-    for name, (kind, one, default) in declared.items():
-        if one.key in given:
-            values[name] = _read_word(one, given[one.key], kind)
-        elif default is MISSING:
-            raise RequestError(f"{one.key}= is missing: {one.meaning}, such as {one.key}={one.example}")
-    return cls(**values)
+
+    name: str
+    workers: int
+    inner: int = 1
+    address: str | None = None
 
 
-def help_of(cls: type) -> dict[str, str]:
-    """Return the words of a request for ``--help``: how each is written -> what it means, and its default."""
-    return {
-        f"{one.key}={one.example}": one.meaning if default in (MISSING, "", None) else f"{one.meaning} ({default})"
-        for _, one, default in _declared(cls).values()
-    }
+def check_execution(name: str, options: Iterable[str] = ()) -> str:
+    """Return the name of a back end. Raises `RequestError` for another, and for an option that it has not."""
+    if name in _BY_SHARDS:
+        raise RequestError(
+            f"execution={name}: a cluster is used in two ways: shard=I/N, a part of the runs in each job of an array, "
+            "then `bench merge`; or execution=dask execution.address=tcp://HOST:PORT, workers that the site starts "
+            "(docs/clusters.md)"
+        )
+    if name not in _OPTIONS:
+        raise RequestError(f"execution={name}: {suggest(name, _OPTIONS)}")
+    for option in options:
+        if option in _OPTIONS[name]:
+            continue
+        every = {each: None for known in _OPTIONS.values() for each in known}
+        meant = next(iter(get_close_matches(option, every, n=1)), option)
+        who = [other for other, known in _OPTIONS.items() if meant in known]
+        near = f"; did you mean execution.{meant}?" if meant != option else ""
+        has = f"{near or ';'} add execution={' or execution='.join(who)}, which has it" if who else near
+        raise RequestError(
+            f"execution.{option}: execution={name} has no such option{near if name in who else has}; choices: "
+            f"{', '.join(_OPTIONS[name])}"
+        )
+    return name
 
 
-def _declared(cls: type) -> dict[str, tuple[Any, Word, Any]]:
-    """Return of each field its type, its word and its default."""
-    hints = get_type_hints(cls, include_extras=True)
-    return {one.name: (*get_args(hints[one.name])[:2], one.default) for one in fields(cls)}
-
-
-def _read_word(one: Word, text: str, kind: Any) -> Any:
-    if get_origin(kind) is Literal:
-        if text not in get_args(kind):
-            raise RequestError(f"{one.key}={text:.40}: {suggest(text, get_args(kind))}")
-        return text
-    bounded = one.least > -math.inf or one.most < math.inf
-    try:
-        value = read_option(one.key, text, kind)
-    except ValueError:
-        if not bounded:
-            raise
-        value = math.nan
-    if bounded and not one.least <= value <= one.most:
-        number = "a whole number" if kind is int else "a number"
-        raise RequestError(f"{one.key}={text:.40}: {number} from {one.least} to {one.most} is needed")
-    return value
+def read_execution(given: Mapping[str, Any]) -> Execution:
+    """Return the settings. Raises `RequestError` for an option that is none, or a value that makes no sense."""
+    name = check_execution(str(given["name"]), given.keys() - {"name"})
+    n_jobs, address = given.get("n_jobs", 1), given.get("address")
+    n_jobs, inner = read_workers(n_jobs), given.get("inner", 1)
+    if isinstance(inner, bool) or not isinstance(inner, int) or not 1 <= inner <= MOST_WORKERS:
+        raise RequestError(f"execution.inner={shown(inner)}: a number of processes, 1 to {MOST_WORKERS}, is needed")
+    if address is not None and (not isinstance(address, str) or "://" not in address):
+        raise RequestError(f"execution.address={address}: where the scheduler is, such as tcp://HOST:8786, is needed")
+    workers = 1 if name == "serial" else (os.cpu_count() or 1) if n_jobs == -1 else n_jobs
+    return Execution(name, workers, inner, address)
 
 
 _KEY = re.compile(r"[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?", re.ASCII)
@@ -272,16 +195,10 @@ class PlainOverride:
     written: str  # as Hydra would write the value
 
     def value(self) -> Any:
-        """Return the value."""
         return _value_of(self.written)
 
     def is_sweep_override(self) -> bool:
-        """Tell whether there are several values."""
         return False
-
-    def get_value_element_as_str(self) -> str:
-        """Return the value as text that Hydra reads back."""
-        return self.written
 
 
 def plain_override(argument: str, as_text: bool) -> PlainOverride | None:

@@ -1,27 +1,21 @@
 """Who carries out the runs of a sweep: one protocol, `Carrier`, and three that keep it.
 
-`Serial` (here) does the runs in this process, `workers.processes.Processes` in processes of this machine, and
-`workers.dask.Dask` on a cluster. All take their work in packs from one place, execute and keep one run like another
-(`do_pack`), and yield a `Notice` of each run as it is kept. What is finished is told by the store alone, never by who
-was given it.
-
-A pack is as many runs as take about a second: short runs would otherwise wait for messages, and long ones for each
-other. What a run takes is measured as runs end, a cell for itself. Where a worker is lost, the run that it was at goes
-alone to another: if that is lost too, the run is at fault and its row says so; the others of its pack are done by
-whoever comes next.
+`Serial` (here), `workers.processes.Processes` and `workers.dask.Dask` take their work in packs, execute and keep a run
+alike (`do_pack`), and yield a `Notice` of each. A pack is as many runs as take about a second, by what the runs of a
+cell took before. Where a worker is lost, the run that it was at goes alone to another: if that is lost too, the run is
+at fault and its row says so.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic, perf_counter
 from typing import Protocol, final
 
 from calibench.bench.execution.costly import ReplayFolder, forget_replay
-from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Run, Spec
 from calibench.bench.store.journal import Journal
 from calibench.core import own_state, user_file
@@ -110,46 +104,32 @@ class Pack:
 
 @final
 class Packs:
-    """What remains to be done, handed out in packs."""
+    """What remains to be done, handed out in packs, sized for so many `workers`: those of a cluster come and go."""
 
     def __init__(self, jobs: Iterable[Job], workers: int = 1, how: How | None = None) -> None:
         self._how = how or How()
-        self._waiting = deque(jobs)
-        self._alone: deque[Job] = deque()
-        self._workers = workers
+        self.waiting = deque(jobs)
+        self.alone: deque[Job] = deque()
+        self.workers = workers
         self._times: dict[str, tuple[int, float]] = {}  # cell -> runs, seconds
 
     def __len__(self) -> int:
-        return len(self._waiting) + len(self._alone)
+        return len(self.waiting) + len(self.alone)
 
     def take(self) -> Pack | None:
         """Return the next pack; None where nothing remains."""
-        if self._alone:
-            return Pack((self._alone.popleft(),), alone=True, how=self._how)
-        most = min(_MOST, max(1, len(self._waiting) // (_SHARE * self._workers)))
+        if self.alone:
+            return Pack((self.alone.popleft(),), alone=True, how=self._how)
+        most = min(_MOST, max(1, len(self.waiting) // (_SHARE * max(1, self.workers))))
         jobs: list[Job] = []
         seconds = 0.0
-        while self._waiting and len(jobs) < most and seconds < _PACK_S:
-            jobs.append(self._waiting.popleft())
+        while self.waiting and len(jobs) < most and seconds < _PACK_S:
+            jobs.append(self.waiting.popleft())
             runs, total = self._times.get(jobs[-1].cell, (1, _PACK_S))  # of an unknown cell one run shows it
             seconds += total / runs
         return Pack(tuple(jobs), how=self._how) if jobs else None
 
-    def jobs(self) -> Iterator[Job]:
-        """Yield what remains, in no order that matters."""
-        yield from self._alone
-        yield from self._waiting
-
-    def share_among(self, workers: int) -> None:
-        """Size packs for so many workers from now on: those of a cluster come and go."""
-        self._workers = max(1, workers)
-
-    def return_unbegun(self, jobs: Sequence[Job], alone: bool) -> None:
-        """Take back the jobs of a pack that was never begun."""
-        (self._alone if alone else self._waiting).extendleft(reversed(jobs))
-
     def note_time(self, job: Job, seconds: float) -> None:
-        """Note how long a run took."""
         runs, total = self._times.get(job.cell, (0, 0.0))
         self._times[job.cell] = runs + 1, total + seconds
 
@@ -160,19 +140,18 @@ class Packs:
         """
         if not jobs:
             return None
-        self._waiting.extendleft(reversed(jobs[1:]))
+        self.waiting.extendleft(reversed(jobs[1:]))
         if at_fault:
             return jobs[0]
-        self._alone.append(jobs[0])
+        self.alone.append(jobs[0])
         return None
 
 
 def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list[Notice]], None]) -> bool:
-    """Execute the runs of a pack in order; `keep` each, which took so many seconds, and `tell` of those that were kept.
+    """Execute the runs of a pack in order; `keep` each with its seconds, and `tell` of those that were kept.
 
-    Short ones are told of together. A run that a worker was lost with is executed in a process of its own, which tells
-    what ends it. Returns False where no further run may be done in this process (`core.own_state`): it is to end
-    at once, and the last run that was kept has not been told of, so that nobody gives it a pack meanwhile.
+    A run that a worker was lost with is executed in a process of its own. Returns False where no further run may be
+    done in this process: it is to end at once, and the last run that was kept has not been told of.
     """
     replay = pack.how.replay
     if replay is not None and not (Path(replay.folder) / "manifest.json").is_file():
@@ -198,16 +177,8 @@ def do_pack(pack: Pack, keep: Callable[[Run, float], None], tell: Callable[[list
     return True
 
 
-def row_of_lost(job: Job, status: str, why: str) -> Run:
-    """Return the row of a run whose worker was lost too often; it is failed, or out of time."""
-    return lost_run(job.spec, job.run_id, "ProcessDied", why, timed_out=status == "timeout")
-
-
 def too_late(limit: float | None, heard: float) -> tuple[str, str] | None:
-    """Return status and reason for a run of this time limit [s] that should have ended long ago; None else.
-
-    `heard` is when (`time.monotonic`) the last was heard of the process that does it.
-    """
+    """Return status and reason for a run of this time limit [s] that should have ended long ago; None else."""
     if limit is None or monotonic() - heard <= _PHASES * limit + _LATE:
         return None
     return "timeout", "the time limit has passed outside the search, and nothing came back"

@@ -1,14 +1,9 @@
 """The carrier of a Dask cluster: packs go out, each run comes home as it ends, this process keeps the journals.
 
-The scheduler is one of our own on this machine, or the one at an address. A pack goes to a worker by its address, two
-for each of its threads' worth of work, so that it is known here who was lost with what: the scheduler never gives a
-pack to another worker by itself. Workers may come and go at any time. What a run can do to its process stays in the
-worker's seat (`bench.workers.dask_seat`) and costs that run alone; a worker that is lost costs the runs it was at,
-which go alone to another; where three are lost with a run, its row says so.
-
-Runs come home over a queue of the scheduler, which holds few messages: where this process is slower than its workers
-they wait, and its memory does not grow. Whatever goes wrong with the scheduler is one line, a `ClusterError`; finished
-runs are kept then, and the same command goes on. The terminal stays clean.
+A pack goes to a worker by its address, so that it is known here who was lost with what; workers may come and go. What a
+run can do to its process stays in the worker's seat (`bench.workers.dask_seat`); a worker that is lost costs the runs
+it was at, which go alone to another; where three are lost with a run, its row says so. Runs come home over a queue of
+the scheduler, which holds few messages. Whatever goes wrong with the scheduler is one line, a `ClusterError`.
 """
 
 from __future__ import annotations
@@ -34,9 +29,10 @@ from typing import Any, final
 
 from calibench.bench.execution.in_progress import Progress, to_files, was_silent
 from calibench.bench.execution.run import Run
+from calibench.bench.execution.standing import lost_run
 from calibench.bench.provenance.environment import Provenance
 from calibench.bench.store.journal import Journal
-from calibench.bench.workers.carrier import Job, Notice, Pack, Packs, row_of_lost
+from calibench.bench.workers.carrier import Job, Notice, Pack, Packs
 from calibench.bench.workers.dask_seat import WENT_ON, home_of
 from calibench.core.words import print_plain as print
 
@@ -46,6 +42,7 @@ _STRIKES = 3  # the site may end two workers in a row; what a run itself does is
 _NOBODY = 10.0  # seconds without a worker after which that is told
 _MESSAGES = 64  # on their way, after which workers wait for us
 _LOGGERS = ("distributed", "dask", "tornado", "asyncio")
+_NOTHING = logging.Filter("no logger is called so")
 _HOST = "127.0.0.1"
 _ENTER = (
     "import sys; sys.path[:] = {path!r}; from calibench.bench.workers.dask_worker import serve; serve(*sys.argv[1:])"
@@ -79,7 +76,7 @@ class Dask:
         if not len(packs):
             return
         with cluster(self.workers, self.address) as found:
-            sweep = _Sweep(packs, found, _Keeper(self.folder, self.study))
+            sweep = _Sweep(packs, found, self.folder, self.study)
             try:
                 yield from sweep.run()
             finally:
@@ -113,8 +110,8 @@ class _Member:
 class _Sweep:
     """Packs in the air, and the workers that have them."""
 
-    def __init__(self, packs: Packs, cluster: Cluster, keeper: _Keeper) -> None:
-        self._packs, self._cluster, self._keeper = packs, cluster, keeper
+    def __init__(self, packs: Packs, cluster: Cluster, folder: Path, study: str) -> None:
+        self._packs, self._cluster, self._folder, self._study = packs, cluster, folder, study
         self._name = f"calibench-{token_hex(8)}"
         self._workers: dict[str, _Member] = {}
         self._flights: dict[int, _Flight] = {}
@@ -123,35 +120,14 @@ class _Sweep:
         self._since = self._seen = monotonic()  # when the sweep began, and a worker was last seen
         self._looked = float("-inf")
         self._begun = False
+        self._journals: dict[tuple[Any, ...], Journal] = {}  # rows say where they were made: one a kind of machine
+        self._publish = to_files(folder)
+        self._running: dict[str, Progress] = {}  # how far the long runs are
         self._inbox = _Inbox(cluster, self._name)
-        self._home = pickle.dumps(home_of(job.spec for job in packs.jobs()))
+        self._home = pickle.dumps(home_of(job.spec for job in (*packs.alone, *packs.waiting)))
 
     def run(self) -> Iterator[Notice]:
-        """Yield a notice of each run as it is kept."""
-        self._check_versions()
-        while len(self._packs) or any(flight.pack.jobs for flight in self._flights.values()):
-            if monotonic() - self._looked > _LOOK:
-                yield from self._look()
-            self._give()
-            message = self._inbox.get(_LOOK)
-            if message is not None:
-                yield from self._hear(message)
-
-    def close(self) -> None:
-        """Call back what is still out, and let the workers end what they started for us."""
-        client = self._cluster.client
-        with suppress(Exception):
-            client.cancel([flight.future for flight in self._flights.values()], force=True)
-        self._inbox.close()
-        if not self._cluster.is_local and client.status == "running":
-            from calibench.bench.workers.dask_worker import close_seats
-
-            with suppress(Exception):
-                client.run(close_seats, self._name, on_error="ignore")
-        self._keeper.close()
-
-    def _check_versions(self) -> None:
-        """Refuse a worker with another calibench, or none: asked by what every Python has."""
+        # refuse a worker with another calibench, or none: asked by what every Python has
         with suppress(OSError, TimeoutError):
             answers = self._cluster.client.run(version, "calibench", on_error="return")
             here = ""
@@ -162,11 +138,44 @@ class _Sweep:
                 if there != here:
                     raise self._refusal(worker, f"it has calibench {there or '(none)'}, here it is {here or '(none)'}")
 
+        while len(self._packs) or any(flight.pack.jobs for flight in self._flights.values()):
+            if monotonic() - self._looked > _LOOK:
+                yield from self._look()
+            # the workers that have the least get packs, once those that were there at first have agreed
+            agreed = [member for member in self._workers.values() if member.agreed]
+            if not self._begun and (len(agreed) == len(self._workers) or monotonic() - self._since > _TO_AGREE):
+                self._begun = bool(agreed)
+            while self._begun:
+                room = {w: t for w, t in self._workers.items() if t.agreed and len(t.flights) <= t.threads}
+                pack = self._packs.take() if room else None
+                if pack is None:
+                    break
+                self._fly(min(room, key=lambda worker: len(room[worker].flights) / room[worker].threads), pack)
+            message: Mapping[str, Any] | BaseException | None = None
+            with suppress(queue.Empty):
+                message = self._inbox.arrived.get(timeout=_LOOK)
+            if isinstance(message, BaseException):
+                raise self._cluster.lost(message)
+            if message is not None:
+                yield from self._hear(message)
+
+    def close(self) -> None:
+        client = self._cluster.client
+        with suppress(Exception):
+            client.cancel([flight.future for flight in self._flights.values()], force=True)
+        self._inbox.close()
+        if self._cluster.local is None and client.status == "running":
+            from calibench.bench.workers.dask_worker import close_seats
+
+            with suppress(Exception):
+                client.run(close_seats, self._name, on_error="ignore")
+        for run_id in list(self._running):  # nothing runs any more
+            self._forget(run_id)
+
     def _refusal(self, worker: str, why: str) -> ClusterError:
         return ClusterError(f"{self._cluster.name}: the worker {worker} cannot do these runs: {why}; install the same")
 
     def _look(self) -> Iterator[Notice]:
-        """See who has come and gone, and what has become of the packs."""
         present = self._cluster.workers()
         self._looked = now = monotonic()
         for worker in set(self._workers) - set(present):
@@ -174,50 +183,33 @@ class _Sweep:
         for worker in set(present) - set(self._workers):
             self._workers[worker] = _Member(present[worker])
             self._fly(worker, Pack(()))
-        self._packs.share_among(sum(member.threads for member in self._workers.values()))
+        self._packs.workers = sum(member.threads for member in self._workers.values())
         if present:
             self._seen = now
-        elif now - self._seen > _NOBODY and not self._cluster.is_local:
+        elif now - self._seen > _NOBODY and self._cluster.local is None:
             print(f"bench: {self._cluster.name}: has no worker; waiting for one", file=sys.stderr)
             self._seen = float("inf")
         for number, flight in list(self._flights.items()):
-            why = self._trouble(number, flight)
+            # why the pack will not come home, "" where it may; raise what no other worker will do better
+            member, why = self._workers.get(flight.worker), ""
+            status = "" if member is None or number not in member.flights else flight.future.status
+            error = flight.future.exception() if status == "error" else None
+            if not status or type(error).__name__ == "KilledWorker":
+                why = f"the Dask worker {flight.worker} was lost"
+            elif status == "error":
+                raise self._refusal(flight.worker, f"{type(error).__name__}: {' '.join(str(error).split())[:300]}")
+            elif status in ("cancelled", "lost"):
+                raise self._cluster.lost(OSError("it has forgotten our runs"))
+            elif status == "finished":
+                why = f"the Dask worker {flight.worker} gave it up"
             if not why:
                 flight.missed = None
             elif flight.missed is None:
                 flight.missed = now  # what it told last may still be on its way
-            elif now - flight.missed > _LOOK and self._inbox.is_empty:
+            elif now - flight.missed > _LOOK and self._inbox.arrived.empty():
                 yield from self._end(number, ("failed", why))
 
-    def _trouble(self, number: int, flight: _Flight) -> str:
-        """Return why a pack will not come home, "" where it may; raise what no other worker will do better."""
-        member = self._workers.get(flight.worker)
-        if member is None or number not in member.flights:
-            return f"the Dask worker {flight.worker} was lost"
-        status = flight.future.status
-        if status == "error":
-            error = flight.future.exception()
-            if type(error).__name__ == "KilledWorker":
-                return f"the Dask worker {flight.worker} was lost"
-            raise self._refusal(flight.worker, f"{type(error).__name__}: {' '.join(str(error).split())[:300]}")
-        if status in ("cancelled", "lost"):
-            raise self._cluster.lost(OSError("it has forgotten our runs"))
-        return f"the Dask worker {flight.worker} gave it up" if status == "finished" else ""
-
-    def _give(self) -> None:
-        """Give packs to the workers that have the least, once those that were there at first have agreed."""
-        agreed = [member for member in self._workers.values() if member.agreed]
-        if not self._begun and (len(agreed) == len(self._workers) or monotonic() - self._since > _TO_AGREE):
-            self._begun = bool(agreed)
-        while self._begun:
-            room = {w: t for w, t in self._workers.items() if t.agreed and len(t.flights) <= t.threads}
-            pack = self._packs.take() if room else None
-            if pack is None:
-                return
-            self._fly(min(room, key=lambda worker: len(room[worker].flights) / room[worker].threads), pack)
-
     def _fly(self, worker: str, pack: Pack) -> None:
-        """Send a pack to a worker."""
         from calibench.bench.workers.dask_worker import do_flight
 
         number = self._count = self._count + 1
@@ -240,16 +232,22 @@ class _Sweep:
         place = message["first"]
         for words in message["words"]:
             if words[:1] == WENT_ON:
-                self._keeper.note(json.loads(words[1:]))
+                progress = json.loads(words[1:])
+                if progress["ended"]:
+                    self._forget(progress["run_id"])
+                    continue
+                self._running[progress["run_id"]] = progress
+                with suppress(OSError):  # no run is lost by it
+                    self._publish(progress)
                 continue
             if place == len(flight.pack.jobs) - len(flight.rest):  # else the pack is done again, by whomever
                 run, seconds = pickle.loads(words[1:])
                 job = flight.rest.popleft()
                 if run.run_id != job.run_id:
                     why = f"its id was {run.run_id} on the Dask worker {flight.worker}: it is another run there"
-                    run = row_of_lost(job, "failed", why)
+                    run = lost_run(job.spec, job.run_id, "ProcessDied", why)
                 self._packs.note_time(job, seconds)
-                self._keeper.keep(run)
+                self._keep(run)
                 yield Notice(job.run_id, run.status, seconds)
             place += 1
         if message["ended"] is not None:
@@ -266,36 +264,23 @@ class _Sweep:
         if why is None or not rest:
             return
         if not flight.begun:
-            self._packs.return_unbegun(rest, flight.pack.alone)
+            (self._packs.alone if flight.pack.alone else self._packs.waiting).extendleft(reversed(rest))
             return
         first = rest[0].run_id
-        hung = self._keeper.was_silent(first)  # somebody has ended it for that
+        hung = was_silent(self._folder, first)  # somebody has ended it for that; from here on it does not run
+        self._forget(first)
         self._strikes[first] += 1
         if flight.pack.alone and not hung and self._strikes[first] < _STRIKES:
-            self._packs.return_unbegun(rest, alone=True)
+            self._packs.alone.extendleft(reversed(rest))
             return
         at_fault = self._packs.return_lost(rest, flight.pack.alone or hung)
         if at_fault is not None:
-            run = row_of_lost(at_fault, why[0], why[1])
-            self._keeper.keep(run)
+            late = why[0] == "timeout"
+            run = lost_run(at_fault.spec, at_fault.run_id, "ProcessDied", why[1], timed_out=late)
+            self._keep(run)
             yield Notice(at_fault.run_id, run.status, 0.0)
 
-
-@final
-class _Keeper:
-    """The journals of this process, and how far the long runs are.
-
-    Rows say where they were made, so each kind of machine has a journal of its own.
-    """
-
-    def __init__(self, folder: Path, study: str) -> None:
-        self._folder, self._study = folder, study
-        self._journals: dict[tuple[Any, ...], Journal] = {}
-        self._publish = to_files(folder)
-        self._running: dict[str, Progress] = {}
-
-    def keep(self, run: Run) -> None:
-        """Write a finished run."""
+    def _keep(self, run: Run) -> None:
         made = tuple(getattr(run.record, key) for key in Provenance.__annotations__)
         if made not in self._journals:
             origin = dict(zip(Provenance.__annotations__, made, strict=True))
@@ -303,36 +288,16 @@ class _Keeper:
         self._journals[made].append(run)
         self._forget(run.run_id)
 
-    def note(self, progress: Progress) -> None:
-        """Write how far a run is, where `bench status` looks."""
-        if progress["ended"]:
-            self._forget(progress["run_id"])
-            return
-        self._running[progress["run_id"]] = progress
-        with suppress(OSError):  # no run is lost by it
-            self._publish(progress)
-
-    def was_silent(self, run_id: str) -> bool:
-        """Tell whether a run that was lost had made no evaluation for ten minutes; from here on it does not run."""
-        silent = was_silent(self._folder, run_id)
-        self._forget(run_id)
-        return silent
-
     def _forget(self, run_id: str) -> None:
         progress = self._running.pop(run_id, None)
         if progress is not None:
             with suppress(OSError):
                 self._publish({**progress, "ended": True})
 
-    def close(self) -> None:
-        """Forget what runs: nothing does any more."""
-        for run_id in list(self._running):
-            self._forget(run_id)
-
 
 @final
 class _Inbox:
-    """The messages that have come over the scheduler's queue; so many at most, then the workers wait."""
+    """The messages that have `arrived` over the scheduler's queue; so many at most, then the workers wait."""
 
     def __init__(self, cluster: Cluster, name: str) -> None:
         from distributed import Queue
@@ -340,26 +305,11 @@ class _Inbox:
         self._cluster = cluster
         make: Any = Queue  # it has no types
         self._queue = make(name, client=cluster.client, maxsize=_MESSAGES)
-        self._arrived: queue.Queue[Any] = queue.Queue(_MESSAGES)
+        self.arrived: queue.Queue[Any] = queue.Queue(_MESSAGES)
         self._closed = False
         threading.Thread(target=self._receive, daemon=True).start()
 
-    @property
-    def is_empty(self) -> bool:
-        """Tell whether nothing waits to be heard."""
-        return self._arrived.empty()
-
-    def get(self, patience: float) -> Mapping[str, Any] | None:
-        """Return the next message; None where none comes in so many seconds. Raises `ClusterError`."""
-        with suppress(queue.Empty):
-            message: Mapping[str, Any] | BaseException = self._arrived.get(timeout=patience)
-            if isinstance(message, BaseException):
-                raise self._cluster.lost(message)
-            return message
-        return None
-
     def close(self) -> None:
-        """Hear nothing more."""
         self._closed = True
         with suppress(Exception):
             if self._cluster.client.status == "running":
@@ -375,31 +325,26 @@ class _Inbox:
                 message = error
             while not self._closed:
                 with suppress(queue.Full):
-                    self._arrived.put(message, timeout=_LOOK)
+                    self.arrived.put(message, timeout=_LOOK)
                     break
             if isinstance(message, BaseException):
                 return
 
 
 @final
+@dataclass(frozen=True)
 class Cluster:
-    """A scheduler with its workers, and our client of it. What it is called stands in `name`."""
+    """A scheduler with its workers, ours of this machine where they are `local`, and our client of it."""
 
-    def __init__(self, client: Any, address: str | None, local: _LocalWorkers | None) -> None:
-        self.client = client
-        self.name = f"execution.address={address}" if address else "execution=dask"
-        self._local = local
-
-    @property
-    def is_local(self) -> bool:
-        """Tell whether the workers are ours."""
-        return self._local is not None
+    client: Any
+    name: str
+    local: _LocalWorkers | None
 
     def workers(self) -> dict[str, int]:
         """Return the workers there are, {address: threads}, those of ours refilled. Raises `ClusterError`."""
         try:
-            if self._local is not None:
-                self._local.refill()
+            if self.local is not None:
+                self.local.refill()
             if self.client.status != "running":
                 raise OSError("it hung up")
             return dict(self.client.nthreads())
@@ -407,7 +352,6 @@ class Cluster:
             raise self.lost(error) from None
 
     def lost(self, error: BaseException) -> ClusterError:
-        """Return the error of a scheduler that is there no longer."""
         words = " ".join(str(error).split()) or type(error).__name__
         return ClusterError(
             f"{self.name}: the scheduler was lost ({words}); finished runs are kept, the same command goes on"
@@ -416,27 +360,27 @@ class Cluster:
 
 @contextmanager
 def cluster(workers: int, address: str | None) -> Iterator[Cluster]:
-    """Yield a cluster of `workers` processes of this machine, or the one whose scheduler is at `address`.
-
-    Raises `ClusterError` where `distributed` is missing, or the scheduler cannot be reached.
-    """
+    """Yield so many `workers` of this machine, or the cluster at `address`. Raises `ClusterError` without one."""
     distributed = _distributed()
     with ExitStack() as stack:
         stack.enter_context(_quiet())
-        local = None
         if address is not None:
-            where = address
+            client, local = _client(distributed, address), None
         else:
             scratch = stack.enter_context(
                 tempfile.TemporaryDirectory(prefix="calibench-dask-", ignore_cleanup_errors=True)
             )
-            scheduler = stack.enter_context(_own_scheduler(distributed))
-            where = str(scheduler.scheduler_address)
+            own = distributed.LocalCluster(  # a scheduler in this process, without workers and without a page
+                n_workers=0, threads_per_worker=1, processes=True, host=_HOST, silence_logs=False,
+                dashboard_address=f"{_HOST}:0",  # at None it takes port 8787, and warns where that is taken
+                scheduler_kwargs={"allowed_failures": 0, "dashboard": False},
+            )  # fmt: skip
+            where = str(stack.enter_context(own).scheduler_address)
             local = _LocalWorkers(where, workers, scratch)
             stack.callback(local.close)
-        client = _client(distributed, where)
+            client = _client(distributed, where)
         stack.callback(client.close, timeout=5)
-        yield Cluster(client, address, local)
+        yield Cluster(client, f"execution.address={address}" if address else "execution=dask", local)
 
 
 def check_cluster(address: str | None) -> None:
@@ -466,15 +410,6 @@ def _client(distributed: Any, address: str) -> Any:
         raise ClusterError(f"execution.address={address}: no Dask scheduler answers there: {words}") from None
 
 
-def _own_scheduler(distributed: Any) -> Any:
-    """Return a scheduler in this process, without workers and without a page."""
-    return distributed.LocalCluster(
-        n_workers=0, threads_per_worker=1, processes=True, host=_HOST, silence_logs=False,
-        dashboard_address=f"{_HOST}:0",  # at None it takes port 8787, and warns where that is taken
-        scheduler_kwargs={"allowed_failures": 0, "dashboard": False},
-    )  # fmt: skip
-
-
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep the loggers of Dask off the terminal, also those that are made meanwhile."""
@@ -485,27 +420,19 @@ def _quiet() -> Iterator[None]:
     for logger in silenced:
         logger.disabled = True
     for handler in handlers:
-        handler.addFilter(_nothing)
+        handler.addFilter(_NOTHING)
     try:
         yield
     finally:
         for logger in silenced:
             logger.disabled = False
         for handler in handlers:
-            handler.removeFilter(_nothing)
-
-
-def _nothing(record: logging.LogRecord) -> bool:
-    return False
+            handler.removeFilter(_NOTHING)
 
 
 @final
 class _LocalWorkers:
-    """So many workers of the scheduler at `address`: processes of one thread, which end when this one does.
-
-    They are started anew and not forked, with Python's path of this process, so that a script needs no guard around
-    its main part. Their files are below `scratch`.
-    """
+    """So many workers of the scheduler at `address`: processes of one thread, which end when this one does."""
 
     def __init__(self, address: str, workers: int, scratch: str) -> None:
         self._address, self._scratch = address, scratch
@@ -524,7 +451,6 @@ class _LocalWorkers:
             self._processes[place] = self._start()
 
     def close(self) -> None:
-        """End them with all that they have started."""
         for process, _ in self._processes:
             if process.stdin is not None:
                 process.stdin.close()

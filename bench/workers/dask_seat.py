@@ -1,20 +1,12 @@
 """A seat: the process beside a cluster's worker in which runs are executed, by a child that it forks.
 
-A Dask worker has threads, and must outlive whatever a run does. So it starts a seat, a fresh process of one thread: the
-libraries of linear algebra are told to use one thread before they are loaded, the kernels are loaded once, and a child
-that a run has ended is replaced by another fork at once. The seat itself executes nothing of a user's. It ends when the
-worker does, when it is told to, and after some idle time.
+A Dask worker must outlive whatever a run does. So it starts a seat, a fresh process of one thread, which executes
+nothing of a user's itself. What it says begins with a letter: ``A`` it agrees to work; ``X`` why it does not; ``B`` it
+can begin with a pack, and does when it hears anything; ``P`` how far a run is, JSON; ``R`` a run has ended, pickled
+with its seconds; ``E`` the pack has, with [status, why] where the child was lost.
 
-It is given a `Home`, then packs. What it says begins with a letter: ``A`` it agrees to work; ``X`` why it does not;
-``B`` it can begin with a pack, and does when it hears anything; ``P`` how far a run is, JSON; ``R`` a run has ended,
-pickled with its seconds; ``E`` the pack has, with [status, why] where the child was lost.
-
-A `Home` is what the sweep's own machine has and every worker must have. Versions and the digests of code are compared,
-and a worker that differs is refused: its rows would carry the id of a run that is another one there. The sources of a
-user's classes (``FILE.py:Class``) with the local files that they import are sent along, and put where their names and
-digests are the same as here. Where the worker finds the very same files in the same place, as on this machine or a
-shared drive, it takes those: data files beside them are found too. A class ``package.module:Class`` must be installed
-where the workers are.
+A `Home` is what the sweep's own machine has and every worker must have: versions and digests of code, by which a worker
+that differs is refused, and the sources of a user's classes, which are sent along.
 """
 
 from __future__ import annotations
@@ -27,6 +19,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -35,8 +28,8 @@ from typing import final
 
 from calibench.bench.execution.in_progress import publishing
 from calibench.bench.execution.kernels import load_kernels
-from calibench.bench.execution.run import Run, Spec
-from calibench.bench.gate.processes import Child, exit_of, forked, prepare
+from calibench.bench.execution.run import Spec
+from calibench.bench.gate.processes import Child, exit_of, forked, load_prctl
 from calibench.bench.provenance.code_digest import GATE
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.workers.carrier import Pack, do_pack, too_late
@@ -60,9 +53,16 @@ def sit(descriptor: int) -> None:
             home = pickle.loads(worker.recv_bytes())
             for module in OURS:
                 importlib.import_module(module)
-            prepare()
+            load_prctl()
             places = settle(home, Path(folder))
-            why = _difference(home)
+            # a child tells what is otherwise here: a user's modules are not loaded into the seat
+            with forked(lambda theirs: theirs.send(difference(home))) as (asked, ours):
+                try:
+                    why = str(ours.recv())
+                except EOFError:
+                    asked.join()
+                    names = ", ".join(module for module in home.code if module not in OURS)
+                    why = f"a process that imports {names or 'calibench'} ends with {exit_of(asked.exitcode)}"
             if why:
                 worker.send_bytes(REFUSED + why.encode())
                 return
@@ -84,7 +84,7 @@ def _do(pack: Pack, child: Child, worker: Connection) -> tuple[str, str] | None:
     """Do a pack, passing on each run as it ends; return status and reason where the child was lost with one."""
     if child.is_gone:  # it ended after its last run
         child.end()
-    if not child.is_there:
+    if child.process is None:
         child.start([worker])
     child.send(pack)
     for_run = iter(pack.jobs)
@@ -107,30 +107,19 @@ def _do(pack: Pack, child: Child, worker: Connection) -> tuple[str, str] | None:
     return None
 
 
-def _difference(home: Home) -> str:
-    """Return what is otherwise here, told by a child: a user's modules are not loaded into the seat."""
-    with forked(lambda theirs: theirs.send(difference(home))) as (child, ours):
-        try:
-            return str(ours.recv())
-        except EOFError:
-            child.join()
-            names = ", ".join(module for module in home.code if module not in OURS)
-            return f"a process that imports {names or 'calibench'} ends with {exit_of(child.exitcode)}"
-
-
 def _work(theirs: Connection) -> None:
-    """Do the packs that come until there is none, or this process can do no more."""
     lock = threading.Lock()  # progress is told by a thread
 
     def say(words: bytes) -> None:
         with lock:
             theirs.send_bytes(words)
 
-    def keep(run: Run, seconds: float) -> None:
-        say(RAN + pickle.dumps((run, seconds), pickle.HIGHEST_PROTOCOL))
-
     with publishing(lambda progress: say(WENT_ON + json.dumps(progress).encode()), PROGRESS_EVERY):
-        while do_pack(theirs.recv(), keep, lambda notices: None):
+        while do_pack(
+            theirs.recv(),
+            lambda run, seconds: say(RAN + pickle.dumps((run, seconds), pickle.HIGHEST_PROTOCOL)),
+            lambda notices: None,
+        ):
             pass
 
 
@@ -159,11 +148,23 @@ class Home:
 def home_of(specs: Iterable[Spec]) -> Home:
     """Return what the runs `specs` need of this machine. Their classes were loaded here."""
     names = {name for spec in specs for name in (spec.problem, spec.optimizer) if ":" in name}
-    own = {user_file.place_of(name) for name in names if user_file.is_file_path(name)}
     modules = {name.partition(":")[0] for name in names if not user_file.is_file_path(name)}
+
+    # the user's files, the local ones that they import, and the __init__.py of the packages that these stand in
+    paths: set[Path] = set()
+    left = [user_file.place_of(name) for name in names if user_file.is_file_path(name)]
+    while left:
+        for path in sources.closure(left.pop()) - paths:
+            if sources.is_ours(path):
+                continue
+            paths.add(path)
+            folder = path.parent
+            while (folder / "__init__.py").is_file() and folder != folder.parent:
+                left.append(folder / "__init__.py")
+                folder = folder.parent
     files = tuple(
         SourceFile(str(path), str(sources.root_of(path)), sources.name_at_home(path), path.read_bytes())
-        for path in sorted(_with_packages(own))
+        for path in sorted(paths)
     )
     code = {module: _digest(module) for module in (*OURS, *sorted(modules))}
     return Home(_versions(), code, files, tuple(sys.path))
@@ -193,7 +194,9 @@ def settle(home: Home, folder: Path) -> dict[str, str]:
     settled = []
     for number, root in enumerate(roots):
         mine = [file for file in home.files if file.root == root]
-        in_place = all(_is_here(file) for file in mine)
+        in_place = False
+        with suppress(OSError):
+            in_place = all(Path(file.path).read_bytes() == file.content for file in mine)
         top = Path(root) if in_place else (folder / str(number)).resolve()
         settled.append(str(top))
         for file in mine:
@@ -212,26 +215,13 @@ def settle(home: Home, folder: Path) -> dict[str, str]:
 
 def moved(pack: Pack, places: Mapping[str, str]) -> Pack:
     """Return the pack with its user's files where they are here."""
-    jobs = tuple(
-        replace(job, spec=replace(job.spec, problem=_moved(job.spec.problem, places),
-                                  optimizer=_moved(job.spec.optimizer, places)))
-        for job in pack.jobs
-    )  # fmt: skip
-    return replace(pack, jobs=jobs)
 
+    def here(name: str) -> str:
+        file = str(user_file.place_of(name)) if user_file.is_file_path(name) else ""
+        return f"{places[file]}:{name.rpartition(':')[2]}" if file in places else name
 
-def _moved(name: str, places: Mapping[str, str]) -> str:
-    if not user_file.is_file_path(name):
-        return name
-    file = str(user_file.place_of(name))
-    return f"{places[file]}:{name.rpartition(':')[2]}" if file in places else name
-
-
-def _is_here(file: SourceFile) -> bool:
-    try:
-        return Path(file.path).read_bytes() == file.content
-    except OSError:
-        return False
+    specs = [replace(j.spec, problem=here(j.spec.problem), optimizer=here(j.spec.optimizer)) for j in pack.jobs]
+    return replace(pack, jobs=tuple(replace(job, spec=spec) for job, spec in zip(pack.jobs, specs, strict=True)))
 
 
 def _versions() -> dict[str, str]:
@@ -244,19 +234,3 @@ def _digest(module: str) -> str:
     with user_file.no_bytecode():
         importlib.import_module(module)
     return sources.module_digest(module)
-
-
-def _with_packages(files: Iterable[Path]) -> set[Path]:
-    """Return `files`, the local ones that they import, and the ``__init__.py`` of the packages that these stand in."""
-    found: set[Path] = set()
-    left = list(files)
-    while left:
-        for path in sources.closure(left.pop()) - found:
-            if sources.is_ours(path):
-                continue
-            found.add(path)
-            folder = path.parent
-            while (folder / "__init__.py").is_file() and folder != folder.parent:
-                left.append(folder / "__init__.py")
-                folder = folder.parent
-    return found

@@ -1,10 +1,7 @@
 """What runs in a Dask worker's process: it has packs done in a seat (`bench.workers.dask_seat`), and streams runs home.
 
-Runs go into a queue of the scheduler, so that a worker needs no way to the sweep's machine, and a full queue makes the
-workers wait. A message costs about two milliseconds of processor time on its way, so runs that end within a tenth of a
-second of each other share one. A worker that is lost costs the run in flight, and what ended in its last tenth.
-Where nobody wants the pack any more, as the sweep was stopped or killed, the seat is ended with the run it is at.
-This file loads none of the package's others: they are the seat's.
+Runs go into a queue of the scheduler; a full queue makes the workers wait, and runs that end within a tenth of a second
+share a message. Where nobody wants the pack any more the seat is ended. No other file of the package is loaded.
 """
 
 from __future__ import annotations
@@ -57,9 +54,20 @@ def do_flight(queue: str, flight: int, home: bytes, pack: bytes) -> None:
     if seat is None:
         stream.send(refused=refused)
         return
+    ended: str | None = None
     try:
         stream.send(begun=True)  # who is lost from here on may be lost by a run
-        ended = _stream_home(seat, stream)
+        seat.say(b"begin")
+        while ended is None and stream.is_wanted():  # runs go home as they end
+            for words in seat.words(stream.patience()):
+                if words[:1] not in (b"R", b"P"):
+                    ended = words[1:].decode()
+                    break
+                stream.words.append(words)
+            else:
+                ended = _SEAT_LOST if seat.is_gone else None
+                if ended is None and stream.words and stream.patience() == 0.0:
+                    stream.send()
     except BaseException:
         seat.close()
         raise
@@ -72,25 +80,10 @@ def do_flight(queue: str, flight: int, home: bytes, pack: bytes) -> None:
 
 
 def close_seats(queue: str) -> None:
-    """End the seats of a sweep."""
     with _LOCK:
         seats = _IDLE.pop(queue, [])
     for seat in seats:
         seat.close()
-
-
-def _stream_home(seat: _Seat, stream: _Stream) -> str | None:
-    """Stream the runs of a pack as they end; return how it ended, None where it is not wanted any more."""
-    seat.say(b"begin")
-    while stream.is_wanted():
-        for words in seat.words(stream.patience()):
-            if words[:1] not in (b"R", b"P"):
-                return words[1:].decode()
-            stream.add(words)
-        if seat.is_gone:
-            return _SEAT_LOST
-        stream.send_if_due()
-    return None
 
 
 @final
@@ -101,29 +94,21 @@ class _Stream:
         self._worker: Any = get_worker()
         self._key = self._worker.get_current_task()
         self._queue, self._flight = queue, flight
-        self._words: list[bytes] = []
+        self.words: list[bytes] = []
         self._first = 0
         self._sent = monotonic()
 
-    def add(self, words: bytes) -> None:
-        self._words.append(words)
-
     def patience(self) -> float:
-        """Return how long to wait for the next run."""
-        return max(0.0, self._sent + TOGETHER - monotonic()) if self._words else _LOOK
-
-    def send_if_due(self) -> None:
-        if self._words and self.patience() == 0.0:
-            self.send()
+        return max(0.0, self._sent + TOGETHER - monotonic()) if self.words else _LOOK
 
     def send(self, ended: str | None = None, refused: str = "", begun: bool = False) -> None:
         """Put what there is into the queue; returns when the scheduler has it."""
         message = {
-            "flight": self._flight, "begun": begun, "first": self._first, "words": self._words, "ended": ended,
+            "flight": self._flight, "begun": begun, "first": self._first, "words": self.words, "ended": ended,
             "refused": refused,
         }  # fmt: skip
-        self._first += sum(words[:1] == b"R" for words in self._words)
-        self._words = []
+        self._first += sum(words[:1] == b"R" for words in self.words)
+        self.words = []
         put = self._worker.scheduler.queue_put(name=self._queue, data=message, timeout=None)
         on_its_way = asyncio.run_coroutine_threadsafe(put, self._worker.loop.asyncio_loop)
         while True:
@@ -167,7 +152,6 @@ class _Seat:
         return self._hung_up or self._process.poll() is not None
 
     def say(self, words: bytes) -> bool:
-        """Send it something; False where it is gone."""
         with suppress(OSError):
             self._connection.send_bytes(words)
             return True
@@ -199,16 +183,20 @@ class _Seat:
 
 
 def _take(queue: str, home: bytes, pack: bytes, is_wanted: Callable[[], bool]) -> tuple[_Seat | None, str]:
-    """Return a seat that can begin with the pack, waiting or new; None and the reason where it refused.
-
-    What ends before it can begin was ended by somebody, not by a run: another takes its place.
-    """
+    """Return a seat that can begin with the pack, waiting or new; None and the reason where it refused."""
     code = 0
     for _ in range(_TRIES):
-        seat = _waiting(queue)
-        if seat is None:
-            seat = _Seat()
-            seat.say(home)
+        seat: _Seat | None = None
+        while seat is None or seat.is_gone:  # one of this process that waits for work, or a new one
+            if seat is not None:
+                seat.close()
+            with _LOCK:
+                seats = _IDLE.get(queue, [])
+                seat = seats.pop() if seats else None
+            if seat is None:
+                seat = _Seat()
+                seat.say(home)
+                break
         seat.say(pack)
         end = monotonic() + _START
         answers: list[bytes] = []
@@ -226,23 +214,12 @@ def _take(queue: str, home: bytes, pack: bytes, is_wanted: Callable[[], bool]) -
     return None, f"the process that starts its runs ends before it begins, with {code}"
 
 
-def _waiting(queue: str) -> _Seat | None:
-    """Return a seat of this process that waits for work; None where there is none."""
-    while True:
-        with _LOCK:
-            seats = _IDLE.get(queue, [])
-            seat = seats.pop() if seats else None
-        if seat is None or not seat.is_gone:
-            return seat
-        seat.close()
-
-
 def serve(address: str, scratch: str) -> None:
     """Be a worker of the scheduler at `address` until the process that started us closes our standard input."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends us
     logging.disable(logging.CRITICAL)  # what matters is told by what happens to the runs
     dask.config.set({"distributed.worker.profile.enabled": False})  # it looks a hundred times a second
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end, args=(True,), daemon=True).start()
     with suppress(Exception):  # the scheduler is gone, say
         asyncio.run(_serve(address, scratch))
     _end()
@@ -255,14 +232,10 @@ async def _serve(address: str, scratch: str) -> None:
         await worker.finished()
 
 
-def _end_with_parent() -> None:
-    """Wait until the parent is gone or wants us no more; then go."""
-    os.read(0, 1)
-    _end()
-
-
-def _end() -> None:
-    # end all seats of this process, which is about to end
+def _end(with_parent: bool = False) -> None:
+    """End all seats of this process, and the process: now, or when the parent is gone or wants us no more."""
+    if with_parent:
+        os.read(0, 1)
     with _LOCK:
         seats = list(_ALL)
     for seat in seats:

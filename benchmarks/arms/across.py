@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from benchmarks.arms.frames import FRAMES, framed, freed
 from benchmarks.arms.series import SERIES, URDF, series
-from calibench.calibration.leave_out import rms, rms_interval
+from calibench.calibration.fit import rms, rms_interval
 from calibench.calibration.walk import BASE, PLACE, TOOL
 from calibench.discrepancy import MeasuredData, Model, Predicted
 from calibench.discrepancy.machines.arm import Arm

@@ -18,7 +18,7 @@ import pandas as pd
 from benchmarks.arms.frames import norms
 from benchmarks.arms.parts import drawn
 from benchmarks.arms.series import URDF, series
-from calibench.calibration.leave_out import rms
+from calibench.calibration.fit import rms
 from calibench.discrepancy import MeasuredData, Model, Report, explain
 from calibench.discrepancy.machines.arm import Arm
 from calibench.problems.base import Array

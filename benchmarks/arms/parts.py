@@ -15,7 +15,7 @@ import pandas as pd
 
 from benchmarks.arms.series import series
 from benchmarks.arms.within import Within, within
-from calibench.calibration.leave_out import rms
+from calibench.calibration.fit import rms
 from calibench.discrepancy import MeasuredData, Report
 from calibench.discrepancy.fitting.fit import orthonormal
 

@@ -14,7 +14,7 @@ import numpy as np
 from calibench.bench.measured import read_measured
 from calibench.calibration.urdf import read_urdf
 from calibench.discrepancy import MeasuredData
-from calibench.problems.arm.measured import shipped
+from calibench.problems.arm.families import shipped
 from calibench.problems.base import Array
 
 SERIES = {"B": "joint_configurations", "C": "random_poses", "D": "iso_cubes"}

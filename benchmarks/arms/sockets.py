@@ -19,13 +19,12 @@ from benchmarks.arms import mukca
 from benchmarks.arms.mukca import DISTANCE
 from calibench.bench.calibration.files import read_table
 from calibench.calibration.determined import order_of
-from calibench.calibration.fit import fit_arm, fit_from, norms
-from calibench.calibration.leave_out import rms
+from calibench.calibration.fit import fit_arm, fit_from, norms, rms
 from calibench.calibration.model import ArmModel, model_of
 from calibench.calibration.readings import read_readings
 from calibench.calibration.start import start_of
 from calibench.calibration.urdf import read_urdf
-from calibench.problems.arm.measured import shipped
+from calibench.problems.arm.families import shipped
 from calibench.problems.base import Array
 
 _TIP = "ball_link"
@@ -81,7 +80,7 @@ def place_by_place(model: ArmModel, by_place: Sequence[Array]) -> Places:
     """Return what each place has with the parameters that are given for it."""
     spread, apart = [], []
     for place, p in zip(np.unique(model.place), by_place, strict=True):
-        part = model.at(model.place == place).numbered()
+        part = model.at(model.place == place)
         spread.append(rms(norms(part.errors(p))))
         apart.append(float(part.spans(p)[0]) - DISTANCE)
     return Places(np.array(spread), np.array(apart))

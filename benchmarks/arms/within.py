@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.arms.frames import framed, norms
 from benchmarks.arms.series import URDF
-from calibench.calibration.leave_out import rms, rms_interval
+from calibench.calibration.fit import rms, rms_interval
 from calibench.discrepancy import MeasuredData, Model, Report, explain
 from calibench.discrepancy.machines.arm import Arm
 from calibench.problems.base import Array

@@ -20,7 +20,7 @@ from calibench.bench.report.shared.drawing import axes_in, explain_lines, figure
 from calibench.calibration.calibrate import Calibration
 from calibench.core.options import suggest
 from calibench.discrepancy import Report
-from calibench.plot.numbers import with_data
+from calibench.plot.studies import with_data
 
 Searched = Report | Mapping[str, Any] | str | Path
 Show = Literal["residuals", "gap"]
@@ -28,8 +28,7 @@ Show = Literal["residuals", "gap"]
 
 def _discovery(report: Searched, *, show: Show | None = None, effect: str | None = None) -> pd.DataFrame:
     """Return the means that are drawn (value, before, after, standard_error, readings), or of the gap model and rms."""
-    read = _report(report)
-    residuals = _residuals(read, show, effect)
+    read, residuals = _read(report, show, effect)
     return gap_of(read.gap, compared(read)) if residuals is None else means_of(residuals)
 
 
@@ -41,8 +40,7 @@ def discovery(report: Searched, ax: Axes | None = None, *, show: Show | None = N
     alone, as bars with its interval; so does a report without an effect, and one that was read from JSON, which has no
     readings any more. `effect` chooses among several by the name in ``report.findings``; by default the first.
     """
-    read = _report(report)
-    residuals = _residuals(read, show, effect)
+    read, residuals = _read(report, show, effect)
     if residuals is None:
         table = gap_of(read.gap, compared(read))
         with axes_in(ax, 5.4, 1.3 + 0.42 * len(table)) as axes:
@@ -64,31 +62,28 @@ def discovery(report: Searched, ax: Axes | None = None, *, show: Show | None = N
     return axes
 
 
-def _report(report: Searched) -> Report:
+def _read(report: Searched, show: Show | None, effect: str | None) -> tuple[Report, Residuals | None]:
+    """Return the report, and the residuals that are to be drawn; None where it is the gap."""
     if isinstance(report, str | Path):
         report = _json(report)
     if isinstance(report, Mapping):
         try:
-            return Report.from_dict(report)
+            report = Report.from_dict(report)
         except KeyError as missing:
             raise ValueError(f"this is no report of a search: it has no {missing}") from None
-    return report
-
-
-def _residuals(report: Report, show: Show | None, effect: str | None) -> Residuals | None:
     names = [finding.effect for finding in report.findings]
     if effect is not None and effect not in names:
         raise ValueError(f"effect={effect!r}: the report has none of that name; {suggest(effect, names)}")
     if show not in (None, "residuals", "gap"):
         raise ValueError(f"show={show!r}: 'residuals' or 'gap' is needed")
     if show == "gap" or (show is None and (report.fitted is None or not names)):
-        return None
+        return report, None
     if report.fitted is None or not names:
         what = "was read from JSON, which has no readings" if names else "has no effect"
         raise ValueError(f"show='residuals': the report {what}; show='gap' draws the error on unseen readings")
     drawn = series_of(report).residuals
     at = 0 if effect is None else names.index(effect)
-    return drawn[min(at, len(drawn) - 1)]
+    return report, drawn[min(at, len(drawn) - 1)]
 
 
 def _calibration(calibration: Calibration | Mapping[str, Any] | str | Path) -> pd.DataFrame:

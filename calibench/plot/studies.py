@@ -1,6 +1,12 @@
-"""Drawings of runs: convergence, runtime ECDF, performance profile, mean ranks, and every method on every problem."""
+"""Drawings of runs: convergence, runtime ECDF, performance profile, mean ranks, and every method on every problem.
+
+A drawing is a function; the numbers behind it are its attribute `data`.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Generic, ParamSpec, Protocol, cast
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -8,12 +14,32 @@ from matplotlib.axes import Axes
 from calibench.bench.report.from_python import Source, choice_of, read_source
 from calibench.bench.report.shared.drawing import axes_in, entitle, explain_lines, figure_of, put_legend
 from calibench.bench.report.study import figures
-from calibench.bench.report.study.figures import draw_ranks, ranks_of, ranks_size
 from calibench.bench.statistics.names import method_labels, problem_titles
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.ranking import blocks_of, friedman, looks_of
+from calibench.bench.statistics.summary import method_names
 from calibench.core.words import counted
-from calibench.plot.numbers import with_data
+
+Draw = ParamSpec("Draw")
+Data = ParamSpec("Data")
+
+
+class _Drawing(Protocol, Generic[Draw, Data]):
+    """A function that draws, and `data`, which returns the numbers that it draws."""
+
+    __call__: Callable[Draw, Axes]
+    data: Callable[Data, pd.DataFrame]
+
+
+def with_data(data: Callable[Data, pd.DataFrame]) -> Callable[[Callable[Draw, Axes]], _Drawing[Draw, Data]]:
+    """Let a function that draws have the numbers of its drawing as the attribute `data`."""
+
+    def give(draw: Callable[Draw, Axes]) -> _Drawing[Draw, Data]:
+        drawing = cast("_Drawing[Draw, Data]", draw)
+        drawing.data = data
+        return drawing
+
+    return give
 
 
 def _convergence(source: Source, *, problem: str | None = None, traces: pd.DataFrame | None = None) -> pd.DataFrame:
@@ -65,10 +91,10 @@ def ecdf(
     Of all problems together, each counts the same, or of one `problem`. Targets are COCO's 51 above the best value.
     """
     chosen = read_source(source, problem, traces)
-    hits = chosen.hits()
+    hits, runs = chosen.hits(), chosen.with_looks()
     numbers = figures.ecdf_of(chosen.runs, hits)
     with axes_in(ax, figures.share_width(numbers), 3.7) as axes:
-        figures.draw_ecdf(axes, numbers, chosen.with_looks())
+        figures.draw_shares(axes, numbers, runs.assign(method=method_labels(runs)), "cost")
         _finish(axes, ax, f"{chosen.title()}: {counted(hits['target'].nunique(), 'target')} above the best value")
     return axes
 
@@ -88,16 +114,16 @@ def profile(
     The performance profile of Dolan and More (2002), of expected running times (ERT) to the targets of `ecdf`.
     """
     chosen = read_source(source, problem, traces)
-    numbers = figures.profile_of(chosen.runs, chosen.hits())
+    numbers, runs = figures.profile_of(chosen.runs, chosen.hits()), chosen.with_looks()
     with axes_in(ax, figures.share_width(numbers), 3.7) as axes:
-        figures.draw_profile(axes, numbers, chosen.with_looks())
+        figures.draw_shares(axes, numbers, runs.assign(method=method_names(runs)), "ratio")
         _finish(axes, ax, f"{chosen.title()}: {counted(int(numbers['tasks'].max()), 'pair')}")
     return axes
 
 
 def _ranks(source: Source) -> pd.DataFrame:
     """Return the mean ranks, best first: method, mean_rank, and the p-values against the best."""
-    return ranks_of(friedman(blocks_of(read_source(source).runs)))
+    return figures.ranks_of(friedman(blocks_of(read_source(source).runs)))
 
 
 @with_data(_ranks)
@@ -107,9 +133,9 @@ def ranks(source: Source, ax: Axes | None = None) -> Axes:
     Raises `ValueError` where there are fewer than three methods, or than ten problems on which all were run.
     """
     ranked = friedman(blocks_of(read_source(source).runs))
-    ranks_of(ranked)  # it raises where there is no test
-    with axes_in(ax, *ranks_size(ranked)) as axes:
-        draw_ranks(axes, ranked)
+    figures.ranks_of(ranked)  # it raises where there is no test
+    with axes_in(ax, *figures.ranks_size(ranked)) as axes:
+        figures.draw_ranks(axes, ranked)
     return axes
 
 
@@ -124,12 +150,17 @@ def heatmap(source: Source, ax: Axes | None = None, *, problem: str | None = Non
 
     In a cell stands how many runs reached the goal, where one is known.
     """
-    table = figures.field_of(read_source(source, problem).runs)
+    table = _heatmap(source, problem=problem)
     order, columns = list(dict.fromkeys(table["label"])), figures.columns_of(table)
-    width, height = figures.field_size(order, columns, len(order))
+    width, height, inches = figures.field_size(order, columns, len(order))
+    if ax is not None:  # how wide a column is there, beside the names of methods and the scale
+        across = ax.get_position().width * figure_of(ax).get_figwidth()
+        inches = 0.8 * across / len(columns)  # names stand outside, and the scale takes its part
+        if figure_of(ax).get_layout_engine() is not None:  # a layout uses the margins too, and has all inside
+            across /= 0.775
+            inches = max(across - 0.8 - 0.054 * max(map(len, order)), 0.3 * across) / len(columns)
     with axes_in(ax, 0.9 + width, height, figures.FIELD_STYLE) as axes:
-        inches = figures.column_width(columns) if ax is None else figures.room_of_columns(ax, order, columns)
-        image = figures.draw_field(axes, table, order, columns, len(order), inches=inches)
+        image = figures.draw_field(axes, table, order, columns, len(order), inches)
         figures.put_scale(image, axes, len(order))
         axes.grid(visible=False)
         if ax is None:

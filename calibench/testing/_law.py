@@ -41,7 +41,11 @@ def keep_all(checks: Callable[[], Checks], time_limit: float) -> None:
         return
 
     def work(theirs: Sender) -> None:
-        _limit_memory()
+        import resource
+
+        with suppress(OSError, ValueError):  # where a system tells how much this process has, it may take some more
+            now = int(Path("/proc/self/statm").read_text().split()[5]) * resource.getpagesize()
+            resource.setrlimit(resource.RLIMIT_DATA, (now + _MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
         theirs.send(("law", "what is needed to begin", None))
         try:
             for name, check in checks():
@@ -77,15 +81,6 @@ def keep_all(checks: Callable[[], Checks], time_limit: float) -> None:
     )  # fmt: skip
 
 
-def _limit_memory() -> None:
-    """Let this process take no more than some memory beyond what it has, where a system tells how much that is."""
-    import resource
-
-    with suppress(OSError, ValueError):
-        now = int(Path("/proc/self/statm").read_text().split()[5]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_DATA, (now + _MEMORY, resource.getrlimit(resource.RLIMIT_DATA)[1]))
-
-
 def _check(law: Law, *subject: Any) -> None:
     """Run a law; what is checked may raise whatever it likes, and is told in a line all the same."""
     try:
@@ -95,7 +90,5 @@ def _check(law: Law, *subject: Any) -> None:
     except Exception as error:
         asked = (law.__doc__ or law.__name__).partition("\n")[0].rstrip(".")
         place = extract_tb(error.__traceback__)[-1]
-        finding = f"{type(error).__name__}: {error}"
-        require(
-            False, asked, finding, f"it was raised in {Path(place.filename).name}, line {place.lineno}: {place.line}"
-        )
+        where = f"{Path(place.filename).name}, line {place.lineno}: {place.line}"
+        require(False, asked, f"{type(error).__name__}: {error}", f"it was raised in {where}")

@@ -1,14 +1,10 @@
-"""The laws of a machine: its columns and sensors, its constraints and their slopes, what its readings determine.
-
-The laws of an effect: the identity at zero, rows by themselves, slopes, names, units, columns that are there.
+"""The laws of a machine (columns, sensors, constraints and their slopes) and of an effect on one (zero, rows, slopes).
 
 An effect acts on a machine, so it is checked on one: ``check_effect(sag, Arm(), data)``, where `sag` is one `Effect` or
 a whole `EffectFamily`, of which every candidate that the data can test is checked.
 """
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 import numpy as np
 
@@ -110,13 +106,8 @@ def declared_units_agree(machine: Machine, data: MeasuredData) -> None:
     for name, unit in units.items():
         known = described.quantity(name)
         require(known is not None, "what is used is declared", f"no {name}", f"add Quantity({name!r}, {unit!r})")
-        unit_of = known.unit if known else ""
-        require(
-            unit_of == unit,
-            f"{name} has one unit",
-            f"{unit_of!r} declared, {unit!r} used",
-            "declare the unit that is used",
-        )
+        declared, remedy = known.unit if known else "", "declare the unit that is used"
+        require(declared == unit, f"{name} has one unit", f"{declared!r} declared, {unit!r} used", remedy)
 
 
 def constraints_have_a_row_a_reading(machine: Machine, data: MeasuredData) -> None:
@@ -142,15 +133,11 @@ def slopes_agree_with_differences(machine: Machine, data: MeasuredData) -> None:
     slopes = formulation.slopes(q)
     require(set(slopes) == set(q), "every quantity has its slope", sorted(set(slopes) ^ set(q)), "add what is missing")
     rounding = 1e-12 * max(float(np.abs(slope).max()) for slope in slopes.values())
-
-    def difference(name: str, h: float) -> Array:
-        up, down = (np.asarray(formulation.constraints({**q, name: q[name] + side})) for side in (h, -h))
-        return np.asarray((up - down) / (2 * h))
-
     for name, slope in slopes.items():
-        steps = max(1.0, float(np.max(np.abs(q[name])))) * _STEPS
-        gap = min(float(np.abs(difference(name, h) - slope).max()) for h in steps)
-        size = float(np.abs(slope).max())
+        gap, size = np.inf, float(np.abs(slope).max())
+        for h in max(1.0, float(np.max(np.abs(q[name])))) * _STEPS:
+            up, down = (np.asarray(formulation.constraints({**q, name: q[name] + side})) for side in (h, -h))
+            gap = min(gap, float(np.abs((up - down) / (2 * h) - slope).max()))
         require(
             gap <= 1e-6 * size + rounding, "slopes agree with differences",
             f"a gap of {gap:.2g} beside {size:.2g} in {name}",
@@ -173,10 +160,8 @@ def decorrelate_is_linear(machine: Machine, data: MeasuredData) -> None:
     formulation, q = _at_start(machine, data)
     shape, rng = np.asarray(formulation.constraints(q)).shape, np.random.default_rng(0)
     one, other = rng.normal(size=shape), rng.normal(size=shape)
-    whole, parts = (
-        np.asarray(formulation.decorrelate(2 * one - other)),
-        2 * np.asarray(formulation.decorrelate(one)) - np.asarray(formulation.decorrelate(other)),
-    )
+    whole = np.asarray(formulation.decorrelate(2 * one - other))
+    parts = 2 * np.asarray(formulation.decorrelate(one)) - np.asarray(formulation.decorrelate(other))
     require(
         whole.shape == parts.shape and np.allclose(whole, parts, rtol=0, atol=1e-10 * np.abs(parts).max()),
         "decorrelate is linear", "another sum", "return rows as they are, or a matrix times rows",
@@ -221,8 +206,13 @@ MACHINE_LAWS = (
 def _at_start(machine: Machine, data: MeasuredData) -> tuple[Formulation, Quantities]:
     """Return the formulation and its quantities where a model begins, moved by a thousandth: nothing vanishes there."""
     formulation = machine.formulate(data)
+    return formulation, _quantities(formulation, 1e-3)
+
+
+def _quantities(formulation: Formulation, away: float = 0.0) -> Quantities:
+    """Return the quantities where a model begins, or `away` from there."""
     model = Model(formulation)
-    return formulation, model.quantities(model.start + 1e-3)[0]
+    return model.quantities(model.start + away)[0]
 
 
 _DIFFERENCE = 1e-5
@@ -270,7 +260,8 @@ def it_is_named_and_has_units(effect: Effect, formulation: Formulation) -> None:
 
 def its_columns_are_in_the_data(effect: Effect, formulation: Formulation) -> None:
     """A candidate needs only columns that are there: what the data cannot test is `NotTestable`."""
-    missing = [column for column in effect.columns if column not in formulation.data and not _is_stated(column)]
+    stated = [column for column in effect.columns if not column.startswith("metadata.")]
+    missing = [column for column in stated if column not in formulation.data]
     require(not missing, f"{name_of(effect)}: its columns are there", f"no {missing}", "call needs(data, *columns)")
 
 
@@ -407,14 +398,3 @@ EFFECT_LAWS = (
     a_row_changes_by_what_stands_in_it, basis_is_the_derivative_of_shift, signature_is_the_derivative_of_the_residuals,
 )  # fmt: skip
 FAMILY_LAWS = (the_family_is_named, the_data_can_test_some_of_it, a_missing_column_makes_it_not_testable)
-
-
-def _quantities(formulation: Formulation) -> Quantities:
-    model = Model(formulation)
-    q: Mapping[str, Array] = model.quantities(model.start)[0]
-    return q
-
-
-def _is_stated(column: str) -> bool:
-    """Tell whether a column is none, but a number stated of the data."""
-    return column.startswith("metadata.")

@@ -1,9 +1,7 @@
 """The laws of an optimiser: the budget is a wall, the box is a box, a seed is a run, and its traits are true.
 
 ``make()`` returns the optimiser, a new one each time: ``lambda: Mine(population=30)``, or the class itself. It runs on
-Rosenbrock's function, which keeps its own books.
-
-Problems that keep their own books, outside of the gate and of the process: an entry of a file for each call.
+Rosenbrock's function, which keeps its own books, outside of the gate and of the process: an entry of a file a call.
 """
 
 from __future__ import annotations
@@ -12,13 +10,14 @@ import os
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 
 from calibench.bench.execution.run import Run, execute
-from calibench.bench.gate.face import KNOWN
+from calibench.bench.gate.face import KNOWN, METHODS
 from calibench.optimizers.base import Array, Stop, Traits
 from calibench.problems.base import extra_of
 from calibench.testing._law import TIME_LIMIT, Checks, checks_of, keep_all, require
@@ -50,7 +49,7 @@ class Rosenbrock:
         self.start = np.full(dimension, -1.2)
         self.dimension = dimension
         self.options = {"dimension": dimension}  # seeds follow from it, and not from where the book lies
-        self._book = os.open(book, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+        self.book = os.open(book, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
 
     def __call__(self, x: Array) -> float:
         self._write(b"e", x)
@@ -63,11 +62,7 @@ class Rosenbrock:
     def _write(self, tag: bytes, x: Array) -> None:
         if np.shape(x) != (self.dimension,):
             raise ValueError(f"takes a point of shape ({self.dimension},), and was given {np.shape(x)}")
-        os.write(self._book, tag + np.ascontiguousarray(x, dtype=float).tobytes())
-
-    def close(self) -> None:
-        """Close the book."""
-        os.close(self._book)
+        os.write(self.book, tag + np.ascontiguousarray(x, dtype=float).tobytes())
 
 
 @final
@@ -75,12 +70,10 @@ class SumOfSquares(Rosenbrock):
     """The same with its residuals and their Jacobian in the open."""
 
     def residuals(self, x: Array) -> Array:
-        """Return the residuals, shape (2 dim - 1,)."""
         self._write(b"e", x)
         return self._residuals(x)
 
     def jacobian(self, x: Array) -> Array:
-        """Return their derivative."""
         self._write(b"j", x)
         n = len(x)
         steps = np.zeros((n - 1, n))
@@ -90,13 +83,15 @@ class SumOfSquares(Rosenbrock):
 
 
 def account_of(
-    make: Callable[[], Any], budget: int, seed: int = 0, squares: bool = False, dimension: int = 12, start: Any = None,
-    bound: float | None = None,
+    make: Callable[[], Any], budget: int, seed: int = 0, squares: bool | None = None, dimension: int = 12,
+    start: Any = None, bound: float | None = None, well: bool = False,
 ) -> Account:  # fmt: skip
     """Run what `make` returns on Rosenbrock's function, in as many dimensions as it takes; return the books.
 
-    `squares`: it may ask for residuals and Jacobians. `bound`: the box is -bound .. bound, in place of -2 .. 2.5.
+    `squares`: it may ask for residuals and Jacobians (None: as its traits say). `bound`: the box is -bound .. bound, in
+    place of -2 .. 2.5. `well`: raise unless the run is ok, as one that failed says nothing of a law.
     """
+    squares = _traits(make).uses_residuals if squares is None else squares
     optimizer = make()
     dimension = taken(getattr(optimizer, "traits", None), dimension)
     with tempfile.TemporaryDirectory() as folder:
@@ -107,10 +102,18 @@ def account_of(
             heard = _Heard(optimizer)
             run = execute(problem, heard, budget=budget, seed=seed, start=first)
         finally:
-            problem.close()
+            os.close(problem.book)
         written = np.frombuffer(book.read_bytes(), dtype=[("tag", "S1"), ("x", "<f8", (dimension,))])
     if heard.deaf:  # to a run it is a failure like others
-        raise Deaf
+        raise AssertionError(
+            f"an optimiser ends when the objective stops it; found calls without end after the budget of {budget}; "
+            "let optimizers.Stop pass, or return when it comes"
+        )
+    require(
+        run.status == "ok" or not well, "a run ends well at any budget",
+        f"{run.status} at budget {budget}: {run.row['error_type']} {run.row['error']}",
+        "mend what raised; a first step above the budget is stopped by the objective",
+    )  # fmt: skip
     return Account(run, written["tag"].tobytes(), written["x"])
 
 
@@ -133,7 +136,6 @@ class _Heard:
         self.deaf = False
 
     def compile(self) -> None:
-        """Compile what the optimiser compiles before the clock starts."""
         if extra_of(self._optimizer, "compile"):
             self._optimizer.compile()
 
@@ -151,57 +153,20 @@ class _Patient:
     """An `Objective` that hands on every call, and raises `Deaf` where it goes on long after the first `Stop`."""
 
     def __init__(self, gate: Any) -> None:
-        self._gate = gate
-        self._refused = 0
-        self.lower, self.upper, self.start, self.dimension = gate.lower, gate.upper, gate.start, gate.dimension
-        self.has_residuals, self.has_jacobian = gate.has_residuals, gate.has_jacobian
-        self.has_gradient = gate.has_gradient
+        self._gate, self._refused = gate, 0
 
     def __deepcopy__(self, memo: Any) -> _Patient:
         return self  # as the gate: a library that copies what it is given still counts here
 
-    @property
-    def remaining(self) -> int:
-        """Return what is left of the budget."""
-        return int(self._gate.remaining)
-
     def __getattr__(self, name: str) -> Any:
-        """Return what a run knows of itself besides: ``budget``, ``best_value`` and the others."""
+        if name in METHODS:
+            return partial(self._ask, getattr(self._gate, name))
         if name in KNOWN:
             return getattr(self._gate, name)
         raise AttributeError(f"an objective has no {name!r}")
 
     def __call__(self, x: Array) -> float:
         return float(self._ask(self._gate, x))
-
-    def batch(self, points: Array) -> Array:
-        """Return the values of `points`."""
-        return np.asarray(self._ask(self._gate.batch, points))
-
-    def batch_below(self, points: Array, limits: Array) -> Array:
-        """Return the values below `limits`."""
-        return np.asarray(self._ask(self._gate.batch_below, points, limits))
-
-    def residuals(self, x: Array) -> Array:
-        """Return the residuals at x."""
-        return np.asarray(self._ask(self._gate.residuals, x))
-
-    def jacobian(self, x: Array) -> Array:
-        """Return their derivative."""
-        return np.asarray(self._ask(self._gate.jacobian, x))
-
-    def gradient(self, x: Array) -> Array:
-        """Return the derivative of the value at x."""
-        return np.asarray(self._ask(self._gate.gradient, x))
-
-    def value_and_gradient(self, x: Array) -> tuple[float, Array]:
-        """Return both at x."""
-        value, slopes = self._ask(self._gate.value_and_gradient, x)
-        return float(value), np.asarray(slopes)
-
-    def restart(self) -> Array:
-        """Return a random point to begin again at."""
-        return np.asarray(self._ask(self._gate.restart))
 
     def _ask(self, call: Callable[..., Any], *arguments: Any) -> Any:
         try:
@@ -247,8 +212,7 @@ def it_has_minimize_and_traits(make: Make) -> None:
 def budget_is_a_wall(make: Make, budgets: tuple[int, ...] = BUDGETS, dimension: int = 12) -> None:
     """Nothing is evaluated above the budget, and what the gate counted is what the problem saw."""
     for budget in budgets:
-        account = _account(make, budget, dimension=dimension)
-        _ended_well(account, budget)
+        account = account_of(make, budget, well=True, dimension=dimension)
         evaluations, jacobians = account.tags.count(b"e"), account.tags.count(b"j")
         charged = evaluations + account.points.shape[1] * jacobians
         require(
@@ -267,8 +231,7 @@ def only_the_self_terminating_leave_a_rest(make: Make, budgets: tuple[int, ...] 
     """Who is not `self_terminating` spends the whole budget, but for the rest that its next step would exceed."""
     traits = _traits(make)
     for budget in budgets:
-        account = _account(make, budget, dimension=dimension)
-        _ended_well(account, budget)
+        account = account_of(make, budget, well=True, dimension=dimension)
         dear = account.points.shape[1] if traits.uses_residuals else 1  # what is refused: a Jacobian, or an evaluation
         spent = account.run.charged > budget - dear
         reason = account.run.stop_reason
@@ -287,19 +250,20 @@ def only_the_self_terminating_leave_a_rest(make: Make, budgets: tuple[int, ...] 
 def a_seed_is_a_run(make: Make, budgets: tuple[int, ...] = BUDGETS, dimension: int = 12) -> None:
     """The same seed gives the same points in the same order, to the last bit."""
     for budget in budgets:
-        one, other = _account(make, budget, dimension=dimension), _account(make, budget, dimension=dimension)
-        _ended_well(one, budget)
-        same = _same(one, other) and one.run.points == other.run.points
+        one, other = (account_of(make, budget, well=well, dimension=dimension) for well in (True, False))
+        n, same = min(len(one.points), len(other.points)), np.array_equal(one.points, other.points, equal_nan=True)
+        parted = np.append(np.flatnonzero((one.points[:n] != other.points[:n]).any(axis=1)), n)[0] + 1
         require(
-            same, "a seed is a run", f"two runs that part at {_first_difference(one, other)}",
+            same and one.run.points == other.run.points, "a seed is a run",
+            f"two runs that part at evaluation {parted}",
             "draw from rng alone, keep nothing between two runs, iterate over nothing unordered",
         )  # fmt: skip
 
 
 def only_the_stochastic_depend_on_the_seed(make: Make, budget: int = LONG) -> None:
     """Another seed gives another run if the trait `stochastic` says so, and the same one if not."""
-    one, other = (_account(make, budget, seed=seed, dimension=2) for seed in (0, 1))
-    same = _same(one, other)
+    one, other = (account_of(make, budget, seed=seed, dimension=2) for seed in (0, 1))
+    same = np.array_equal(one.points, other.points, equal_nan=True)
     stated = _traits(make).stochastic
     require(
         same is not stated, "only the stochastic depend on the seed",
@@ -315,7 +279,7 @@ def nothing_is_asked_outside_the_box(
     if not _traits(make).bounded:
         return
     for budget in budgets:
-        points = _account(make, budget, dimension=dimension).points
+        points = account_of(make, budget, dimension=dimension).points
         outside = ~((points >= np.nextafter(-2.0, -np.inf)) & (points <= np.nextafter(2.5, np.inf)))  # nan is outside
         require(
             not outside.any(), "nothing is asked outside the box",
@@ -326,8 +290,8 @@ def nothing_is_asked_outside_the_box(
 
 def uses_start_is_true(make: Make, budget: int = 300) -> None:
     """The run depends on the start if the trait `uses_start` says so, and only then."""
-    one, other = (_account(make, budget, dimension=2, start=start) for start in (-1.2, 0.7))
-    differ = not _same(one, other)
+    one, other = (account_of(make, budget, dimension=2, start=start) for start in (-1.2, 0.7))
+    differ = not np.array_equal(one.points, other.points, equal_nan=True)
     stated = _traits(make).uses_start
     require(
         differ is stated, "uses_start is true",
@@ -341,7 +305,7 @@ def minimum_budget_is_enough(make: Make) -> None:
     traits = _traits(make)
     dimension = taken(traits, 2)
     budget = traits.minimum_budget + traits.minimum_budget_per_dimension * dimension
-    account = _account(make, budget, dimension=dimension)
+    account = account_of(make, budget, dimension=dimension)
     run = account.run
     require(
         run.status == "ok" and run.charged <= budget, "the stated minimum_budget is enough",
@@ -353,7 +317,7 @@ def an_open_box_is_searched_or_refused(make: Make, budget: int = 50) -> None:
     """In a box without ends every point that is asked for is finite, or the trait `needs_finite_bounds` refuses it."""
     if _traits(make).needs_finite_bounds:
         return
-    account = _account(make, budget, dimension=2, bound=np.inf)
+    account = account_of(make, budget, dimension=2, bound=np.inf)
     astray = ~np.isfinite(account.points).all(axis=1)
     require(
         account.run.status == "ok" and not astray.any(), "an open box is searched, or needs_finite_bounds refuses it",
@@ -372,33 +336,3 @@ OPTIMIZER_LAWS = (
 def _traits(make: Make) -> Traits:
     traits = getattr(make(), "traits", Traits())
     return traits if isinstance(traits, Traits) else Traits()
-
-
-def _account(make: Make, budget: int, **options: Any) -> Account:
-    try:
-        return account_of(make, budget, squares=_traits(make).uses_residuals, **options)
-    except Deaf:
-        raise AssertionError(
-            f"an optimiser ends when the objective stops it; found calls without end after the budget of {budget}; "
-            "let optimizers.Stop pass, or return when it comes"
-        ) from None
-
-
-def _ended_well(account: Account, budget: int) -> None:
-    """Raise unless the run is ok: one that failed says nothing of a law."""
-    require(
-        account.run.status == "ok", "a run ends well at any budget",
-        f"{account.run.status} at budget {budget}: {account.run.row['error_type']} {account.run.row['error']}",
-        "mend what raised; a first step above the budget is stopped by the objective",
-    )  # fmt: skip
-
-
-def _same(one: Account, other: Account) -> bool:
-    """Tell whether two runs asked for the same points, bit for bit where they are numbers."""
-    return np.array_equal(one.points, other.points, equal_nan=True)
-
-
-def _first_difference(one: Account, other: Account) -> str:
-    n = min(len(one.points), len(other.points))
-    parted = np.flatnonzero((one.points[:n] != other.points[:n]).any(axis=1))
-    return f"evaluation {parted[0] + 1 if parted.size else n + 1}"

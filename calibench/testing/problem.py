@@ -5,6 +5,7 @@ A problem needs `lower`, `upper`, `start` and a call. A law about anything else 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from itertools import pairwise
 from typing import Any
@@ -77,7 +78,7 @@ def what_it_says_of_itself_is_right(problem: Any) -> None:
 
 def value_is_one_finite_number_at_the_start(problem: Any) -> None:
     """A call returns one number, and at the start it is finite."""
-    value = _still(problem)(_start(problem))
+    value = seeded(problem, "law", 0)(np.array(problem.start, dtype=float))
     single = np.ndim(value) == 0 and np.asarray(value).dtype.kind in "fiu"
     require(single, "a call returns one number", repr(value), "return float(...)")
     require(
@@ -87,8 +88,8 @@ def value_is_one_finite_number_at_the_start(problem: Any) -> None:
 
 def same_point_has_the_same_value(problem: Any) -> None:
     """A value depends on x alone (of a noisy problem: on x and on its generator)."""
-    first = [_still(problem)(x) for x in inner_points(problem, 5)]
-    again = [_still(problem)(x) for x in inner_points(problem, 5)]
+    first = [seeded(problem, "law", 0)(x) for x in inner_points(problem, 5)]
+    again = [seeded(problem, "law", 0)(x) for x in inner_points(problem, 5)]
     require(
         np.array_equal(first, again, equal_nan=True), "the same x has the same value", f"{first}, then {again}",
         "keep no state between calls; draw noise from self.rng and say stochastic = True",
@@ -99,7 +100,9 @@ def calls_leave_x_alone(problem: Any) -> None:
     """No call writes into its argument: an optimiser still needs it."""
     _leave_alone(problem, inner_points(problem, 3, seed=8))
     with suppress(ArithmeticError, ValueError), np.errstate(all="ignore"):  # at a bound it may be undefined
-        _leave_alone(problem, _corners(problem))  # who clips in place is silent inside the box
+        bounds = np.array([problem.lower, problem.upper], dtype=float)
+        corners = np.where(np.isfinite(bounds), bounds, inner_points(problem, 2, seed=8))
+        _leave_alone(problem, corners)  # who clips in place is silent inside the box
 
 
 def _leave_alone(problem: Any, x: Array) -> None:
@@ -109,7 +112,7 @@ def _leave_alone(problem: Any, x: Array) -> None:
     for name, arguments in ways.items():
         if getattr(problem, name, None) is not None:
             for argument in arguments:
-                getattr(_still(problem), name)(argument)
+                getattr(seeded(problem, "law", 0), name)(argument)
             require(np.array_equal(x, before), "calls leave x alone", f"x changed by {name}", "work on x.copy()")
 
 
@@ -117,8 +120,8 @@ def value_is_the_sum_of_squared_residuals(problem: Any) -> None:
     """``problem(x) == r @ r`` with ``r = problem.residuals(x)``, to 12 digits."""
     if getattr(problem, "residuals", None) is None:
         return
-    for x in [_start(problem), *inner_points(problem, 20, seed=4)]:
-        value, r = _still(problem)(x), np.asarray(_still(problem).residuals(x))
+    for x in [np.array(problem.start, dtype=float), *inner_points(problem, 20, seed=4)]:
+        value, r = seeded(problem, "law", 0)(x), np.asarray(seeded(problem, "law", 0).residuals(x))
         require(r.ndim == 1, "residuals have shape (m,)", r.shape, "return a flat array")
         if np.isfinite(value) and np.isfinite(r).all():
             require(
@@ -186,7 +189,7 @@ def _batch(problem: Any, X: Array, limits: Array | None = None) -> Array:
     step = 1 if is_stochastic(problem) else len(X)
     parts = []
     for k in range(0, len(X), step):
-        part, still = slice(k, k + step), _still(problem)
+        part, still = slice(k, k + step), seeded(problem, "law", 0)
         parts.append(still.batch(X[part]) if limits is None else still.batch_below(X[part], limits[part]))
     return np.concatenate(parts)
 
@@ -196,31 +199,23 @@ def jacobian_agrees_with_differences(problem: Any, tolerance: float = 1e-7) -> N
     if not (extra_of(problem, "jacobian") and extra_of(problem, "residuals")) or is_stochastic(problem):
         return
     truth = getattr(problem, "truth", None)
-    names = [c.name for c in coordinates_of(problem)]
     for x in [*inner_points(problem, 3, seed=9), *([] if truth is None else [np.array(truth, dtype=float)])]:
-        r, analytic = _copied(problem.residuals(x)), _copied(problem.jacobian(x))
+        r, analytic = np.array(problem.residuals(x), dtype=float), np.array(problem.jacobian(x), dtype=float)
         shape = (r.size, x.size)
         require(analytic.shape == shape, "the Jacobian has shape (m, dim)", f"{analytic.shape}, not {shape}", "turn it")
-        scales = _scales(problem, x)
-        for c in _compared(x.size):
-            gap = _gap(problem.residuals, x, c, scales[c], analytic[:, c])
-            size = float(np.abs(analytic[:, c]).max())
+        least = 1e-9 * float(np.abs(analytic).max())
+        for column, _, gap, size in _gaps(problem, problem.residuals, x, analytic):
             require(
-                gap <= tolerance * max(size, 1e-9 * float(np.abs(analytic).max())),
-                "the Jacobian agrees with central differences",
-                f"a gap of {gap:.2g} beside {size:.2g} in column {c} ({names[c]})",
+                gap <= tolerance * max(size, least), "the Jacobian agrees with central differences",
+                f"a gap of {gap:.2g} beside {size:.2g} in column {column}",
                 "derive that column again: entry [i, j] is d r_i / d x_j",
-            )
+            )  # fmt: skip
 
 
 def gradient_agrees_with_differences(problem: Any, tolerance: float = 1e-7) -> None:
     """``gradient(x)`` is the derivative of the value, and `value_and_gradient` returns both of them."""
-    if is_stochastic(problem):
-        return
-    names = [c.name for c in coordinates_of(problem)]
-    for way in ("gradient", "value_and_gradient"):
-        if getattr(problem, way, None) is None:
-            continue
+    ways = [way for way in ("gradient", "value_and_gradient") if getattr(problem, way, None) is not None]
+    for way in [] if is_stochastic(problem) else ways:
         for x in inner_points(problem, 3, seed=10):
             value, returned = float(problem(x)), getattr(problem, way)(x.copy())
             if way == "value_and_gradient":
@@ -229,37 +224,35 @@ def gradient_agrees_with_differences(problem: Any, tolerance: float = 1e-7) -> N
                 same = abs(float(returned[0]) - value) <= 1e-12 * abs(value)
                 require(same, f"the value of {way} is the value", f"{returned[0]!r} and {value!r}", "compute it alike")
                 returned = returned[1]
-            slopes = _copied(returned)
+            slopes = np.array(returned, dtype=float)
             require(slopes.shape == x.shape, f"{way} has shape (dim,)", slopes.shape, "return a slope for each of x")
-            scales = _scales(problem, x)
-            for c in _compared(x.size):
-                gap, size = _gap(problem, x, c, scales[c], slopes[c]), abs(float(slopes[c]))
+            for entry, scale, gap, size in _gaps(problem, problem, x, slopes):
                 require(
-                    gap <= max(tolerance * size, _ROUNDING * abs(value) / scales[c]),
+                    gap <= max(tolerance * size, _ROUNDING * abs(value) / scale),
                     "the gradient agrees with central differences",
-                    f"a gap of {gap:.2g} beside {size:.2g} in entry {c} ({names[c]})",
+                    f"a gap of {gap:.2g} beside {size:.2g} in entry {entry}",
                     "derive that entry again: d value / d x_j",
                 )
 
 
-def _compared(dimension: int) -> list[int]:
-    """Return the coordinates whose slopes are compared with differences: of many some, from the first to the last."""
-    some: list[int] = np.unique(np.linspace(0, dimension - 1, min(dimension, _COLUMNS)).astype(int)).tolist()
-    return some
+def _gaps(problem: Any, function: Any, x: Array, analytic: Array) -> Iterator[tuple[str, float, float, float]]:
+    """Yield of some coordinates, from the first to the last: (place and name, scale, gap, size of the slope).
 
-
-def _gap(function: Any, x: Array, c: int, scale: float, analytic: Any) -> float:
-    """Return how far central differences of `function` by x_c stay from `analytic`, with the best of the steps."""
-
-    def slope(h: float) -> Array:
-        there, back = x.copy(), x.copy()
-        there[c], back[c] = x[c] + h, x[c] - h
-        return (_copied(function(there)) - _copied(function(back))) / (2 * h)
-
-    columns = [slope(scale * step) for step in _STEPS]
-    # of two steps, ten times apart, also what they tend to: of r = x^3 at 0 every difference alone is above 0
-    limits = [fine + (fine - coarse) / 99 for fine, coarse in pairwise(columns)]
-    return min(float(np.abs(column - analytic).max()) for column in columns + limits)
+    The gap is how far central differences of `function` by x_c stay from `analytic`, with the best of the steps.
+    """
+    names, width = coordinates_of(problem), np.asarray(problem.upper, dtype=float) - np.asarray(problem.lower, float)
+    scales = np.where(np.isfinite(width) & (width > 0), width, np.maximum(1.0, np.abs(x)))
+    for c in np.unique(np.linspace(0, x.size - 1, min(x.size, _COLUMNS)).astype(int)):
+        columns = []
+        for h in scales[c] * _STEPS:
+            there, back = x.copy(), x.copy()
+            there[c], back[c] = x[c] + h, x[c] - h
+            ahead, behind = (np.array(function(at), dtype=float) for at in (there, back))  # it may fill one array
+            columns.append((ahead - behind) / (2 * h))
+        # of two steps, ten times apart, also what they tend to: of r = x^3 at 0 every difference alone is above 0
+        limits = [fine + (fine - coarse) / 99 for fine, coarse in pairwise(columns)]
+        gap = min(float(np.abs(column - analytic[..., c]).max()) for column in columns + limits)
+        yield f"{c} ({names[c].name})", scales[c], gap, float(np.abs(analytic[..., c]).max())
 
 
 def truth_has_the_least_value(problem: Any) -> None:
@@ -269,7 +262,7 @@ def truth_has_the_least_value(problem: Any) -> None:
     if truth is None or value is None:
         return
     least = value(np.array(truth, dtype=float))
-    others = [float(value(x)) for x in [_start(problem), *inner_points(problem, 20, seed=11)]]
+    others = [float(value(x)) for x in [np.array(problem.start, dtype=float), *inner_points(problem, 20, seed=11)]]
     require(
         least <= np.nanmin(others), "the truth has the least value",
         f"{least:g} at the truth, {min(others):g} elsewhere", "check the order and the units of truth",
@@ -283,7 +276,7 @@ def no_value_lies_below_the_minimum(problem: Any) -> None:
     if minimum is None or value is None:
         return
     truth, law = getattr(problem, "truth", None), f"no value is below minimum={minimum:g}"
-    least = min(float(value(x)) for x in [_start(problem), *inner_points(problem, 50, seed=12)])
+    least = min(float(value(x)) for x in [np.array(problem.start, dtype=float), *inner_points(problem, 50, seed=12)])
     require(least >= minimum, law, f"{least:g}", "lower it, or leave it out")
     if truth is not None:
         least = float(value(np.array(truth, dtype=float)))
@@ -301,40 +294,13 @@ PROBLEM_LAWS = (
 
 def inner_points(problem: Any, count: int, seed: int = 0) -> Array:
     """Return random points of the box, shape (count, dim); where it is open, of the surroundings of the start."""
-    start = _start(problem)
+    start = np.array(problem.start, dtype=float)
     reach = np.maximum(1.0, np.abs(start))
     lower, upper = (np.array(getattr(problem, key), dtype=float) for key in ("lower", "upper"))
     lower = np.where(np.isfinite(lower), lower, np.minimum(start, upper) - reach)
     upper = np.where(np.isfinite(upper), upper, np.maximum(start, lower) + reach)
     count = max(1, min(count, MOST_NUMBERS // start.size))
     return np.asarray(lower + (upper - lower) * np.random.default_rng(seed).random((count, start.size)))
-
-
-def _corners(problem: Any) -> Array:
-    """Return the points with every coordinate at its lower, and at its upper bound, shape (2, dim)."""
-    inside = inner_points(problem, 2, seed=8)
-    bounds = np.array([problem.lower, problem.upper], dtype=float)
-    return np.where(np.isfinite(bounds), bounds, inside)
-
-
-def _start(problem: Any) -> Array:
-    return np.array(problem.start, dtype=float)
-
-
-def _copied(values: Any) -> Array:
-    """Return numbers in an array of their own: a problem may fill the same one at every call."""
-    return np.array(values, dtype=float)
-
-
-def _still(problem: Any) -> Any:
-    """Return the problem, a noisy one with its noise begun anew."""
-    return seeded(problem, "law", 0)
-
-
-def _scales(problem: Any, x: Array) -> Array:
-    """Return what a tenth of is a small step of each coordinate, shape (dim,): its size or the width of its side."""
-    width = np.asarray(problem.upper, dtype=float) - np.asarray(problem.lower, dtype=float)
-    return np.where(np.isfinite(width) & (width > 0), width, np.maximum(1.0, np.abs(x)))
 
 
 def _pair(a: Array, b: Array, wrong: Any) -> str:

@@ -2,11 +2,8 @@
 
 numba's own cache notices an edit of the file a kernel stands in, but not of the files that kernel calls. So the cache
 folder is named by a digest of all our sources: another source, another folder. `fastmath` is never used: results are
-the same bits on the same inputs.
-
-Load numba's compiler in advance; that takes as long as loading ten kernels from the cache.
-
-Kernels in the cache need none of it (`core.compilation.loading`).
+the same bits on the same inputs. Kernels in the cache need nothing of the compiler (`core.compilation.loading`), whose
+loading takes as long as that of ten kernels.
 """
 
 from __future__ import annotations
@@ -38,10 +35,7 @@ def njit() -> Callable[[F], F]:
 
 
 def part() -> Callable[[F], F]:
-    """Compile likewise what kernels call and Python never does: without an entrance for it a kernel compiles sooner.
-
-    A call from Python is a `TypeError`.
-    """
+    """Compile likewise what only kernels call, without an entrance from Python (`TypeError`): that compiles sooner."""
     return _compiling(no_cpython_wrapper=True)
 
 
@@ -99,7 +93,8 @@ _LISTENERS: list[Callable[[], None]] = []
 
 def unseen(words: Iterable[str]) -> list[str]:
     """Return those of `words` that no process has noted, by `seen`, as compiled from the present sources."""
-    return [word for word in words if not (_cache_folder() / _SEEN / _named(word)).exists()]
+    digests = ((word, blake2b(word.encode(), digest_size=12).hexdigest()) for word in words)
+    return [word for word, digest in digests if not (_cache_folder() / _SEEN / digest).exists()]
 
 
 def seen(words: Iterable[str]) -> None:
@@ -108,11 +103,7 @@ def seen(words: Iterable[str]) -> None:
     with suppress(OSError):  # a read-only home: the next process asks again
         folder.mkdir(exist_ok=True)
         for word in words:
-            (folder / _named(word)).touch()
-
-
-def _named(word: str) -> str:
-    return blake2b(word.encode(), digest_size=12).hexdigest()
+            (folder / blake2b(word.encode(), digest_size=12).hexdigest()).touch()
 
 
 def _compiling(**more: bool) -> Callable[[F], F]:
@@ -152,7 +143,14 @@ def _full_width() -> str | None:
 
 @cache
 def _cache_folder() -> Path:
-    folder = cache_root() / _source_digest()
+    """Return the folder of the present sources, by a digest of all that may contain a kernel, with their paths."""
+    root, digest = Path(__file__).resolve().parents[2], blake2b(digest_size=8)
+    ours = {**dict.fromkeys(("core", "calibration", "problems", "optimizers"), "*"), "bench": "_*_kernels"}
+    for package, sources in ours.items():
+        for source in sorted((root / package).rglob(f"{sources}.py")):
+            digest.update(f"{source.relative_to(root).as_posix()}\0".encode())
+            digest.update(source.read_bytes())
+    folder = cache_root() / digest.hexdigest()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -161,22 +159,8 @@ def _cache_folder() -> Path:
         return Path(tempfile.mkdtemp(prefix="calibench-"))
 
 
-def _source_digest() -> str:
-    """Return a digest of every source that may contain a kernel, with its path, at any depth."""
-    root, digest = Path(__file__).resolve().parents[2], blake2b(digest_size=8)
-    ours = {**dict.fromkeys(("core", "calibration", "problems", "optimizers"), "*"), "bench": "_*_kernels"}
-    for package, sources in ours.items():
-        for source in sorted((root / package).rglob(f"{sources}.py")):
-            digest.update(f"{source.relative_to(root).as_posix()}\0".encode())
-            digest.update(source.read_bytes())
-    return digest.hexdigest()
-
-
 def load_compiler() -> None:
-    """Load now what the first compilation would load, so that forked children need not load it each.
-
-    Nothing happens where numba was not imported, or nothing is to be compiled.
-    """
+    """Load now what the first compilation would load, so that forked children need not; nothing without numba."""
     if "numba" not in sys.modules:
         return
     import numba

@@ -22,10 +22,7 @@ class KernelCache(FunctionCache):
     """numba's cache of a function, which loads no compiler."""
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return what is kept for arguments of these types; None where nothing is, or nothing that can be read.
-
-        What cannot be read, as of a disk that was full, is compiled anew and written over.
-        """
+        """Return what is kept for these types; None where nothing is, or what cannot be read, as of a full disk."""
         _name_helpers()
         try:
             with self._guard_against_spurious_io_errors():
@@ -33,16 +30,12 @@ class KernelCache(FunctionCache):
             if found is not None:
                 return found
         except Exception:  # of half a pickle nearly anything may come
-            self._begin_anew()
+            try:
+                self.flush()  # type: ignore[no-untyped-call]  # it is read again before anything is kept
+            except OSError:
+                self.disable()  # type: ignore[no-untyped-call]
         tell_compiling()
         return None
-
-    def _begin_anew(self) -> None:
-        """Empty the index, which is read again before anything is kept; keep nothing where that cannot be."""
-        try:
-            self.flush()  # type: ignore[no-untyped-call]
-        except OSError:
-            self.disable()  # type: ignore[no-untyped-call]
 
 
 @cache

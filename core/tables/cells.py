@@ -1,15 +1,7 @@
-"""The units that a file may state, and the factor to the base units: mm, rad, s, N, N mm, K, and rates.
+"""Cells of a table: units and their factors to mm, rad, s, N, N mm, K; numbers; and the words of marks.
 
-Decimal commas in the cells of a table: read where no cell of the file has a decimal point, refused elsewhere.
-
-A number with a comma in a file with points may be one with a mark between thousands, so nobody guesses. Where commas
-part the cells, no cell holds a decimal comma.
-
-Advice on a cell that should be a number and is not, by the way it is written.
-
-The words in a cell that say that there is no value, the same for numbers and for the names of poses.
-
-The words for rows in a table, the same for all files: which are valid, and which are kept from the fit.
+A number with a comma in a file with decimal points may be one with a mark between thousands, so nobody guesses. The
+words that say that there is no value are the same for numbers and for the names of poses.
 """
 
 from __future__ import annotations
@@ -23,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.options import suggest
+
+Array = NDArray[np.float64]
 
 _DEGREE = pi / 180
 _TO_BASE = {
@@ -57,21 +51,13 @@ def is_unit(word: str) -> bool:
 
 
 def between(column: str, unit: str, wanted: str) -> float:
-    """Return the factor that turns `unit` into `wanted`, both known and of one kind; raise `ValueError` elsewhere.
-
-    >>> between("x", "mm", "m")
-    0.001
-    """
+    """Return the factor that turns `unit` into `wanted`, both known and of one kind; raise `ValueError` elsewhere."""
     base, scale = factor_to_base(column, wanted)
     return factor_to_base(column, unit, base)[1] / scale
 
 
 def factors_near(unit: str) -> dict[str, float]:
-    """Return what numbers may be in where they should be in `unit`: other unit -> the factor that turns it into `unit`.
-
-    >>> round(factors_near("rad")["deg"], 4)
-    0.0175
-    """
+    """Return the other units of the kind of `unit` -> the factor that turns them into it; none of an unknown one."""
     if not is_unit(unit):
         return {}
     base, scale = _TO_BASE[_SPELT.get(unit.strip(), unit.strip())]
@@ -81,12 +67,8 @@ def factors_near(unit: str) -> dict[str, float]:
 def factor_to_base(column: str, unit: str, needed: str | None = None) -> tuple[str, float]:
     """Return the unit in which `column` is kept, `needed` if that is stated, and the factor that turns `unit` into it.
 
-    >>> factor_to_base("x", "m")
-    ('mm', 1000.0)
-
-    Hours of an angle are 15 degrees each.
-
-    Raises `ValueError` with the column, the unit and the choices for one that is unknown or of another kind.
+    Hours of an angle are 15 degrees each. Raises `ValueError` with the choices for one that is unknown or of another
+    kind.
     """
     known = _SPELT.get(unit.strip(), unit.strip())
     if known.casefold() == "grad":
@@ -103,46 +85,43 @@ def factor_to_base(column: str, unit: str, needed: str | None = None) -> tuple[s
     return base, scale
 
 
+_NUMBER = r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?"
+NUMBER = re.compile(rf"\s*{_NUMBER}\s*")  # a cell with a number, with a point or a comma
 _COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
 _POINT = re.compile(r"[+-]?(\d+\.\d*|\.\d+)([eE][+-]?\d+)?")
 
 
+def number_of(cell: str) -> float | None:
+    """Return the number in a cell; None for no number, to which 1_2 belongs, the name of something."""
+    try:
+        return float("words" if "_" in cell else cell)
+    except ValueError:
+        return None
+
+
 def with_points(columns: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
-    """Return the cells of the columns, name -> cells without blanks around them, with a point for the decimal comma.
+    """Return name -> cells with a point for the decimal comma; raise `ValueError` where numbers have both."""
 
-    >>> with_points({"x": ["0,5", "2"]})
-    {'x': ['0.5', '2']}
-
-    Raises `ValueError` with the columns and the readings where some numbers have a comma and some a point.
-    """
-    comma, point = _first(columns, _COMMA), _first(columns, _POINT)
-    if comma is None:
-        return {name: list(column) for name, column in columns.items()}
-    if point is not None:
-        raise ValueError(
-            f"column {comma[0]}, reading {comma[1]}: {comma[2]!r} has a decimal comma, and column {point[0]}, reading "
-            f"{point[1]}: {point[2]!r} a decimal point; write one of them throughout"
+    def first(mark: re.Pattern[str]) -> str:
+        places = (
+            (n, i, cell) for n, column in columns.items() for i, cell in enumerate(column) if mark.fullmatch(cell)
         )
+        return next((f"column {name}, reading {i + 1}: {cell!r}" for name, i, cell in places), "")
+
+    if not (comma := first(_COMMA)):
+        return {name: list(column) for name, column in columns.items()}
+    if point := first(_POINT):
+        raise ValueError(f"{comma} has a decimal comma, and {point} a decimal point; write one of them throughout")
     return {
         name: [cell.replace(",", ".") if _COMMA.fullmatch(cell) else cell for cell in column]
         for name, column in columns.items()
     }
 
 
-def _first(columns: Mapping[str, Sequence[str]], mark: re.Pattern[str]) -> tuple[str, int, str] | None:
-    """Return the column, the number of the reading from 1 on, and the first cell that `mark` matches."""
-    for name, column in columns.items():
-        for i, cell in enumerate(column):
-            if mark.fullmatch(cell):
-                return name, i + 1, cell
-    return None
-
-
-_NUMBER = r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?"
 _WAYS_OUT = (
     (re.compile(r"[+-]?\d{1,3}(([’'\s])\d{3}(\2\d{3})*([.,]\d*)?|(,\d{3}){2,}|(\.\d{3}){2,}|(,\d{3})+\.\d*|(\.\d{3})+,\d*)"),
      "write it without a mark between thousands"),
-    (re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?"), "write the decimal point as a point"),
+    (_COMMA, "write the decimal point as a point"),
     (re.compile(r"[+-]?[\d.,]+[dD][+-]?\d+"), "write the exponent with E"),
     (re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}\b.*"), "write a time as 2026-03-01T12:30:05, or in seconds"),
     (re.compile(r"[+-]?\d+[:°hd]\s*\d+.*"),
@@ -154,11 +133,7 @@ _ANY = "correct it, leave the cell empty, or leave the row out"
 
 
 def way_out(cell: str, other: str = _ANY) -> str:
-    """Return what to do about a cell that is no number, `other` where its form says nothing; a semicolon before it.
-
-    >>> way_out("1'000.00")
-    '; write it without a mark between thousands'
-    """
+    """Return what to do about a cell that is no number, `other` where its form says nothing; a semicolon before it."""
     text = cell.strip()
     way = next((way for form, way in _WAYS_OUT if form.fullmatch(text)), other)
     return f"; {way}" if way else ""
@@ -171,48 +146,31 @@ NO_VALUE = frozenset({
 
 
 def no_value(cell: str) -> bool:
-    """Return whether a cell, as it is written, says that there is no value.
-
-    >>> [no_value(cell) for cell in (" N/A", "-", "0")]
-    [True, True, False]
-    """
+    """Return whether a cell, as it is written, says that there is no value."""
     return cell.strip().lower() in NO_VALUE
 
 
 _VALID, _NOT = ("true", "1", "1.0", "yes", "y", "t", "ok"), ("false", "0", "0.0", "no", "n", "f", "", "nan", "none")
-_SPLIT, _UNTOLD = ("train", "hold"), ("", "nan", "none")
+_SPLIT, _EMPTY = ("train", "hold"), ("", "nan", "none")
 
 
 def valid_rows(words: Any) -> NDArray[np.bool_]:
-    """Return which rows the words of a column `valid`, (n,), mark as valid, (n,); an empty cell marks none.
-
-    >>> valid_rows(["Yes", "0", ""]).tolist()
-    [True, False, False]
-
-    Raises `ValueError` for any other word.
-    """
-    said = _said(words)
-    _refuse_others("valid", said, (*_VALID, *_NOT), "true or false (1 or 0, yes or no, y or n, t or f, ok)")
-    return np.isin(said, _VALID)
+    """Return which rows the words of a column `valid` mark, (n,), an empty cell none; `ValueError` for others."""
+    marks = _marks("valid", words, (*_VALID, *_NOT), "true or false (1 or 0, yes or no, y or n, t or f, ok)")
+    return np.isin(marks, _VALID)
 
 
 def split_rows(words: Any) -> NDArray[np.str_]:
     """Return the part of each row by the words of a column `split`, (n,): train, hold, or "" for an empty cell.
 
-    >>> split_rows(["Train", "hold", ""]).tolist()
-    ['train', 'hold', '']
-
     Raises `ValueError` for any other word, because rows that were kept for checking must not be fitted.
     """
-    said = _said(words)
-    _refuse_others("split", said, (*_SPLIT, *_UNTOLD), "train (fitted) or hold (kept back)")
-    return np.where(np.isin(said, _SPLIT), said, "")
+    marks = _marks("split", words, (*_SPLIT, *_EMPTY), "train (fitted) or hold (kept back)")
+    return np.where(np.isin(marks, _SPLIT), marks, "")
 
 
-def _said(words: Any) -> NDArray[np.str_]:
-    return np.char.lower(np.char.strip(np.asarray(words).astype(str)))
-
-
-def _refuse_others(column: str, said: NDArray[np.str_], known: tuple[str, ...], needed: str) -> None:
-    if other := sorted(set(said.tolist()) - set(known)):
+def _marks(column: str, words: Any, known: tuple[str, ...], needed: str) -> NDArray[np.str_]:
+    marks = np.char.lower(np.char.strip(np.asarray(words).astype(str)))
+    if other := sorted(set(marks.tolist()) - set(known)):
         raise ValueError(f"column {column} holds {other[0]!r}; {needed} is needed")
+    return marks

@@ -61,37 +61,26 @@ def read_whole(path: str | Path, largest: int, way_out: str = "") -> bytes:
 
 
 def text_of(content: bytes) -> str:
-    """Return the text of a file: UTF-8, UTF-16 with its mark, or what Windows writes in Western Europe (cp1252).
-
-    Raises `ValueError` in one line for what is packed, or no text.
-    """
+    """Return the text of a file: UTF-8, UTF-16 with its mark, cp1252; raise `ValueError` for none, or a packed one."""
     packed = next((name for start, name in _PACKED.items() if content.startswith(start)), None)
     if packed is not None:
         raise ValueError(f"the file is packed ({packed}); unpack it first")
     if content.startswith(b"PAR1"):
         raise ValueError("the file is Parquet and no text; let its name end in .parquet")
-    text = _decoded(content)
+    marked = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    try:
+        text = content.decode("utf-16" if marked else "utf-8-sig")
+    except UnicodeDecodeError:
+        if marked:
+            raise ValueError("the file begins as UTF-16 text and is none; write it anew as UTF-8") from None
+        text = content.decode("cp1252", "replace")  # five bytes of 256 are nothing there: no text rarely goes without
+        if "\ufffd" in text or _CONTROL.search(text):
+            raise ValueError("the file is no text (UTF-8, UTF-16 with its mark, or cp1252)") from None
     ended = re.findall(r"\0(?=\r?\n|$)", text)  # by programs in C that write the zero behind a string
     if len(ended) > 1 and len(ended) == text.count("\0") and len(ended) + 1 >= len(text.split()):
         text = text.replace("\0", "")
     if "\0" in text:
         raise ValueError("the file holds NUL bytes and is no text")
-    return text
-
-
-def _decoded(content: bytes) -> str:
-    marked = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
-    try:
-        return content.decode("utf-16" if marked else "utf-8-sig")
-    except UnicodeDecodeError:
-        if marked:
-            raise ValueError("the file begins as UTF-16 text and is none; write it anew as UTF-8") from None
-    try:
-        text = content.decode("cp1252")
-    except UnicodeDecodeError:
-        text = "\x01"
-    if _CONTROL.search(text):  # five bytes of 256 are nothing in cp1252: what is no text rarely goes without them
-        raise ValueError("the file is no text (UTF-8, UTF-16 with its mark, or cp1252)")
     return text
 
 

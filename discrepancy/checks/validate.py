@@ -3,31 +3,29 @@
 First the table itself, whatever the machine: valid, split, poses and visits, time. Then what the machine makes of it:
 copies, wild readings, and a cell far from all others of its column (a code for "no value", a lost comma). A wild
 reading is seen by its misfit; that is not possible for a column that only an effect may depend on, nor for an angle,
-whose sine is never large, so such a cell is found by its distance relative to the range of the others.
-
-Refused in one line: an object that is no machine, and a statement that nothing reads, because its user wanted to change
-something and nothing changed. A machine declares its statements, or what its code looks up is recorded.
+whose sine is never large. An object that is no machine is refused, and so is a statement that nothing reads.
 """
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import pdtrc
 
-from calibench.core.notes import Code
+from calibench.core.notes import Code, Note
 from calibench.core.options import suggest
-from calibench.core.tables.cells import valid_rows
+from calibench.core.tables.cells import split_rows, valid_rows
 from calibench.core.words import plain
-from calibench.discrepancy.checks.copies import copied_rows
 from calibench.discrepancy.checks.wild import formulated, refuse_wild, without_wild, without_wild_rows
 from calibench.discrepancy.model.formulations import Constraints
 from calibench.discrepancy.model.machine import Formulation, Machine
-from calibench.discrepancy.model.measured import DataError, MeasuredData, number_visits, with_split
+from calibench.discrepancy.model.measured import DataError, MeasuredData, number_visits
 from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of, unknown_noise_of, words_of
 from calibench.discrepancy.registries import description_of, descriptions
 
@@ -35,20 +33,13 @@ NOT_HELD_OUT = "no rows are held out: the gap on unseen poses is by cross-valida
 
 
 def looked_at(machine: Machine, data: MeasuredData) -> Formulation:
-    """Return the formulation of readings that are not searched yet, such as those of a plan.
-
-    Copied rows are allowed.
-    """
+    """Return the formulation of readings that are not searched yet, such as those of a plan; rows may be copies."""
     refuse_no_machine(machine)
     return _tame(formulated(machine, entered(data)))
 
 
-def _as_they_are(data: MeasuredData) -> MeasuredData:
-    return data
-
-
 def validate(
-    machine: Machine, data: MeasuredData, ordered: Callable[[MeasuredData], MeasuredData] = _as_they_are
+    machine: Machine, data: MeasuredData, ordered: Callable[[MeasuredData], MeasuredData] = lambda data: data
 ) -> Formulation:
     """Return the formulation of `data` after all checks.
 
@@ -65,21 +56,38 @@ def validate(
     if note is not None:
         formulation = formulation.on(replace(formulation.data, notes=(*formulation.data.notes, note)))
     # only predictions are the same at the same inputs; constraints need not be
-    predicts = not isinstance(formulation, Constraints)
-    with_visits = visits_at(formulation.data, inputs_of(formulation) if predicts else ())
-    formulation = formulation if with_visits is formulation.data else formulation.on(with_visits)
+    inputs, shown = inputs_of(formulation), formulation.data
+    if not isinstance(formulation, Constraints) and inputs and not (shown.has("visit_id") or shown.has("pose_id")):
+        few = [n for n, c in shown.columns.items() if n in inputs or len(np.unique(c)) <= len(shown) // 3]
+        pose = np.zeros(len(shown), dtype=np.int64)
+        for name in few:
+            own = np.unique(shown[name], return_inverse=True)[1].reshape(-1)
+            pose = np.unique(pose * (own.max() + 1) + own, return_inverse=True)[1].reshape(-1)
+        visit = np.cumsum(np.diff(pose, prepend=pose[:1]) != 0)
+        if len(np.unique(visit)) not in (1, len(shown)):
+            text = f"rows that follow each other at the same {', '.join(inputs)} are taken as repeats"
+            shown = shown.with_columns({"pose_id": pose, "visit_id": visit})
+            formulation = formulation.on(shown.with_note(Code.REPEATS_TAKEN, text, inputs))
     formulation = _tame(formulation)
-    if machine.name not in descriptions():  # machines that ship have rules of their own for wild readings
-        kept = without_wild(formulation, isolated=True)
-        formulation = formulation if kept is formulation.data else formulation.on(kept)
-    return _remarked(machine, formulation)
+    ships = machine.name in descriptions()  # such machines have rules and remarks of their own
+    data = formulation.data if ships else without_wild(formulation, isolated=True)
+    if unknown := unknown_noise_of(formulation):
+        text = f"the noise is not stated: that of {', '.join(unknown)} is learned from what the model leaves"
+        data = data.with_note(Code.NOISE_LEARNED, text, unknown)
+    if not ships:
+        roles, read = roles_of(formulation), (*formulation.readings, *inputs_of(formulation))
+        others = [name for name in data.in_file if name not in read]
+        for name in (name for name in columns_of(roles) if name not in data):
+            what = words_of(roles).get(name, name)
+            text = f"no column {name}: what depends on the {what} is not looked for; {suggest(name, others)}"
+            data = data.with_note(Code.COLUMN_MISSING, text, (name,))
+        if "split" not in data or not (data["split"] == "hold").any():
+            data = data.with_note(Code.NOT_HELD_OUT, NOT_HELD_OUT)
+    return formulation if data is formulation.data else formulation.on(data)
 
 
 def _tame(formulation: Formulation) -> Formulation:
-    """Return the formulation without rows that no machine of its kind can give, and a note.
-
-    Refuse data that are far off.
-    """
+    """Return the formulation without rows that no machine of its kind can give; refuse data that are far off."""
     refuse_wild(formulation)
     apart, text = rows_apart(formulation)
     if text:
@@ -88,38 +96,11 @@ def _tame(formulation: Formulation) -> Formulation:
     return without_wild_rows(formulation)
 
 
-def _remarked(machine: Machine, formulation: Formulation) -> Formulation:
-    """Return the formulation with remarks that its noise is not stated, that nothing is held out, and what it lacks.
-
-    A machine that ships makes its own remarks on the last two.
-    """
-    data = formulation.data
-    if unknown := unknown_noise_of(formulation):
-        text = f"the noise is not stated: that of {', '.join(unknown)} is learned from what the model leaves"
-        data = data.with_note(Code.NOISE_LEARNED, text, unknown)
-        formulation = formulation.on(data)
-    if machine.name in descriptions():
-        return formulation
-    roles, read = roles_of(formulation), (*formulation.readings, *inputs_of(formulation))
-    others = [name for name in data.in_file if name not in read]
-    for name in columns_of(roles):
-        if name not in data:
-            what = words_of(roles).get(name, name)
-            text = f"no column {name}: what depends on the {what} is not looked for; {suggest(name, others)}"
-            data = data.with_note(Code.COLUMN_MISSING, text, (name,))
-    if "split" not in data or not (data["split"] == "hold").any():
-        data = data.with_note(Code.NOT_HELD_OUT, NOT_HELD_OUT)
-    return formulation.on(data)
-
-
 _FORMULATE = "formulate(data), which returns Predicted(...) or Constraints(...)"
 
 
 def refuse_no_machine(machine: object, called: str = "") -> None:
-    """Raise `DataError` for an object without `name` or without a `formulate` that takes data.
-
-    `told` is what the user wrote.
-    """
+    """Raise `DataError` for an object without a name or a `formulate` that takes data; the user `called` it so."""
     if isinstance(machine, type):
         raise DataError(
             f"{called or 'machine'}: {machine.__name__} is a class; {machine.__name__}(), one of it, is needed"
@@ -154,12 +135,10 @@ class Asked(dict[str, Any]):
         self.read: set[str] = set()
 
     def __getitem__(self, key: str) -> Any:
-        """Return what is stated under `key`, and record that it was looked up."""
         self.read.add(key)
         return super().__getitem__(key)
 
     def get(self, key: str, default: Any = None) -> Any:
-        """Return what is stated under `key`, or `default`, and record that it was looked up."""
         self.read.add(key)
         return super().get(key, default)
 
@@ -168,7 +147,6 @@ class Asked(dict[str, Any]):
 
 
 def listen(data: MeasuredData) -> tuple[MeasuredData, Asked]:
-    """Return the data with metadata that record what is read of them, and these metadata."""
     asked = Asked(data.metadata)
     return replace(data, metadata=asked), asked
 
@@ -180,12 +158,9 @@ def refuse_unused(machine: str, data: MeasuredData, asked: Asked) -> None:
     for key in sorted(data.stated):
         if key in _ALWAYS or key in declared or (not declared and key in asked.read):
             continue
-        raise DataError(f"{data.name}: {key}= is stated, and nothing of {machine} reads it; {_way_out(key, known)}")
-
-
-def _way_out(key: str, known: list[str]) -> str:
-    choices = [one for one in known if one not in _ALWAYS]
-    return suggest(key, choices) if choices else "leave it out"
+        choices = [one for one in known if one not in _ALWAYS]
+        way_out = suggest(key, choices) if choices else "leave it out"
+        raise DataError(f"{data.name}: {key}= is stated, and nothing of {machine} reads it; {way_out}")
 
 
 _FAR = 20.0  # ranges of the rest of the column
@@ -196,13 +171,16 @@ _ANGLES = ("rad", "deg")
 
 
 def rows_apart(formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
-    """Return which rows hold a cell far from all others of its column, (n,), and a note on them.
-
-    The note is "" where there is no such row.
-    """
-    data = formulation.data
+    """Return which rows hold a cell far from all others of its column, (n,), and a note on them; "" without any."""
+    data, roles = formulation.data, roles_of(formulation)
+    read = (*formulation.readings, *inputs_of(formulation))
+    followed = (*columns_of(roles), *(column.name for column in description_of(data.machine).columns))
+    units = {sensor.column: sensor.unit for sensor in formulation.sensors} | dict(data.units)
+    units |= {joint.reading: joint.unit for joint in roles.joints}
+    names = [name for name in followed if name not in (*read, roles.time, "t_s", *data.computed)]
+    names += [name for name in read if units.get(name) in _ANGLES]
     out, cells = np.zeros(len(data), dtype=bool), []
-    for name in _looked_at(formulation):
+    for name in (name for name in dict.fromkeys(names) if name in data and data[name].dtype.kind in "iuf"):
         column = np.asarray(data[name], dtype=float)
         apart = _apart(column)
         if apart.any():
@@ -212,7 +190,7 @@ def rows_apart(formulation: Formulation) -> tuple[NDArray[np.bool_], str]:
             cells.append(f"{name} is {column[apart][0]:.6g}, {lie}")
     if not cells:
         return out, ""
-    rows, them = formulation.data.rows_named(out), "them" if out.sum() > 1 else "it"
+    rows, them = data.rows_named(out), "them" if out.sum() > 1 else "it"
     return out, f"{rows} left out: {'; '.join(cells)}; correct {them}, or mark {them} valid=0"
 
 
@@ -233,18 +211,6 @@ def _apart(column: NDArray[np.float64]) -> NDArray[np.bool_]:
     return apart
 
 
-def _looked_at(formulation: Formulation) -> tuple[str, ...]:
-    """Return the columns that an error may depend on: no time, no reading or input that turns, and nothing computed."""
-    data, roles = formulation.data, roles_of(formulation)
-    read = (*formulation.readings, *inputs_of(formulation))
-    followed = (*columns_of(roles), *(column.name for column in description_of(data.machine).columns))
-    units = {sensor.column: sensor.unit for sensor in formulation.sensors} | dict(data.units)
-    units |= {joint.reading: joint.unit for joint in roles.joints}
-    names = [name for name in followed if name not in (*read, roles.time, "t_s", *data.computed)]
-    names += [name for name in read if units.get(name) in _ANGLES]
-    return tuple(name for name in dict.fromkeys(names) if name in data and data[name].dtype.kind in "iuf")
-
-
 def entered(data: MeasuredData) -> MeasuredData:
     """Return the rows that are marked as valid, with `split`, poses and visits in one spelling, and notes.
 
@@ -254,47 +220,39 @@ def entered(data: MeasuredData) -> MeasuredData:
     """
     if not len(data):
         raise DataError(f"{data.name}: there are no readings; a row for each is needed")
-    data = _timed(_only_valid(data))
-    return _with_visits(number_visits(with_split(data)))
-
-
-def _marked(data: MeasuredData) -> NDArray[np.bool_]:
-    if "valid" not in data:
-        return np.ones(len(data), dtype=bool)
-    try:
-        return valid_rows(data["valid"])
-    except ValueError as error:
-        raise DataError(f"{data.name}: {error}") from None
-
-
-def _only_valid(data: MeasuredData) -> MeasuredData:
     valid = _marked(data)
-    if valid.all():
-        return data
     if not valid.any():
         raise DataError(f"{data.name}: column valid marks no row as valid; mark those that are to be used with 1")
-    count = int((~valid).sum())
-    text = f"{count} row{'s are' if count > 1 else ' is'} marked as not valid and left out"
-    return data.rows(valid).with_note(Code.ROWS_LEFT_OUT, text, ("valid",), rows=data.labels(~valid))
-
-
-def _timed(data: MeasuredData) -> MeasuredData:
-    if "t_s" not in data:
-        return data
-    try:
-        time = np.asarray(data["t_s"], dtype=float)
-    except (TypeError, ValueError):
-        raise DataError(
-            f"{data.name}: column t_s holds {str(data['t_s'][0])!r}; seconds, or times such as 2026-03-01T12:30:05, "
-            "are needed"
-        ) from None
-    back = int((np.diff(time) < 0).sum())
-    text = f"t_s runs backwards at {back} place{'s' if back > 1 else ''}: the rows are taken in the order of t_s"
-    return data.with_note(Code.TIME_BACKWARDS, text, ("t_s",), places=back) if back else data
-
-
-def _with_visits(data: MeasuredData) -> MeasuredData:
-    """Return the data with one visit for each run of rows of one pose, in time, where only poses are given."""
+    if not valid.all():
+        count = int((~valid).sum())
+        text = f"{count} row{'s are' if count > 1 else ' is'} marked as not valid and left out"
+        data = data.rows(valid).with_note(Code.ROWS_LEFT_OUT, text, ("valid",), rows=data.labels(~valid))
+    if "t_s" in data:
+        try:
+            time = np.asarray(data["t_s"], dtype=float)
+        except (TypeError, ValueError):
+            raise DataError(
+                f"{data.name}: column t_s holds {str(data['t_s'][0])!r}; seconds, or times such as "
+                "2026-03-01T12:30:05, are needed"
+            ) from None
+        if back := int((np.diff(time) < 0).sum()):
+            places = f"{back} place{'s' if back > 1 else ''}"
+            text = f"t_s runs backwards at {places}: the rows are taken in the order of t_s"
+            data = data.with_note(Code.TIME_BACKWARDS, text, ("t_s",), places=back)
+    if "split" in data:  # rows that were kept for checking must not be fitted in silence
+        try:
+            words = split_rows(data["split"])
+        except ValueError as error:
+            raise DataError(f"{data.name}: {error}") from None
+        empty = words == ""
+        words = np.where(empty, "train", words)
+        if not (words == "train").any():
+            raise DataError(f"{data.name}: column split holds back every row; some must be train, to be fitted")
+        data = data.with_columns({"split": words})
+        if empty.any():
+            text = f"{np.sum(empty)} rows have no split and are fitted"
+            data = data.with_note(Code.ROWS_FITTED, text, ("split",), rows=data.labels(empty))
+    data = number_visits(data)
     if "visit_id" in data or "pose_id" not in data:
         return data
     order = np.argsort(data["t_s"], kind="stable") if "t_s" in data else np.arange(len(data))
@@ -306,20 +264,180 @@ def _with_visits(data: MeasuredData) -> MeasuredData:
     return data.with_columns({"visit_id": visit})
 
 
-def visits_at(data: MeasuredData, inputs: Sequence[str]) -> MeasuredData:
-    """Return the data with poses and visits found from the commanded `inputs`, where no column gives them.
+def _marked(data: MeasuredData) -> NDArray[np.bool_]:
+    if "valid" not in data:
+        return np.ones(len(data), dtype=bool)
+    try:
+        return valid_rows(data["valid"])
+    except ValueError as error:
+        raise DataError(f"{data.name}: {error}") from None
 
-    Successive rows with equal inputs, and with equal words and levels in all columns of few values, are one visit.
+
+_BOOKKEEPING = ("pose_id", "visit_id", "repeat", "split", "valid", "reading_place")
+_SAME = "are the same in every column"
+_IMPOSSIBLE = 1e-3  # expected number of equal rows, below which an equal row must be a copy
+_UNLIKELY = 1e-3
+_SHOWN = 4  # pairs in a message
+_TELLING = 8  # values by which a column is recognised under another name
+_BY_ONE = 0.75  # of the steps of a column that numbers the rows with leaps: the least part that is one
+_NUMBERED = re.compile(r"(\D*)(\d{1,18})")
+_DAY = 86400.0  # s
+_MOST_GAPS = 2000  # differences of a column that are used to find its step
+
+
+def copied_rows(
+    data: MeasuredData, rows: NDArray[np.intp], formulation: Formulation
+) -> tuple[NDArray[np.bool_], Note | None]:
+    """Return which rows of `data` are copies to be left out, (n,), and a note; none elsewhere.
+
+    `rows` are their numbers in the file. On a scale with steps d two readings of one pose agree by chance with
+    probability d / (2 sqrt(pi) sigma), so steps and stated noise give the expected number of equal rows. Raises
+    `DataError` with the rows where equal rows cannot be, and where copies make the times of the other rows unsure.
     """
-    if not inputs or data.has("visit_id") or data.has("pose_id"):
-        return data
-    few = [n for n, c in data.columns.items() if n in inputs or len(np.unique(c)) <= len(data) // 3]
-    pose = np.zeros(len(data), dtype=np.int64)
-    for name in few:
-        own = np.unique(data[name], return_inverse=True)[1].reshape(-1)
-        pose = np.unique(pose * (own.max() + 1) + own, return_inverse=True)[1].reshape(-1)
-    visit = np.cumsum(np.diff(pose, prepend=pose[:1]) != 0)
-    if len(np.unique(visit)) in (1, len(data)):
-        return data
-    text = f"rows that follow each other at the same {', '.join(inputs)} are taken as repeats"
-    return data.with_columns({"pose_id": pose, "visit_id": visit}).with_note(Code.REPEATS_TAKEN, text, inputs)
+    counters = _counters(data, rows, formulation)
+    times = [name for name in _times(data, formulation) if name not in counters]
+    first, again = _pairs(data, counters, times)
+    copies = np.zeros(len(data), dtype=bool)
+    if not len(again):
+        return copies, None
+    pairs = ", ".join(f"{rows[k]} and {rows[i]}" for i, k in list(zip(again, first))[:_SHOWN])
+    pairs += f" and {len(again) - _SHOWN} more" if len(again) > _SHOWN else ""
+    distinct = np.setdiff1d(np.arange(len(data)), again)
+    same = f"{_SAME} but {', '.join(counters)}, which counts them" if len(counters) == 1 else _SAME
+    later = any(not np.array_equal(data[name][again], data[name][first]) for name in times)
+    same += ", the times of day too" if later else ""
+    way_out = "leave out the copies, or state their own time of reading"
+    if not later and "t_s" in data and len(np.unique(data["t_s"][distinct])) == len(distinct) > 1:
+        raise DataError(f"{data.name}: rows {pairs} {same}, t_s too: copies; {way_out}")
+    # pairs of rows at one pose, the number of rows where the data do not tell poses, times the probability that two
+    # such agree in all columns that carry noise; a reading that was computed from several has no step in the file
+    repeats, compared = len(formulation.data), data.rows(distinct)
+    if "visit_id" in formulation.data:
+        count = np.unique(formulation.data["visit_id"], return_counts=True)[1]
+        repeats = int((count * (count - 1) // 2).sum()) or repeats
+    chance = 1.0
+    for name in formulation.readings:
+        if (column := _in_file(name, compared, formulation)) is not None:
+            sigma = float(np.median(np.asarray(formulation.sigma[name])))
+            chance *= min(1.0, step_of(column) / (2 * np.sqrt(np.pi) * sigma))
+    expected = repeats * chance
+    if expected < _IMPOSSIBLE:
+        raise DataError(
+            f"{data.name}: rows {pairs} {same}, to the last digit, which noise does not allow: copies; {way_out}"
+        )
+    if pdtrc(len(again) - 1, expected) > _UNLIKELY:
+        text = (
+            f"rows {pairs} {same}: on a coarse scale chance may do that, and so would copies, "
+            "from which too small a noise is learned; leave out what was not read"
+        )
+        return copies, Note(Code.ROWS_EQUAL, text, rows=tuple(str(row) for row in rows[again]))
+    if later:
+        raise DataError(
+            f"{data.name}: rows {pairs} {same}: copies, at which the times begin another day, and all after them may "
+            "be of a wrong one; leave out the copies, or state times with their date"
+        )
+    copies[again] = True
+    text = (
+        f"rows {pairs} {same}: {len(again)} copies, more than the {plain(expected, 2)} that chance has, "
+        "are left out, and no noise is learned from them"
+    )
+    return copies, Note(
+        Code.ROWS_COPIED, text, rows=tuple(str(row) for row in rows[again]), values={"expected": float(expected)}
+    )
+
+
+def step_of(values: NDArray[Any]) -> float:
+    """Return the step of the scale that all `values` stand on, 0 where there is none such.
+
+    >>> round(step_of(np.array([0.012, 0.015, 0.021, 0.04])), 6), step_of(np.sqrt(np.arange(9.0)))
+    (0.001, 0.0)
+    """
+    found = np.unique(values[np.isfinite(values)].astype(float))
+    if len(found) < 3:
+        return np.inf  # two values determine no scale
+    gaps = np.sort(np.diff(found))[:_MOST_GAPS]
+    tiny = 1e-9 * float(np.ptp(found)) + 16 * float(np.spacing(np.abs(found).max()))
+    step = float(gaps[-1])
+    for gap in gaps.tolist():
+        while gap > tiny:  # the largest number of which both are multiples
+            rest = step % gap
+            step, gap = gap, rest if gap - rest > tiny else 0.0
+        if step < 1e3 * tiny:
+            return 0.0
+    return step
+
+
+def _in_file(name: str, data: MeasuredData, formulation: Formulation) -> NDArray[Any] | None:
+    """Return the column of the file that a reading comes from, perhaps under another name."""
+    if name in data:
+        return data[name] if data[name].dtype.kind in "iuf" else None
+    if name not in formulation.data:
+        return None
+    made = formulation.data[name]
+    if made.dtype.kind not in "iuf" or len(np.unique(made)) < _TELLING:
+        return None
+    numbers = (column for column in data.columns.values() if column.dtype.kind in "iuf")
+    return next((column for column in numbers if np.isin(made, column).all()), None)
+
+
+def _times(data: MeasuredData, formulation: Formulation) -> tuple[str, ...]:
+    named = {"t_s", roles_of(formulation).time, *(name for name, unit in data.units.items() if unit == "s")}
+    return tuple(name for name in data.columns if name in named and np.asarray(data[name]).dtype.kind in "iuf")
+
+
+def _pairs(
+    data: MeasuredData, but: Collection[str], times: Collection[str]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the rows that equal an earlier row, and for each of them that earlier row, two arrays (m,)."""
+    rows = np.arange(len(data))
+    alike = np.zeros(len(data), dtype=np.int64)
+    for name, column in data.columns.items():
+        if name in _BOOKKEEPING or name in but:
+            continue
+        column = np.round(np.mod(column, _DAY), 6) if name in times else column
+        own = np.unique(column, return_inverse=True)[1].reshape(-1)
+        _, first, alike = np.unique(alike * (own.max() + 1) + own, return_index=True, return_inverse=True)
+        alike = alike.reshape(-1)
+        if len(first) == len(data):
+            return rows[:0], rows[:0]
+    if not alike.any():
+        return rows[:0], rows[:0]
+    again = rows[first[alike] != rows]
+    return first[alike][again], again
+
+
+def _counters(data: MeasuredData, rows: NDArray[np.intp], formulation: Formulation) -> tuple[str, ...]:
+    """Return the columns of whole numbers, or words that end in them (`R17`), that only count `rows` of the file."""
+    known = {*columns_of(roles_of(formulation)), *(q.name for q in description_of(data.machine).columns)}
+    known |= set(_times(data, formulation))
+    roles = roles_of(formulation)
+    spoken_of = {*formulation.readings, *inputs_of(formulation), *roles.columns, roles.time}  # they may go by one a row
+    counters = []
+    for name in (name for name in data.columns if name not in spoken_of and name not in _BOOKKEEPING):
+        count = _counts(data[name]) if len(data) > 1 else None
+        if count is None:
+            continue
+        steps, apart = np.diff(count), np.diff(rows)
+        if name in known or not (steps > 0).all():  # what has a meaning counts the rows only where it does one by one
+            counts = (steps == 1).all() and data[name].dtype.kind in "iu"
+        else:
+            regular = (steps == steps[0]).all() or (steps * apart[0] == steps[0] * apart).all()
+            counts = regular or np.mean(steps == 1) >= _BY_ONE
+        if counts:
+            counters.append(name)
+    return tuple(counters)
+
+
+def _counts(column: NDArray[Any]) -> NDArray[np.int64] | None:
+    """Return whole numbers, or those that words of one form end in, (n,); None for a column of anything else."""
+    if column.dtype.kind in "iu":
+        return column.astype(np.int64)
+    if column.dtype.kind != "U":
+        return None
+    forms, numbers = set(), []
+    for word in column.tolist():
+        if (found := _NUMBERED.fullmatch(word)) is None:
+            return None
+        forms.add(found[1])
+        numbers.append(int(found[2]))
+    return np.array(numbers, dtype=np.int64) if len(forms) == 1 else None

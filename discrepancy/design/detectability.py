@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from calibench.core.notes import Note
 from calibench.core.plain import finite
@@ -29,10 +30,7 @@ from calibench.discrepancy.registries import machines
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-_NUDGE, _HANGS = (
-    1e-12,
-    1e-3,
-)  # a signature that so small a part of the readings changes by so much of itself is rounding
+_NUDGE, _HANGS = 1e-12, 1e-3  # a signature that so small a part of the readings changes so much is rounding
 _FULL = 1e-10  # of the largest singular value, below which the Jacobian is short of rank
 
 
@@ -55,7 +53,6 @@ class Detectability:
 
     @property
     def visible(self) -> bool:
-        """Return whether calibration leaves a part of the candidate."""
         return self.visible_fraction >= thresholds().invisible
 
 
@@ -111,14 +108,20 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
     for effect in still_open(known.candidates, ()):  # a second wave looks as the first, which has to be found before
         forms.setdefault(name_of(effect), []).append(effect)
     candidates = len({name_of(effect) for effect in known.candidates})
-    rests = {name: [view.rest(effect) for effect in _spread(alike)] for name, alike in forms.items()}
+    rests, most = {}, thresholds().forms_looked_at
+    for name, alike in forms.items():  # of many forms some, evenly over them and not at the ends
+        places = range(len(alike))
+        if len(alike) > most:
+            places = np.linspace(0, len(alike) - 1, most + 2)[1:-1].round().astype(int).tolist()
+        rests[name] = [view.rest(alike[k]) for k in places]
     seen = [name for name, rest in rests.items() if max(r.fraction for r in rest) >= thresholds().invisible]
     sines = _sines([[r.directions for r in rests[name]] for name in seen])
     threshold = float(min(1.0, np.sqrt(thresholds().told_apart / (view.rows * size**2))))
     ranks = np.array([max(r.directions.shape[1] for r in rests[name]) for name in seen], dtype=float)
     penalty = np.abs(ranks[:, None] - ranks) * np.log(view.rows)
-    groups = _components(sines**2 * view.rows * size**2 + penalty < thresholds().told_apart)
-    classes = tuple(tuple(seen[k] for k in group) for group in groups)
+    near = sines**2 * view.rows * size**2 + penalty < thresholds().told_apart
+    count, group = connected_components(near, directed=False) if seen else (0, np.empty(0, dtype=int))
+    classes = tuple(tuple(name for name, k in zip(seen, group) if k == own) for own in range(count))
     number = {name: k for k, names in enumerate(classes) for name in names}
     found = []
     for name, rest in rests.items():
@@ -139,18 +142,10 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
         )
     used = formulation.data
     return Design(
-        name=used.name,
-        readings=len(used),
-        constraints=view.rows,
-        size=size,
-        threshold=threshold,
-        candidates=tuple(found),
-        classes=classes,
-        visible=tuple(seen),
-        sines=sines,
-        not_testable=known.untestable,
+        name=used.name, readings=len(used), constraints=view.rows, size=size, threshold=threshold,
+        candidates=tuple(found), classes=classes, visible=tuple(seen), sines=sines, not_testable=known.untestable,
         notes=used.notes,
-    )
+    )  # fmt: skip
 
 
 def calibrated(formulation: Formulation) -> Array:
@@ -196,25 +191,19 @@ class WhitenedDesign:
         self.x = model.start if x is None else x
         self.q: Quantities = model.quantities(self.x)[0]
         self.slopes = formulation.slopes(self.q)
-        self.nudged = Model(_nudged(formulation))
-        n = len(formulation.data)
+        n, rng = len(formulation.data), np.random.default_rng(0)
+        floats = {name: column for name, column in formulation.data.columns.items() if column.dtype.kind == "f"}
+        nudged = {name: column * (1 + _NUDGE * rng.uniform(-1, 1, n)) for name, column in floats.items()}
+        self.nudged = Model(formulation.on(formulation.data.with_columns(nudged)))  # other numbers in the last digits
         noisy = np.stack([self.slopes[name] for name in formulation.readings], axis=-1)
         sigma = np.stack([np.broadcast_to(formulation.sigma[name], n) for name in formulation.readings], axis=-1)
         self.white = whitener(noisy, sigma, 0.0, np.arange(n, dtype=float))
         self.jacobian = self.white(model.jacobian_of(self.x, self.q, self.slopes))
         self.absorbed = orthonormal(self.jacobian, _FULL)
-
-    @property
-    def rows(self) -> int:
-        """Return the number of whitened constraints."""
-        return len(self.jacobian)
+        self.rows = len(self.jacobian)
 
     def signature(self, effect: Effect) -> Array:
-        """Return what a unit of each coefficient leaves in the whitened constraints, (rows, k).
-
-        It is 0 where only rounding is left. Example: twice the sine of readings that are all at 0 and 180 degrees is
-        rounding.
-        """
+        """Return what a unit of each coefficient leaves in the whitened constraints, (rows, k)."""
         zero = np.zeros(len(effect.coefficients))
         trace = self.white(signature(effect, zero, self.q, self.slopes, self.formulation))
         there = self.nudged.quantities(self.x)[0]
@@ -225,53 +214,23 @@ class WhitenedDesign:
         return np.where(rounding, 0.0, trace)
 
     def rest(self, effect: Effect) -> ProjectedSignature:
-        """Return what calibration leaves of an effect."""
-        raw = self.signature(effect)
+        raw, zero = self.signature(effect), np.zeros(len(effect.coefficients))
         lengths = np.linalg.norm(raw, axis=0)
         if not lengths.any():
             return ProjectedSignature(effect, raw, raw[:, :0], 0.0)
         left, values, _ = np.linalg.svd(raw / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
-        left = self._projected(left[:, values > 1e-9 * values[0]])
+        left = project_off(left[:, values > 1e-9 * values[0]], self.absorbed, times=2)
         directions, fractions, _ = np.linalg.svd(left, full_matrices=False)
-        fractions = fractions * self._uncancelled(effect, raw)
-        return ProjectedSignature(
-            effect, self._projected(raw), directions[:, fractions >= thresholds().invisible], float(fractions[0])
-        )
-
-    def _uncancelled(self, effect: Effect, raw: Array) -> float:
-        """Return the length of a signature over that of its parts, one for each quantity.
-
-        Example: if all encoders are late together, the parts cancel, and only rounding is left.
-        """
-        zero = np.zeros(len(effect.coefficients))
         basis = effect.basis(self.q, self.formulation.data, zero)
-        if len(basis) == 1:
-            return 1.0
-        parts = [self.white(self.slopes[name][:, :, None] * change[:, None, :]) for name, change in basis.items()]
-        lengths = np.sqrt(sum((part**2).sum(axis=0) for part in parts))
-        left = float(np.linalg.norm(raw / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(zero)))
-        return min(1.0, left) if left > thresholds().cancelled else 0.0
-
-    def _projected(self, columns: Array) -> Array:
-        return project_off(columns, self.absorbed, times=2)
-
-
-def _nudged(formulation: Formulation) -> Formulation:
-    """Return the formulation over numbers that differ in their last digits."""
-    rng = np.random.default_rng(0)
-    columns = {
-        name: column * (1 + _NUDGE * rng.uniform(-1, 1, len(column)))
-        for name, column in formulation.data.columns.items()
-        if column.dtype.kind == "f"
-    }
-    return formulation.on(formulation.data.with_columns(columns))
-
-
-def _spread(alike: list[Effect]) -> list[Effect]:
-    """Return at most `_FORMS` forms of one name, evenly over them and not at the ends."""
-    if len(alike) <= thresholds().forms_looked_at:
-        return alike
-    return [alike[int(k)] for k in np.linspace(0, len(alike) - 1, thresholds().forms_looked_at + 2)[1:-1].round()]
+        if len(basis) > 1:
+            # the length of the signature over that of its parts, one for each quantity: if all encoders are late
+            # together, the parts cancel, and only rounding is left
+            parts = [self.white(self.slopes[name][:, :, None] * change[:, None, :]) for name, change in basis.items()]
+            lengths = np.sqrt(sum((part**2).sum(axis=0) for part in parts))
+            uncancelled = np.linalg.norm(raw / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(zero))
+            fractions = fractions * (min(1.0, float(uncancelled)) if uncancelled > thresholds().cancelled else 0.0)
+        visible = directions[:, fractions >= thresholds().invisible]
+        return ProjectedSignature(effect, project_off(raw, self.absorbed, times=2), visible, float(fractions[0]))
 
 
 def _sines(forms: list[list[Array]]) -> Array:
@@ -294,18 +253,3 @@ def _sines(forms: list[list[Array]]) -> Array:
             sine = np.sqrt(max(0.0, 1.0 - min(1.0, float(cosine)) ** 2))
             sines[a, b] = sines[b, a] = min(sines[a, b], sine)
     return sines
-
-
-def _components(near: Any) -> list[list[int]]:
-    """Return the connected parts of a graph, each in order."""
-    left, parts = list(range(len(near))), []
-    while left:
-        part, edge = [], [left.pop(0)]
-        while edge:
-            k = edge.pop()
-            part.append(k)
-            joined = [j for j in left if near[k, j]]
-            left = [j for j in left if j not in joined]
-            edge += joined
-        parts.append(sorted(part))
-    return parts

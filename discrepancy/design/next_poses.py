@@ -20,7 +20,7 @@ from calibench.discrepancy.checks.validate import looked_at
 from calibench.discrepancy.design.detectability import WhitenedDesign, calibrated
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.model.effect import Effect, name_of
-from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Machine
+from calibench.discrepancy.model.machine import WORKSPACE, Machine
 from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.registries import description_of, machines
 from calibench.problems.base import Array
@@ -58,14 +58,10 @@ class NextPoses:
         return bool(self.separation[-1] > self.separation[0] + _HELPS)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        rows = [
-            {
-                **dict(zip("xy", map(float, place))),
-                **{name: finite(np.asarray(column)[k].item()) for name, column in self.readings.columns.items()},
-            }
-            for k, place in enumerate(self.positions)
-        ]
+        rows = []
+        for k, place in enumerate(self.positions):
+            cells = {name: finite(np.asarray(column)[k].item()) for name, column in self.readings.columns.items()}
+            rows.append({**dict(zip("xy", map(float, place))), **cells})
         return {"rivals": list(self.rivals), "size": self.size, "poses": rows, "separation": self.separation.tolist()}
 
 
@@ -81,7 +77,15 @@ def next_poses(
     """
     made = machines.make(machine) if isinstance(machine, str) else machine
     formulation = looked_at(made, data)
-    effects = _chosen(formulation, rivals)
+    forms: dict[str, list[Effect]] = {}
+    for effect in catalogue(formulation).candidates:
+        forms.setdefault(name_of(effect), []).append(effect)
+    if len(set(rivals)) < 2:
+        raise ValueError(f"rivals={list(rivals)}: two or more different names are needed")
+    for name in rivals:
+        if name not in forms:
+            raise UnknownRival(f"rivals: {name!r} is not among what these data can test; {suggest(name, forms)}")
+    effects = [forms[name][len(forms[name]) // 2] for name in rivals]  # of several places the middle one
     here = WhitenedDesign(formulation, calibrated(formulation))
     if pool is None:
         make = description_of(formulation.data.machine).pool
@@ -100,7 +104,7 @@ def next_poses(
     if not 0 < k <= len(pool):
         raise DataError(f"k={k}: from 1 to the {len(pool)} readings of the pool")
     there = WhitenedDesign(formulation.on(pool), here.x)
-    pairs = [_Pair.of(here, there, a, b, size, len(pool)) for a in effects for b in effects if a is not b]
+    pairs = [_Pair(here, there, a, b, size, len(pool)) for a in effects for b in effects if a is not b]
     chosen: list[int] = []
     separation = [min(pair.distance for pair in pairs)]
     for _ in range(k):
@@ -117,49 +121,29 @@ def next_poses(
     return NextPoses(tuple(rivals), pool.rows(np.array(chosen)), positions, np.sqrt(np.maximum(separation, 0)), size)
 
 
-def _chosen(formulation: Formulation, rivals: Sequence[str]) -> list[Effect]:
-    """Return one candidate for each name; of several places the middle one."""
-    forms: dict[str, list[Effect]] = {}
-    for effect in catalogue(formulation).candidates:
-        forms.setdefault(name_of(effect), []).append(effect)
-    if len(set(rivals)) < 2:
-        raise ValueError(f"rivals={list(rivals)}: two or more different names are needed")
-    for name in rivals:
-        if name not in forms:
-            raise UnknownRival(f"rivals: {name!r} is not among what these data can test; {suggest(name, forms)}")
-    return [forms[name][len(forms[name]) // 2] for name in rivals]
-
-
 class _Pair:
     """Effect a, imitated by calibration and b: the distance D so far, and the contribution of each reading of the pool.
 
     It changes as readings are taken: the inverse information and the imitation are updated, not computed again.
     """
 
-    def __init__(self, information: Array, mimicry: Array, distance: float, mimic: Array, signal: Array) -> None:
-        self.inverse, self.mimicry, self.distance = information, mimicry, distance
-        self.mimic, self.signal = mimic, signal  # of the pool: (n, c, p), (n, c)
-
-    @staticmethod
-    def of(here: WhitenedDesign, there: WhitenedDesign, a: Effect, b: Effect, size: float, n: int) -> _Pair:
-        raw = here.signature(a)
+    def __init__(self, here: WhitenedDesign, there: WhitenedDesign, a: Effect, b: Effect, size: float, n: int) -> None:
         *_, right = np.linalg.svd(here.rest(a).projected, full_matrices=False)
         c = right[0]  # the most visible direction
         visible = float(np.linalg.norm(here.rest(a).projected @ c))
         c = c * (size * np.sqrt(here.rows) / visible) if visible > 0 else 0 * c
         mimic = np.concatenate([here.jacobian, here.signature(b)], axis=1)
         lengths = np.linalg.norm(mimic, axis=0)
-        mimic = mimic / np.where(lengths > 0, lengths, 1.0)
-        signal = raw @ c
+        lengths = np.where(lengths > 0, lengths, 1.0)
+        mimic, signal = mimic / lengths, here.signature(a) @ c
         normal = mimic.T @ mimic + 1e-12 * np.eye(mimic.shape[1])
-        inverse = np.asarray(np.linalg.pinv(normal, hermitian=True), dtype=float)
-        mimicry = inverse @ (mimic.T @ signal)
-        rest = signal - mimic @ mimicry
-        pool = np.concatenate([there.jacobian, there.signature(b)], axis=1) / np.where(lengths > 0, lengths, 1.0)
-        p = pool.shape[1]
-        return _Pair(
-            inverse, mimicry, float(rest @ rest), pool.reshape(n, -1, p), (there.signature(a) @ c).reshape(n, -1)
-        )
+        self.inverse = np.asarray(np.linalg.pinv(normal, hermitian=True), dtype=float)
+        self.mimicry = self.inverse @ (mimic.T @ signal)
+        rest = signal - mimic @ self.mimicry
+        self.distance = float(rest @ rest)
+        # of the pool: (n, c, p), (n, c)
+        pool = np.concatenate([there.jacobian, there.signature(b)], axis=1) / lengths
+        self.mimic, self.signal = pool.reshape(n, -1, pool.shape[1]), (there.signature(a) @ c).reshape(n, -1)
 
     def gains(self) -> Array:
         """Return what each reading of the pool would add to the distance, (n,)."""
@@ -168,7 +152,6 @@ class _Pair:
         return np.asarray((missed * np.linalg.solve(spread, missed[:, :, None])[:, :, 0]).sum(axis=1))
 
     def take(self, k: int) -> None:
-        """Add reading k of the pool."""
         mimic = self.mimic[k]
         missed = self.signal[k] - mimic @ self.mimicry
         reach = self.inverse @ mimic.T

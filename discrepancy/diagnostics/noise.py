@@ -1,16 +1,9 @@
 """The noise of a search: as stated, as repeats of readings correct it, or learned from what a fit leaves.
 
-`sound_fit` corrects the stated noise where repeats contradict that of some sensors, `noise_at` returns the law that all
-repeats show, and `learned_beside` learns noise that nobody states from what found effects leave. One scale for all
-sensors cannot correct a wrong statement of one kind, so each kind's scale is found by maximum likelihood from the
-differences of back-to-back readings, in which a missing effect cancels; the law is a t law, so that single bad readings
-do not decide. Coarse steps are found from the recorded values. Outlying readings and heavy tails must show between
-repeats, where no missing effect looks like them.
-
-Two traps are looked for. What is "measured" may come in exact levels, as commanded places do, while the inputs scatter:
-then the error of an input is a saw-tooth over that input, which waves explain to the last digit. And one reading may
-make nearly all of what is left: least squares bends the model towards it, and without it the sum of squares falls by
-r' (I - H)^-1 r (Cook and Weisberg, Residuals and Influence in Regression, 1982, ch. 2).
+Each kind of sensor has its scale, by maximum likelihood under a t law from the differences of back-to-back readings, in
+which a missing effect cancels; outlying readings and heavy tails must show there too. Two traps are looked for: columns
+in exact levels while the inputs scatter, whose saw-tooth waves explain to the last digit; and one reading that makes
+nearly all of what is left, without which the sum of squares falls by r' (I - H)^-1 r (Cook and Weisberg 1982, ch. 2).
 """
 
 from __future__ import annotations
@@ -27,10 +20,9 @@ from calibench.core.notes import Code, Note
 from calibench.core.words import plain
 from calibench.discrepancy.fitting.fit import Fit, fit, linearise, orthonormal, readings_of
 from calibench.discrepancy.model.formulations import rows_read
-from calibench.discrepancy.model.learned_noise import relearned, told_by_middle
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.model.measured import Sensor, blamable, kinds_of, sensor_of
-from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.measured import blamable, kinds_of, sensor_of
+from calibench.discrepancy.model.model import Model, relearned, told_by_middle
 from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
 from calibench.discrepancy.noise.laws import NoiseFinding, heavy_tails_in, mixture, outliers_of, quantisation_of
 from calibench.discrepancy.noise.repeats import TAILS, Repeats, law_of, pairs_of, variance
@@ -44,9 +36,7 @@ _RANK = 1e-10  # of the largest singular value
 
 
 def one_reading(at: Fit) -> tuple[int, float] | None:
-    """Return the row without which the fit leaves a tenth of its sum of squares or less, and how much nearer the others
-    lie without it; None where there is none such.
-    """
+    """Return the row without which the fit leaves a tenth of its sum of squares, and how much nearer the others lie."""
     n = len(at.model.formulation.data)
     width, odd = divmod(len(at.r), n)
     if odd or not width or at.exact:
@@ -89,81 +79,56 @@ def less_than_stated(at: Fit) -> float | None:
     return times
 
 
-def _counted_once(found: NoiseFinding, at: Fit) -> NoiseFinding:
-    """Return the finding with its variance multiplied where readings repeat, because equal values have the same error.
-
-    m readings of one value tell no more than one reading does; with m times the variance each, they weigh as one.
-    """
-    [(name, variance)] = found.extra.items()
-    data = at.model.formulation.data
-    step = np.round(np.asarray(data[name]) / found.amplitude)
-    pose = np.unique(data["pose_id"], return_inverse=True)[1] if data.has("pose_id") else np.zeros(len(step))
-    _, place, count = np.unique(np.stack([step, pose]), axis=1, return_inverse=True, return_counts=True)
-    same = count[place.ravel()]
-    return replace(found, extra={name: variance * same})
-
-
 def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
-    """Return the cause of readings far beyond the stated noise: one sensor, or all; nothing without repeats.
-
-    Only sensors of one kind are compared with each other, because each kind has its own noise.
-    """
+    """Return the cause of readings far beyond the stated noise: one sensor, or all; nothing without repeats."""
+    formulation, t = at.model.formulation, thresholds()
     found: list[NoiseFinding] = []
-    for alike in kinds_of(blamable(at.model.formulation.sensors)):
-        found += _outlying_among(at, alike)
+    for alike in kinds_of(blamable(formulation.sensors)):
+        first, second = pairs_of(formulation.data)
+        names = [sensor.column for sensor in alike]
+        read = rows_read(formulation, names)
+        first, second = first[read[first]], second[read[first]]
+        if len(first) < t.repeat_pairs:
+            continue
+        # the changes between repeats in their standard deviations, (m, k)
+        data, of = formulation.data, [formulation.readings.index(name) for name in names]
+        change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in names], axis=-1)
+        change = change / np.hypot(at.at.sigma[first][:, of], at.at.sigma[second][:, of])
+        change = change - np.median(change, axis=0)
+        change = change / _wider(change.ravel(), t.wide_core_all)
+        d = np.asarray(change / [_wider(one, t.wide_core_one) for one in change.T])
+        # also without the changes around the largest in time: a step shows only there, wild readings show everywhere
+        place = np.argsort(np.argsort(first, kind="stable"))
+        away = np.abs(place - place[np.argmax(np.abs(d).max(axis=1))])
+        elsewhere = d[away > max(1.0, t.wild_moment * len(d))]
+        if not (_are_beyond(d) and _are_beyond(elsewhere, t.wild_elsewhere)):
+            continue
+        worst = int(np.argmax([contamination(d[:, k]) for k in range(len(names))]))
+        everywhere = mixture((d**2).ravel(), np.ones(d.size))
+        weights = everywhere.weights.reshape(d.shape)
+        energy = (weights * np.minimum(d**2, t.wild_energy_most)).sum(axis=0)
+        lone = mixture(d[:, worst] ** 2, np.ones(len(d)))
+        one = float(1 / (1 + np.exp(np.clip((everywhere.gain - lone.gain) / 2, -50, 50))))  # weight of "one encoder"
+        concentrated = bool(energy[worst] >= t.wild_share * energy.sum())
+        r, signatures = whitened(at)
+        blamed = alike[worst]
+        if concentrated or one > 0.5:
+            law = outliers_of(formulation, blamed, r, signatures[blamed.column])
+            rival = ("heavy_tails", "all", 1 - one)
+        else:
+            law, rival = heavy_tails_in(formulation, r), ("outlier", blamed.part, one)
+        near = not concentrated and rival[2] > t.wild_rival
+        found.append(replace(law, rival=rival, alike=blamed.kind) if near else law)
     shared = [f for f in found if f.family != "outlier"]  # heavy tails are those of all readings: told once
     return (*(f for f in found if f.family == "outlier"), *shared[:1])
 
 
-def _outlying_among(at: Fit, alike: Sequence[Sensor]) -> tuple[NoiseFinding, ...]:
-    formulation = at.model.formulation
-    first, second = pairs_of(formulation.data)
-    names = [sensor.column for sensor in alike]
-    read = rows_read(formulation, names)
-    first, second = first[read[first]], second[read[first]]
-    if len(first) < thresholds().repeat_pairs:
-        return ()
-    d = _changes(at, names, first, second)
-    if not (_beyond(d) and _beyond(_elsewhere(d, first), thresholds().wild_elsewhere)):
-        return ()
-    worst = int(np.argmax([contamination(d[:, k]) for k in range(len(names))]))
-    everywhere = mixture((d**2).ravel(), np.ones(d.size))
-    weights = everywhere.weights.reshape(d.shape)
-    energy = (weights * np.minimum(d**2, thresholds().wild_energy_most)).sum(axis=0)
-    lone = mixture(d[:, worst] ** 2, np.ones(len(d)))
-    one = float(1 / (1 + np.exp(np.clip((everywhere.gain - lone.gain) / 2, -50, 50))))  # weight of "one encoder"
-    concentrated = bool(energy[worst] >= thresholds().wild_share * energy.sum())
-    r, signatures = whitened(at)
-    blamed = alike[worst]
-    if concentrated or one > 0.5:
-        found = outliers_of(formulation, blamed, r, signatures[blamed.column])
-        rival = ("heavy_tails", "all", 1 - one)
-    else:
-        found, rival = heavy_tails_in(formulation, r), ("outlier", blamed.part, one)
-    near = not concentrated and rival[2] > thresholds().wild_rival
-    return (replace(found, rival=rival, alike=blamed.kind) if near else found,)
-
-
-def _beyond(d: Array, part: float = 1.0) -> bool:
-    """Return whether changes have readings far beyond the noise, for all sensors or one.
-
-    `part` multiplies the thresholds.
-    """
-    if len(d) < thresholds().repeat_pairs:
-        return False
-    return contamination(d) > part * thresholds().wild_gain_all or any(
-        contamination(one) > part * thresholds().wild_gain_one for one in d.T
+def _are_beyond(d: Array, part: float = 1.0) -> bool:
+    """Return whether changes have readings far beyond the noise, of all sensors or one, by a part of the thresholds."""
+    t = thresholds()
+    return len(d) >= t.repeat_pairs and (
+        contamination(d) > part * t.wild_gain_all or any(contamination(one) > part * t.wild_gain_one for one in d.T)
     )
-
-
-def _elsewhere(d: Array, first: Array) -> Array:
-    """Return the changes without those around the largest in time.
-
-    A step shows only there, wild readings show everywhere.
-    """
-    place = np.argsort(np.argsort(first, kind="stable"))
-    away = np.abs(place - place[np.argmax(np.abs(d).max(axis=1))])
-    return np.asarray(d[away > max(1.0, thresholds().wild_moment * len(d))])
 
 
 def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:
@@ -179,36 +144,16 @@ def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:
 
 
 def contamination(d: Array) -> float:
-    """Return the gain of "small noise, and some values far beyond it" over laws without outliers, for differences d.
-
-    The small noise is as stated, or less where noise is correlated between readings and cancels in differences.
-    """
+    """Return the gain of "small noise, and some values far beyond it" over laws without outliers, for differences d."""
     seen = -np.inf
     for core in _CORES:
         mixed = mixture((d.ravel() / core) ** 2, np.ones(d.size))
         seen = max(seen, mixed.gain / 2 + Noise(core).loglikelihood(d))
-    one = max(Noise(_scale(d, t_degrees), 0.0, t_degrees).loglikelihood(d) for t_degrees in (*TAILS, np.inf))
+    one = -np.inf
+    for t_degrees in (*TAILS, np.inf):  # each law at its most likely scale near the stated one
+        scale = float(np.clip(np.sqrt(variance(d.ravel(), t_degrees)), *_SCALES))
+        one = max(one, Noise(scale, 0.0, t_degrees).loglikelihood(d))
     return float(2 * (seen - one))
-
-
-def _scale(d: Array, t_degrees: float) -> float:
-    """Return the most likely scale of a law with such tails, limited to the neighbourhood of the stated one."""
-    return float(np.clip(np.sqrt(variance(d.ravel(), t_degrees)), *_SCALES))
-
-
-def _changes(at: Fit, names: Sequence[str], first: Array, second: Array) -> Array:
-    """Return the changes of readings between repeats in their standard deviations, shape (m, k).
-
-    Where the middle half of the changes is significantly wider than stated, of all sensors or of one, its spread
-    replaces the stated deviation.
-    """
-    data, readings = at.model.formulation.data, at.model.formulation.readings
-    change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in names], axis=-1)
-    of = [readings.index(name) for name in names]
-    change = change / np.hypot(at.at.sigma[first][:, of], at.at.sigma[second][:, of])
-    change = change - np.median(change, axis=0)
-    change = change / _wider(change.ravel(), thresholds().wide_core_all)
-    return np.asarray(change / [_wider(one, thresholds().wide_core_one) for one in change.T])
 
 
 def _wider(values: Array, deviations: float) -> float:
@@ -218,10 +163,7 @@ def _wider(values: Array, deviations: float) -> float:
 
 
 def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
-    """Return the whitened residuals (n, c), and the signature of one stated deviation of each blamable reading.
-
-    A signature has shape (n, c) as well.
-    """
+    """Return the whitened residuals, and the signature of a stated deviation of each blamable reading, (n, c) each."""
     shape = at.at.misclosure.shape
     names = at.model.formulation.readings
     blamed = {sensor.column for sensor in blamable(at.model.formulation.sensors)}
@@ -241,7 +183,14 @@ def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[Note, ..
     formulation = at.model.formulation
     sensors = blamable(formulation.sensors)
     found = [quantisation_of(formulation, sensor, r, signatures[sensor.column]) for sensor in sensors]
-    suspects = tuple(_counted_once(f, at) for f in found if f.amplitude > 0 and f.gain > thresholds().step_gain)
+    suspects = []
+    for one in (one for one in found if one.amplitude > 0 and one.gain > thresholds().step_gain):
+        # m readings of one value have the same error: with m times the variance each, they weigh as one
+        [(name, variance_of)], data = one.extra.items(), formulation.data
+        step = np.round(np.asarray(data[name]) / one.amplitude)
+        pose = np.unique(data["pose_id"], return_inverse=True)[1] if data.has("pose_id") else np.zeros(len(step))
+        _, place, count = np.unique(np.stack([step, pose]), axis=1, return_inverse=True, return_counts=True)
+        suspects.append(replace(one, extra={name: variance_of * count[place.ravel()]}))
     if suspects:
         at = fit(plain.model, Noise(extra=_sum(added, *(s.extra for s in suspects))), plain.x)
     outside = outlying(at)
@@ -275,8 +224,7 @@ def noise_at(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -
 def learned_beside(at: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Formulation, Noise, tuple[Note, ...]]:
     """Return the formulation with its unknown noise learned from what the effects of a fit leave, the law, and remarks.
 
-    The first estimate of a column contains the effects that move it. The tests take all residuals to have equal
-    variance, so the columns that no effect moves would look too noisy, and a right name would leave something.
+    The first estimate of a column contains the effects that move it, so columns that no effect moves look too noisy.
     """
     formulation = relearned(at.model.formulation, at.at.misclosure, len(at.x))
     model, blamed = Model(formulation, at.model.effects), _sum(*(s.extra for s in suspects))
@@ -287,7 +235,6 @@ def learned_beside(at: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Formulati
 
 
 def _stated(formulation: Formulation) -> bool:
-    """Return whether the noise of any reading is stated."""
     return len(unknown_noise_of(formulation)) < len(formulation.readings)
 
 
@@ -316,9 +263,17 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[Note, ...]]:
         return {}, ()  # repeats that are the same tell no noise
     if 1 / thresholds().scatter_asked < scatter < thresholds().scatter_asked:
         return {}, ()
-    parts = [_part(at, kind, first, second) for kind in kinds]
-    same = [_mostly_the_same(at, kind, first, second) for kind in kinds]
-    read = [k for k, part in enumerate(parts) if part.any() and not same[k]]  # the others keep their statement
+    # what the stated noise of each kind adds to the differences of pairs, (m, c, c); a kind that no pair reads keeps
+    # its statement, and so does one of unknown noise whose repeats are mostly the same number
+    parts, read = [], []
+    data, unknown = at.model.formulation.data, set(unknown_noise_of(at.model.formulation))
+    for k, kind in enumerate(kinds):
+        own = (at.at.reading_slopes * at.at.sigma[:, None, :])[:, :, [names.index(name) for name in kind]]
+        spread = own @ own.transpose(0, 2, 1)
+        parts.append(np.asarray((spread[first] + spread[second]) / 2))
+        change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in kind])
+        if parts[k].any() and not (set(kind) <= unknown and not np.median(np.abs(change))):
+            read.append(k)
     if not read:
         return {}, ()
     scales = [1.0] * len(kinds)
@@ -339,29 +294,7 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[Note, ...]]:
     return extra, (Note(Code.NOISE_MISSTATED, text, tuple(times), values=times),)
 
 
-def _mostly_the_same(at: Fit, kind: tuple[str, ...], first: Array, second: Array) -> bool:
-    """Return whether repeats of a kind of unknown noise are mostly the same number, and show none of it."""
-    data, unknown = at.model.formulation.data, unknown_noise_of(at.model.formulation)
-    change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in kind])
-    return set(kind) <= set(unknown) and not np.median(np.abs(change))
-
-
-def _part(at: Fit, kind: tuple[str, ...], first: Array, second: Array) -> Array:
-    """Return what the stated noise of one kind adds to the differences of pairs, (m, c, c).
-
-    It is 0 where no pair reads the kind.
-    """
-    names = at.model.formulation.readings
-    own = (at.at.reading_slopes * at.at.sigma[:, None, :])[:, :, [names.index(name) for name in kind]]
-    spread = own @ own.transpose(0, 2, 1)
-    return np.asarray((spread[first] + spread[second]) / 2)
-
-
 def _scales(at: Fit, parts: list[Array], first: Array, second: Array) -> list[float]:
-    """Return the factors by which the stated noise of each kind must be multiplied.
-
-    `parts` are their shares of the variance.
-    """
     white = at.r.reshape(at.at.misclosure.shape)
     tails = thresholds().scale_tails
 
@@ -395,38 +328,29 @@ _MOSTLY = 0.5  # of the rms of what is left: so much of it is within levels at l
 
 
 def exact_readings(at: Fit) -> dict[str, tuple[int, float]]:
-    """Return the measured columns that come in exact levels while what a fit leaves is the scatter of the inputs.
-
-    With each: how many levels, and how many times less it moves within one than its prediction does.
-    """
+    """Return the measured columns that come in exact levels while what a fit leaves is the scatter of the inputs."""
     formulation = at.model.formulation
-    inputs, names = inputs_of(formulation), tuple(formulation.readings)
-    left = np.asarray(at.at.misclosure)
-    if not inputs or left.ndim != 2 or left.shape[1] != len(names):
+    names, misclosure = tuple(formulation.readings), np.asarray(at.at.misclosure)
+    if not inputs_of(formulation) or misclosure.ndim != 2 or misclosure.shape[1] != len(names):
         return {}
-    columns = (np.asarray(formulation.data[name], dtype=float) for name in names)
-    levels = {name: _levels(column, left[:, k]) for k, (name, column) in enumerate(zip(names, columns))}
-    return {name: found for name, found in levels.items() if found}
-
-
-def _levels(y: Array, left: Array) -> tuple[int, float] | None:
-    """Return how many levels a column comes in and how many times less it moves in one than what is left does."""
-    rms = float(np.sqrt(np.mean(left**2)))
-    order = np.argsort(y, kind="stable")
-    gaps = np.diff(y[order])
-    level = np.empty(len(y), dtype=int)
-    level[order] = np.concatenate([[0], np.cumsum(gaps > 2 * rms)])
-    count = int(level.max()) + 1
-    if not rms > 0 or count < 2 or len(y) < _LEAST_EACH * count:
-        return None
-    own, scatter = _within(y, level, count), _within(left, level, count)
-    nearest = float(gaps[gaps > 2 * rms].min())
-    if own > _STILL * scatter or scatter < _MOSTLY * rms or nearest < _APART * scatter:
-        return None
-    return count, scatter / max(own, 1e-3 * scatter)
+    found = {}
+    for k, name in enumerate(names):
+        y, left = np.asarray(formulation.data[name], dtype=float), misclosure[:, k]
+        rms = float(np.sqrt(np.mean(left**2)))
+        order = np.argsort(y, kind="stable")
+        gaps = np.diff(y[order])
+        level = np.empty(len(y), dtype=int)
+        level[order] = np.concatenate([[0], np.cumsum(gaps > 2 * rms)])
+        count = int(level.max()) + 1
+        if not rms > 0 or count < 2 or len(y) < _LEAST_EACH * count:
+            continue
+        own, scatter = _within(y, level, count), _within(left, level, count)
+        nearest = float(gaps[gaps > 2 * rms].min())
+        if own <= _STILL * scatter and scatter >= _MOSTLY * rms and nearest >= _APART * scatter:
+            found[name] = (count, scatter / max(own, 1e-3 * scatter))
+    return found
 
 
 def _within(values: Array, level: Array, count: int) -> float:
-    """Return the rms of values about the mean of their level."""
     means = np.bincount(level, values, count) / np.bincount(level, minlength=count)
     return float(np.sqrt(np.mean((values - means[level]) ** 2)))

@@ -3,31 +3,14 @@
 A candidate's whitened columns are projected off the calibration Jacobian; U is an orthonormal basis of the result, the
 part that data can show. With scores y of unit variance, T = |U^T y|^2 is chi2 of U's rank. With the variance taken from
 the rest, (T / m) / ((y'y - T) / (N - p - m)) is F, exactly so for Gaussian noise however few the rows are. So the level
-depends neither on the stated noise nor on the number of readings. Whether anything is missing at all is asked of
-clipped scores where their tails are heavy: a wild reading at one end of a covariate looks like something smooth. The
-smallest p of many candidates is calibrated with noise drawn in the same design.
-
-Score tests of very many readings: the same numbers from sums of products, so that no full matrix is stored.
-
-With orthonormal Q for what calibration absorbs, and columns D of unit length, (D - Q Q'D)'(D - Q Q'D) is D'D -
-(Q'D)'(Q'D). Its relative error is rounding over the square of the visible part; the smallest part that is kept is 2e-4,
-whose square is eight decimal orders above rounding. Where each reading's noise is independent, a change of a quantity
-enters by its slope, whitened and multiplied into Q and y once for all candidates; so a sum runs over readings, not
-constraints. A change from some reading on is a sum from there to the end, so that a scan for its place costs one pass.
-Where noise is correlated between readings, the readings after the change are whitened again until the readings before
-the change have no influence.
-
-The smallest amplitude that a search would find: one rule, before a fit (`design`) and after it (`explain`).
-
-A chi-square test of rank m at the level of one test in the whole search has the stated power at a noncentrality; an
-effect reaches it at the amplitude whose visible part has that energy, in sigma squared. The energy of an effect of
-several coefficients is a mean over their directions, each of the amplitude 1.
+depends neither on the stated noise nor on the number of readings. The smallest p of many candidates is calibrated with
+noise drawn in the same design. Of very many readings the same numbers come from sums of products (`Sums`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import final
 
@@ -62,10 +45,6 @@ class Subspace:
     size: Array
     left: Array
 
-    def without_rows(self) -> Subspace:
-        """Return it with no rows in U, which are many."""
-        return Subspace(np.empty((0, self.U.shape[1])), self.back, self.visible, self.size, self.left)
-
 
 @final
 @dataclass(frozen=True, eq=False)
@@ -85,29 +64,20 @@ class Scored:
 
     @property
     def name(self) -> str:
-        """Return family and target."""
         return name_of(self.effect)
 
     @property
     def visible(self) -> float:
-        """Return the part of a unit column that calibration leaves, in the direction that is seen best."""
         return self.seen.visible
 
     @property
     def energies(self) -> Array:
-        """Return the energy of what calibration leaves of a unit of each coefficient, in sigma squared, (k,).
-
-        Where that is too little to be tested, it is the most that it can be.
-        """
+        """Return the energy of what calibration leaves of a unit of each coefficient, in sigma squared, (k,)."""
         seen = self.seen
         if self.m == len(seen.size):
             return np.asarray((self.scale * seen.size * seen.left) ** 2)
         left = np.linalg.pinv(seen.back) if self.m else np.diag(thresholds().visible * seen.size)
         return np.asarray((left**2).sum(axis=0) * self.scale**2)
-
-    def detectable(self, candidates: int) -> float:
-        """Return the smallest amplitude that a search over `candidates` would find, in the effect's unit."""
-        return smallest_amplitude(self.effect, self.energies, self.m, candidates)
 
 
 @final
@@ -128,16 +98,11 @@ class ProjectedScores:
 
     @cached_property
     def total(self) -> float:
-        """Return the sum of squares of the scores."""
         return float(self.y @ self.y)
 
     @cached_property
     def excess_kurtosis(self) -> float:
-        """Return the excess kurtosis of the scores, at least 0: how much heavier than Gaussian their tails are.
-
-        Each counts in units of what noise alone would leave of it; those that calibration mostly absorbs do not count.
-        It is 0 where nothing is `spared`.
-        """
+        """Return the excess kurtosis of the scores, at least 0: how much heavier than Gaussian their tails are."""
         if not self.spared:
             return 0.0
         left = 1 - (self.Q**2).sum(axis=1)
@@ -155,13 +120,8 @@ class ProjectedScores:
         cut = thresholds().tails_cut * core
         return project_off(np.clip(self.y, -cut, cut), self.Q)
 
-    @cached_property
-    def _total_tested(self) -> float:
-        return float(self.tested @ self.tested)
-
     @property
     def degrees(self) -> int:
-        """Return the degrees of freedom that are left."""
         return int(self.Q.shape[0] - self.Q.shape[1])
 
     def gain(self, T: float, m: int) -> float:
@@ -173,7 +133,7 @@ class ProjectedScores:
 
     def test(self, T: float, m: int) -> float:
         """Return the p of the F test of what a candidate of rank m explains, T, of the `tested` scores."""
-        total = self._total_tested
+        total = float(self.tested @ self.tested)
         return f_test(T, m, max(total, self.degrees) if self.bounded else total, self.degrees)
 
 
@@ -189,33 +149,23 @@ def projected_scores(fit: Fit, spared: bool = False) -> ProjectedScores:
     """Return the scores of a fit, projected off what its Jacobian can absorb; `spared` see `ProjectedScores`."""
     size = np.sqrt((fit.J**2).sum(axis=0))
     size[size == 0] = 1.0
-    Q, R = (
-        _orthonormal(fit.J / size)
-        if len(fit.at.misclosure) >= thresholds().many_readings
-        else np.linalg.qr(fit.J / size)
-    )
-    kept = np.abs(np.diag(R)) > 1e-10
-    Q = np.asarray(Q[:, kept])
+    A, R = fit.J / size, np.empty(0)
+    many = len(fit.at.misclosure) >= thresholds().many_readings
+    if many and np.linalg.cond(R := triangle(A)) <= _FULL:  # A R^-1, repeated once against rounding
+        Q = A @ np.linalg.inv(R)
+        again = triangle(Q)
+        Q, R = Q @ np.linalg.inv(again), again @ R
+    else:
+        Q, R = np.linalg.qr(A)
+    Q = np.asarray(Q[:, np.abs(np.diag(R)) > 1e-10])
     y = fit.noise.scores(fit.r)
     return ProjectedScores(project_off(y, Q), Q, bool(fit.noise.extra), fit.noise.profiled, spared)
 
 
-def _orthonormal(A: Array) -> tuple[Array, Array]:
-    """Return Q and R of very many rows: A R^-1, repeated once against rounding; LAPACK's QR where A lacks full rank."""
-    R = triangle(A)
-    if not np.linalg.cond(R) <= _FULL:
-        return np.linalg.qr(A)
-    Q = A @ np.linalg.inv(R)
-    again = triangle(Q)
-    return Q @ np.linalg.inv(again), again @ R
-
-
 def columns(fit: Fit, effect: Effect) -> Array:
     """Return the whitened signature of a unit of each coefficient, (N, k), at the fit and adjusted readings."""
-    at = fit.at
-    formulation = at.model.formulation
-    raw = signature(effect, np.zeros(len(effect.coefficients)), at.recorded, at.slopes, formulation)
-    return at.whiten(raw)
+    at, zero = fit.at, np.zeros(len(effect.coefficients))
+    return at.whiten(signature(effect, zero, at.recorded, at.slopes, at.model.formulation))
 
 
 def signatures(fit: Fit, changes: Mapping[str, Array]) -> Array:
@@ -297,8 +247,8 @@ def score_all(
 ) -> list[tuple[Scored, Array]]:
     """Return the score test of each candidate, and an orthonormal basis (N, m) of its visible part.
 
-    From `drawn_rows` rows on no noise is drawn in the bases, so they are returned without rows, which takes a tenth of
-    the time. Without `bases`, the bases of a wave at very many periods are returned without rows as well.
+    From `drawn_rows` rows on bases come without rows, as no noise is drawn in them; so do those of waves without
+    `bases`.
     """
     least = thresholds().visible if least is None else least
     if len(on.y) >= thresholds().drawn_rows:
@@ -347,14 +297,12 @@ def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: fl
 def _scored(fit: Fit, on: ProjectedScores, effect: Effect, seen: Subspace, z: Array) -> Scored:
     (T, tested), m, scale = (z**2).sum(axis=1), z.shape[1], fit.noise.gain
     c = -seen.back @ z[0] / scale  # a step of Gauss and Newton: what takes the residual away
-    return Scored(effect, float(T), m, on.test(float(tested), m), c, seen.without_rows(), scale)
+    without_rows = replace(seen, U=np.empty((0, seen.U.shape[1])))
+    return Scored(effect, float(T), m, on.test(float(tested), m), c, without_rows, scale)
 
 
 def smallest_p_law(on: ProjectedScores, seen: Sequence[Array], rng: np.random.Generator) -> Array:
-    """Return sorted draws, under noise alone, of the smallest p of F tests on orthonormal bases (N, m).
-
-    Empty where there are too many rows to draw noise: then the smallest p is corrected by the number of tests.
-    """
+    """Return sorted draws, under noise alone, of the smallest p of F tests on orthonormal bases (N, m)."""
     N = on.Q.shape[0]
     if not seen or thresholds().drawn_rows < N:
         return np.empty(0)
@@ -393,12 +341,20 @@ _TOGETHER = 200_000  # numbers of a signature that are multiplied at once: a pro
 
 @final
 class Sums:
-    """The products of any candidate's whitened columns with each other and with `targets`, (N, t), at one fit."""
+    """The products of any candidate's whitened columns with each other and with `targets`, (N, t), at one fit.
+
+    With orthonormal Q for what calibration absorbs, and columns D of unit length, (D - Q Q'D)'(D - Q Q'D) is D'D -
+    (Q'D)'(Q'D), so that no full matrix is stored. Its relative error is rounding over the square of the visible part;
+    the smallest part that is kept is 2e-4. Where each reading's noise is independent, a change of a quantity enters by
+    its slope, whitened and multiplied into Q and y once for all candidates; so a sum runs over readings, not
+    constraints. A change from some reading on is a sum from there to the end, so that a scan for its place costs one
+    pass. Where noise is correlated between readings, the readings after the change are whitened again until the
+    readings before the change have no influence.
+    """
 
     def __init__(self, fit: Fit, targets: Array) -> None:
         self.fit, self.targets = fit, targets
-        rows = fit.at.misclosure
-        data = fit.at.model.formulation.data
+        rows, data = fit.at.misclosure, fit.at.model.formulation.data
         plain = fit.at.model.formulation.decorrelate(rows) is rows
         self._apart = plain and fit.at.whiten.band is None
         self._clock = np.asarray(data["t_s"]) if plain and data.has("t_s") else np.empty(0)
@@ -410,16 +366,24 @@ class Sums:
         self._pairs: dict[tuple[str, str], Array] = {}
 
     def of(self, effects: Sequence[Effect]) -> list[tuple[Array, Array]]:
-        """Return D'D, (k, k), and targets'D, (t, k), of each effect's columns D of a unit of each coefficient.
-
-        Effects that change the same quantities are multiplied together.
-        """
+        """Return D'D, (k, k), and targets'D, (t, k), of each effect's columns D of a unit of each coefficient."""
         at = self.fit.at
         found: list[tuple[Array, Array]] = [(np.empty(0), np.empty(0))] * len(effects)
         alike: dict[tuple[object, ...], dict[int, Mapping[str, Array]]] = {}
 
         def multiply(some: dict[int, Mapping[str, Array]]) -> None:
-            for place, products in zip(some, self._of_readings(list(some.values()))):
+            names = [*next(iter(some.values()), ())]
+            changes = {name: np.stack([np.asarray(basis[name]).T for basis in some.values()]) for name in names}
+            if not changes:
+                return
+            K, k, n = changes[names[0]].shape
+            square, across = np.zeros((K, k, k)), np.zeros((K * k, self.targets.shape[1]))
+            for one, change in changes.items():
+                across += change.reshape(K * k, n) @ self._pull(one)
+                for other, beside in changes.items():
+                    square += change @ (self._pair(one, other) * beside).transpose(0, 2, 1)
+            found_here = zip(square, across.reshape(K, k, -1).transpose(0, 2, 1))
+            for place, products in zip(some, found_here):
                 found[place] = products
             some.clear()
 
@@ -442,25 +406,18 @@ class Sums:
             multiply(some)
         return found
 
-    def _of_readings(self, bases: Sequence[Mapping[str, Array]]) -> list[tuple[Array, Array]]:
-        """Return the products of some effects' columns from their changes, (n, k), of the same quantities."""
-        if not bases:
-            return []
-        changes = {name: np.stack([np.asarray(basis[name]).T for basis in bases]) for name in bases[0]}
-        K, k, n = next(iter(changes.values())).shape
-        square, across = np.zeros((K, k, k)), np.zeros((K * k, self.targets.shape[1]))
-        for one, change in changes.items():
-            across += change.reshape(K * k, n) @ self._pull(one)
-            for other, beside in changes.items():
-                square += change @ (self._pair(one, other) * beside).transpose(0, 2, 1)
-        return list(zip(square, across.reshape(K, k, -1).transpose(0, 2, 1)))
-
     def _from(self, names: Sequence[str], start: int) -> tuple[Array, Array]:
         """Return the products of columns that are quantities' slopes from reading `start` on."""
         n = len(self._clock)
         near = start if self._apart else min(start + _NEXT, n)
-        while near < n and not all(self._forgotten(name, start, near) for name in names):
-            near = min(start + 2 * (near - start), n)
+        while start < near < n:  # until the transient of whitening that begins at `start` has decayed
+            for name in names:
+                anew = self._anew(name, start, near)
+                if not np.all(np.abs(anew[-1] - self._slope(name)[near - 1]) <= _FORGOTTEN * np.abs(anew).max()):
+                    near = min(start + 2 * (near - start), n)
+                    break
+            else:
+                break
         square = np.array([[self._end(a, b)[near] for b in names] for a in names])
         across = np.stack([self._end(name)[near] for name in names], axis=-1)
         if near > start:
@@ -473,13 +430,6 @@ class Sums:
         """Return the whitened slope of readings `start` to `stop`, (m, c), as if no reading came before `start`."""
         slope = self.fit.at.slopes[name][start:stop]
         return self.fit.at.whiten.of(slice(start, stop), slope.shape[1])(slope).reshape(slope.shape)
-
-    def _forgotten(self, name: str, start: int, near: int) -> bool:
-        """Return whether the transient of whitening that begins at `start` has decayed at reading `near`."""
-        if near == start:
-            return True
-        anew = self._anew(name, start, near)
-        return bool(np.all(np.abs(anew[-1] - self._slope(name)[near - 1]) <= _FORGOTTEN * np.abs(anew).max()))
 
     def _end(self, *names: str) -> Array:
         """Return the sums from each reading to the end, (n + 1, ...): of a pull, or of a pair."""
@@ -516,11 +466,7 @@ class Sums:
 
 
 def smallest_amplitude(effect: Effect, energies: Array, rank: int, candidates: int) -> float:
-    """Return the amplitude that a search over `candidates` finds with the stated power, in the effect's unit.
-
-    `energies`, (k,), are those of what calibration leaves of a unit of each coefficient, in sigma squared; `rank` is
-    the number of directions seen. Infinite where nothing is left.
-    """
+    """Return the amplitude that a search over `candidates` finds with the stated power, in the effect's unit."""
     sizes = [effect.amplitude(unit) for unit in np.eye(len(energies))]
     per_unit = [float(energy) / abs(size) ** 2 for energy, size in zip(energies, sizes) if size]
     energy = float(np.mean(per_unit)) if per_unit else 0.0

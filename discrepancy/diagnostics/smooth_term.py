@@ -7,7 +7,7 @@ model that is used where no named effect fits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from calibench.discrepancy.fitting.fit import Fit
 from calibench.discrepancy.model.effect import size
 from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Quantities
-from calibench.discrepancy.model.measured import MeasuredData, Sensor
+from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import inputs_of, roles_of
 from calibench.discrepancy.thresholds import thresholds
@@ -45,31 +45,20 @@ class SmoothTerm:
     twins: tuple[str, ...] = ()
     unit: str = "rad"
     positions: int = 1
+    columns: tuple[str, ...] = field(init=False)
+    coefficients: tuple[str, ...] = field(init=False)
+    units: tuple[str, ...] = field(init=False)
 
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Return the covariates."""
-        return self.covariates
-
-    @property
-    def coefficients(self) -> tuple[str, ...]:
-        """Return the names of the coefficients."""
+    def __post_init__(self) -> None:
         one = len(self.levels) - 1 if self.levels else self.knots ** len(self.low) - 1
-        if self.mix is not None:
-            one = self.mix.shape[1]
-        return tuple(f"{q} s{k}" for q in self.quantities for k in range(one))
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Return the unit of each coefficient."""
-        return (self.unit,) * len(self.coefficients)
+        one = one if self.mix is None else self.mix.shape[1]
+        names = tuple(f"{q} s{k}" for q in self.quantities for k in range(one))
+        vars(self).update(columns=self.covariates, coefficients=names, units=(self.unit,) * len(names))
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return quantity -> (n,)."""
         return {name: basis @ c for name, basis in self.basis(q, data, c).items()}
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return quantity -> (n, k)."""
         values = [np.asarray(data[name], dtype=float) for name in self.covariates]
         if self.levels:
             one = np.stack([values[0] == level for level in self.levels[1:]], axis=-1).astype(float)
@@ -90,7 +79,6 @@ class SmoothTerm:
         return found
 
     def amplitude(self, c: Array) -> float:
-        """Return the length of the coefficients."""
         return size(c)
 
 
@@ -112,71 +100,52 @@ def smooth_columns(formulation: Formulation, x: Array) -> dict[str, Array]:
 
 
 def smooth_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
-    """Return the smooth terms of a fit, whose data must have the columns of `smooth_term_columns`."""
-    formulation = fit.model.formulation
-    found: list[SmoothTerm] = []
+    """Return the smooth terms of a fit, whose data must have the columns of `smooth_columns`."""
+    formulation, data = fit.model.formulation, fit.model.formulation.data
+    sensors, found = formulation.sensors, []
     for target, covariates in formulation.covariates(fit.at.recorded).items():
         columns = {name: _column(target, name, formulation) for name in covariates}
-        if target == WORKSPACE:
-            ends = [(float(np.min(formulation.data[c])), float(np.max(formulation.data[c]))) for c in columns.values()]
-            low, high = tuple(e[0] for e in ends), tuple(e[1] for e in ends)
-            names = tuple(columns.values())
-            for sensor in (sensor for sensor in formulation.sensors if sensor.over_place):
-                shown = next(iter(sensor.targets), sensor.column)
-                found.append(
-                    SmoothTerm(
-                        target=shown,
-                        covariate="place",
-                        quantities=(sensor.column,),
-                        low=low,
-                        high=high,
-                        covariates=names,
-                        knots=thresholds().map_terms,
-                    )
-                )
+        if target != WORKSPACE:
+            # the readings that show a smooth error of the target: the stated ones, or the first where none is stated
+            own = tuple(s.column for s in sensors if target == s.column or target in s.targets)
+            quantities = own or (sensors[0].column,)
+            found += [_term(target, name, quantities, (column,), data) for name, column in columns.items()]
             continue
-        for name, column in columns.items():
-            own = np.asarray(formulation.data[column], dtype=float)
-            own = own[np.isfinite(own)]
-            found += _over(target, name, column, own, _quantities(target, formulation.sensors))
-    return tuple(found)
+        for sensor in (sensor for sensor in sensors if sensor.over_place):
+            shown = next(iter(sensor.targets), sensor.column)
+            found.append(_term(shown, "place", (sensor.column,), (*columns.values(),), data, over_place=True))
+    return tuple(term for term in found if term is not None)
 
 
 def joint_terms(fit: Fit) -> tuple[SmoothTerm, ...]:
-    """Return smooth terms of joints that are inputs, over their position and over what acted on them.
-
-    They are not tested, because an error of a joint shows in the measured columns. Where no name explains the error,
-    they tell which joint has it.
-    """
+    """Return smooth terms of joints that are inputs, over their position and over what acted on them."""
     formulation, found = fit.model.formulation, []
     roles, inputs, data = roles_of(formulation), inputs_of(formulation), formulation.data
     for joint in (joint for joint in roles.joints if joint.reading in inputs):
         met = (joint.reading, roles.time, joint.direction, joint.torque, joint.temperature or roles.temperature)
-        for name in (name for name in dict.fromkeys(met) if name in data and data[name].dtype.kind in "iuf"):
-            own = np.asarray(data[name], dtype=float)
-            found += _over(joint.reading, name, name, own[np.isfinite(own)], (joint.reading,))
-    return tuple(found)
+        names = [name for name in dict.fromkeys(met) if name in data and data[name].dtype.kind in "iuf"]
+        found += [_term(joint.reading, name, (joint.reading,), (name,), data) for name in names]
+    return tuple(term for term in found if term is not None)
 
 
-def _over(target: str, name: str, column: str, values: Array, quantities: tuple[str, ...]) -> list[SmoothTerm]:
-    """Return a list with the term over one covariate; an empty list where its values, (n,), are all equal."""
-    levels = np.unique(values)
-    if len(levels) < 2:
-        return []
-    few = tuple(float(v) for v in levels) if len(levels) <= 4 else ()
-    low, high = (float(values.min()),), (float(values.max()),)
-    return [
-        SmoothTerm(
-            target=target,
-            covariate=name,
-            quantities=quantities,
-            low=low,
-            high=high,
-            covariates=(column,),
-            knots=thresholds().curve_terms,
-            levels=few,
-        )
-    ]
+def _term(
+    target: str, name: str, quantities: tuple[str, ...], columns: tuple[str, ...], data: MeasuredData,
+    over_place: bool = False,
+) -> SmoothTerm | None:  # fmt: skip
+    """Return the term over a covariate of one column, None where it never varies; or over the place, of several."""
+    levels: tuple[float, ...] = ()
+    values = [np.asarray(data[column], dtype=float) for column in columns]
+    if not over_place:
+        values = [values[0][np.isfinite(values[0])]]
+        distinct = np.unique(values[0])
+        if len(distinct) < 2:
+            return None
+        levels = tuple(float(v) for v in distinct) if len(distinct) <= 4 else ()
+    return SmoothTerm(
+        target=target, covariate=name, quantities=quantities, low=tuple(float(v.min()) for v in values),
+        high=tuple(float(v.max()) for v in values), covariates=columns,
+        knots=thresholds().map_terms if over_place else thresholds().curve_terms, levels=levels,
+    )  # fmt: skip
 
 
 def _column(target: str, name: str, formulation: Formulation) -> str:
@@ -184,9 +153,3 @@ def _column(target: str, name: str, formulation: Formulation) -> str:
     if target == WORKSPACE:
         return f"place_{name}"
     return name if name in formulation.data else f"{target} {name}"
-
-
-def _quantities(target: str, sensors: tuple[Sensor, ...]) -> tuple[str, ...]:
-    """Return the readings that show a smooth error of a target: the stated one, or the first where none is stated."""
-    own = tuple(s.column for s in sensors if target == s.column or target in s.targets)
-    return own or (sensors[0].column,)

@@ -1,36 +1,29 @@
 """Fit a model whose *readings* carry the noise: Gauss-Helmert adjustment with damped Gauss-Newton steps.
 
-The noise sits inside the constraints, F(theta + noise, p), so their slopes in p, taken at the readings, carry the same
-noise as the residual they are multiplied with. Summed over n readings that is a bias of order n sigma^2 in J^T r. In
-most directions it is small against the noise. In a direction that calibration absorbs nearly completely (standard
-deviation of order sqrt(n) sigma times its visible fraction) the bias is several standard deviations, although nothing
-is missing. The cure is Pope's (1972): all slopes are taken at the *adjusted* readings theta - Sigma B^T (B Sigma
-B^T)^-1 F, whose remaining noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers.
-
-With very many readings, a part of them is fitted first; all of them are fitted from where that ends.
-
-Projection off the Jacobian: remove the part of a signature that calibration absorbs. Data can show only the rest.
-
-The 95 % interval of an amplitude: its range where the log-likelihood is within the limit for one parameter.
-
-For one coefficient that is its estimate -+ 1.96 sd. The length of several (an eccentricity with its phase) has no
-such formula: its range over the ellipsoid (c - c^)' C^-1 (c - c^) <= 1.96^2 is the profile interval, and it reaches 0
-where zero coefficients lie within.
+Slopes taken at the readings carry the noise of the residual they are multiplied with: a bias of order n sigma^2 in
+J^T r. So all slopes are taken at the *adjusted* readings theta - Sigma B^T (B Sigma B^T)^-1 F (Pope 1972), whose
+remaining noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers. Of very many
+readings a part is fitted first; all of them are fitted from where that ends.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import final
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field, replace
+from hashlib import blake2b
+from typing import Any, final
 
 import numpy as np
 from scipy.linalg import lstsq, qr
 from scipy.special import stdtrit
 
+from calibench.core.notes import Code, Note
+from calibench.core.words import plain
 from calibench.discrepancy.model.effect import Effect
-from calibench.discrepancy.model.machine import Quantities
-from calibench.discrepancy.model.measured import MeasuredData
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import ROUNDING, Noise, Whitener, whitener
 from calibench.discrepancy.thresholds import thresholds
@@ -41,6 +34,7 @@ _REWEIGHTED = 30  # times at most, between two looks at the slopes
 _BLOCK = 2048  # rows of a block that a processor's cache holds
 _DESCENDED = 1e-3, 1e-6  # change of the cost, of itself and of the whole, at which a descent ends
 _DIGITS = 1e-13  # of the numbers in a constraint: a model that is this near meets them in all digits
+_WIDTH = 50.0  # standard deviations to either side of the fit that the box of a coefficient reaches at least
 _CALM = 1e-5  # damping below which a step is one of Gauss and Newton
 
 
@@ -79,10 +73,7 @@ class Fit:
 
     @property
     def exact(self) -> bool:
-        """Return whether the model meets all readings to rounding, as it does those of a simulation without noise.
-
-        What is left then tells nothing: neither a noise nor an effect. With a stated noise it is a millionth of that.
-        """
+        """Return whether the model meets all readings to rounding, as it does those of a simulation without noise."""
         if np.all(np.abs(self.r) <= ROUNDING):
             return True
         size = np.zeros_like(self.at.misclosure)
@@ -107,12 +98,12 @@ class Fit:
         """
         size = np.sqrt((self.J**2).sum(axis=0))
         size[size == 0] = 1.0
-        R = (
-            np.linalg.qr(self.J / size, mode="r")
-            if len(self.J) < thresholds().many_readings
-            else triangle(self.J) / size
-        )
-        spread = np.linalg.pinv(R) / self.noise.precision / size[:, None]
+        few = len(self.J) < thresholds().many_readings
+        R = np.linalg.qr(self.J / size, mode="r") if few else triangle(self.J) / size
+        # the root of the information in one whitened residual
+        nu = self.noise.t_degrees
+        precision = float(np.sqrt((nu + 1) / (nu + 3)) / self.noise.core) if np.isfinite(nu) else self.noise.gain
+        spread = np.linalg.pinv(R) / precision / size[:, None]
         learned = self.cost / self.degrees if self.noise.profiled and not stated else 1.0
         return np.asarray(learned * spread @ spread.T)
 
@@ -139,7 +130,15 @@ def fit(
     for _ in range(8):
         at = linearise(model, noise, x, adjusted, readings)
         r, J = at.whiten(at.misclosure), at.whiten(at.columns)
-        step = _step(r, J, noise) * noise.stride if many else _settled(r, J, noise)
+        step = _step(r, J, noise)
+        if many and np.isfinite(noise.t_degrees):  # a weighted step is shorter than a step by information
+            step = step * ((noise.t_degrees + 3) / (noise.t_degrees + 1))
+        # else until the weights of heavy-tailed noise no longer change; slopes are kept
+        for _ in range(_REWEIGHTED if np.isfinite(noise.t_degrees) and not many else 0):
+            further = _step(r + J @ step, J, noise)
+            step = step + further
+            if not np.sqrt(np.mean((J @ further) ** 2)) >= thresholds().step_still * noise.scale:
+                break
         x = x + step
         left, moved = at.misclosure + at.columns @ step, J @ step
         last = thresholds().step_nearly if many and not np.isfinite(noise.t_degrees) else thresholds().step_still
@@ -166,24 +165,13 @@ def rests(found: Fit) -> bool:
     return bool(np.sqrt(np.mean((found.J @ step) ** 2)) < thresholds().step_still * found.noise.scale)
 
 
-def with_columns(found: Fit, extra: Mapping[str, Array]) -> Fit:
+def wider(found: Fit, extra: Mapping[str, Array]) -> Fit:
     """Return a fit whose data have `extra` columns, (n,) each, that no constraint reads."""
-
-    def wider(model: Model) -> Model:
-        return replace(model, formulation=model.formulation.on(model.formulation.data.with_columns(extra)))
-
-    return replace(found, model=wider(found.model), at=replace(found.at, model=wider(found.at.model)))
-
-
-def _settled(r: Array, J: Array, noise: Noise) -> Array:
-    """Return the step for which the weights of heavy-tailed noise no longer change; slopes are kept."""
-    step = _step(r, J, noise)
-    for _ in range(_REWEIGHTED if np.isfinite(noise.t_degrees) else 0):
-        further = _step(r + J @ step, J, noise)
-        step = step + further
-        if not np.sqrt(np.mean((J @ further) ** 2)) >= thresholds().step_still * noise.scale:
-            break
-    return step
+    model, there = (
+        replace(one, formulation=one.formulation.on(one.formulation.data.with_columns(extra)))
+        for one in (found.model, found.at.model)
+    )
+    return replace(found, model=model, at=replace(found.at, model=there))
 
 
 def part_of(model: Model, noise: Noise) -> tuple[Model, Noise]:
@@ -195,10 +183,7 @@ def part_of(model: Model, noise: Noise) -> tuple[Model, Noise]:
 
 
 def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: Array) -> Linearised:
-    """Return `model` linearised at x and `adjusted` readings (n, k).
-
-    The misclosure is that of the recorded readings.
-    """
+    """Return `model` linearised at x and `adjusted` readings (n, k); the misclosure is that of the recorded ones."""
     formulation = model.formulation
     data = formulation.data
     if adjusted is not readings:
@@ -211,22 +196,18 @@ def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: A
     if adjusted is not readings:
         misclosure = misclosure + np.einsum("nck,nk->nc", B, readings - adjusted)
     misclosure = model.formulation.decorrelate(misclosure)
-    sigma = _sigma(model, noise)
+    # the standard deviation of each reading without `scale`, (n, k), from the stated and the extra variance
+    stated = model.formulation.sigma
+    variances = [np.asarray(stated[name]) ** 2 + noise.extra.get(name, 0.0) for name in model.formulation.readings]
+    sigma = np.sqrt(np.stack([np.broadcast_to(v, len(data)) for v in variances], axis=-1))
     whiten = whitener(B, sigma, noise.autocorrelation, reading_order(data))
     return Linearised(
-        model=model,
-        misclosure=misclosure,
-        columns=model.jacobian_of(x, recorded, slopes),
-        whiten=whiten,
-        recorded=recorded,
-        slopes=slopes,
-        reading_slopes=B,
-        sigma=sigma,
-    )
+        model=model, misclosure=misclosure, columns=model.jacobian_of(x, recorded, slopes), whiten=whiten,
+        recorded=recorded, slopes=slopes, reading_slopes=B, sigma=sigma,
+    )  # fmt: skip
 
 
 def readings_of(model: Model) -> Array:
-    """Return the noisy readings, shape (n, k)."""
     data = model.formulation.data
     return np.stack([np.asarray(data[name], dtype=float) for name in model.formulation.readings], axis=-1)
 
@@ -236,20 +217,8 @@ def reading_order(data: MeasuredData) -> Array:
     return np.asarray(data[PLACE]) if data.has(PLACE) else np.arange(len(data), dtype=float)
 
 
-def _sigma(model: Model, noise: Noise) -> Array:
-    """Return the standard deviation of each reading without `scale`, (n, k), from the stated and the extra variance."""
-    n = len(model.formulation.data)
-    stated = model.formulation.sigma
-    variances = [np.asarray(stated[name]) ** 2 + noise.extra.get(name, 0.0) for name in model.formulation.readings]
-    return np.sqrt(np.stack([np.broadcast_to(v, n) for v in variances], axis=-1))
-
-
 def _noise_of(at: Linearised, misclosure: Array, noise: Noise) -> Array:
-    """Return the readings' noise as estimated from the misclosure: Sigma B^T (B Sigma B^T)^-1 f, shape (n, k).
-
-    It is computed row by row. The correlation with neighbouring rows is ignored, because the estimate only has to be
-    uncorrelated with the residual of its own row.
-    """
+    """Return the readings' noise as estimated from the misclosure, row by row: Sigma B^T (B Sigma B^T)^-1 f, (n, k)."""
     scaled = at.reading_slopes * at.sigma[:, None, :]
     covariance = scaled @ scaled.transpose(0, 2, 1)
     right = misclosure[:, :, None]
@@ -260,7 +229,11 @@ def _noise_of(at: Linearised, misclosure: Array, noise: Noise) -> Array:
 def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
     """Return the Gauss-Newton step by orthogonal decomposition, columns scaled, damped as Levenberg's where asked."""
     root = np.sqrt(noise.weights(r))
-    A, b = (J * root[:, None], -root * r) if len(r) <= _BLOCK else _folded(J, r, root)
+    if len(r) <= _BLOCK:
+        A, b = J * root[:, None], -root * r
+    else:  # the triangle of the weighted rows, and -r transformed in the same way: lengths and angles stay
+        whole = triangle(np.column_stack([J, -r]), root)
+        A, b = whole[:, :-1], whole[:, -1]
     size = np.sqrt((A**2).sum(axis=0))
     size[size == 0] = 1.0
     A = A / size
@@ -273,15 +246,6 @@ def _step(r: Array, J: Array, noise: Noise, damping: float = 0.0) -> Array:
     if rank:
         step[order[:rank]] = lstsq(R[:rank, :rank], (Q.T @ b)[:rank], check_finite=False)[0]
     return np.asarray(step / size)
-
-
-def _folded(J: Array, r: Array, root: Array) -> tuple[Array, Array]:
-    """Return the triangle R of the weighted rows of J, and -r transformed in the same way, block by block.
-
-    Lengths and angles are those of all rows, to rounding, as in any orthogonal decomposition.
-    """
-    whole = triangle(np.column_stack([J, -r]), root)
-    return whole[:, :-1], whole[:, -1]
 
 
 def triangle(A: Array, root: Array | None = None) -> Array:
@@ -315,10 +279,7 @@ def _descend(model: Model, noise: Noise, x: Array, readings: Array, steps: int) 
 
 
 def orthonormal(columns: Array, least: float) -> Array:
-    """Return an orthonormal basis (n, m) of the span of `columns`, (n, p), each scaled to length 1.
-
-    Directions whose singular value is not above `least` times the largest are left out.
-    """
+    """Return an orthonormal basis (n, m) of the span of `columns`, (n, p), each scaled to length 1."""
     lengths = np.linalg.norm(columns, axis=0)
     left, values, _ = np.linalg.svd(columns / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
     return np.asarray(left[:, values > least * values[0]])
@@ -342,7 +303,10 @@ _POINTS = 2000
 def amplitude_interval(effect: Effect, c: Array, covariance: Array, reach: float = REACH) -> tuple[float, float]:
     """Return the 95 % interval of the amplitude at coefficients c, (k,), of `covariance` (k, k).
 
-    `reach` is that of a Gaussian in its standard deviations; Student's where the variance was learned as well.
+    For one coefficient that is its estimate -+ `reach` standard deviations. The length of several (an eccentricity with
+    its phase) has no such formula: its range over the ellipsoid (c - c^)' C^-1 (c - c^) <= reach^2 is the profile
+    interval, and it reaches 0 where zero coefficients lie within. `reach` is that of a Gaussian; Student's where the
+    variance was learned as well.
     """
     k = len(c)
     if k == 1:
@@ -350,17 +314,182 @@ def amplitude_interval(effect: Effect, c: Array, covariance: Array, reach: float
         return float(min(ends)), float(max(ends))
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
-    directions = _directions(k)
+    # points on the unit sphere, always the same
+    if k == 2:
+        angle = np.linspace(0, 2 * np.pi, 360, endpoint=False)
+        directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    else:
+        drawn = np.random.default_rng(0).standard_normal((_POINTS, k))
+        directions = np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
     sizes = [effect.amplitude(c + reach * root @ d) for d in directions]
     signed = effect.amplitude(-c) < 0 or effect.amplitude(c) < 0
     inside = float(c @ np.linalg.pinv(covariance) @ c) <= reach**2
     return float(0.0 if inside and not signed else min(sizes)), float(max(sizes))
 
 
-def _directions(k: int) -> Array:
-    """Return points on the unit sphere, always the same."""
-    if k == 2:
-        angle = np.linspace(0, 2 * np.pi, 360, endpoint=False)
-        return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    drawn = np.random.default_rng(0).standard_normal((_POINTS, k))
-    return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
+@final
+@dataclass(frozen=True, eq=False)
+class ResidualProblem:
+    """A fitted model as a problem for the optimisers: whitened residuals over the fitting rows, in a box about the fit.
+
+    x holds free parameters and coefficients, `best` is the fit found. Residuals are divided by the noise that the
+    readings leave in them, whitened where the fit ended.
+    """
+
+    model: Model
+    fit: Fit
+    names: tuple[str, ...] = field(init=False)
+    best: Array = field(init=False)
+    start: Array = field(init=False)  # the nominal machine without effects
+
+    def __post_init__(self) -> None:
+        vars(self).update(names=self.model.names, best=self.fit.x, start=self.model.start)
+
+    @property
+    def options(self) -> dict[str, object]:
+        """Return what distinguishes this problem in a table of results: its data and the added effects."""
+        return {"case": self.model.formulation.data.name, "names": list(self.names)}
+
+    @property
+    def data_id(self) -> str:
+        """Return a digest of the readings and of the noise that they are divided by."""
+        arrays = [readings_of(self.model), self.fit.at.sigma, np.array(self.fit.noise.scale), self.fit.x]
+        return blake2b(b"".join(np.ascontiguousarray(part).tobytes() for part in arrays), digest_size=8).hexdigest()
+
+    @property
+    def lower(self) -> Array:
+        return self._box[0]
+
+    @property
+    def upper(self) -> Array:
+        return self._box[1]
+
+    @property
+    def _box(self) -> tuple[Array, Array]:
+        parameters = self.model.formulation.parameters
+        reach = _WIDTH * np.sqrt(np.diag(self.fit.covariance()))
+        lower, upper = np.minimum(self.start, self.fit.x) - reach, np.maximum(self.start, self.fit.x) + reach
+        p = len(parameters)
+        lower[:p] = np.minimum([q.lower for q in parameters], self.fit.x[:p])
+        upper[:p] = np.maximum([q.upper for q in parameters], self.fit.x[:p])
+        return lower, upper
+
+    def residuals(self, x: Array, /) -> Array:
+        """Return the whitened residuals, shape (m,)."""
+        return self.fit.at.whiten(np.asarray(self.model.residuals(x))) / self.fit.noise.scale
+
+    def jacobian(self, x: Array, /) -> Array:
+        """Return their derivative, shape (m, dim)."""
+        return self.fit.at.whiten(self.model.jacobian(x)) / self.fit.noise.scale
+
+    def __call__(self, x: Array, /) -> float:
+        r = self.residuals(x)
+        return float(r @ r)
+
+    def predict(self, data: MeasuredData, x: Array | None = None) -> Array:
+        """Return the whitened residuals of other rows, shape (n, c), in units of the stated noise."""
+        return predicted(self.model, self.fit.x if x is None else x, data, Noise())
+
+
+def predicted(model: Model, x: Array, data: MeasuredData, noise: Noise) -> Array:
+    """Return the residuals of `data` under a model at x, whitened by `noise` but for its scale, shape (n, c)."""
+    there = Model(model.formulation.on(data), model.effects)
+    readings = readings_of(there)
+    at = linearise(there, noise, x, readings, readings)
+    return at.whiten(at.misclosure).reshape(at.misclosure.shape)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _End:
+    """Where a fit ended: x (p,) and adjusted readings (n, k), the scale of the noise, and whether it converged.
+
+    `alive` are the objects whose ids are in the key; the reference keeps them alive.
+    """
+
+    x: Array
+    adjusted: Array
+    scale: float
+    converged: bool
+    alive: tuple[Any, ...]
+
+
+_ENDS: ContextVar[dict[tuple[Any, ...], _End] | None] = ContextVar("ends", default=None)
+
+
+@contextmanager
+def keeping_fits() -> Iterator[None]:
+    """Inside the block, remember where the fits of `fit_once` end."""
+    before = _ENDS.set({})
+    try:
+        yield
+    finally:
+        _ENDS.reset(before)
+
+
+def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, about: Fit | None = None) -> Fit:
+    """Return what `fit` returns; a fit that was made before from this start is not made again.
+
+    With Gaussian noise the scale changes neither the minimum nor the steps towards it, only the tolerance. So where a
+    fit ended is kept, without its arrays: one further step from there shows whether the fit at another scale would have
+    ended there too. A fit that did not converge near its start under a wider noise does not do so under a narrower one.
+    """
+    ends, readings = _ENDS.get(), readings_of(model)
+    if ends is None or np.isfinite(noise.t_degrees) or len(readings) >= thresholds().many_readings:
+        return fit(model, noise, start, near=near, about=about)
+    digest = blake2b(digest_size=16)
+    if about is not None:
+        for name in model.formulation.readings:
+            first = about.at.model.formulation.data[name]
+            digest.update(name.encode() + np.ascontiguousarray(first, dtype=float).tobytes())
+    alive = (model.formulation, *model.effects, *noise.extra.values())
+    key = (*map(id, alive), *noise.extra, noise.autocorrelation, near, start.tobytes(), digest.digest())
+    end = ends.get(key)
+    walked = end is not None and (end.scale == noise.scale or (near and end.scale > noise.scale))
+    if end is not None and (end.converged or walked):
+        found = fit_at(model, noise, end.x, end.adjusted, end.converged)
+        if not end.converged or end.scale == noise.scale or rests(found):
+            return found
+    found = fit(model, noise, start, near=near, about=about)
+    ends[key] = _End(found.x, readings_of(found.at.model), noise.scale, found.converged, alive)
+    return found
+
+
+_FAR = 30.0  # times the noise that a calibrated machine leaves, from which on other starts are tried
+_STARTS = 8
+_BETTER = 0.9  # part of the cost: another minimum below this is taken for better
+
+
+def fit_from_several(formulation: Formulation) -> tuple[Fit, tuple[Note, ...]]:
+    """Return the machine without effects fitted to its data, and a note where the nominal start is not the best."""
+    model = Model(formulation)
+    nominal = fit(model, Noise())
+    if nominal.converged and float(np.sqrt(np.mean(nominal.r**2))) < _FAR:
+        return nominal, ()
+    lower, upper = (np.array([getattr(p, side) for p in formulation.parameters]) for side in ("lower", "upper"))
+    start = np.array([p.start for p in formulation.parameters])
+    inside = np.isfinite(lower) & np.isfinite(upper)
+    low, high = np.where(inside, lower, start), np.where(inside, upper, start)
+    better = []
+    for other in np.random.default_rng(0).uniform(low, high, (_STARTS, len(start))):
+        try:
+            found = fit(model, Noise(), other, near=False)
+        except (np.linalg.LinAlgError, ValueError, FloatingPointError):
+            continue
+        if np.isfinite(found.cost) and found.converged and found.cost < _BETTER * nominal.cost:
+            better.append(found)
+    if not better:
+        if not all(np.isfinite(values).all() for values in (nominal.r, nominal.J, nominal.at.reading_slopes)):
+            raise DataError(
+                f"{formulation.data.name}: no numbers of the machine come near these readings: its fit leads "
+                "to where the model has no value; are all units right, and the nominal numbers those of this machine?"
+            )
+        return nominal, ()
+    best = min(better, key=lambda found: found.cost)
+    alike = sum(found.cost < best.cost / _BETTER for found in better)
+    times = float(np.sqrt(nominal.cost / best.cost))
+    text = (
+        f"the fit from the nominal machine leaves {plain(times, 3)} times as much; {alike} of "
+        f"{_STARTS} other starts in the box of the parameters lead to the one that is told here"
+    )
+    return best, (Note(Code.OTHER_START, text, values={"times": times, "starts": _STARTS, "alike": alike}),)

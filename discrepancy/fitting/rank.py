@@ -2,30 +2,34 @@
 
 At a fit, a parameter whose column is a combination of others' columns is held at its nominal value. It and those others
 have no standard deviation, because only their combination is determined. Equations are counted by rank as well:
-constraints of a reading that its noise cannot change independently count once.
+constraints of a reading that its noise cannot change independently count once. Two parameters are confounded where each
+alone has a wide standard error, but one combination of the two a narrow one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import Any, final
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
 from calibench.core.notes import Code, Note
+from calibench.core.words import plain
 from calibench.discrepancy.fitting.fit import Fit, fit, fit_at, readings_of
-from calibench.discrepancy.model.learned_noise import relearned
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import DataError, MeasuredData
-from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.model import Model, relearned
+from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array, Parameter
 
 _SEEN = 1e-9  # part of a column, all scaled to length 1, that must be left beside the others for it to be told
 _TAKES_PART = 1e-6  # of a combination, scaled likewise
 _TAKES_A_PART = 0.02  # of one that is nearly undetermined, scaled by the bounds
 _ANY = 1e12  # sigma, for the width of a parameter without bounds
+_WHOLE = 0.05  # a factor nearer to 1 is taken for 1
 _COSTS = 4.0  # cost, times that of the far fit, up to which the fit with held parameters is taken
 
 
@@ -38,7 +42,6 @@ class Undetermined:
     others: Mapping[str, float]
 
     def note(self, parameter: Parameter) -> Note:
-        """Return the note for the report."""
         held = f"{self.name} is held at {parameter.start:g}{f' {parameter.unit}' if parameter.unit else ''}"
         text = f"these data do not determine {self.name}: {held} and has no standard error"
         if self.others:
@@ -71,7 +74,6 @@ class Held:
         return getattr(self.inner, name)
 
     def on(self, data: MeasuredData) -> Held:
-        """Return the same over other rows."""
         return replace(self, inner=self.inner.on(data))
 
     def relearned(self, left: Array, spent: float) -> Held:
@@ -82,8 +84,8 @@ class Held:
 def undetermined(at: Fit, within: Array | None = None) -> tuple[Undetermined, ...]:
     """Return which parameters of a fitted machine, without effects, its data cannot tell from others.
 
-    With widths `within`, (p,), these are the parameters that can change by their width and change the readings by less
-    than their noise.
+    With widths `within`, (p,), these are those that can change by their width and the readings by less than their
+    noise.
     """
     names = [p.name for p in at.model.formulation.parameters]
     J = at.J[:, : len(names)]
@@ -109,64 +111,46 @@ def undetermined(at: Fit, within: Array | None = None) -> tuple[Undetermined, ..
     return tuple(found)
 
 
-def determined(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, tuple[Undetermined, ...]]:
+def determined(formulation: Formulation, nominal: Fit) -> tuple[Formulation, Fit, tuple[Undetermined, ...]]:
     """Return the formulation with the undetermined parameters held, its fit, and these parameters.
 
     Raises `DataError` where the data leave no equation to check the machine with.
     """
-    lacking = undetermined(plain)
+    lacking = undetermined(nominal)
     rank = len(formulation.parameters) - len(lacking)
     # of each row as many as its noise changes independently
-    equations = int(np.sum(np.linalg.matrix_rank(plain.at.reading_slopes * plain.at.sigma[:, None, :])))
+    equations = int(np.sum(np.linalg.matrix_rank(nominal.at.reading_slopes * nominal.at.sigma[:, None, :])))
     if equations <= rank:
         n = len(formulation.data)
-        rows = f"{n} row{'s' if n > 1 else ''}"
         seen = f"; they tell {rank} of them" if lacking else ""
         raise DataError(
-            f"{formulation.data.name}: {rows} cannot carry {len(formulation.parameters)} parameters"
-            f"{seen}, and leave none of their {equations} equations to check the machine with; take more readings, or "
-            "hold parameters"
+            f"{formulation.data.name}: {n} row{'s' if n > 1 else ''} cannot carry {len(formulation.parameters)} "
+            f"parameters{seen}, and leave none of their {equations} equations to check the machine with; take more "
+            "readings, or hold parameters"
         )
-    if not lacking:
-        return _led_astray(formulation, plain) or (formulation, plain, ())
-    held = Held(formulation, frozenset(u.name for u in lacking))
-    return held, fit(Model(held), plain.noise), lacking
+    if lacking:
+        held = Held(formulation, frozenset(u.name for u in lacking))
+        return held, fit(Model(held), nominal.noise), lacking
 
+    # nearly undetermined parameters are held where they have led the fit far outside its bounds
+    def is_inside(at: Fit) -> bool:  # no parameter is further outside its bounds than the width of its box
+        known = zip(at.model.formulation.parameters, at.x.tolist())
+        return all(p.lower - (p.upper - p.lower) <= value <= p.upper + (p.upper - p.lower) for p, value in known)
 
-def _led_astray(formulation: Formulation, plain: Fit) -> tuple[Formulation, Fit, tuple[Undetermined, ...]] | None:
-    """Return the same with nearly undetermined parameters held, where these have led a fit far outside its bounds.
-
-    A combination that is nearly undetermined hardly changes the residuals, so noise alone leads it far away, where the
-    linearised machine is wrong. Returns None where the fit stayed near, where holding does not bring it back, or where
-    holding makes the fit too bad.
-    """
-    width = np.array([p.upper - p.lower for p in formulation.parameters])
-    if _inside(plain, width):
-        return None
-    model = Model(formulation)
-    here = fit_at(model, plain.noise, model.start, readings_of(model), False)
+    if is_inside(nominal):
+        return formulation, nominal, ()
+    model, width = Model(formulation), np.array([p.upper - p.lower for p in formulation.parameters])
+    here = fit_at(model, nominal.noise, model.start, readings_of(model), False)
     if not (np.isfinite(here.J).all() and (width > 0).all()):
-        return None
+        return formulation, nominal, ()
     size = np.linalg.norm(here.J[:, : len(width)], axis=0)
     free = np.where(np.isfinite(width), width, _ANY / np.where(size > 0, size, 1.0))
     if not (lacking := undetermined(here, free)):
-        return None
+        return formulation, nominal, ()
     held = Held(formulation, frozenset(u.name for u in lacking))
-    back = fit(Model(held), plain.noise)
-    near = _inside(back, np.array([p.upper - p.lower for p in held.parameters]))
-    return (held, back, lacking) if near and back.cost <= _COSTS * plain.cost else None
-
-
-def _inside(at: Fit, width: Array) -> bool:
-    """Return whether no parameter of a fit is further outside its bounds than the width of its box."""
-    x = at.x[: len(width)]
-    known = at.model.formulation.parameters
-    return all(p.lower - w <= value <= p.upper + w for p, value, w in zip(known, x.tolist(), width.tolist()))
-
-
-def nominal_of(formulation: Formulation, lacking: tuple[Undetermined, ...]) -> dict[str, float]:
-    """Return the values at which parameters are held."""
-    return {u.name: float(formulation.fixed[u.name]) for u in lacking}
+    back = fit(Model(held), nominal.noise)
+    better = is_inside(back) and back.cost <= _COSTS * nominal.cost
+    return (held, back, lacking) if better else (formulation, nominal, ())
 
 
 def spread(at: Fit, lacking: tuple[Undetermined, ...]) -> Array:
@@ -175,3 +159,39 @@ def spread(at: Fit, lacking: tuple[Undetermined, ...]) -> Array:
     sd = np.sqrt(np.diag(at.covariance()))[: len(names)]
     sd[np.isin(names, [name for u in lacking for name in (u.name, *u.others)])] = np.nan
     return sd
+
+
+@final
+@dataclass(frozen=True)
+class Confounded:
+    """Two parameters with their standard deviations, and that of the well-known `first - factor * second`."""
+
+    first: str
+    second: str
+    sd: tuple[float, float]
+    factor: float
+    known: float
+
+    def __str__(self) -> str:
+        size = "" if abs(self.factor) == 1 else f"{plain(abs(self.factor), 3)} "
+        sign = "-" if self.factor > 0 else "+"
+        alone = f"{self.first} ± {plain(self.sd[0], 2)}, {self.second} ± {plain(self.sd[1], 2)}"
+        return f"{alone}, {self.first} {sign} {size}{self.second} ± {plain(self.known, 2)}"
+
+
+def confounded(names: Sequence[str], J: Array, sigma: float) -> tuple[Confounded, ...]:
+    """Return the confounded pairs, given slopes J, (n, p), of readings with standard deviation `sigma`."""
+    C = np.linalg.inv(J.T @ J) * sigma**2
+    sd = np.sqrt(np.diag(C))
+    tied = np.abs(C / np.outer(sd, sd) - np.eye(len(sd)))
+    found: list[Confounded] = []
+    for i, j in sorted(combinations(range(len(sd)), 2), key=lambda pair: -tied[pair]):
+        if any(names[k] in (e.first, e.second) for k in (i, j) for e in found):
+            continue
+        factor = float(C[i, j] / C[j, j])
+        if abs(abs(factor) - 1) < _WHOLE:
+            factor = float(np.sign(factor))
+        known = float(np.sqrt(max(C[i, i] - 2 * factor * C[i, j] + factor**2 * C[j, j], 0.0)))
+        if known * thresholds().confounded_times < min(sd[i], abs(factor) * sd[j]):
+            found.append(Confounded(names[i], names[j], (float(sd[i]), float(sd[j])), factor, known))
+    return tuple(sorted(found, key=lambda e: list(names).index(e.first)))

@@ -1,11 +1,9 @@
 """Exact tests for small samples: few rows, an unknown variance and many candidates.
 
-Where a model misses the readings by far more than they scatter, the misfit itself acts as the noise, and its variance
-is estimated from the misfit alone. A candidate is tested by F in the residual space of the calibration. The smallest p
-of all candidates is compared with those of random rotations of the residual vector. If that vector has a uniform
-direction in that space (so it is for Gaussian noise, and for any mixture of Gaussians of different size), the test is
-exact, however the candidates are correlated. All is linear about the calibrated machine; misfits are a thousandth of a
-leg, so that is allowed.
+Where a model misses the readings by far more than they scatter, the misfit itself acts as the noise. A candidate is
+tested by F in the residual space of the calibration, linear about it; the smallest p of all is compared with those of
+random rotations of the residual vector. If that has a uniform direction there (so it is for any mixture of Gaussians),
+the test is exact, however the candidates are correlated.
 """
 
 from __future__ import annotations
@@ -149,33 +147,26 @@ def small_sample(
         c = -back @ z
         error = np.sqrt((total - explained) / rest) * np.sqrt((back**2).sum(axis=1))
         limit = (plausible or {}).get(effect.family, np.inf)
-        found.append(
-            Supported(
-                name=name_of(effect),
-                rank=m,
-                share=explained / total,
-                F=F,
-                p=p,
-                p_tried=float((1 + (least <= p * (1 + 1e-9)).sum()) / (1 + len(least))),
-                aicc=_aicc(n, q.shape[1] + m, total - explained, q.shape[1], total),
-                loo=_loo(np.column_stack([q, U]), r),
-                coefficients=c,
-                standard_errors=error,
-                plausible=bool(np.abs(c).max() <= limit),
-            )
-        )
+        # AICc less that of the calibration alone, the variance counted as one more unknown
+        k, aicc = q.shape[1], None
+        if n - (k + m + 1) - 1 > 0:
+            pairs = ((k + m, total - explained), (k, total))
+            own, plain = (n * np.log(rss / n) + 2 * (j + 1) * n / (n - j - 2) for j, rss in pairs)
+            aicc = float(own - plain)
+        tried = float((1 + (least <= p * (1 + 1e-9)).sum()) / (1 + len(least)))
+        one = Supported(
+            name=name_of(effect), rank=m, share=explained / total, F=F, p=p, p_tried=tried, aicc=aicc,
+            loo=_loo(np.column_stack([q, U]), r), coefficients=c, standard_errors=error,
+            plausible=bool(np.abs(c).max() <= limit),
+        )  # fmt: skip
+        found.append(one)
     edge = float(np.quantile(least, 0.05)) if len(least) else np.nan
     F = float(fdtri(1, degrees - 1, 1 - edge)) if degrees > 1 else np.nan
     return SmallSample(
-        case=about.model.formulation.data.name,
-        rows=n,
-        degrees=degrees,
-        rms=float(np.sqrt(total / n)),
-        loo=_loo(q, r),
-        tried=len(found),
-        needed=F / (F + degrees - 1),
+        case=about.model.formulation.data.name, rows=n, degrees=degrees, rms=float(np.sqrt(total / n)),
+        loo=_loo(q, r), tried=len(found), needed=F / (F + degrees - 1),
         candidates=tuple(sorted(found, key=lambda s: (round(s.p, 9), s.name))),
-    )
+    )  # fmt: skip
 
 
 @final
@@ -255,19 +246,8 @@ def _smallest_p(seen: Sequence[Array], q: Array, draws: int, rng: np.random.Gene
     return np.asarray(least)
 
 
-def _aicc(n: int, k: int, left: float, k_plain: int, left_plain: float) -> float | None:
-    """Return AICc with k columns less that of the calibration alone, the variance counted as one more unknown."""
-    if n - (k + 1) - 1 <= 0:
-        return None
-    own, plain = (n * np.log(rss / n) + 2 * (m + 1) * n / (n - m - 2) for m, rss in ((k, left), (k_plain, left_plain)))
-    return float(own - plain)
-
-
 def _loo(columns: Array, r: Array) -> float:
-    """Return the rms error of each row predicted from the others by `columns`.
-
-    It is infinite where a row cannot be predicted.
-    """
+    """Return the rms error of each row predicted from the others by `columns`."""
     q = orthonormal(columns, _FULL)
     lever = 1 - (q**2).sum(axis=1)
     if lever.min() < 1e-9:

@@ -1,27 +1,23 @@
 """What an effect is: named physics that changes quantities of a machine, and is the identity at zero coefficients.
 
-`EffectFamily`: one physical cause on one kind of machine, as data with a function that builds its candidates.
-
-`LinearEffect`: an effect whose change of the quantities is linear in its coefficients, as most physics here is.
-
-`Step`: a quantity that changes once during the run, at a time that is searched for.
-
-A family returns one candidate for each of at most `_PLACES` times between visits; the procedure keeps the best of them,
-charges it `positions`, and may then look between its neighbours (`finer`).
+`EffectFamily` is one physical cause on one kind of machine, as data with a function that builds its candidates.
+Most are a `LinearEffect`, whose change of the quantities is linear in its coefficients, or a `ChangePoint`: a quantity
+that changes once during the run. Of that a family returns one candidate for each of at most `change_places` times
+between visits; the procedure keeps the best, charges it `positions`, and may look between its neighbours (`finer`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, cast, final, runtime_checkable
 
 import numpy as np
 
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData, gaps_in_words
-from calibench.discrepancy.registries import effects
+from calibench.discrepancy.registries import GENERAL, effects, load_shipped
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -169,29 +165,24 @@ class NotTestable(Exception):
 
 
 def name_of(effect: Effect) -> str:
-    """Return the name of an instance: its family and its target."""
     return f"{effect.family} {effect.target}"
 
 
 @runtime_checkable
 class OfFreePeriod(Protocol):
-    """An effect whose period is fitted, by its last coefficient, which moves the frequency."""
+    """An effect whose period is fitted, by its last coefficient, which moves the frequency.
+
+    `period` is that at coefficients c, in `period_unit`: the unit of the column over which it repeats, "" where nobody
+    states it.
+    """
 
     @property
-    def period_unit(self) -> str:
-        """Return the unit of the column over which it repeats, "" where nobody states it."""
-        ...
-
-    def period(self, c: Array) -> float:
-        """Return the period at coefficients c, in `period_unit`."""
-        ...
+    def period_unit(self) -> str: ...
+    def period(self, c: Array) -> float: ...
 
 
 def has_free_period(effect: Effect) -> bool:
-    """Return whether an effect is `OfFreePeriod`.
-
-    The answer is cached for each class, because a protocol check is slow.
-    """
+    """Return whether an effect is `OfFreePeriod`, cached for each class, because a protocol check is slow."""
     kind = type(effect)
     if kind not in _FREE:
         _FREE[kind] = isinstance(effect, OfFreePeriod)
@@ -202,21 +193,15 @@ _FREE: dict[type, bool] = {}  # what a class is does not change
 
 
 def still_open(candidates: Iterable[Effect], taken: Collection[str]) -> list[Effect]:
-    """Return the candidates beside effects whose names are `taken`, without these and those that must come later.
-
-    A candidate that comes after another comes after all before that one: the fourth of a kind is tried when three are
-    taken.
-    """
+    """Return the candidates beside effects whose names are `taken`, without these and those that must come later."""
     known = list(candidates)
     before = {name_of(e): str(getattr(e, "after", "")) for e in known}
 
-    def is_open(name: str) -> bool:
-        while name := before.get(name, ""):
-            if name not in taken:
-                return False
-        return True
-
-    opened = {name: name not in taken and is_open(name) for name in before}
+    opened = {}
+    for name, first in before.items():
+        while first and first in taken:
+            first = before.get(first, "")
+        opened[name] = name not in taken and not first
     return [e for e in known if opened[name_of(e)]]
 
 
@@ -260,7 +245,6 @@ class EffectFamily:
     never_negative: str = ""
 
     def names_in(self, formulation: Formulation) -> tuple[str, ...]:
-        """Return the targets that there are in a formulation."""
         return self.targets if self.targets_in is None else self.targets_in(formulation)
 
     def candidates(self, formulation: Formulation) -> Catalogue:
@@ -270,16 +254,13 @@ class EffectFamily:
             try:
                 built = self.build(formulation, target)
             except NotTestable as why:
-                found += Catalogue(
-                    untestable=(Untestable(self.name, target, str(why), why.columns, why.missing),),
-                )
+                lacking = Untestable(self.name, target, str(why), why.columns, why.missing)
+                found += Catalogue(untestable=(lacking,))
                 continue
             if isinstance(built, HeldBack):
-                found += Catalogue(
-                    alternatives=built.alternatives, untestable=(Untestable(self.name, target, built.reason),)
-                )
+                found += Catalogue((), built.alternatives, (Untestable(self.name, target, built.reason),))
             else:
-                found += Catalogue(candidates=built)
+                found += Catalogue(built)
         return found
 
     def linear(
@@ -303,26 +284,16 @@ class EffectFamily:
         `unit` is that of its amplitude, by default that of its first coefficient.
         """
         return LinearEffect(
-            family=self.name,
-            target=target,
-            formula=self.formula,
-            channel=self.channel,
-            columns=columns,
-            coefficients=tuple(coefficients),
-            units=tuple(coefficients.values()),
-            unit=unit or next(iter(coefficients.values())),
-            changes=changes,
-            twins=twins,
-            measure=measure or size,
-            largest=largest,
-            along=along,
-            positions=positions,
-            begins=begins,
-            begins_unit=begins_unit,
-        )
+            family=self.name, target=target, formula=self.formula, channel=self.channel, columns=columns,
+            coefficients=tuple(coefficients), units=tuple(coefficients.values()),
+            unit=unit or next(iter(coefficients.values())), changes=changes, twins=twins, measure=measure or size,
+            largest=largest, along=along, positions=positions, begins=begins, begins_unit=begins_unit,
+        )  # fmt: skip
 
     def enter(self) -> EffectFamily:
         """Put the family into the registry, under `machine/name`, and return it."""
+        if self.machine != GENERAL:
+            load_shipped()  # first, so that theirs stand first
         effects.register(f"{self.machine}/{self.name}")(lambda: self)
         return self
 
@@ -394,15 +365,12 @@ class LinearEffect:
     whole: Effect | None = None
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return quantity -> (n,): the change at coefficients c, (k,)."""
         return {name: change @ c for name, change in self.changes(q, data).items()}
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return the derivative of `shift`, the same at every c."""
         return self.changes(q, data)
 
     def amplitude(self, c: Array) -> float:
-        """Return the size an engineer quotes, in `unit`."""
         return self.measure(c)
 
 
@@ -437,40 +405,29 @@ class ChangePoint:
     clock: str = "t_s"
     one: float = 1.0
     kinds: tuple[tuple[str, float], ...] = ()
+    units: tuple[str, ...] = field(init=False)
+    ones: Array = field(init=False)  # what a coefficient of 1 is, in the unit of its quantity, (k,)
+    begins: float = field(init=False)
+    begins_unit: str = field(init=False)  # `IN_ROWS` for the order of the rows, "" for a clock that may run in any
 
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Return the unit of each coefficient."""
-        return tuple(unit for unit, _ in self.kinds) or (self.unit,) * len(self.coefficients)
-
-    @property
-    def begins(self) -> float:
-        """Return the time from which the quantities are larger."""
-        return self.at
-
-    @property
-    def begins_unit(self) -> str:
-        """Return the unit of that time, `IN_ROWS` for the order of the rows; "" for a clock that may run in any."""
-        return {"t_s": "s", IN_ROWS: IN_ROWS}.get(self.clock, "")
-
-    @property
-    def ones(self) -> Array:
-        """Return what a coefficient of 1 is, in the unit of its quantity, (k,)."""
-        return np.array([one for _, one in self.kinds] or [self.one] * len(self.coefficients))
+    def __post_init__(self) -> None:
+        count = len(self.coefficients)
+        vars(self).update(
+            units=tuple(unit for unit, _ in self.kinds) or (self.unit,) * count,
+            ones=np.array([one for _, one in self.kinds] or [self.one] * count),
+            begins=self.at,
+            begins_unit={"t_s": "s", IN_ROWS: IN_ROWS}.get(self.clock, ""),
+        )
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return quantity -> (n,): zero before `at`, the coefficient after."""
         after = data[self.clock] >= self.at
         return {name: one * after * c[k] for k, (name, one) in enumerate(zip(self.quantities, self.ones, strict=True))}
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return the derivative of `shift`: the step itself in the coefficient's own column."""
-        after = data[self.clock] >= self.at
-        units = np.diag(self.ones)
+        after, units = data[self.clock] >= self.at, np.diag(self.ones)
         return {name: after[:, None] * units[k] for k, name in enumerate(self.quantities)}
 
     def amplitude(self, c: Array) -> float:
-        """Return the step, of two the length."""
         return size(np.asarray(c)[[unit == self.unit for unit in self.units]])
 
 
@@ -480,10 +437,7 @@ def change_times(t: Array) -> Array:
 
 
 def finer(effect: Effect, data: MeasuredData) -> tuple[Effect, ...]:
-    """Return `effect` at every time between its neighbouring places, at most `_PLACES`; () if it has no place.
-
-    An effect with places of another kind has a method for those between them (`nearer`).
-    """
+    """Return `effect` at every time between its neighbouring places, at most `_PLACES`; () if it has no place."""
     if not isinstance(effect, ChangePoint):
         nearer = getattr(effect, "nearer", None)
         return tuple(nearer(data)) if nearer else ()

@@ -1,6 +1,6 @@
 """Ready-made formulations: a machine as constraints, as predictions, or as blocks of several kinds of readings.
 
-`Constraints`: a ready-made formulation, for a machine of which its author writes the constraints and nothing else.
+`Constraints`, for a machine of which its author writes the constraints and nothing else:
 
     def formulate(self, data):
         return Constraints(data, closure, PARAMETERS, {"enc_1": 2e-5, "x": 0.02})
@@ -9,7 +9,7 @@
 complex step, so it must be analytic: no `abs`, no `np.linalg.norm`, no comparison of quantities, no `np.hypot` nor
 `np.arctan2`. A few rows are compared with differences at the start, for a modulus would be wrong in silence.
 
-`Predicted`: a ready-made formulation for a machine that predicts what is measured, its inputs free of noise.
+`Predicted`, for a machine that predicts what is measured, its inputs free of noise:
 
     def formulate(self, data):
         return Predicted(data, tip, PARAMETERS, measured={"x": 0.02, "y": "sigma_y"}, inputs=("enc_1", "enc_2"))
@@ -17,15 +17,13 @@ complex step, so it must be analytic: no `abs`, no `np.linalg.norm`, no comparis
 `predict(q)` returns what perfect instruments would read, (n, m) in the order of `measured`, or (n,) of one. Residual is
 measured minus predicted. Slopes are taken by complex step where `slopes(q)` does not give them: see `Constraints`.
 
-`Blocks`: readings of different kinds in one fit, such as heights of a probe and distances between its marks.
+`Blocks`, for readings of different kinds in one fit, such as heights of a probe and distances between its marks:
 
     def formulate(self, data):
         heights, distances = (data.rows(data["kind"] == kind) for kind in ("height", "distance"))
         return Blocks(Predicted(heights, height, PARAMETERS, {"z": 0.02}), Predicted(distances, ...))
 
 Each block has rows and constraints of its own; a parameter of one name is one parameter.
-
-Check the slopes of a formulation that its author wrote as a function: by differences, on a few rows.
 """
 
 from __future__ import annotations
@@ -42,18 +40,11 @@ from numpy.typing import NDArray
 
 from calibench.core.notes import Code, Note, once
 from calibench.core.options import suggest
-from calibench.discrepancy.model.learned_noise import learned_noise, noise_left, relearned
-from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities, complex_step_slopes
+from calibench.discrepancy.model import roles as parts_of
+from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities, as_they_are, complex_step_slopes
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete, number_visits, without_gaps
-from calibench.discrepancy.model.roles import (
-    Roles,
-    columns_of,
-    directions_of,
-    inputs_of,
-    refuse_word,
-    roles_of,
-    unknown_noise_of,
-)
+from calibench.discrepancy.model.model import learned_noise, noise_left, relearned
+from calibench.discrepancy.model.roles import Roles, inputs_of, roles_of, unknown_noise_of
 from calibench.problems.base import Array, Parameter
 
 BOOKKEEPING = ("pose_id", "visit_id", "repeat", "reading_place", "valid", "block")
@@ -83,11 +74,16 @@ class Constraints:
     roles: Roles = field(default_factory=Roles)
     inputs: tuple[str, ...] = ()
     checked: bool = field(default=False, repr=False)
+    fixed: Mapping[str, float] = field(init=False, repr=False)
+    readings: tuple[str, ...] = field(init=False, repr=False)
+    sigma: Mapping[str, float] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        if not self.checked:
+            check_kinds("noise", self.noise, self.inputs, self.parameters)
+        vars(self).update(fixed=self.held, readings=tuple(self.noise), sigma=self.noise)
         if self.checked:
             return
-        check_kinds("noise", self.noise, self.inputs, self.parameters)
         for sensor in self.instruments:
             if sensor.column not in self.noise:
                 raise DataError(f"sensor {sensor.column}: no noise is stated of it; there are {', '.join(self.noise)}")
@@ -97,36 +93,14 @@ class Constraints:
                 only = " (None, unknown, is for what Predicted measures)" if sigma is None else ""
                 raise DataError(f"noise of {name}: {shown_sigma}; a standard deviation above 0 is needed{only}")
         refuse_twice((*self.noise, *self.inputs), self.held, self.parameters)
-        sensors = (*self.instruments, *joints_among(self.inputs, self.roles))
-        data = complete(self.data, (*self.noise, *self.inputs), sensors)
-        object.__setattr__(self, "data", without_gaps(data, columns_of(self.roles), directions_of(self.roles)))
+        object.__setattr__(self, "data", _complete(self, (*self.noise, *self.inputs)))
         check_slopes(self, "closure(q)")
         self.roles.refuse_unknown(self)
 
     @property
-    def fixed(self) -> Mapping[str, float]:
-        """Return the numbers that are held."""
-        return self.held
-
-    @property
-    def readings(self) -> tuple[str, ...]:
-        """Return the columns that carry noise."""
-        return tuple(self.noise)
-
-    @property
     def sensors(self) -> tuple[Sensor, ...]:
-        """Return the instruments that fill these columns; one not told of is in the unit of its joint, or its file."""
-        known = {sensor.column: sensor for sensor in self.instruments}
-        units = dict(self.data.units) | {joint.reading: joint.unit for joint in self.roles.joints}
-        return tuple(
-            known.get(name) or Sensor(name, f"sensor of noise {sigma:g}", units.get(name, ""), part=name)
-            for name, sigma in self.noise.items()
-        )
-
-    @property
-    def sigma(self) -> Mapping[str, float]:
-        """Return their stated standard deviations."""
-        return self.noise
+        kinds = {name: f"{sigma:g}" for name, sigma in self.noise.items()}
+        return _sensors(self, kinds, {})
 
     def constraints(self, q: Quantities) -> Numbers:
         """Return the constraints, shape (n, c); raise `DataError` for a closure of another shape."""
@@ -140,12 +114,9 @@ class Constraints:
         return rows
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
-        """Return the derivative of the constraints in each quantity, name -> (n, c), by complex step."""
         return complex_step_slopes(self, q)
 
-    def decorrelate(self, rows: Array) -> Array:
-        """Return `rows` as they are: each reading has noise of its own."""
-        return rows
+    decorrelate = as_they_are
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
         """Return for each reading every column of numbers that varies: its error may depend smoothly on these."""
@@ -153,8 +124,17 @@ class Constraints:
         return {name: columns for name in self.noise}
 
     def on(self, data: MeasuredData) -> Constraints:
-        """Return the same constraints over other rows."""
         return replace(self, data=data, checked=True)
+
+
+def _sensors(of: Constraints | Predicted, kinds: Mapping[str, str], other: Mapping[str, str]) -> tuple[Sensor, ...]:
+    """Return the instruments that fill columns; one not told of is in the unit of its joint, its file or `other`."""
+    known = {sensor.column: sensor for sensor in of.instruments}
+    units = {**other, **of.data.units, **{joint.reading: joint.unit for joint in of.roles.joints}}
+    return tuple(
+        known.get(name) or Sensor(name, f"sensor of noise {kind}", units.get(name, ""), part=name)
+        for name, kind in kinds.items()
+    )
 
 
 def varying(data: MeasuredData) -> dict[str, Array]:
@@ -166,9 +146,12 @@ def varying(data: MeasuredData) -> dict[str, Array]:
     }
 
 
-def joints_among(inputs: Sequence[str], roles: Roles) -> tuple[Sensor, ...]:
-    """Return the joints whose readings are `inputs`, as sensors, so that a file's units are turned into theirs."""
-    return tuple(Sensor(joint.reading, "joint", joint.unit) for joint in roles.joints if joint.reading in inputs)
+def _complete(of: Constraints | Predicted, read: Sequence[str]) -> MeasuredData:
+    """Return the rows with a number in all that is `read` or followed, a joint's reading in the unit of the joint."""
+    joints = [Sensor(joint.reading, "joint", joint.unit) for joint in of.roles.joints if joint.reading in of.inputs]
+    data = complete(of.data, read, (*of.instruments, *joints))
+    directions = dict.fromkeys(joint.direction for joint in of.roles.joints if joint.direction)
+    return without_gaps(data, parts_of.columns_of(of.roles), tuple(directions))
 
 
 def check_kinds(argument: str, columns: object, inputs: object, parameters: Sequence[object]) -> None:
@@ -177,7 +160,7 @@ def check_kinds(argument: str, columns: object, inputs: object, parameters: Sequ
         raise DataError(
             f"{argument}: each column with its standard deviation is needed, such as {argument}={{'x': 0.02}}"
         )
-    refuse_word("inputs", inputs)
+    parts_of.refuse_word("inputs", inputs)
     for one in parameters:
         if not isinstance(one, Parameter):
             raise DataError(f"parameters: {one!r:.60} is no Parameter(name, unit, nominal, lower, upper)")
@@ -224,46 +207,43 @@ class Predicted:
     of_new: Callable[[MeasuredData], MeasuredData] | None = field(default=None, repr=False)
     _checked: bool = field(default=False, repr=False)
     _given: Callable[[Quantities], Mapping[str, Array]] | None = field(default=None, repr=False)
+    fixed: Mapping[str, float] = field(init=False, repr=False)
+    readings: tuple[str, ...] = field(init=False, repr=False)
+    unknown_noise: tuple[str, ...] = field(init=False, repr=False)  # the measured columns whose noise is not stated
 
     def __post_init__(self) -> None:
         ours = getattr(self.slopes, "__func__", None) is Predicted._slopes  # handed on by `replace`
         given = self._given if ours else self.slopes
-        object.__setattr__(self, "_given", given)
-        object.__setattr__(self, "slopes", self._slopes)  # the method of a `Formulation`, whether given or not
+        if not self._checked:
+            check_kinds("measured", self.measured, self.inputs, self.parameters)
+        unknown = tuple(name for name, sigma in self.measured.items() if sigma is None)
+        vars(self).update(_given=given, fixed=self.held, readings=tuple(self.measured), unknown_noise=unknown)
+        vars(self).update(slopes=self._slopes)  # the method of a `Formulation`, whether given or not
         if self._checked:
             return
-        self._check_names()
-        self._check_columns()
+        if not self.measured:
+            raise DataError("measured: nothing is measured; give it a column with its standard deviation or None")
+        refuse_twice((*self.measured, *self.inputs), self.held, self.parameters)
+        for sensor in self.instruments:
+            if sensor.column not in self.measured:
+                raise DataError(f"sensor {sensor.column}: it is not measured; {suggest(sensor.column, self.measured)}")
+        deviations = [stated for stated in self.measured.values() if isinstance(stated, str)]
+        read = tuple(dict.fromkeys((*self.measured, *self.inputs, *deviations)))
+        object.__setattr__(self, "data", _complete(self, read))
+        for name, stated in self.measured.items():
+            least = np.min(self._sigma(name, stated))
+            if not (stated is None or (np.isfinite(least) and least > 0)):
+                raise DataError(f"noise of {name}: {least:g}; a standard deviation above 0 is needed, or None: unknown")
         check_slopes(self, "predict(q)" if given is None else "slopes(q)")
         self.roles.refuse_unknown(self)
         if self.unknown_noise:
             object.__setattr__(self, "learned", learned_noise(self))
 
     @property
-    def fixed(self) -> Mapping[str, float]:
-        """Return the numbers that are held."""
-        return self.held
-
-    @property
-    def readings(self) -> tuple[str, ...]:
-        """Return the measured columns: they carry noise."""
-        return tuple(self.measured)
-
-    @property
-    def unknown_noise(self) -> tuple[str, ...]:
-        """Return the measured columns whose noise is not stated."""
-        return tuple(name for name, sigma in self.measured.items() if sigma is None)
-
-    @property
     def sensors(self) -> tuple[Sensor, ...]:
-        """Return the instruments that fill these columns; one not told of is in the unit of its joint, or its file."""
-        known = {sensor.column: sensor for sensor in self.instruments}
-        units = dict(self.data.units) | {joint.reading: joint.unit for joint in self.roles.joints}
-        return tuple(
-            known.get(name)
-            or Sensor(name, f"sensor of noise {_kind(name, sigma)}", units.get(name, self.unit), part=name)
-            for name, sigma in self.measured.items()
-        )
+        # sensors of equal stated noise are one kind, any other is its own kind
+        kinds = {n: f"{s:g}" if isinstance(s, int | float) else f"of {n}" for n, s in self.measured.items()}
+        return _sensors(self, kinds, dict.fromkeys(self.measured, self.unit))
 
     @property
     def sigma(self) -> Mapping[str, Array | float]:
@@ -283,9 +263,7 @@ class Predicted:
             )
         return np.asarray(np.stack([q[name] for name in self.measured], axis=-1) - predicted)
 
-    def decorrelate(self, rows: Array) -> Array:
-        """Return `rows` as they are: each reading has noise of its own."""
-        return rows
+    decorrelate = as_they_are
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
         """Return for each measured column every column of numbers that varies, but those that are measured."""
@@ -293,7 +271,6 @@ class Predicted:
         return {name: columns for name in self.measured}
 
     def on(self, data: MeasuredData) -> Predicted:
-        """Return the same prediction over other rows."""
         return replace(self, data=data, _checked=True)
 
     def relearned(self, left: Array, spent: float) -> Predicted:
@@ -308,7 +285,8 @@ class Predicted:
                 return np.asarray(self.predict(q)).reshape(len(q[name]), -1)[:, k]
 
             def slopes(q: Quantities) -> Mapping[str, Array]:
-                return {n: np.asarray(s).reshape(len(s), -1)[:, k : k + 1] for n, s in self._own_slopes(q).items()}
+                given = {} if self._given is None else self._given(q)
+                return {n: np.asarray(s).reshape(len(s), -1)[:, k : k + 1] for n, s in given.items()}
 
             return replace(
                 self, predict=predict, measured={name: self.measured[name]},
@@ -318,13 +296,10 @@ class Predicted:
 
         return tuple(one(k, name) for k, name in enumerate(self.measured))
 
-    def _own_slopes(self, q: Quantities) -> Mapping[str, Array]:
-        return {} if self._given is None else self._given(q)
-
     def _slopes(self, q: Quantities) -> dict[str, Array]:
         """Return the derivative of the constraints in each quantity, name -> (n, m); by complex step if not given."""
         n, m = len(self.data), len(self.measured)
-        given = self._own_slopes(q)
+        given = {} if self._given is None else self._given(q)
         found: dict[str, Array] = {}
         for k, name in enumerate(self.measured):
             found[name] = np.zeros((n, m))
@@ -345,32 +320,8 @@ class Predicted:
             return self.learned.get(name, 1.0)
         return np.asarray(self.data[stated], dtype=float) if isinstance(stated, str) else float(stated)
 
-    def _check_names(self) -> None:
-        check_kinds("measured", self.measured, self.inputs, self.parameters)
-        if not self.measured:
-            raise DataError("measured: nothing is measured; give it a column with its standard deviation or None")
-        refuse_twice((*self.measured, *self.inputs), self.held, self.parameters)
-        for sensor in self.instruments:
-            if sensor.column not in self.measured:
-                raise DataError(f"sensor {sensor.column}: it is not measured; {suggest(sensor.column, self.measured)}")
-
-    def _check_columns(self) -> None:
-        deviations = [stated for stated in self.measured.values() if isinstance(stated, str)]
-        read = tuple(dict.fromkeys((*self.measured, *self.inputs, *deviations)))
-        data = complete(self.data, read, (*self.instruments, *joints_among(self.inputs, self.roles)))
-        object.__setattr__(self, "data", without_gaps(data, columns_of(self.roles), directions_of(self.roles)))
-        for name, stated in self.measured.items():
-            least = np.min(self._sigma(name, stated))
-            if not (stated is None or (np.isfinite(least) and least > 0)):
-                raise DataError(f"noise of {name}: {least:g}; a standard deviation above 0 is needed, or None: unknown")
-
 
 _TINY = 1e-30  # of a complex step: exact to rounding
-
-
-def _kind(name: str, stated: Stated) -> str:
-    """Return a name for each kind of sensor: sensors of equal stated noise are one kind, any other is its own kind."""
-    return f"{stated:g}" if isinstance(stated, int | float) else f"of {name}"
 
 
 BLOCK = "block"  # the column that says to which block a row belongs
@@ -390,73 +341,44 @@ class Blocks:
 
     data: MeasuredData
     blocks: tuple[Formulation, ...]
+    parameters: tuple[Parameter, ...]
+    fixed: Mapping[str, float]
+    readings: tuple[str, ...]
+    inputs: tuple[str, ...]
+    unknown_noise: tuple[str, ...]
+    roles: Roles
+    sensors: tuple[Sensor, ...]
+    unit: str  # of the constraints; "" where blocks differ
 
     def __init__(self, *blocks: Formulation) -> None:
         if not blocks:
             raise DataError("Blocks: at least one block is needed")
-        parts = _alike(blocks)
+        parts = tuple(blocks)
+        if len({_width(block) for block in blocks}) > 1:  # one for each measured column, whose noise is its own
+            for block in blocks:
+                if not isinstance(block, Predicted) and _width(block) > 1:
+                    raise DataError(
+                        "Blocks: a closure of several constraints beside a block of another number; state it as "
+                        "`Predicted`, whose measured columns have noise of their own"
+                    )
+            parted = [block.parted() if isinstance(block, Predicted) else (block,) for block in blocks]
+            parts = tuple(one for some in parted for one in some)
         first: dict[str, tuple[str, Any]] = {}
         for block in parts:
             roles: dict[str, tuple[str, Any]] = {
                 p.name: ("free", (p.unit, p.start, p.lower, p.upper)) for p in block.parameters
             }
             roles |= {name: ("held", value) for name, value in block.fixed.items()}
-            roles |= dict.fromkeys(block.readings, ("measured", None)) | dict.fromkeys(
-                inputs_of(block), ("an input", None)
-            )
+            roles |= dict.fromkeys(block.readings, ("measured", None))
+            roles |= dict.fromkeys(inputs_of(block), ("an input", None))
             for name, role in roles.items():
                 other = first.setdefault(name, role)
                 if other != role:
-                    how = (
-                        f"{other[0]} in one and {role[0]} in another"
-                        if other[0] != role[0]
-                        else f"{role[0]} differently"
-                    )
+                    both = f"{other[0]} in one and {role[0]} in another"
+                    how = both if other[0] != role[0] else f"{role[0]} differently"
                     raise DataError(f"Blocks: {name} is {how}; state it alike in all blocks")
         self._set(_stacked(parts), parts)
         self._set(self.data, tuple(part.on(self.data.rows(rows)) for part, rows in self._rows(parts)))
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Return the parameters of all blocks, each once."""
-        return tuple({p.name: p for block in self.blocks for p in block.parameters}.values())
-
-    @property
-    def fixed(self) -> Mapping[str, float]:
-        """Return the numbers that are held."""
-        return {name: value for block in self.blocks for name, value in block.fixed.items()}
-
-    @property
-    def readings(self) -> tuple[str, ...]:
-        """Return the columns that carry noise in any block."""
-        return tuple(dict.fromkeys(name for block in self.blocks for name in block.readings))
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Return the columns that are quantities without noise."""
-        return tuple(dict.fromkeys(name for block in self.blocks for name in inputs_of(block)))
-
-    @property
-    def unknown_noise(self) -> tuple[str, ...]:
-        """Return the readings whose noise is not stated."""
-        return tuple(dict.fromkeys(name for block in self.blocks for name in unknown_noise_of(block)))
-
-    @property
-    def roles(self) -> Roles:
-        """Return the roles of all blocks together."""
-        return reduce(lambda some, more: some | more, (roles_of(block) for block in self.blocks))
-
-    @property
-    def sensors(self) -> tuple[Sensor, ...]:
-        """Return the instruments that fill the columns."""
-        known = {sensor.column: sensor for block in reversed(self.blocks) for sensor in block.sensors}
-        return tuple(known[name] for name in self.readings)
-
-    @property
-    def unit(self) -> str:
-        """Return the unit of the constraints; "" where blocks differ."""
-        units = {block.unit for block in self.blocks}
-        return units.pop() if len(units) == 1 else ""
 
     @property
     def sigma(self) -> Mapping[str, Array | float]:
@@ -471,18 +393,19 @@ class Blocks:
         return found
 
     def reads(self, name: str) -> Mask:
-        """Return in which rows a column is read, (n,)."""
         read = np.zeros(len(self.data), dtype=bool)
         for block, rows in self._filled():
             read[rows] = name in block.readings
         return read
 
     def constraints(self, q: Quantities) -> Numbers:
-        """Return the constraints, shape (n, c)."""
-        return self._placed(lambda block, rows: block.constraints(_of(block, q, rows)))
+        parts = [(rows, np.asarray(block.constraints(_of(block, q, rows)))) for block, rows in self._filled()]
+        whole = np.zeros((len(self.data), self._width()), dtype=np.result_type(*(value for _, value in parts), float))
+        for rows, value in parts:
+            whole[rows] = value
+        return whole
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
-        """Return the derivative of the constraints in each quantity, name -> (n, c); 0 in blocks without it."""
         width = self._width()
         found = {name: np.zeros((len(self.data), width)) for name in q}
         for block, rows in self._filled():
@@ -491,7 +414,6 @@ class Blocks:
         return found
 
     def decorrelate(self, rows: Array) -> Array:
-        """Return `rows` with the shared noise removed by each block for its own rows."""
         mixed = np.array(rows)
         for block, own in self._filled():
             mixed[own] = block.decorrelate(rows[own])
@@ -508,7 +430,6 @@ class Blocks:
         return found
 
     def on(self, data: MeasuredData) -> Blocks:
-        """Return the same blocks over other rows of these."""
         same = object.__new__(Blocks)
         same._set(data, self.blocks)
         same._set(data, tuple(block.on(data.rows(rows)) for block, rows in same._rows(self.blocks)))
@@ -516,89 +437,77 @@ class Blocks:
 
     def relearned(self, left: Array, spent: float) -> Blocks:
         """Return the same with its unknown noise estimated from the constraints `left`, (n, c), by a fit."""
+        blocks = []
+        for block, rows in self._rows(self.blocks):
+            learns = unknown_noise_of(block) and rows.any()
+            blocks.append(relearned(block, left[rows], spent * float(rows.mean())) if learns else block)
         same = object.__new__(Blocks)
-        same._set(
-            self.data,
-            tuple(
-                relearned(block, left[rows], spent * float(rows.mean()))
-                if unknown_noise_of(block) and rows.any()
-                else block
-                for block, rows in self._rows(self.blocks)
-            ),
-        )
+        same._set(self.data, tuple(blocks))
         return same
 
     def _set(self, data: MeasuredData, blocks: tuple[Formulation, ...]) -> None:
-        object.__setattr__(self, "data", data)
-        object.__setattr__(self, "blocks", blocks)
+        readings = tuple(dict.fromkeys(name for block in blocks for name in block.readings))
+        sensors = {sensor.column: sensor for block in reversed(blocks) for sensor in block.sensors}
+        units = {block.unit for block in blocks}
+        vars(self).update(
+            data=data, blocks=blocks,
+            parameters=tuple({p.name: p for block in blocks for p in block.parameters}.values()),
+            fixed={name: value for block in blocks for name, value in block.fixed.items()}, readings=readings,
+            inputs=tuple(dict.fromkeys(name for block in blocks for name in inputs_of(block))),
+            unknown_noise=tuple(dict.fromkeys(name for block in blocks for name in unknown_noise_of(block))),
+            roles=reduce(lambda some, more: some | more, (roles_of(block) for block in blocks)),
+            sensors=tuple(sensors[name] for name in readings), unit=units.pop() if len(units) == 1 else "",
+        )  # fmt: skip
 
     def _rows(self, blocks: Sequence[Formulation]) -> list[tuple[Formulation, Mask]]:
         return [(block, np.asarray(self.data[BLOCK] == k)) for k, block in enumerate(blocks)]
 
     def _filled(self) -> list[tuple[Formulation, Mask]]:
-        """Return the blocks that have rows, with those."""
         return [(block, rows) for block, rows in self._rows(self.blocks) if rows.any()]
 
     def _width(self) -> int:
         block = self.blocks[0]
         return len(block.readings) if isinstance(block, Predicted) else _width(block)
 
-    def _placed(self, part: Callable[[Formulation, Mask], Numbers]) -> Numbers:
-        parts = [(rows, np.asarray(part(block, rows))) for block, rows in self._filled()]
-        whole = np.zeros((len(self.data), self._width()), dtype=np.result_type(*(value for _, value in parts), float))
-        for rows, value in parts:
-            whole[rows] = value
-        return whole
-
 
 def rows_read(formulation: Formulation, columns: Sequence[str]) -> Mask:
     """Return the rows of a formulation in which all `columns` are read, (n,): all rows, but for `Blocks`."""
-    read = np.ones(len(formulation.data), dtype=bool)
     reads = getattr(formulation, "reads", None)  # of `Blocks`, and of what stands around them
-    if reads is not None:
-        for name in columns:
-            read &= reads(name)
-    return read
+    read = np.ones(len(formulation.data), dtype=bool)
+    return read if reads is None else np.all([read, *map(reads, columns)], axis=0)
 
 
 def _of(block: Formulation, q: Quantities, rows: Mask) -> dict[str, Numbers]:
-    """Return the quantities that a block knows, in its rows."""
     known = {*(p.name for p in block.parameters), *block.fixed, *block.readings, *inputs_of(block)}
     return {name: value[rows] if np.ndim(value) else value for name, value in q.items() if name in known}
 
 
 def _width(block: Formulation) -> int:
-    """Return the number of constraints of a reading."""
     few = block.on(block.data.rows(np.arange(len(block.data)) < 1))
-    q: dict[str, Numbers] = {name: np.asarray(value) for name, value in few.fixed.items()}
-    q |= {p.name: np.asarray(p.start) for p in few.parameters}
-    q |= {name: np.asarray(few.data[name]) for name in (*inputs_of(few), *few.readings)}
-    return int(few.constraints(q).shape[1])
-
-
-def _alike(blocks: Sequence[Formulation]) -> tuple[Formulation, ...]:
-    """Return the blocks, where their numbers of constraints differ one for each measured column."""
-    if len({_width(block) for block in blocks}) == 1:
-        return tuple(blocks)
-    parted: list[Formulation] = []
-    for block in blocks:
-        if isinstance(block, Predicted):
-            parted += block.parted()
-        elif _width(block) == 1:
-            parted.append(block)
-        else:
-            raise DataError(
-                "Blocks: a closure of several constraints beside a block of another number; state it as `Predicted`, "
-                "whose measured columns have noise of their own"
-            )
-    return tuple(parted)
+    return int(few.constraints(_nominal(few)).shape[1])
 
 
 def _stacked(blocks: Sequence[Formulation]) -> MeasuredData:
     """Return the rows of all blocks one below the other, with a column for the block, poses and visits told apart."""
-    parts = [_filled_in(_identified(block.data), block, blocks) for block in blocks]
+    known_of = [{*block.readings, *inputs_of(block)} for block in blocks]
+    parts: list[MeasuredData] = []
+    for block, own in zip(blocks, known_of):
+        data = block.data
+        if "visit_id" not in data:  # each row is a visit, and a pose, of its own where the data tell none
+            data = data.with_columns({"visit_id": np.arange(len(data))})
+        if "pose_id" not in data:
+            data = data.with_columns({"pose_id": data["visit_id"]})
+        data = number_visits(data) if len(data) else data
+        # a number in the empty cells that only rows of another block read
+        there = [(other.data, names - own) for other, names in zip(blocks, known_of) if len(other.data)]
+        first = {name: other[name][0] for other, names in reversed(there) for name in names}
+        numbers = [name for name in first if name in data and data[name].dtype.kind == "f"]
+        holey = [name for name in numbers if not np.isfinite(data[name]).all()]
+        filled = {name: np.where(np.isfinite(data[name]), data[name], first[name]) for name in holey}
+        parts.append(data.with_columns(filled))
+
     names = dict.fromkeys(name for part in parts for name in part.columns if name != BLOCK)
-    lacking = {name: [k for k, part in enumerate(parts) if name not in part] for name in names}
+    lacking = {name for name in names if not all(name in part for part in parts)}
     columns: dict[str, NDArray[Any]] = {}
     for name in names:
         known = next(part[name] for part in parts if name in part)
@@ -611,38 +520,15 @@ def _stacked(blocks: Sequence[Formulation]) -> MeasuredData:
         shift = np.cumsum([0, *(int(part[name].max()) + 1 if len(part) else 0 for part in parts)])[:-1]
         columns[name] = columns[name] + np.repeat(shift, sizes)
     columns[BLOCK] = np.repeat(np.arange(len(parts)), sizes)
-    quiet = {name for block in blocks for name in (*block.readings, *inputs_of(block))} | {"split"}
-    empty = [
-        name for name, where in lacking.items() if where and name not in quiet and columns[name].dtype.kind in "iuf"
-    ]
+    quiet = {"split"}.union(*known_of)
+    empty = [name for name in names if name in lacking - quiet and columns[name].dtype.kind in "iuf"]
     notes = [note for block in blocks for note in block.data.notes]
     if empty:
         text = f"column{'s' * (len(empty) > 1)} {', '.join(empty)}: not in every block; 0 is taken where missing"
         notes.append(Note(Code.COLUMN_IN_SOME, text, tuple(empty)))
-    numbers = np.concatenate([part.row_numbers for part in parts])
-    of_one_file = len(np.unique(numbers)) == len(numbers)
-    return replace(parts[0], columns=columns, notes=once(notes), numbers=numbers if of_one_file else None)
-
-
-def _filled_in(data: MeasuredData, block: Formulation, blocks: Sequence[Formulation]) -> MeasuredData:
-    """Return the data of a block with a number in the empty cells that only rows of another block read."""
-    own = {*block.readings, *inputs_of(block)}
-    filled: dict[str, NDArray[Any]] = {}
-    for other in blocks:
-        for name in {*other.readings, *inputs_of(other)} - own - filled.keys():
-            if name in data and data[name].dtype.kind == "f" and not np.isfinite(data[name]).all() and len(other.data):
-                filled[name] = np.where(np.isfinite(data[name]), data[name], other.data[name][0])
-    return data.with_columns(filled) if filled else data
-
-
-def _identified(data: MeasuredData) -> MeasuredData:
-    """Return the data with numbers for pose and visit in every row; each row has its own where the data tell none."""
-    own = np.arange(len(data))
-    if "visit_id" not in data:
-        data = data.with_columns({"visit_id": own})
-    if "pose_id" not in data:
-        data = data.with_columns({"pose_id": data["visit_id"]})
-    return number_visits(data) if len(data) else data
+    rows = np.concatenate([part.row_numbers for part in parts])
+    of_one_file = len(np.unique(rows)) == len(rows)
+    return replace(parts[0], columns=columns, notes=once(notes), numbers=rows if of_one_file else None)
 
 
 _ROWS = 5
@@ -655,20 +541,28 @@ def check_slopes(formulation: Formulation, words: str) -> None:
     It also raises for a function that fails, or that asks for a quantity that nothing states.
     """
     few = formulation.on(formulation.data.rows(np.arange(len(formulation.data)) < _ROWS))
-    q: dict[str, Numbers] = {name: np.asarray(value) for name, value in few.fixed.items()}
-    q |= {p.name: np.asarray(p.start) for p in few.parameters}
-    q |= {name: np.asarray(few.data[name], dtype=float) for name in (*inputs_of(few), *few.readings)}
+    q = _nominal(few)
+    q |= {name: np.asarray(q[name], dtype=float) for name in (*inputs_of(few), *few.readings)}
     way_out = "write it with analytic functions: no abs, norm, hypot, arctan2 or comparison of quantities"
     try:
         size = max(1.0, float(np.max(np.abs(few.constraints(q)))))
     except DataError:
         raise
     except KeyError as error:
-        raise DataError(_asked(words, str(error.args[0]), formulation, q)) from error
+        name = str(error.args[0])
+        remedy = "state the column with its standard deviation, or in inputs= where it carries no noise"
+        if name not in formulation.data:
+            remedy = f"no column of the file, no parameter and no held number is called so; {suggest(name, q)}"
+        raise DataError(f"{words} asks for {name!r}: {remedy}") from error
     except Exception as error:
         at = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{Path(at.filename).name}, line {at.lineno}"
-        compares = "; it is given all readings at once: no if, and no comparison" if _takes_one(formulation, q) else ""
+        where, compares = f"{Path(at.filename).name}, line {at.lineno}", ""
+        try:  # one reading alone: then it fails for several at once
+            one = formulation.on(formulation.data.rows(np.arange(len(formulation.data)) < 1))
+            one.constraints({name: value[:1] if np.ndim(value) else value for name, value in q.items()})
+            compares = "; it is given all readings at once: no if, and no comparison"
+        except Exception:
+            pass
         failure = f"{words} failed at the start values: {type(error).__name__}: {error} ({where})"
         raise DataError(f"{failure}{compares}") from error
     try:
@@ -683,20 +577,7 @@ def check_slopes(formulation: Formulation, words: str) -> None:
             raise DataError(f"{words}: its slope in {name} by complex step is not its difference; {way_out}")
 
 
-def _takes_one(formulation: Formulation, q: Mapping[str, Numbers]) -> bool:
-    """Return whether the constraints of one reading can be computed: then they fail for several at once alone."""
-    one = formulation.on(formulation.data.rows(np.arange(len(formulation.data)) < 1))
-    try:
-        one.constraints({name: value[:1] if np.ndim(value) else value for name, value in q.items()})
-    except Exception:
-        return False
-    return True
-
-
-def _asked(words: str, name: str, formulation: Formulation, q: Mapping[str, Numbers]) -> str:
-    """Return a sentence on a function that asks for `name`, which is not among the quantities `q`."""
-    if name in formulation.data:
-        way_out = "state the column with its standard deviation, or in inputs= where it carries no noise"
-    else:
-        way_out = f"no column of the file, no parameter and no held number is called so; {suggest(name, q)}"
-    return f"{words} asks for {name!r}: {way_out}"
+def _nominal(formulation: Formulation) -> dict[str, Numbers]:
+    q: dict[str, Numbers] = {name: np.asarray(value) for name, value in formulation.fixed.items()}
+    q |= {p.name: np.asarray(p.start) for p in formulation.parameters}
+    return q | {name: np.asarray(formulation.data[name]) for name in (*inputs_of(formulation), *formulation.readings)}

@@ -2,14 +2,8 @@
 
 A *quantity* is a named number of every reading: what a sensor said (`enc_1`), or a parameter of the machine (`la1`).
 A perfect machine read without noise makes its constraints vanish, row by row. Everything else follows by the chain
-rule from the slopes of the constraints in the quantities: the calibration Jacobian, the variance that noise in the
-readings leaves in the residuals, and the signature that an effect leaves there, for an effect is a change of
-quantities.
-
-`Description`: what a machine declares, beside its constraints, for files, commands and pages.
-
-Columns with units, what may be stated of the data, words for what it calls its parts, plans, and the sets that ship.
-A machine without a description can be searched all the same: its columns are told by their names.
+rule from their slopes in the quantities: the calibration Jacobian, the variance of the residuals, and the signature of
+an effect, which is a change of quantities. A machine without a `Description` can be searched all the same.
 """
 
 from __future__ import annotations
@@ -22,14 +16,20 @@ from typing import Any, Literal, Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.notes import Note
-from calibench.discrepancy.model.measured import Column, MeasuredData, Sensor
+from calibench.core.tables.columns import Columns
+from calibench.core.tables.columns import Quantity as Quantity
+from calibench.discrepancy.model.measured import MeasuredData, Sensor
 from calibench.problems.base import Array, Parameter
 
 Numbers = NDArray[Any]  # of floats, or of complex numbers where a test takes a complex step
 Quantities = Mapping[str, Numbers]  # name -> (n,), or () where it is the same for every reading
 
 WORKSPACE = "workspace"  # the target whose covariates are where the tool stands, x and y [mm]
+
+
+def as_they_are(formulation: Any, rows: Array) -> Array:
+    """Return `rows`: the `decorrelate` of a formulation whose readings have noise of their own each."""
+    return rows
 
 
 class Formulation(Protocol):
@@ -106,21 +106,6 @@ def complex_step_slopes(formulation: Formulation, q: Quantities) -> dict[str, Ar
 
 @final
 @dataclass(frozen=True)
-class Quantity:
-    """A named number of every reading: its unit ("" for a count), and its name in words.
-
-    `own` is the target to which it belongs (the torque of leg 2), where each target has one. `text`: it holds words.
-    """
-
-    name: str
-    unit: str = ""
-    label: str = ""
-    own: str = ""
-    text: bool = False
-
-
-@final
-@dataclass(frozen=True)
 class Stated:
     """A key that may be stated of the data beside the file: the required value, and an example of it."""
 
@@ -136,16 +121,6 @@ class Completed:
 
     data: MeasuredData
     words: str
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Foreign:
-    """The content of a file in the field's own format: columns in base units, statements, and remarks."""
-
-    columns: Mapping[str, Column]
-    metadata: Mapping[str, Any] = field(default_factory=dict)
-    notes: tuple[Note, ...] = ()
 
 
 @final
@@ -199,7 +174,7 @@ class Description:
     targets: Mapping[str, str] = field(default_factory=dict)
     general: bool = True
     replaced: tuple[str, ...] = ()
-    files: Mapping[str, Callable[[str], Foreign]] = field(default_factory=dict)
+    files: Mapping[str, Callable[[str], Columns]] = field(default_factory=dict)
     corrected: Callable[[Any], Correction | None] | None = None  # of a `Report`, which stands above this room
     named: Callable[[str], Quantity | None] | None = None
     own_units: bool = False

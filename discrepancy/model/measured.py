@@ -1,23 +1,9 @@
 """What was measured: columns of readings, the instruments that gave them, and which rows are complete.
 
-`MeasuredData`: the readings of one run of a machine, a column for each quantity and a row for each reading.
-
-The columns of each machine are those of its page in the documentation; a missing column makes the effects that need it
-not testable, and nothing else. This room reads no files: `bench` does.
-
-`Sensor`: one instrument of a machine. The search takes its kind and part from here, never from a column's name.
-
-Rows that hold a number in every column that a machine reads, in the units that its sensors declare.
-
-A cell without a number (empty, NaN, infinite, or so large that its powers are infinite) costs its row; how many rows,
-and for which columns, is told. A column that is empty in most rows, or holds words, is refused.
-
-Read statements about measured data as numbers.
-
-They come from a file or a command line, so any value is possible: text, nested lists, a whole number too large for a
-float. `DataError` names the key and shows its value.
-
-Number poses and visits from 0, whatever numbers or words a file has for them.
+A missing column makes the effects that need it not testable, and nothing else. A cell without a number (empty, NaN,
+infinite, or so large that its powers are infinite) costs its row; how many rows, and for which columns, is told. A
+column that is empty in most rows, or holds words, is refused. What is stated beside the columns may be any value: text,
+nested lists, a whole number too large for a float. This room reads no files: `bench` does.
 """
 
 from __future__ import annotations
@@ -33,7 +19,7 @@ from numpy.typing import NDArray
 from calibench.core.notes import Code, Note
 from calibench.core.notes import DataError as DataError
 from calibench.core.options import shown, suggest
-from calibench.core.tables.cells import NO_VALUE, between, is_unit, split_rows, way_out
+from calibench.core.tables.cells import NO_VALUE, between, is_unit, way_out
 from calibench.core.words import as_columns
 from calibench.problems.base import Array
 
@@ -52,12 +38,10 @@ class MisfitError(DataError):
 class MeasuredData:
     """Readings of one machine: `columns` name -> array (n,), `metadata` what was stated about them (noise, nominal …).
 
-    Columns that are lists, or a table of pandas, become arrays.
-
-    `name` is the stem of the file or the name of a printed set. `notes` are those that a report must repeat. `units`
-    are those of columns whose unit was stated with them, `stated` the keys of `metadata` that were stated beside the
-    file, `computed` the columns that the machine computed from others. `numbers` (n,) are the rows as they were read,
-    from 1; None for all of them, in order.
+    Columns that are lists, or a table of pandas, become arrays. `name` is the stem of the file or the name of a printed
+    set, `notes` what a report must repeat, `units` those of columns whose unit was stated with them, `stated` the keys
+    of `metadata` that were stated beside the file, `computed` the columns that the machine computed from others.
+    `numbers` (n,) are the rows as they were read, from 1; None for all of them, in order.
     """
 
     columns: Mapping[str, Column]
@@ -140,28 +124,6 @@ class MeasuredData:
         return replace(self, columns={**self.columns, **columns})
 
 
-def with_split(data: MeasuredData) -> MeasuredData:
-    """Return the data with `split`, where they have it, spelt train and hold; rows without a word are train.
-
-    Raises `DataError` for any other word: rows that were kept for checking must not be fitted in silence.
-    """
-    if "split" not in data:
-        return data
-    try:
-        words = split_rows(data["split"])
-    except ValueError as error:
-        raise DataError(f"{data.name}: {error}") from None
-    empty = words == ""
-    words = np.where(empty, "train", words)
-    if not (words == "train").any():
-        raise DataError(f"{data.name}: column split holds back every row; some must be train, to be fitted")
-    data = data.with_columns({"split": words})
-    if not empty.any():
-        return data
-    text, rows = f"{np.sum(empty)} rows have no split and are fitted", data.labels(empty)
-    return data.with_note(Code.ROWS_FITTED, text, ("split",), rows=rows)
-
-
 @final
 @dataclass(frozen=True)
 class Sensor:
@@ -191,7 +153,6 @@ def kinds_of(sensors: Sequence[Sensor]) -> list[tuple[Sensor, ...]]:
 
 
 def blamable(sensors: Sequence[Sensor]) -> tuple[Sensor, ...]:
-    """Return the sensors that a finding can blame."""
     return tuple(sensor for sensor in sensors if sensor.part)
 
 
@@ -215,129 +176,6 @@ def complete(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Senso
     Raises `DataError` for a column that is missing, holds words, is of another unit, or is empty in most rows.
     """
     numbers = {name: _numbers(data, name) for name in columns}
-    data = _in_their_units(data, numbers, sensors)
-    missing = {name: _without_number(data[name]) for name in numbers}
-    out = _refuse_empty(data, missing, dict.fromkeys(missing, len(data)))
-    data = _note_turns(_note_still(data, columns), columns, sensors) if len(data) > 2 else data
-    return _without(data, out, missing)
-
-
-def with_numbers(data: MeasuredData, needed: Mapping[str, NDArray[np.bool_]]) -> MeasuredData:
-    """Return the rows with a finite number in each column where it is `needed`, column -> rows (n,), and a note.
-
-    Raises `DataError` for a column that holds words, or no number in most of the rows that need it.
-    """
-    missing = {name: rows & _without_number(_numbers(data, name)) for name, rows in needed.items()}
-    out = _refuse_empty(data, missing, {name: int(rows.sum()) for name, rows in needed.items()})
-    return _without(data, out, missing)
-
-
-def _refuse_empty(
-    data: MeasuredData, missing: Mapping[str, NDArray[np.bool_]], rows: Mapping[str, int]
-) -> NDArray[np.bool_]:
-    """Return which rows lack a number, (n,); raise `DataError` where most do, of the `rows` that need a column."""
-    out = np.any(list(missing.values()), axis=0) if missing else np.zeros(len(data), dtype=bool)
-    for name, empty in missing.items():
-        if empty.sum() > _MOST_MISSING * rows[name]:
-            raise DataError(
-                f"{data.name}: column {name} holds no finite number in {int(empty.sum())} of {rows[name]} rows; "
-                "measure it, or take a model that does without it"
-            )
-    if out.all() and len(data):
-        raise DataError(f"{data.name}: no row holds a finite number in all of {', '.join(missing)}; complete some")
-    return np.asarray(out)
-
-
-def _without(data: MeasuredData, out: NDArray[np.bool_], missing: Mapping[str, NDArray[np.bool_]]) -> MeasuredData:
-    if not out.any():
-        return data
-    return _rows_left_out(data, out, {name: empty for name, empty in missing.items() if empty.any()})
-
-
-def without_gaps(data: MeasuredData, columns: Sequence[str], directions: Sequence[str] = ()) -> MeasuredData:
-    """Return the rows of `data` with a number in each of `columns`, which an error may depend on, and notes.
-
-    Of `directions` that are written in two words one becomes -1 and the other 1, as a note says. At most a fifth of the
-    rows is left out. A column that would need more keeps its rows; effects of that column are then not tested, which a
-    note and the reason of each such effect say.
-    """
-    columns = [name for name in dict.fromkeys(columns) if name in data]
-    for name in directions:
-        data = _as_signs(data, name) if name in columns else data
-    for name in columns:
-        if data[name].dtype.kind not in "iufb":
-            words = ", ".join(repr(str(word)) for word in np.unique(data[name])[:_SHOWN_WORDS])
-            text = (
-                f"column {name} holds words ({words}), where numbers are needed, of a direction -1 and 1: errors that "
-                "follow it are not looked for"
-            )
-            data = data.with_note(Code.COLUMN_NOT_FOLLOWED, text, (name,))
-    there = [name for name in columns if data[name].dtype.kind == "f"]
-    empty = {name: _without_number(data[name]) for name in there}
-    out, costly = np.zeros(len(data), dtype=bool), {}
-    for name, gaps in sorted(empty.items(), key=lambda item: int(item[1].sum())):
-        if (out | gaps).mean() > _MOST_GAPS:
-            text = f"column {name} {_gaps_of(gaps)}: errors that follow it are not looked for"
-            data = data.with_note(Code.COLUMN_NOT_FOLLOWED, text, (name,), empty=int(gaps.sum()))
-        elif gaps.any():
-            out = out | gaps
-            costly[name] = gaps
-    return _rows_left_out(data, out, costly) if costly else data
-
-
-def _as_signs(data: MeasuredData, name: str) -> MeasuredData:
-    """Return the data with a direction of two words as -1 and 1, in their order; "-" comes before "+"."""
-    if data[name].dtype.kind in "iufb":
-        return data
-    words = np.array([str(word).strip() for word in data[name]])
-    both = sorted(set(words.tolist()), key=lambda word: (word != "-", word))
-    if len(both) != 2 or "" in both:
-        return data
-    text = f"column {name}: {both[0]!r} is taken for -1, {both[1]!r} for 1: the sign of what follows it is by these"
-    data = data.with_columns({name: np.where(words == both[1], 1.0, -1.0)})
-    return data.with_note(Code.SIGNS_TAKEN, text, (name,), negative=both[0], positive=both[1])
-
-
-def _without_number(column: NDArray[Any]) -> NDArray[np.bool_]:
-    return np.asarray(~(np.abs(column) < _LARGEST_CELL))
-
-
-def _counted(data: MeasuredData, name: str, empty: NDArray[np.bool_]) -> str:
-    huge = int(np.isfinite(np.asarray(data[name], dtype=float)[empty]).sum())
-    return f"{name} in {int(empty.sum())}{f' (beyond {_LARGEST_CELL:g} in {huge} of them)' if huge else ''}"
-
-
-def _rows_left_out(
-    data: MeasuredData, out: NDArray[np.bool_], missing: Mapping[str, NDArray[np.bool_]]
-) -> MeasuredData:
-    """Return the data without the rows `out`, and a note on the columns that lack a number in them."""
-    rows = f"{int(out.sum())} row{'s are' if out.sum() > 1 else ' is'}"
-    each = ", ".join(_counted(data, name, empty) for name, empty in missing.items())
-    text = f"{rows} left out for cells that hold no finite number: {each}"
-    return data.rows(~out).with_note(Code.ROWS_LEFT_OUT, text, missing, rows=data.labels(out))
-
-
-def _gaps_of(gaps: NDArray[np.bool_]) -> str:
-    return f"holds no finite number in {int(gaps.sum())} of {len(gaps)} rows"
-
-
-def gaps_in_words(column: NDArray[Any]) -> str:
-    """Return why no error can depend on a column that lacks numbers; "" where an error can."""
-    if column.dtype.kind not in "iufb":
-        return "holds words: numbers are needed"
-    gaps = _without_number(column) if column.dtype.kind == "f" else np.zeros(0, dtype=bool)
-    return _gaps_of(gaps) if gaps.any() else ""
-
-
-def _numbers(data: MeasuredData, name: str) -> Array:
-    column: NDArray[np.generic] = data[name]
-    if column.dtype.kind not in "iuf":
-        first = str(column[:1].tolist()[0])
-        raise DataError(f"{data.name}: column {name} holds {first!r}: numbers are needed{way_out(first, '')}")
-    return np.asarray(column, dtype=float)
-
-
-def _in_their_units(data: MeasuredData, numbers: dict[str, Array], sensors: Sequence[Sensor]) -> MeasuredData:
     wanted = {sensor.column: sensor.unit for sensor in sensors if sensor.unit}
     turned: dict[str, Array] = {}
     for name, stated in data.units.items():
@@ -356,22 +194,17 @@ def _in_their_units(data: MeasuredData, numbers: dict[str, Array], sensors: Sequ
             data = data.with_note(Code.UNIT_TURNED, text, (name,), unit=unit)
     units = {**data.units, **{name: wanted[name] for name in data.units if name in wanted and name in numbers}}
     data = data.with_columns({**{n: c for n, c in numbers.items() if data[n].dtype.kind != "f"}, **turned})
-    return replace(data, units=units)
-
-
-def _note_still(data: MeasuredData, columns: Sequence[str]) -> MeasuredData:
-    for name in columns:
+    data = replace(data, units=units)
+    missing = {name: _without_number(data[name]) for name in numbers}
+    _refuse_empty(data, missing, dict.fromkeys(missing, len(data)))
+    for name in columns if len(data) > 2 else ():
         if np.ptp(data[name]) == 0:
             text = f"column {name} never varies: is it read at all? No effect that follows it can be told"
             data = data.with_note(Code.COLUMN_STILL, text, (name,))
-    return data
-
-
-def _note_turns(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Sensor]) -> MeasuredData:
-    """Return the data with a note where an angle jumps by whole turns, which a model without turns does not follow."""
+    # an angle may jump by whole turns, which a model without turns does not follow
     radians = {s.column for s in sensors if s.unit == "rad"} | {n for n, unit in data.units.items() if unit == "rad"}
-    for name in columns:
-        reading = data[name][~_without_number(data[name])]
+    for name in columns if len(data) > 2 else ():
+        reading = data[name][~missing[name]]
         if name not in radians or not len(reading) or np.ptp(reading) > 2.02 * np.pi:
             continue
         middle = float(np.angle(np.exp(1j * reading).mean()))
@@ -382,7 +215,94 @@ def _note_turns(data: MeasuredData, columns: Sequence[str], sensors: Sequence[Se
         )
         if np.ptp(whole) < np.ptp(reading) - np.pi:
             data = data.with_note(Code.TURNS, text, (name,))
-    return data
+    return _rows_left_out(data, missing)
+
+
+def with_numbers(data: MeasuredData, needed: Mapping[str, NDArray[np.bool_]]) -> MeasuredData:
+    """Return the rows with a finite number in each column where it is `needed`, column -> rows (n,), and a note.
+
+    Raises `DataError` for a column that holds words, or no number in most of the rows that need it.
+    """
+    missing = {name: rows & _without_number(_numbers(data, name)) for name, rows in needed.items()}
+    _refuse_empty(data, missing, {name: int(rows.sum()) for name, rows in needed.items()})
+    return _rows_left_out(data, missing)
+
+
+def _refuse_empty(data: MeasuredData, missing: Mapping[str, NDArray[np.bool_]], rows: Mapping[str, int]) -> None:
+    """Raise `DataError` where most of the `rows` that need a column have no number in it, or none is complete."""
+    for name, empty in missing.items():
+        if empty.sum() > _MOST_MISSING * rows[name]:
+            raise DataError(
+                f"{data.name}: column {name} holds no finite number in {int(empty.sum())} of {rows[name]} rows; "
+                "measure it, or take a model that does without it"
+            )
+    if missing and len(data) and np.any(list(missing.values()), axis=0).all():
+        raise DataError(f"{data.name}: no row holds a finite number in all of {', '.join(missing)}; complete some")
+
+
+def without_gaps(data: MeasuredData, columns: Sequence[str], directions: Sequence[str] = ()) -> MeasuredData:
+    """Return the rows of `data` with a number in each of `columns`, which an error may depend on, and notes."""
+    columns = [name for name in dict.fromkeys(columns) if name in data]
+    for name in (name for name in directions if name in columns and data[name].dtype.kind not in "iufb"):
+        words = np.array([str(word).strip() for word in data[name]])
+        both = sorted(set(words.tolist()), key=lambda word: (word != "-", word))  # "-" comes before "+"
+        if len(both) == 2 and "" not in both:
+            text = f"{both[0]!r} is taken for -1, {both[1]!r} for 1: the sign of what follows it is by these"
+            data = data.with_columns({name: np.where(words == both[1], 1.0, -1.0)})
+            data = data.with_note(
+                Code.SIGNS_TAKEN, f"column {name}: {text}", (name,), negative=both[0], positive=both[1]
+            )
+    for name in (name for name in columns if data[name].dtype.kind not in "iufb"):
+        shown_words = ", ".join(repr(str(word)) for word in np.unique(data[name])[:_SHOWN_WORDS])
+        text = (
+            f"column {name} holds words ({shown_words}), where numbers are needed, of a direction -1 and 1: errors "
+            "that follow it are not looked for"
+        )
+        data = data.with_note(Code.COLUMN_NOT_FOLLOWED, text, (name,))
+    empty = {name: _without_number(data[name]) for name in columns if data[name].dtype.kind == "f"}
+    out, costly = np.zeros(len(data), dtype=bool), {}
+    for name, gaps in sorted(empty.items(), key=lambda item: int(item[1].sum())):
+        if (out | gaps).mean() > _MOST_GAPS:
+            text = f"column {name} {gaps_in_words(data[name])}: errors that follow it are not looked for"
+            data = data.with_note(Code.COLUMN_NOT_FOLLOWED, text, (name,), empty=int(gaps.sum()))
+        else:
+            out, costly[name] = out | gaps, gaps
+    return _rows_left_out(data, costly)
+
+
+def _without_number(column: NDArray[Any]) -> NDArray[np.bool_]:
+    return np.asarray(~(np.abs(column) < _LARGEST_CELL))
+
+
+def _rows_left_out(data: MeasuredData, missing: Mapping[str, NDArray[np.bool_]]) -> MeasuredData:
+    """Return the data without the rows that lack a number, and a note on the columns that lack it."""
+    missing = {name: empty for name, empty in missing.items() if empty.any()}
+    if not missing:
+        return data
+    out, each = np.any(list(missing.values()), axis=0), []
+    for name, empty in missing.items():
+        huge = int(np.isfinite(np.asarray(data[name], dtype=float)[empty]).sum())
+        beyond = f" (beyond {_LARGEST_CELL:g} in {huge} of them)" if huge else ""
+        each.append(f"{name} in {int(empty.sum())}{beyond}")
+    rows = f"{int(out.sum())} row{'s are' if out.sum() > 1 else ' is'}"
+    text = f"{rows} left out for cells that hold no finite number: {', '.join(each)}"
+    return data.rows(~out).with_note(Code.ROWS_LEFT_OUT, text, missing, rows=data.labels(out))
+
+
+def gaps_in_words(column: NDArray[Any]) -> str:
+    """Return why no error can depend on a column that lacks numbers; "" where an error can."""
+    if column.dtype.kind not in "iufb":
+        return "holds words: numbers are needed"
+    gaps = _without_number(column) if column.dtype.kind == "f" else np.zeros(0, dtype=bool)
+    return f"holds no finite number in {int(gaps.sum())} of {len(gaps)} rows" if gaps.any() else ""
+
+
+def _numbers(data: MeasuredData, name: str) -> Array:
+    column: NDArray[np.generic] = data[name]
+    if column.dtype.kind not in "iuf":
+        first = str(column[:1].tolist()[0])
+        raise DataError(f"{data.name}: column {name} holds {first!r}: numbers are needed{way_out(first, '')}")
+    return np.asarray(column, dtype=float)
 
 
 _SMALLEST, _LARGEST = 1e-15, 1e6  # of a noise or a resolution [rad, mm, N]: beyond these, squares lose their digits
@@ -391,19 +311,19 @@ _FARTHEST = 1e9  # of a length or a load [mm, rad, N]
 
 def positive(data: MeasuredData, key: str, value: Any) -> float:
     """Return `value`, stated under `key`, as a noise or a resolution; raise `DataError` where it is none."""
-    number = _float_of(value)
+    number, words = _number_of(value)
     if not _SMALLEST <= number <= _LARGEST:
         rule = f"a positive number is needed, from {_SMALLEST:g} to {_LARGEST:g}"
-        raise DataError(f"{data.name}: metadata {key}={_in_words(value)}: {rule}")
+        raise DataError(f"{data.name}: metadata {key}={words}: {rule}")
     return number
 
 
 def finite(data: MeasuredData, key: str, value: Any, unit: str = "mm, rad") -> float:
     """Return `value`, stated of `key`, as a finite number; raise `DataError` where it is none."""
-    number = _float_of(value)
+    number, words = _number_of(value)
     if not abs(number) <= _FARTHEST:
         rule = f"at most {_FARTHEST:g} can be meant" if isfinite(number) else "a finite number is needed"
-        raise DataError(f"{data.name}: metadata gives {key}={_in_words(value)}: {rule} [{unit}]")
+        raise DataError(f"{data.name}: metadata gives {key}={words}: {rule} [{unit}]")
     return number
 
 
@@ -420,26 +340,17 @@ def nominal_numbers(data: MeasuredData, known: tuple[str, ...]) -> dict[str, flo
     return {name: finite(data, name, value) for name, value in stated.items()}
 
 
-def _in_words(value: Any) -> str:
-    return repr(shown(value)) if isinstance(value, str) else shown(value)
-
-
-def _float_of(value: Any) -> float:
-    """Return a number, also one that is written as text; NaN for anything else."""
-    if isinstance(value, bool):
-        return nan
+def _number_of(value: Any) -> tuple[float, str]:
+    """Return what was stated as a number, NaN where it is none, and as a message shows it."""
+    words = repr(shown(value)) if isinstance(value, str) else shown(value)
     try:
-        return float(value)
+        return nan if isinstance(value, bool) else float(value), words
     except (TypeError, ValueError, OverflowError):
-        return nan
+        return nan, words
 
 
 def number_visits(data: MeasuredData) -> MeasuredData:
-    """Return the data with poses and visits numbered through.
-
-    Files may number the visits of each pose from the start, or not number some rows. A visit ends where another pose
-    or visit was read between, by time: what comes later is no back-to-back repeat.
-    """
+    """Return the data with poses and visits numbered from 0, whatever numbers or words a file has for them."""
     if "pose_id" in data:
         data = data.with_columns({"pose_id": _numbered(data["pose_id"])})
     if "visit_id" not in data:

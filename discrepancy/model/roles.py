@@ -106,14 +106,14 @@ class Roles:
     columns: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for argument, parts in (("joints", self.joints), ("lengths", self.lengths), ("instruments", self.instruments)):
-            if not isinstance(parts, tuple | list):
+        for argument, given in (("joints", self.joints), ("lengths", self.lengths), ("instruments", self.instruments)):
+            if not isinstance(given, tuple | list):
                 raise DataError(
-                    f"roles: {argument} is one {type(parts).__name__}; a tuple is needed: {argument}=(..., )"
+                    f"roles: {argument} is one {type(given).__name__}; a tuple is needed: {argument}=(..., )"
                 )
         refuse_word("roles: columns", self.columns)
-        names = [ALL, *(p.name for p in self.joints), *(p.name for p in self.lengths)]
-        names += [p.name for p in self.instruments]
+        parts: tuple[Joint | Length | Instrument, ...] = (*self.joints, *self.lengths, *self.instruments)
+        names = [ALL, *(part.name for part in parts)]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise DataError(f"roles: {', '.join(twice)} twice; each part has a name of its own, none is called {ALL!r}")
@@ -121,13 +121,10 @@ class Roles:
     def __or__(self, other: Roles) -> Roles:
         """Return the parts of both, those of one name once."""
         return Roles(
-            _union(self.joints, other.joints),
-            _union(self.lengths, other.lengths),
-            self.time or other.time,
-            self.temperature or other.temperature,
-            _union(self.instruments, other.instruments),
+            _union(self.joints, other.joints), _union(self.lengths, other.lengths), self.time or other.time,
+            self.temperature or other.temperature, _union(self.instruments, other.instruments),
             tuple(dict.fromkeys((*self.columns, *other.columns))),
-        )
+        )  # fmt: skip
 
     def refuse_unknown(self, formulation: Formulation) -> None:
         """Raise `DataError` for a quantity that the formulation does not have."""
@@ -170,17 +167,8 @@ def columns_of(roles: Roles) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for name in (*named, *roles.columns) if name))
 
 
-def directions_of(roles: Roles) -> tuple[str, ...]:
-    """Return the columns that say which way a joint moved last."""
-    return tuple(dict.fromkeys(joint.direction for joint in roles.joints if joint.direction))
-
-
 def words_of(roles: Roles) -> dict[str, str]:
-    """Return column or quantity -> its name in words, by the roles: `direction of joint 2`.
-
-    >>> words_of(Roles(joints=(Joint("joint 2", "Winkel", direction="von"),), time="clock"))
-    {'clock': 'time', 'Winkel': 'angle of joint 2', 'von': 'direction of joint 2'}
-    """
+    """Return column or quantity -> its name in words, by the roles: `direction of joint 2`."""
     meanings = {roles.time: "time", roles.temperature: "temperature"}
     for joint in roles.joints:
         rotary = joint.kind == "rotary"

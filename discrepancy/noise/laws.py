@@ -1,19 +1,9 @@
 """Noise other than stated: a sensor read in coarse steps, a sensor with outlying readings, heavy tails everywhere.
 
-They move no mean, so a score test cannot find them. Each is fitted to the residuals of the model that is otherwise
-best; `calibench.discrepancy.diagnostics` compares them with each other and with the noise as stated. `r` are whitened
-residuals, (n, c); a `signature`, (n, c), is what one stated standard deviation of a reading leaves in r.
-
-The size of a noise effect: a value with its 95 % interval, separate from the test whether it exists.
-
-That test uses a coarse grid of sizes, which is enough to decide, but too coarse to report. Here the size is fitted.
-
-Mixture noise: some readings have a larger variance than stated. It shifts no mean; such readings get less weight.
-
-Every law here adds variance to some readings. What it explains is a ratio of likelihoods over whitened residuals r,
-(n, c), given what one standard deviation of each reading leaves there: its whitened signature s, (n, c), with
-sum over readings of s s^T = I. Extra variance tau^2 (in units of the stated one) on a reading turns the law of r from
-N(0, I) into N(0, I + tau^2 s s^T); a part `epsilon` of readings may have it, all others being as stated.
+They move no mean, so a score test cannot find them. What a law explains is a ratio of likelihoods over whitened
+residuals r, (n, c), given the signature s, (n, c), that one standard deviation of each reading leaves there, with sum
+over readings of s s^T = I: extra variance tau^2 on a part `epsilon` of readings turns N(0, I) into N(0, I + tau^2 s
+s^T). The test uses a coarse grid of sizes; the size that is reported is fitted, with its 95 % interval.
 """
 
 from __future__ import annotations
@@ -33,117 +23,89 @@ from calibench.problems.base import Array
 
 
 def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, signature: Array) -> NoiseFinding:
-    """Return what coarse steps of one sensor explain: steps coarser than its stated noise and resolution.
-
-    The step is read off the recorded values, which is practically certain; the gain says whether it matters. Gain and
-    amplitude are 0 where there is no step.
-    """
-    name = sensor.column
-    stated = _sigma(formulation, name)
+    """Return what coarse steps of one sensor explain: steps coarser than its stated noise and resolution."""
+    name, n, ends = sensor.column, len(r), (0.0, 0.0)
+    stated, distinct = _sigma(formulation, name), np.unique(formulation.data[name])
     step = lattice(formulation.data[name], max(stated, 1.5 * sensor.resolution))
-    if step and _off_lattice(formulation.data[name], step) > thresholds().off_step * stated:
-        step = 0.0  # values that are nearly whole steps apart: equally spaced poses, not coarse readings
+    if step:
+        between = np.diff(distinct)
+        if np.sqrt(np.mean((between - step * np.round(between / step)) ** 2)) > thresholds().off_step * stated:
+            step = 0.0  # values that are nearly whole steps apart: equally spaced poses, not coarse readings
     extra = step**2 / 12.0  # the variance of a rounding
-    energy, share = _along(r, signature)
+    energy, share = _energy_of(r, signature)
     grown = 1.0 + extra / stated**2 * share
     gain = float((energy * (1.0 - 1.0 / grown) - np.log(grown)).sum()) if step else 0.0
-    n = len(r)
-    _, low, high = step_size(formulation.data[name], step) if step else (0.0, 0.0, 0.0)
+    if step:  # its interval is narrow where values span many steps
+        cells = np.round((distinct - distinct[0]) / step)
+        cells, at = cells - cells.mean(), distinct - distinct.mean()
+        off = at - step * cells
+        error = _Z * float(np.sqrt((off**2).mean() / max((cells**2).sum(), 1.0)))
+        ends = (step - error, step + error)
     return NoiseFinding(
-        family="quantisation",
-        target=sensor.part,
-        amplitude=step,
-        unit=sensor.unit,
-        gain=gain,
-        weights=np.ones(n),
-        extra={name: np.full(n, extra)},
-        ci95=(low, high),
-    )
-
-
-def _off_lattice(values: Array, step: float) -> float:
-    """Return the rms distance of differences of neighbouring values from whole steps, in their unit."""
-    between = np.diff(np.unique(values))
-    return float(np.sqrt(np.mean((between - step * np.round(between / step)) ** 2)))
+        family="quantisation", target=sensor.part, amplitude=step, unit=sensor.unit, gain=gain, weights=np.ones(n),
+        extra={name: np.full(n, extra)}, ci95=ends,
+    )  # fmt: skip
 
 
 def outliers_of(formulation: Formulation, sensor: Sensor, r: Array, signature: Array) -> NoiseFinding:
-    """Return what outlying readings of one sensor explain; the amplitude is their spread, in its unit.
-
-    `signature` is that of the sensor, (n, c). The size is fitted to the differences between back-to-back repeats where
-    these show the outlying readings clearly, else to the residuals. Which sensor of several is to blame is not decided
-    here, but in `calibench.discrepancy.diagnostics.noise`.
-    """
+    """Return what outlying readings of one sensor explain; the amplitude is their spread, in its unit."""
     name = sensor.column
     stated = _sigma(formulation, name)
-    energy, share = _along(r, signature)
+    energy, share = _energy_of(r, signature)
     seen = mixture(energy, share)
     first, second = pairs_of(formulation.data)
     gain, tau = seen.gain, seen.tau
     size, unit = outlying_size(energy, share, seen.epsilon, seen.tau), stated
     if len(first) >= thresholds().repeat_pairs:
-        change, deviation = _difference(formulation, name, first, second)
-        mixed = mixture(change**2, np.ones(len(first)))
+        change = formulation.data[name][second] - formulation.data[name][first]
+        change = change - np.median(change)
+        # the machine may have moved a little between repeats: then the spread of the middle half is the deviation
+        spread = float(np.subtract(*np.percentile(change, [75, 25]))) / 1.349
+        deviation = max(float(np.sqrt(2)) * stated, spread)
+        squares, ones = np.asarray(change / deviation) ** 2, np.ones(len(first))
+        mixed = mixture(squares, ones)
         gain += mixed.gain
         tau = mixed.tau if mixed.gain > seen.gain else tau
         if mixed.gain > thresholds().wild_size_gain:  # nothing else that is missing shows between repeats
-            size = outlying_size(change**2, np.ones(len(first)), mixed.epsilon, mixed.tau)
-            unit = deviation
+            size, unit = outlying_size(squares, ones, mixed.epsilon, mixed.tau), deviation
     value, low, high = (unit * end for end in size)
     return NoiseFinding(
-        family="outlier",
-        target=sensor.part,
-        amplitude=value,
-        unit=sensor.unit,
-        gain=gain,
-        weights=seen.weights,
-        extra={name: seen.weights * (tau * stated) ** 2},
-        ci95=(low, high),
-    )
+        family="outlier", target=sensor.part, amplitude=value, unit=sensor.unit, gain=gain, weights=seen.weights,
+        extra={name: seen.weights * (tau * stated) ** 2}, ci95=(low, high),
+    )  # fmt: skip
+
+
+def _energy_of(r: Array, s: Array) -> tuple[Array, Array]:
+    """Return the energy of r along s, and |s|^2, both (n,)."""
+    share = (s**2).sum(axis=1)
+    return (s * r).sum(axis=1) ** 2 / np.maximum(share, 1e-300), share
 
 
 def heavy_tails_in(formulation: Formulation, r: Array) -> NoiseFinding:
     """Return what is explained if some readings are noisier in all sensors; the amplitude is the excess kurtosis."""
     n, c = r.shape
     seen = mixture((r**2).sum(axis=1), np.ones(n), degrees=c)
-    value, low, high = kurtosis_size(r)
+    # the excess kurtosis, and its interval over samples drawn from the rows
+    rng, most = np.random.default_rng(0), min(n, _MOST)
+    value, drawn = _kurtosis(r), [_kurtosis(r[rng.integers(0, n, most)]) for _ in range(_DRAWN)]
+    ends = np.percentile(drawn, [2.5, 97.5])
+    narrower = np.sqrt(most / n)  # samples as large as the data scatter less
+    low, high = value - narrower * max(value - float(ends[0]), 0.0), value + narrower * max(float(ends[1]) - value, 0.0)
     extra = {name: seen.weights * (seen.tau * _sigma(formulation, name)) ** 2 for name in formulation.readings}
     return NoiseFinding(
-        family="heavy_tails",
-        target="all",
-        amplitude=value,
-        unit="1",
-        gain=seen.gain,
-        weights=seen.weights,
-        extra=extra,
-        ci95=(low, high),
-    )
+        family="heavy_tails", target="all", amplitude=value, unit="1", gain=seen.gain, weights=seen.weights,
+        extra=extra, ci95=(low, high),
+    )  # fmt: skip
 
 
-def _along(r: Array, s: Array) -> tuple[Array, Array]:
-    """Return the energy of r along s, and |s|^2, both (n,)."""
-    share = (s**2).sum(axis=1)
-    return (s * r).sum(axis=1) ** 2 / np.maximum(share, 1e-300), share
+def _kurtosis(r: Array) -> float:
+    variance = float((r**2).mean())
+    return float((r**4).mean()) / variance**2 - 3.0 if variance else 0.0
 
 
 def _sigma(formulation: Formulation, name: str) -> float:
     return float(np.median(formulation.sigma[name]))
 
-
-def _difference(formulation: Formulation, name: str, first: Array, second: Array) -> tuple[Array, float]:
-    """Return the changes of a reading between repeats in their standard deviation, (m,), and that deviation.
-
-    The machine may have moved a little between repeats: where the spread of the middle half of the changes is larger
-    than the stated noise, that spread is the deviation.
-    """
-    change = formulation.data[name][second] - formulation.data[name][first]
-    change = change - np.median(change)
-    spread = float(np.subtract(*np.percentile(change, [75, 25]))) / 1.349
-    deviation = max(float(np.sqrt(2)) * _sigma(formulation, name), spread)
-    return np.asarray(change / deviation), deviation
-
-
-Size = tuple[float, float, float]  # value, and the ends of its interval
 
 _ROUNDS = 200
 _DRAWN = 200
@@ -151,12 +113,8 @@ _MOST = 20_000  # numbers that a drawn sample holds
 _Z = 1.959964
 
 
-def outlying_size(energy: Array, share: Array, epsilon: float, tau: float) -> Size:
-    """Return tau, the extra noise of the outlying readings in stated deviations, from `energy` and `share`, (n,).
-
-    The mixture of `discrepancy.noise.laws` is fitted from `epsilon` and `tau` until it converges. The interval is
-    that of a variance estimated from as many readings as are outlying.
-    """
+def outlying_size(energy: Array, share: Array, epsilon: float, tau: float) -> tuple[float, float, float]:
+    """Return tau, the extra noise of outlying readings in stated deviations, and the ends of its interval."""
     epsilon, some = max(epsilon, 1e-6), share > 1e-12
     energy, share = energy[some], share[some]
     weights = np.zeros(len(energy))
@@ -175,32 +133,6 @@ def outlying_size(energy: Array, share: Array, epsilon: float, tau: float) -> Si
     degrees = max(float(weights.sum()), 1.0)
     ends = [np.sqrt(degrees / chdtri(degrees, above)) for above in (0.025, 0.975)]
     return tau, tau * float(ends[0]), tau * float(ends[1])
-
-
-def kurtosis_size(r: Array) -> Size:
-    """Return the excess kurtosis of residuals, (n,) or (n, c), with its interval over samples drawn from its rows."""
-    rng, rows = np.random.default_rng(0), r.reshape(len(r), -1)
-    value = _kurtosis(rows)
-    most = min(len(rows), _MOST)
-    drawn = [_kurtosis(rows[rng.integers(0, len(rows), most)]) for _ in range(_DRAWN)]
-    low, high = np.percentile(drawn, [2.5, 97.5])
-    narrower = np.sqrt(most / len(rows))  # samples as large as the data scatter less
-    return value, value - narrower * max(value - float(low), 0.0), value + narrower * max(float(high) - value, 0.0)
-
-
-def step_size(values: Array, step: float) -> Size:
-    """Return the step of the lattice on which `values` lie, with its interval: narrow where they span many steps."""
-    distinct = np.unique(values)
-    cells = np.round((distinct - distinct[0]) / step)
-    cells, at = cells - cells.mean(), distinct - distinct.mean()
-    off = at - step * cells
-    error = _Z * float(np.sqrt((off**2).mean() / max((cells**2).sum(), 1.0)))
-    return step, step - error, step + error
-
-
-def _kurtosis(r: Array) -> float:
-    variance = float((r**2).mean())
-    return float((r**4).mean()) / variance**2 - 3.0 if variance else 0.0
 
 
 @final
@@ -259,12 +191,7 @@ def mixture(energy: Array, share: Array, degrees: int = 1) -> Mixture:
 
 
 def lattice(values: Array, least: float) -> float:
-    """Return the step, at least `least`, of the lattice on which all `values`, (n,), lie; 0 if they lie on none.
-
-    Trial steps are the smallest difference and whole parts of it. Each is fitted to the differences of neighbours,
-    small ones first; it is accepted if these are whole numbers of steps to within a tenth or so. The lattice may itself
-    be recorded with a finer one, or printed with few digits.
-    """
+    """Return the step, at least `least`, of the lattice on which all `values`, (n,), lie; 0 if they lie on none."""
     distinct = np.unique(values)
     if len(distinct) < 6:
         return 0.0
@@ -273,20 +200,16 @@ def lattice(values: Array, least: float) -> float:
     if len(between) < 5:
         return 0.0
     for divisor in range(1, 1 + min(30, int(1.1 * between[0] / least))):
-        step = _fitted(between, float(between[0]) / divisor)
+        step = float(between[0]) / divisor
+        window = 2.0 * step
+        while True:  # the step is fitted to whole numbers of it: first the smallest, then up to twice as many at a time
+            near = between[between <= window + 0.5 * step]
+            if len(near):
+                cells = np.maximum(np.round(near / step), 1)
+                step = float((near @ cells) / (cells @ cells))
+            if window > between[-1]:
+                break
+            window *= 2
         if step >= least and np.exp(2j * np.pi * between / step).mean().real > 0.9:
             return step
     return 0.0
-
-
-def _fitted(between: Array, step: float) -> float:
-    """Return `step` fitted to whole numbers of it: first the smallest, then up to twice as many at a time."""
-    window = 2.0 * step
-    while True:
-        near = between[between <= window + 0.5 * step]
-        if len(near):
-            cells = np.maximum(np.round(near / step), 1)
-            step = float((near @ cells) / (cells @ cells))
-        if window > between[-1]:
-            return step
-        window *= 2

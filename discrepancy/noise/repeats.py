@@ -1,10 +1,8 @@
 """Estimate the noise from repeats: from back-to-back pairs, and from separated visits of one pose.
 
-Back-to-back readings differ by noise alone, whatever the model lacks. But noise that is correlated from reading to
-reading cancels in their difference, which is then too small. Visits of one pose some time apart are free of that, but
-they also differ by whatever changes in time, by direction or by load. The stated noise is compared with both: if pairs
-scatter less and visits as stated, the noise is correlated (AR(1)); if both scatter less, or both more, the statement is
-wrong.
+Back-to-back readings differ by noise alone, but noise that is correlated from reading to reading cancels there. Visits
+of one pose some time apart are free of that, but they also differ by whatever changes in time. If pairs scatter less
+and visits as stated, the noise is correlated (AR(1)); if both scatter less, or both more, the statement is wrong.
 """
 
 from __future__ import annotations
@@ -36,11 +34,6 @@ class Repeats:
     visits: float
     n_visits: int
 
-    @property
-    def few(self) -> bool:
-        """Return whether the pairs are too few to estimate the noise."""
-        return self.n_pairs < thresholds().repeat_pairs
-
 
 def pairs_of(data: MeasuredData) -> tuple[Array, Array]:
     """Return the rows of readings that follow each other within a visit, two arrays (m,); empty without repeats."""
@@ -62,53 +55,53 @@ def visits_of(data: MeasuredData) -> tuple[Array, Array]:
     return order[:-1][cut], order[1:][cut]
 
 
-def compare(r: Array, data: MeasuredData) -> Repeats:
-    """Return the differences between repeats of residuals that are whitened by the stated noise, (n, c)."""
-
-    def square(rows: tuple[Array, Array]) -> tuple[float, int]:
-        first, second = rows
-        return (float(np.mean((r[first] - r[second]) ** 2) / 2) if len(first) else np.nan), len(first) * r.shape[1]
-
-    (pairs, n_pairs), (visits, n_visits) = square(pairs_of(data)), square(visits_of(data))
-    return Repeats(pairs, n_pairs, visits, n_visits)
-
-
 def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, Repeats, tuple[Note, ...]]:
     """Return the law of the noise behind residuals whitened by the stated one, (n, c), with the repeats and remarks.
 
-    The stated noise is kept unless the repeats contradict it. Where it is not `stated` but a first estimate, repeats
-    alone tell it: pairs that scatter less are then no sign that noise is carried on. The remarks are for the report.
+    The stated noise is kept unless repeats contradict it. Where it is not `stated` but a first estimate, repeats alone
+    tell it: pairs that scatter less are then no sign that noise is carried on.
     """
-    repeats = compare(r, data)
-    first, second = pairs_of(data)
-    if repeats.few:
-        text, pairs = f"{_untold(repeats)}: {_FOR_ANY}", {"pairs": repeats.n_pairs}
-        return Noise(profiled=True), repeats, (Note(Code.NO_REPEATS, text, values=pairs),)
+    t, (first, second), (last, again) = thresholds(), pairs_of(data), visits_of(data)
+    squares = [
+        float(np.mean((r[one] - r[other]) ** 2) / 2) if len(one) else np.nan
+        for one, other in ((first, second), (last, again))
+    ]
+    n, n_visits = len(first) * r.shape[1], len(last) * r.shape[1]
+    repeats = Repeats(squares[0], n, squares[1], n_visits)
+    if n < t.repeat_pairs:
+        few = f"{n} difference{'s' * (n > 1)} between readings where {t.repeat_pairs} are needed"
+        why = f"repeats are too few to tell the noise, {few}" if n else "no repeats tell the noise"
+        return Noise(profiled=True), repeats, (Note(Code.NO_REPEATS, f"{why}: {_FOR_ANY}", values={"pairs": n}),)
     difference = (r[first] - r[second]).ravel() / np.sqrt(2)
     if np.all(np.abs(difference) <= ROUNDING):
-        return _alike(repeats)
+        if n_visits and repeats.visits <= ROUNDING**2:
+            text = "repeats are the same in all digits: they tell nothing of the noise"
+            return Noise(), repeats, (Note(Code.REPEATS_EQUAL, text),)
+        return Noise(1.0, _CARRIED), repeats, (_quieter(0.0, repeats),)  # visits that differ carry on the noise
     if not stated and np.median(np.abs(difference)) <= ROUNDING:
         text = "repeats are mostly the same number: they tell nothing of the noise"
         return Noise(profiled=True), repeats, (Note(Code.REPEATS_EQUAL, text),)
     t_degrees = _tails(difference)
     spread = variance(difference, t_degrees)
-    n = repeats.n_pairs
     width = np.sqrt((2 if not np.isfinite(t_degrees) else 5) / n)
     if stated and spread < 1 - 2 * width:
-        part = 1 - spread
-        if repeats.n_visits < thresholds().repeat_pairs or _as_stated(repeats, spread):
-            return Noise(1.0, float(min(part, _CARRIED))), repeats, (_quieter(spread, repeats),)
+        # visits that scatter as stated, and not as little as pairs do, tell that the noise is correlated
+        carried = n_visits < t.repeat_pairs or repeats.visits >= 1
+        if not carried:
+            gain = n_visits * (repeats.visits / spread - repeats.visits + np.log(spread))
+            carried = bool(gain > -t.statement_doubt)
+        if carried:
+            return Noise(1.0, float(min(1 - spread, _CARRIED))), repeats, (_quieter(spread, repeats),)
         return _estimated(spread, t_degrees, n), repeats, _misstated(spread)
-    useless = not stated or spread > thresholds().statement_useless
-    if useless and repeats.n_visits >= thresholds().repeat_pairs:
-        first, second = visits_of(data)
-        visits = variance((r[first] - r[second]).ravel() / np.sqrt(2), t_degrees)
-        if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(t_degrees) else 5) / np.sqrt(repeats.n_visits)):
+    useless = not stated or spread > t.statement_useless
+    if useless and n_visits >= t.repeat_pairs:
+        visits = variance((r[last] - r[again]).ravel() / np.sqrt(2), t_degrees)
+        if visits > spread * (1 + 3 * np.sqrt(2 if not np.isfinite(t_degrees) else 5) / np.sqrt(n_visits)):
             # no statement contradicts that noise is carried on, and it is likelier than an effect
             part = float(min(1 - spread / visits, _CARRIED))
             text = f"visits scatter more: {100 * part:.0f} % of the noise is taken to be carried on"
             more = Note(Code.NOISE_CARRIED, text, values={"part": part})
-            law = replace(_estimated(visits, np.inf, repeats.n_visits), autocorrelation=part)
+            law = replace(_estimated(visits, np.inf, n_visits), autocorrelation=part)
             return law, repeats, (*(_misstated(visits) if stated else ()), more)
     if not stated:
         return _estimated(spread, t_degrees, n), repeats, ()
@@ -121,33 +114,9 @@ def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, Re
     return Noise(), repeats, ()
 
 
-def _alike(repeats: Repeats) -> tuple[Noise, Repeats, tuple[Note, ...]]:
-    """Return the law where readings of one visit are the same: of visits that are not, they carry on the noise."""
-    if repeats.n_visits and repeats.visits <= ROUNDING**2:
-        text = "repeats are the same in all digits: they tell nothing of the noise"
-        return Noise(), repeats, (Note(Code.REPEATS_EQUAL, text),)
-    return Noise(1.0, _CARRIED), repeats, (_quieter(0.0, repeats),)
-
-
 def _estimated(variance: float, t_degrees: float, known: int) -> Noise:
     """Return the law whose scale repeats give: `variance` in units of the stated one, from `known` differences."""
     return Noise(float(np.sqrt(variance)), 0.0, t_degrees, known, from_repeats=True)
-
-
-def _untold(repeats: Repeats) -> str:
-    """Return why the noise cannot be estimated from repeats: there are none, or too few of them."""
-    if not repeats.n_pairs:
-        return "no repeats tell the noise"
-    few = f"{repeats.n_pairs} difference{'s' * (repeats.n_pairs > 1)} between readings"
-    return f"repeats are too few to tell the noise, {few} where {thresholds().repeat_pairs} are needed"
-
-
-def _as_stated(repeats: Repeats, spread: float) -> bool:
-    """Return whether visits scatter as stated or more, and not as little as pairs do: then the noise is correlated."""
-    if repeats.visits >= 1:
-        return True
-    gain = repeats.n_visits * (repeats.visits / spread - repeats.visits + np.log(spread))
-    return bool(gain > -thresholds().statement_doubt)
 
 
 def _quieter(spread: float, repeats: Repeats) -> Note:
@@ -173,10 +142,8 @@ def _misstated(spread: float) -> tuple[Note, ...]:
 
 def _tails(difference: Array) -> float:
     """Return the degrees of freedom of the t law that fits single readings, from differences of two over root 2."""
-    best, likely = (
-        np.inf,
-        thresholds().tails_gain + 2 * Noise(float(np.sqrt(np.mean(difference**2)))).loglikelihood(difference),
-    )
+    gaussian = Noise(float(np.sqrt(np.mean(difference**2))))
+    best, likely = np.inf, thresholds().tails_gain + 2 * gaussian.loglikelihood(difference)
     for t_degrees in TAILS:
         value = 2 * Noise(np.sqrt(variance(difference, t_degrees)), 0.0, t_degrees).loglikelihood(difference)
         if value > likely:

@@ -1,12 +1,9 @@
 """Whitening: the noise of the readings propagated into the constraints, r = L^-1 F with L L^T = B Sigma B^T.
 
-B is the slope of the constraints in the noisy readings, Sigma the readings' covariance: independent sensors, and in
-each sensor an AR(1) in the order of reading with the correlation `autocorrelation`, whatever the pause. Such noise
-makes L banded over the readings; no matrix of n x n is formed.
-
-Heavier tails than the Gaussian's are those of Student's t. `Noise` turns whitened residuals into weights (for fitting),
-a cost (for comparing) and *scores* of unit variance (for testing): residuals are clipped there, as Huber does, so that
-a single outlier cannot decide a test.
+B is the slope of the constraints in the noisy readings, Sigma the readings' covariance: independent sensors, each an
+AR(1) in the order of reading, whatever the pause; then L is banded. Heavier tails are those of Student's t. `Noise`
+turns whitened residuals into weights (for fitting), a cost (for comparing) and *scores* of unit variance (for testing),
+clipped as Huber does, so that a single outlier cannot decide a test.
 """
 
 from __future__ import annotations
@@ -65,11 +62,9 @@ class Noise:
     @property
     def core(self) -> float:
         """Return the scale of the t distribution whose standard deviation is `scale`."""
-        return (
-            self.scale * np.sqrt(max(self.t_degrees - 2, 0.5) / self.t_degrees)
-            if np.isfinite(self.t_degrees)
-            else self.scale
-        )
+        if not np.isfinite(self.t_degrees):
+            return self.scale
+        return float(self.scale * np.sqrt(max(self.t_degrees - 2, 0.5) / self.t_degrees))
 
     def weights(self, r: Array) -> Array:
         """Return the weights of whitened residuals in a fit, of the shape of r."""
@@ -106,20 +101,8 @@ class Noise:
         root, slope = _huber(self.t_degrees, thresholds().residual_cut)
         return float(slope / root / self.core)
 
-    @property
-    def precision(self) -> float:
-        """Return the root of the information in one whitened residual for a fit under this law."""
-        return (
-            float(np.sqrt((self.t_degrees + 1) / (self.t_degrees + 3)) / self.core)
-            if np.isfinite(self.t_degrees)
-            else self.gain
-        )
-
     def gained(self, before: float, after: float, degrees: int) -> float:
-        """Return the gain in twice the log-likelihood of a model whose cost is `after`, over one whose is `before`.
-
-        `degrees` are those of freedom that the better model leaves.
-        """
+        """Return the gain in twice the log-likelihood of a model whose cost is `after`, over one whose is `before`."""
         if not self.profiled:
             return before - after
         return degrees * float(np.log(max(before, _NO_COST) / max(after, _NO_COST)))
@@ -143,17 +126,6 @@ class Noise:
         """Return the rms, in standard deviations of the noise over `count` residuals, of a signal with such a gain."""
         part = max(gain, 0.0) / count
         return float(np.sqrt(np.expm1(min(part, _MOST)) if self.profiled else part))
-
-    def gain_of(self, part: float, gain: float, count: int) -> float:
-        """Return the gain of a signal that is a `part` of the one with `gain`, over `count` residuals."""
-        if not self.profiled or gain <= 0:
-            return part * gain
-        return -count * float(np.log1p(part * np.expm1(-gain / count)))
-
-    @property
-    def stride(self) -> float:
-        """Return the factor by which a weighted step under heavy tails is shorter than a step by information."""
-        return float((self.t_degrees + 3) / (self.t_degrees + 1)) if np.isfinite(self.t_degrees) else 1.0
 
     def loglikelihood(self, r: Array) -> float:
         """Return the log-likelihood of whitened residuals under the law."""
@@ -193,10 +165,7 @@ class Whitener:
 
 
 def whitener(slopes: Array, sigma: Array, autocorrelation: float, place: Array) -> Whitener:
-    """Return the whitener of slopes B, (n, c, k), in readings of standard deviation `sigma`, (n, k).
-
-    `place`, (n,), is each row's place in the order of reading, held-out rows counted too; rows must rise in it.
-    """
+    """Return the whitener of slopes B, (n, c, k), in readings of standard deviation `sigma`, (n, k)."""
     scaled = slopes * sigma[:, None, :]
     n, c = scaled.shape[:2]
     reach = int(np.ceil(np.log(thresholds().correlation_kept) / np.log(autocorrelation))) if autocorrelation > 0 else 0

@@ -1,6 +1,5 @@
 """The search: effects are selected stepwise, each with the set that data cannot tell from it; then the verdict.
 
-`stepwise` is the loop and the verdict, `select` chooses and refits, `screening` avoids fits to all of very many
-readings, `alternatives` adds candidates that are never named alone, `finding` describes one pick, `smoother` is the
-model where no name fits.
+`stepwise` is the loop and the verdict, `select` chooses and refits, `form` asks how far a formula is off, `finding`
+describes one pick, `smoother` is the model where no name fits.
 """

@@ -1,31 +1,34 @@
-"""After naming, test the form: does the size of a named effect depend on a quantity that its formula does not have?
+"""The form of a named effect: on what its size depends that its formula does not have, and how far a formula is off.
 
-Example: the play of a worn gear is wider where the gear is worn. It is named play, because no other name is near, but
-it is not the play of the catalogue. So the residuals are tested for each pick's own signature times a slow function of
-each covariate of its part. Where that is significant, and large relative to the pick, it belongs to the finding: the
-cause is "like" that effect, and its size depends on the covariate. It stays in the model, so that no other name
-explains it.
+After naming, the residuals are tested for each pick's own signature times a slow function of each covariate of its
+part: the play of a worn gear is wider where the gear is worn. Where that is significant and large, the cause is "like"
+that effect; the form stays in the model, so that no other name explains it.
+
+Real causes differ from a catalogue's formulas by a tenth or so: by a factor 1 + m(x), m smooth. Calibration may absorb
+nearly all but the term with m, which a rival may fit better; so rivals are compared by likelihood with a random m.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import final
 
 import numpy as np
+from scipy.optimize import minimize
 
-from calibench.discrepancy.diagnostics.score import score_all
+from calibench.discrepancy.diagnostics.score import columns, score_all, signatures
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, curve
-from calibench.discrepancy.fitting.fit import Fit
+from calibench.discrepancy.fitting.fit import Fit, orthonormal, project_off
 from calibench.discrepancy.labels import quantity_label
-from calibench.discrepancy.model.effect import Along, Effect, Moment, OfFreePeriod, along_of, name_of, size
+from calibench.discrepancy.model import effect as effects
+from calibench.discrepancy.model.effect import Effect, Moment, is_possible, name_of
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of, words_of
 from calibench.discrepancy.registries import description_of
-from calibench.discrepancy.search.select import Option, Tests, delta_bic, option
+from calibench.discrepancy.search.select import Option, Tests, close, delta_bic, option, spared, told_apart
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -33,10 +36,23 @@ FORM_DIFFERS = "form differs"  # and nothing says with what
 SLOW = 2  # functions of a covariate: a slope and a bend of the size
 MOST = 2  # coefficients of a formula: with more of them it can already be any function of its argument
 ALONG = 4  # functions of where a carriage stands: enough for one and a half waves of a screw or a guide
-_TINY = 1e-300
 _ROUNDS = 10  # in which the sizes of effects settle, relative to which a prior is
 _HALVINGS = 16
 _WIDTHS = 1e-3, 10.0  # of a prior, between which it is halved
+# sizes tried, times the fitted one: an error of the form may have moved the fitted size far off
+_SIZES = (0.03, 0.1, 0.3, 1.0, 3.0)
+_STEPS = 100
+_NEAR = 0.01  # tolerance of a maximum, in twice the log-likelihood
+_LENGTHS = (0.4, 0.8)  # part of an argument's range over which a random form keeps its size
+_OFF = (0.3, 0.6, 1.0)  # parts of `form_off`: the sizes of a random form
+_KNOTS = 48  # of a random curve
+_PART = 1e-6  # part of the largest variance: parts of a random curve below this are left out
+_LEVELS = 4  # of a column that has no slow function
+_FULL = 1e-10
+_PLACES = 200  # knots of a random field, at most twice as many
+_PART_OF_FIELD = 1e-3  # part of the largest variance: parts of a random field below this are left out
+_SETTLED = 6  # rounds in which the noise of a random form settles
+_TINY = 1e-300
 
 
 @final
@@ -55,29 +71,12 @@ class Slow:
     middle: tuple[float, ...]
     moments: Callable[[MeasuredData], Sequence[Moment]] | None = None
 
-    def of(self, own: Mapping[str, Array], data: MeasuredData) -> dict[str, Array]:
-        """Return quantity -> (n, m k): the changes of an effect, (n, k) each, times the functions."""
-        return {one.quantity: product(self._waves(one.at), own[one.of]) for one in self._acting(own, data)}
-
-    def nearest(self, own: Mapping[str, Array], data: MeasuredData) -> Array:
-        """Return, for each of the functions, the effect's own coefficients that fit it best, (k, m k)."""
-        acting = self._acting(own, data)
-        scale = {one.of: float(np.linalg.norm(own[one.of])) or 1.0 for one in acting}
-        plain = np.concatenate([np.asarray(own[one.of]) / scale[one.of] for one in acting])
-        moved = [product(self._waves(one.at), own[one.of]) / scale[one.of] for one in acting]
-        return np.asarray(np.linalg.lstsq(plain, np.concatenate(moved), rcond=None)[0])
-
-    def _acting(self, own: Mapping[str, Array], data: MeasuredData) -> Sequence[Moment]:
+    def acting(self, own: Mapping[str, Array], data: MeasuredData) -> Sequence[Moment]:
         if self.moments is not None:
             return self.moments(data)
         return [Moment(name, name, np.asarray(data[self.column], dtype=float)) for name in own]
 
-    def spread(self, data: MeasuredData) -> float:
-        """Return the variance of the functions over the rows, or over the path along which something moves."""
-        values = np.linspace(self.low, self.high) if self.moments else np.asarray(data[self.column], dtype=float)
-        return float(np.nanvar(self._waves(values), axis=0).sum())
-
-    def _waves(self, values: Array) -> Array:
+    def waves(self, values: Array) -> Array:
         waves = waves_over(values, self.low, self.high, len(self.middle)) - np.asarray(self.middle)
         waves[~np.isfinite(waves)] = 0.0  # rows that are not the target's
         return np.asarray(waves)
@@ -91,75 +90,37 @@ class Modulated:
     of: Effect
     over: tuple[Slow, ...]
     positions: int = 1
+    twins: tuple[str, ...] = ()  # it is part of a finding, not a name
+    acts_along: bool = field(init=False)  # whether the covariates are positions, or times, at which the effect acts
+    family: str = field(init=False)
+    target: str = field(init=False)
+    formula: str = field(init=False)
+    channel: str = field(init=False)
+    columns: tuple[str, ...] = field(init=False)
+    coefficients: tuple[str, ...] = field(init=False)
+    units: tuple[str, ...] = field(init=False)
+    unit: str = field(init=False)
 
-    @property
-    def family(self) -> str:
-        """Return the family of the effect whose size changes."""
-        return self.of.family
-
-    @property
-    def covariates(self) -> tuple[str, ...]:
-        """Return the covariate on which the size depends."""
-        return tuple(slow.covariate for slow in self.over)
-
-    @property
-    def acts_along(self) -> bool:
-        """Return whether the covariates are positions, or times, at which the effect acts."""
-        return all(slow.moments is not None for slow in self.over)
-
-    @property
-    def target(self) -> str:
-        """Return the target, and the covariate on which the size depends."""
-        return f"{self.of.target} by {', '.join(self.covariates)}"
-
-    @property
-    def formula(self) -> str:
-        """Return the formula of the effect, with its size written as a function."""
-        return f"({self.of.formula}) times a slow function of {', '.join(self.covariates)}"
-
-    @property
-    def channel(self) -> str:
-        """Return what the effect acts on."""
-        return self.of.channel
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Return the columns of the effect, and the covariates."""
-        return (*self.of.columns, *(slow.column for slow in self.over if not slow.moments))
-
-    @property
-    def twins(self) -> tuple[str, ...]:
-        """Return nothing: it is part of a finding, not a name."""
-        return ()
-
-    @property
-    def coefficients(self) -> tuple[str, ...]:
-        """Return the names of the coefficients."""
-        return tuple(
-            f"{c} by {slow.covariate} {k}"
-            for slow in self.over
-            for k in range(1, len(slow.middle) + 1)
-            for c in self.of.coefficients
-        )
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Return the unit of each coefficient."""
-        return self.of.units * sum(len(slow.middle) for slow in self.over)
-
-    @property
-    def unit(self) -> str:
-        """Return the unit of the effect."""
-        return self.of.unit
+    def __post_init__(self) -> None:
+        of, by = self.of, ", ".join(slow.covariate for slow in self.over)
+        numbers = [(slow.covariate, k) for slow in self.over for k in range(1, len(slow.middle) + 1)]
+        vars(self).update(
+            acts_along=all(slow.moments is not None for slow in self.over), family=of.family,
+            target=f"{of.target} by {by}", formula=f"({of.formula}) times a slow function of {by}",
+            channel=of.channel, columns=(*of.columns, *(slow.column for slow in self.over if not slow.moments)),
+            coefficients=tuple(f"{c} by {covariate} {k}" for covariate, k in numbers for c in of.coefficients),
+            units=of.units * len(numbers), unit=of.unit,
+        )  # fmt: skip
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return quantity -> (n,)."""
         return {name: change @ c for name, change in self.basis(q, data, c).items()}
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return quantity -> (n, k)."""
         own = self.of.basis(q, data, np.zeros(len(self.of.coefficients)))
-        parts = [slow.of(own, data) for slow in self.over]
+        parts = [
+            {one.quantity: product(slow.waves(one.at), own[one.of]) for one in slow.acting(own, data)}
+            for slow in self.over
+        ]
         if len(parts) == 1:
             return parts[0]
         widths = [len(slow.middle) * len(self.of.coefficients) for slow in self.over]
@@ -173,48 +134,63 @@ class Modulated:
     def nearest(self, q: Quantities, data: MeasuredData) -> Array:
         """Return, for each coefficient of the form, the effect's own coefficients that fit it best, (k, m)."""
         own = self.of.basis(q, data, np.zeros(len(self.of.coefficients)))
-        return np.concatenate([slow.nearest(own, data) for slow in self.over], axis=1)
+        parts = []
+        for slow in self.over:
+            acting = slow.acting(own, data)
+            scale = {one.of: float(np.linalg.norm(own[one.of])) or 1.0 for one in acting}
+            plain = np.concatenate([np.asarray(own[one.of]) / scale[one.of] for one in acting])
+            moved = [product(slow.waves(one.at), own[one.of]) / scale[one.of] for one in acting]
+            parts.append(np.asarray(np.linalg.lstsq(plain, np.concatenate(moved), rcond=None)[0]))
+        return np.concatenate(parts, axis=1)
 
     def amplitude(self, c: Array) -> float:
-        """Return the length of the coefficients."""
-        return size(c)
+        return effects.size(c)
 
 
 def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms: Sequence[SmoothTerm], tests: Tests,
            level: float) -> Option | None:  # fmt: skip
-    """Return the clearest deviation of a pick from its formula, fitted beside all picks; None where there is none.
-
-    `known` are the forms that are in the model already: one for each pick at most. `tests` are those of `current`. A
-    wave whose size changes is the sum of waves of neighbouring periods, which have names, so a wave of free period has
-    no form.
-    """
+    """Return the clearest deviation of a pick from its formula, fitted beside all picks; None where there is none."""
     bent = {name_of(e.of) for e in known if isinstance(e, Modulated)}
-    bent |= {name_of(e) for e in picks if isinstance(e, OfFreePeriod)}
-    tried = [form for pick in picks if name_of(pick) not in bent for form in _forms(current, pick, terms)]
+    bent |= {name_of(e) for e in picks if isinstance(e, effects.OfFreePeriod)}
+    data = current.at.model.formulation.data
+    part_of = description_of(data.machine).part_of
+    lone = [term for term in terms if len(term.covariates) == 1]
+    tried: list[Modulated] = []
+    # each pick times a function of each covariate of its part; of every part where its own has none
+    for pick in (pick for pick in picks if name_of(pick) not in bent):
+        along = [slow_along(pick, data, m) for m in (SLOW, ALONG)] if len(pick.coefficients) <= MOST else []
+        tried += [Modulated(pick, (slow,)) for slows in along for slow in slows]
+        tried += [Modulated(pick, slows) for slows in along if len(slows) > 1]
+        taken = {slow.covariate for slows in along for slow in slows}
+        for term in [term for term in lone if part_of(term.target) == part_of(pick.target)] or lone:
+            [column], [low], [high] = term.covariates, term.low, term.high
+            # the size of play cannot depend on its own direction: the square of a sign is constant
+            constant = term.levels and column in pick.columns
+            if column in taken or term.covariate in taken or constant:
+                continue
+            taken.add(column)
+            waves = waves_over(data[column], low, high, 1 if term.levels else SLOW)
+            middle = tuple(np.nanmean(waves, axis=0).tolist())
+            tried.append(Modulated(pick, (Slow(term.covariate, column, low, high, middle),)))
     scored = [s for s, _ in score_all(current, tests.on, tried) if s.m]
     if not scored:
         return None
-    best = max(scored, key=lambda s: delta_bic(s, tests.on))
-    if best.p * len(scored) >= level or delta_bic(best, tests.on) < thresholds().further_gain:
+    best, t = max(scored, key=lambda s: delta_bic(s, tests.on)), thresholds()
+    if best.p * len(scored) >= level or delta_bic(best, tests.on) < t.further_gain:
         return None
     found = option(current, best, tests.on)
-    assert isinstance(found.effect, Modulated)
-    if runs_away(current, found.fit, found.effect.of):
+    form = found.effect
+    assert isinstance(form, Modulated)
+    if runs_away(current, found.fit, form.of):
         return None
-    large = share(found.fit, found.effect) >= _least(found.effect)
-    return found if found.gain > thresholds().further_gain and large else None
-
-
-def _least(form: Modulated) -> float:
-    return thresholds().along_share if form.acts_along else thresholds().form_share
+    large = share(found.fit, form) >= (t.along_share if form.acts_along else t.form_share)
+    return found if found.gain > t.further_gain and large else None
 
 
 def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
     """Return whether a pick beside a form of it is `form_runaway` times as large as without the form.
 
-    Then form and formula are nearly the same function of the fitted readings: both are large, of opposite sign, and
-    cancel each other only there. Example: an error of a joint's angle is already a function of that angle, so a size
-    that depends on the angle has no meaning.
+    Then both are nearly the same function of the fitted readings, and cancel each other only there.
     """
     sizes = [abs(pick.amplitude(c)) for at in (before, after) for e, c in at.model.coefficients(at.x)
              if name_of(e) == name_of(pick)]  # fmt: skip
@@ -222,15 +198,11 @@ def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:
 
 
 def forms_of(effect: Effect, among: Sequence[Effect]) -> list[Modulated]:
-    """Return the forms of an effect `among` those of a model."""
     return [e for e in among if isinstance(e, Modulated) and name_of(e.of) == name_of(effect)]
 
 
 def form_words(effect: Effect, shapes: Sequence[Effect], formulation: Formulation) -> str:
-    """Return in words on what the size of a named effect depends; "" where it depends on nothing else.
-
-    For a column that the formula itself uses, the words say that the course over it differs.
-    """
+    """Return in words on what the size of a named effect depends; "" where it depends on nothing else."""
     machine, words = formulation.data.machine, words_of(roles_of(formulation))
     phrases: dict[bool, list[str]] = {True: [], False: []}
     for slow in (slow for form in forms_of(effect, shapes) for slow in form.over):
@@ -240,35 +212,9 @@ def form_words(effect: Effect, shapes: Sequence[Effect], formulation: Formulatio
     return " and ".join(filter(None, (size, course)))
 
 
-def _forms(current: Fit, pick: Effect, terms: Sequence[SmoothTerm]) -> list[Modulated]:
-    """Return the effect times a function of each covariate of its part; of every part where its own has none.
-
-    Where the effect gives the positions of carriages as it acts, they are covariates too: each, and all of them
-    together.
-    """
-    data = current.at.model.formulation.data
-    part_of = description_of(data.machine).part_of
-    lone = [term for term in terms if len(term.covariates) == 1]
-    own = [term for term in lone if part_of(term.target) == part_of(pick.target)] or lone
-    along = [slow_along(pick, data, m) for m in (SLOW, ALONG)] if len(pick.coefficients) <= MOST else []
-    found = [(slow,) for slows in along for slow in slows] + [slows for slows in along if len(slows) > 1]
-    taken = {slow.covariate for slows in along for slow in slows}
-    for term in own:
-        [column], [low], [high] = term.covariates, term.low, term.high
-        if column in taken or term.covariate in taken:
-            continue
-        if term.levels and column in pick.columns:
-            continue  # the size of play cannot depend on its own direction: the square of a sign is constant
-        taken.add(column)
-        waves = waves_over(data[column], low, high, 1 if term.levels else SLOW)
-        middle = tuple(np.nanmean(waves, axis=0).tolist())
-        found.append((Slow(term.covariate, column, low, high, middle),))
-    return [Modulated(pick, over) for over in found]
-
-
 def slow_along(effect: Effect, data: MeasuredData, terms: int) -> tuple[Slow, ...]:
     """Return slow functions of the position of each carriage of an effect; none where the effect gives no carriage."""
-    along = along_of(effect)
+    along = effects.along_of(effect)
     if along is None:
         return ()
     found = []
@@ -283,7 +229,7 @@ def slow_along(effect: Effect, data: MeasuredData, terms: int) -> tuple[Slow, ..
     return tuple(found)
 
 
-def _moments(along: Along, covariate: str, data: MeasuredData) -> Sequence[Moment]:
+def _moments(along: effects.Along, covariate: str, data: MeasuredData) -> Sequence[Moment]:
     return along(data)[covariate]
 
 
@@ -303,58 +249,42 @@ def residuals_within(at: Fit, forms: Sequence[Modulated], most: float) -> Array:
     Calibration may absorb nearly all of what a form adds. Then its fitted size is mostly noise, and a smaller one
     explains as much. So the forms get a normal prior here, as wide as may be with the largest of them within `most`.
     """
-    narrowed = _Narrowed(at, forms)
-    low, high = np.log(_WIDTHS)
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2
-        wide = narrowed.largest_share(narrowed.solved(np.exp(middle))) > most
-        low, high = (low, middle) if wide else (middle, high)
-    return np.asarray(at.r + at.J @ (narrowed.solved(np.exp(low)) - at.x))
+    q, data, place_of = at.at.recorded, at.model.formulation.data, at.model.place_of
+    # where the coefficients of effect and form stand, the changes of the effect, the triangle of those of the form
+    parts = []
+    for one in forms:
+        R = np.asarray(np.linalg.qr(_stacked(one, q, data), mode="r"))
+        parts.append((place_of(one.of), _stacked(one.of, q, data), place_of(one), R))
+    of_forms = np.zeros(len(at.x), dtype=bool)
+    for _, _, place, _ in parts:
+        of_forms[place] = True
+    root = np.sqrt(at.noise.weights(at.r) * (at.degrees / at.cost if at.noise.profiled else 1.0))
+    whole = at.J * root[:, None]
+    aim = whole @ at.x - at.r * root
 
-
-@final
-class _Narrowed:
-    """The linearised fit `at`, its `forms` with a normal prior."""
-
-    def __init__(self, at: Fit, forms: Sequence[Modulated]) -> None:
-        q, data, places = at.at.recorded, at.model.formulation.data, at.model.place_of
-        # where the coefficients of effect and form stand, the changes of the effect, the triangle of those of the form
-        self._parts = [
-            (
-                places(form.of),
-                _stacked(form.of, q, data),
-                places(form),
-                np.asarray(np.linalg.qr(_stacked(form, q, data), mode="r")),
-            )
-            for form in forms
-        ]
-        self._forms = np.zeros(len(at.x), dtype=bool)
-        for _, _, place, _ in self._parts:
-            self._forms[place] = True
-        root = np.sqrt(at.noise.weights(at.r) * (at.degrees / at.cost if at.noise.profiled else 1.0))
-        self._J = at.J * root[:, None]
-        self._aim = self._J @ at.x - at.r * root
-
-    def solved(self, width: float) -> Array:
-        """Return the numbers, (p,), with a prior of rms `width` relative to the effects as they are in the solution."""
-        x = np.zeros(len(self._forms))
-        x[~self._forms] = _least_squares(self._J[:, ~self._forms], self._aim)
+    def solve(width: float) -> Array:  # with a prior of rms `width` relative to the effects as they are in the solution
+        x = np.zeros(len(of_forms))
+        x[~of_forms] = _least_squares(whole[:, ~of_forms], aim)
         for _ in range(_ROUNDS):
             prior = []
-            for own, changes, place, R in self._parts:
+            for own, changes, place, R in parts:
                 rows = np.zeros((len(R), len(x)))
                 rows[:, place] = R / (width * float(np.linalg.norm(changes @ x[own])) + _TINY)
                 prior.append(rows)
-            J = np.concatenate([self._J, *prior])
-            x = _least_squares(J, np.concatenate([self._aim, np.zeros(len(J) - len(self._J))]))
+            J = np.concatenate([whole, *prior])
+            x = _least_squares(J, np.concatenate([aim, np.zeros(len(J) - len(whole))]))
         return x
 
-    def largest_share(self, x: Array) -> float:
-        """Return the largest rms change of an effect's size, relative to its size."""
-        return max(
+    low, high = np.log(_WIDTHS)
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        x = solve(np.exp(middle))
+        shares = [
             float(np.linalg.norm(R @ x[place]) / (np.linalg.norm(changes @ x[own]) + _TINY))
-            for own, changes, place, R in self._parts
-        )
+            for own, changes, place, R in parts
+        ]
+        low, high = (low, middle) if max(shares) > most else (middle, high)
+    return np.asarray(at.r + at.J @ (solve(np.exp(low)) - at.x))
 
 
 def _least_squares(A: Array, b: Array) -> Array:
@@ -378,3 +308,305 @@ def share(at: Fit, form: Modulated) -> float:
     change = form.shift(q, data, parts[name_of(form)])
     whole = sum(float(np.sum(values**2)) for values in own.values())
     return float(np.sqrt(sum(float(np.sum(values**2)) for values in change.values()) / whole)) if whole else 0.0
+
+
+def near(found: Sequence[Option]) -> tuple[Option, ...]:
+    """Return the best option and those close to it where formulas may be off, each with its distance to the best.
+
+    The order is kept, but the likeliest comes first where the first one is not close to it.
+
+    An option on the same part as the best one has two likelihoods: of its exact formula, and of its formula being off.
+    They are added; before the data the second is `form_odds` times as likely. So of two formulas that may both be off,
+    neither wins by an exact fit alone. An option without a form, or on another part, is compared by its gain. Where
+    effects give the positions at which they act, options of all parts are compared with each other, because legs that
+    meet share the effect of one of them; one that is near by its gain stays. There both likelihoods have the same
+    weight, because a form is visible for some options and not for others, and readings are few.
+    """
+    plain, top, t = close(found), max(found, key=lambda o: o.gain), thresholds()
+    if not (top.gain > 0 and 0 < len(top.fit.r) < t.drawn_rows):
+        return plain
+    part_of = description_of(top.fit.model.formulation.data.machine).part_of
+    own = {o.name for o in found if part_of(o.effect.target) == part_of(top.effect.target)}
+    if top.fit.noise.profiled:
+        return _near_without_noise(found, plain, top, own)
+    along = effects.along_of(top.effect) is not None
+    rivals = [o for o in found if o.name in own or (along and effects.along_of(o.effect) is not None)]
+    if len(rivals) < 2:
+        return plain
+    worth = {o.name: one for o in rivals if (one := _worth(o, top)) is not None}
+    best = max(worth.values()) - t.form * top.gain
+    # a formula of many numbers stands for the form of another one
+    taken_up = t.formula_error * top.gain
+    likelihoods = {
+        o.name: replace(o, behind=best - worth[o.name] + taken_up * (_is_rich(o) - _is_rich(top)))
+        for o in rivals
+        if o.name in worth
+    }
+    kept = {o.name for o in likelihoods.values() if o.behind < t.close}
+    kept |= {top.name, *(o.name for o in plain if o.name not in likelihoods or o.name not in own)}
+    return _likeliest_first([likelihoods.get(o.name, o) for o in found if o.name in kept])
+
+
+def _near_without_noise(
+    found: Sequence[Option], plain: Sequence[Option], top: Option, own: set[str]
+) -> tuple[Option, ...]:
+    """Return the best option and its rivals, of which `own` are on its part, where nothing tells the noise.
+
+    A random form would be measured by a noise that holds the error of the best form itself. So a rival on the same part
+    stays where the best one explains no more than it does but for an error of form: up to `formula_error` of all. Its
+    distance is what it leaves, in squares of `form_off`.
+
+    Where effects are functions of a place, the error of a form may also be a smooth random function of the place, which
+    is `form_smooth` likely before the data. A place has more than one number, so such a function tells far more than
+    one of a single argument. An effect that explains nothing has no form, nor has the twin of another pick. A distance
+    is that of the weights under both laws.
+    """
+    t, count = thresholds(), top.fit.degrees
+    kept = []
+    for o in found:
+        lost = float(np.expm1((top.gain - o.gain) / count) / np.expm1(top.gain / count))
+        if o is not top and o.name in own and not _is_rich(o) and 0 <= lost < t.formula_error:
+            behind = min(told_apart(top, top.gain - o.gain), lost / t.form_off**2)
+            kept.append(replace(o, behind=behind))
+        elif o in plain:
+            kept.append(o)
+    beside = {name_of(e) for e in top.fit.model.effects if e is not top.effect}
+    placed = [o for o in found if o.name in own and effects.over_of(o.effect) and o.gain > 0]
+    placed = [o for o in placed if not beside & {*o.effect.twins}]
+    if len(placed) < 2 or top not in placed:
+        return tuple(kept)
+
+    def shares(behind: Mapping[str, float]) -> dict[str, float]:
+        weights = {name: float(np.exp(-far / 2)) for name, far in behind.items()}
+        return {name: one / sum(weights.values()) for name, one in weights.items()}
+
+    # twice the log-likelihood of each, its form off or not, less its penalty
+    data = top.fit.model.formulation.data
+    place = np.stack([np.asarray(data[name], dtype=float) for name in effects.over_of(top.effect)], axis=-1)
+    fields = [random_field(place, length) for length in _LENGTHS]
+    likelihoods = {o.name: _likelihood(o, o.effect, top, fields) - o.paid for o in placed}
+    waves: dict[tuple[str, ...], tuple[Option, Effect]] = {}
+    for o in sorted(placed, key=lambda one: one.gain):  # the one that explains more comes last
+        if (whole := effects.whole_of(o.effect)) is not None:
+            waves[tuple(sorted(whole.coefficients))] = o, whole
+    for o, whole in waves.values():
+        paid = o.paid + float(np.log(len(o.fit.r)))
+        likelihoods[o.name] = max(likelihoods[o.name], _likelihood(o, whole, top, fields) - paid)
+    smooth = shares({name: max(likelihoods.values()) - one for name, one in likelihoods.items()})
+    far = {}
+    for o in (o for o in kept if o.name in likelihoods):
+        behind = o.behind if np.isfinite(o.behind) else told_apart(top, top.gain - o.gain - spared(o, top))
+        far[o.name] = max(0.0, behind)
+    free = shares(far)
+    both = {name: t.form_smooth * one + (1 - t.form_smooth) * free.get(name, 0.0) for name, one in smooth.items()}
+    distance = {name: 2 * float(np.log(max(both.values()) / max(one, _TINY))) for name, one in both.items()}
+    left = [replace(o, behind=distance[o.name]) if o.name in distance else o for o in found]
+    names = {name for name, one in distance.items() if one < t.close}
+    names |= {top.name, *(o.name for o in kept if o.name not in distance)}
+    return _likeliest_first([o for o in left if o.name in names])
+
+
+def _likelihood(o: Option, effect: Effect, top: Option, fields: Sequence[Array]) -> float:
+    """Return twice the log-likelihood of an effect in the place of an option's, its form off or not."""
+    at, k = o.fit, len(effect.coefficients)
+    J, own = np.split(at.J, [len(at.x) - len(o.effect.coefficients)], axis=1)
+    size = np.linalg.norm(J, axis=0)
+    Q = orthonormal(J / np.where(size > 0, size, 1.0), _FULL)
+    root = np.sqrt(at.noise.weights(top.fit.r))[:, None]
+    without = own @ at.x[J.shape[1] :] - at.r  # what the effect has to explain
+    y = project_off(without * root[:, 0], Q, times=2)
+    count = max(len(y) - Q.shape[1], 1)
+    D = project_off(columns(at, effect) * root, Q, times=2)
+    c = np.asarray(np.linalg.lstsq(D, y, rcond=None)[0], dtype=float)
+    left = max(float(np.sum((y - D @ c) ** 2)), _TINY)
+    changes = effect.basis(at.at.recorded, at.model.formulation.data, np.zeros(k))
+    likely = []
+    for one in fields:
+        T = signatures(at, {name: product(one, change) for name, change in changes.items()})
+        T = project_off(T * root, Q, times=2).reshape(len(y), -1, k) * thresholds().form_off
+        likely.append(-_least(y, D, np.asarray(T), effect, c, _OFF, count) / 2)
+    exact = -count * (float(np.log(left / count)) + 1)
+    drawn = 2 * (np.logaddexp.reduce(likely) - np.log(len(likely)))
+    return float(2 * np.logaddexp(exact / 2, (drawn + thresholds().form_odds) / 2))
+
+
+def _likeliest_first(found: Sequence[Option]) -> tuple[Option, ...]:
+    """Return options; where the first one is too far behind, the one that is least behind comes first."""
+    first, likeliest = found[0], min(found, key=lambda o: o.behind)
+    if not thresholds().close <= first.behind < np.inf:
+        return tuple(found)
+    return (likeliest, *(o for o in found if o is not likeliest))
+
+
+def _worth(o: Option, top: Option) -> float | None:
+    """Return twice the log-likelihood of an option, its form off or not, over that of no effect; None without a form.
+
+    A random form is weighted as the readings in the fit `top`. With heavy tails an option's own weights would forgive a
+    poor fit the readings that it misses by far. A formula of many numbers can follow any course over its argument: it
+    explains the same, off or not.
+    """
+    at, k = o.fit.at, len(o.effect.coefficients)
+    data = at.model.formulation.data
+    # for each argument of the formula its signatures times the parts of random curves of it; where the option gives the
+    # positions of its carriages, times slow functions of these, all together
+    if slow_along(o.effect, o.fit.model.formulation.data, ALONG):
+        forms = [_slow_forms(o, ALONG)]
+    else:
+        own, forms = o.effect.basis(at.recorded, data, np.zeros(k)), []
+        for _, values in _arguments(o, data):
+            curves = [random_curve(values, length) for length in _LENGTHS]
+            changed = [{name: product(parts, change) for name, change in own.items()} for parts in curves]
+            forms.append([signatures(o.fit, changes) for changes in changed])
+    drawn = o.gain
+    if (worth := _drawn(o, forms, _OFF, top)) is not None:
+        drawn = top.gain + top.paid - o.paid + float(np.sum(top.fit.noise.weights(top.fit.r) * top.fit.r**2)) - worth[1]
+    elif o is not top and not _is_rich(o):
+        return None
+    odds = 0.0 if effects.along_of(top.effect) is not None else thresholds().form_odds
+    return float(2 * np.logaddexp(o.gain / 2, (drawn + odds) / 2))
+
+
+def _is_rich(o: Option) -> bool:
+    return len(o.effect.coefficients) > MOST
+
+
+def bonus(o: Option) -> float:
+    """Return how much more an option explains if its formula may be off; 0 where it explains no more."""
+    slow = ([[form] for form in _slow_forms(o, terms)] for terms in (SLOW, thresholds().curve_terms - 1))
+    gains = [_drawn(o, forms, (1.0,), o) for forms in slow]
+    return max([0.0, *(before - after for before, after in filter(None, gains))])
+
+
+def _drawn(
+    o: Option, forms: Sequence[Sequence[Array]], off: Sequence[float], top: Option
+) -> tuple[float, float] | None:
+    """Return minus twice the log-likelihood of an option: of its exact formula, and with a random form."""
+    at, k = o.fit, len(o.effect.coefficients)
+    c = at.x[len(at.x) - k :]
+    if k > MOST or at.noise.profiled or not len(at.r) or not np.linalg.norm(c) > 0 or not forms:
+        return None
+    root = np.sqrt(at.noise.weights(top.fit.r))
+    J = at.J * root[:, None]
+    size = np.linalg.norm(J, axis=0)
+    Q = orthonormal(J[:, :-k] / np.where(size > 0, size, 1.0)[:-k], _FULL)
+    D = project_off(J[:, -k:], Q, times=2)
+    y = project_off(at.r * root, Q, times=2) + D @ c
+    likely = []
+    for alike in forms:
+        shown = (project_off(form * root[:, None], Q, times=2).reshape(len(y), -1, k) for form in alike)
+        parts = [-_least(y, D, np.asarray(T * thresholds().form_off), o.effect, c, off) / 2 for T in shown]
+        likely.append(np.logaddexp.reduce(parts) - np.log(len(alike)))
+    return float(np.sum((y - D @ c) ** 2)), float(-2 * max(likely))
+
+
+def _slow_forms(o: Option, terms: int) -> list[Array]:
+    """Return for each argument of an option's formula its signatures times so many slow functions of it."""
+    data, k = o.fit.model.formulation.data, len(o.effect.coefficients)
+    if along := slow_along(o.effect, data, ALONG):
+        found = [Modulated(o.effect, along)]
+    else:
+        found = []
+        for column, values in _arguments(o, data):
+            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            middle = np.nanmean(waves_over(values, low, high, terms), axis=0)
+            found.append(Modulated(o.effect, (Slow(column, column, low, high, tuple(middle.tolist())),)))
+    # the variance of the functions over the rows, or over the path along which something moves
+    rms = []
+    for form in found:
+        parts = []
+        for slow in form.over:
+            at = np.linspace(slow.low, slow.high) if slow.moments else np.asarray(data[slow.column], dtype=float)
+            spread = float(np.nanvar(slow.waves(at), axis=0).sum())
+            parts.append(np.full(len(slow.middle) * k, np.sqrt(spread)))
+        rms.append(np.concatenate(parts))
+    return [columns(o.fit, form) / one for form, one in zip(found, rms, strict=True)]
+
+
+def _arguments(o: Option, data: MeasuredData) -> Iterator[tuple[str, Array]]:
+    for column in dict.fromkeys(o.effect.columns):
+        values = np.asarray(data[column]) if column in data else np.empty(0)
+        if values.dtype.kind == "f" and len(np.unique(values[np.isfinite(values)])) > _LEVELS:
+            yield column, values
+
+
+def random_curve(x: Array, length: float) -> Array:
+    """Return the parts, (n, m), of a random smooth function of x, (n,).
+
+    The function is the sum of the parts times standard normal numbers. Its values are normal, their correlation is
+    exp(-d^2 / 2) at a distance of d times `length`, a part of the range of x. Its mean over the finite x is zero and
+    its rms there one; elsewhere it is zero.
+    """
+    known = np.isfinite(x)
+    low, high = float(np.min(x[known])), float(np.max(x[known]))
+    knots = np.linspace(0.0, 1.0, _KNOTS)[:, None]
+    variances, V = np.linalg.eigh(_correlation(knots, knots, length))
+    held = variances > _PART * variances[-1]
+    there = ((x[known] - low) / (high - low))[:, None]
+    curves = _correlation(there, knots, length) @ (V[:, held] / np.sqrt(variances[held]))
+    curves -= curves.mean(axis=0)
+    parts = np.zeros((len(x), curves.shape[1]))
+    parts[known] = curves / np.sqrt(np.sum(curves**2) / len(curves))
+    return parts
+
+
+def random_field(x: Array, length: float) -> Array:
+    """Return the parts, (n, m), of a random smooth function of a place x, (n, d), each of its numbers over its range.
+
+    The same as `random_curve` over more than one number, `length` in each of them; all of x is known.
+    """
+    wide = np.ptp(x, axis=0)
+    u = (x - x.min(axis=0)) / np.where(wide > 0, wide, 1.0)
+    knots = u[:: max(1, len(u) // _PLACES)]
+    variances, V = np.linalg.eigh(_correlation(knots, knots, length))
+    held = variances > _PART_OF_FIELD * variances[-1]
+    fields = _correlation(u, knots, length) @ (V[:, held] / np.sqrt(variances[held]))
+    fields -= fields.mean(axis=0)
+    return np.asarray(fields / np.sqrt(np.sum(fields**2) / len(fields)))
+
+
+def _correlation(one: Array, other: Array, length: float) -> Array:
+    """Return the correlation, (n, m), of a random smooth function between places (n, d) and (m, d)."""
+    apart = [np.exp(-0.5 * ((a[:, None] - b) / length) ** 2) for a, b in zip(one.T, other.T)]
+    return np.asarray(np.prod(apart, axis=0))
+
+
+def _least(y: Array, D: Array, T: Array, effect: Effect, c: Array, off: Sequence[float], count: int = 0) -> float:
+    """Return the minimum of minus twice the log-likelihood of y over possible sizes of the effect."""
+    N, m, k = T.shape
+    flat = T.reshape(N, m * k)
+    TT, Ty, TD = (flat.T @ flat).reshape(m, k, m, k), (flat.T @ y).reshape(m, k), (flat.T @ D).reshape(m, k, k)
+    TTs, TDs = TT.transpose(1, 3, 0, 2).reshape(k * k, m * m), TD.transpose(1, 2, 0).reshape(k * k, m)
+    yy, Dy, DD, unit = float(y @ y), D.T @ y, D.T @ D, float(np.linalg.norm(c))
+    shares = np.square(off)[:, None]
+
+    def likelihood(u: Array) -> float:
+        at = unit * u
+        if not is_possible(effect, abs(effect.amplitude(at))):
+            return np.inf
+        squares = np.outer(at, at).ravel()
+        variances, V = np.linalg.eigh((squares @ TTs).reshape(m, m))
+        half = (V.T @ (Ty @ at - squares @ TDs)) ** 2
+        left = float(yy - 2 * at @ Dy + at @ DD @ at)
+        form = shares * variances.clip(0.0)
+        noise = _likeliest(left, shares * half, form, count) if count else np.ones((len(off), 1))
+        grown = 1 + form / noise
+        explained = (shares * half / (noise**2 * grown)).sum(axis=1) - np.log(grown).sum(axis=1)
+        likely = explained - (left / noise + count * np.log(noise))[:, 0]
+        return float(-2 * (np.logaddexp.reduce(likely / 2) - np.log(len(off))))
+
+    along = c / unit
+    across = [np.array([-along[1], along[0]])] if len(along) == 2 else []
+    starts = [sign * size * way for size in _SIZES for sign in (1, -1) for way in (along, *across)]
+    best = min(starts, key=likelihood)
+    return float(minimize(likelihood, best, method="Nelder-Mead", options={"maxiter": _STEPS, "fatol": _NEAR}).fun)
+
+
+def _likeliest(left: float, half: Array, form: Array, count: int) -> Array:
+    """Return the likeliest variance of the noise, (k, 1), for each of k sizes of a random form, by fixed points."""
+    noise = np.full((len(form), 1), max(left / count, _TINY))
+    for _ in range(_SETTLED):
+        both = noise + form
+        explained = (half * (noise + both) / both**2).sum(axis=1, keepdims=True)
+        free = count - (form / both).sum(axis=1, keepdims=True)
+        noise = np.maximum((left - explained) / np.maximum(free, 1.0), _TINY)
+    return noise

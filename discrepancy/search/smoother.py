@@ -1,15 +1,8 @@
 """The model where no named effect fits: smooth functions of the covariates, with length and size set by likelihood.
 
 A component adds an unknown function of one covariate (or of the place) to one reading: a Gaussian process in the basis
-of its domain's cosines (Solin and Sarkka 2020), with amplitude and length by marginal likelihood and the calibration's
-parameters integrated out. Components are added one after the other, while they also predict the fitted poses better
-when those are left out in turn. Outside the range of the fitted rows a function is constant.
-
-An error without a name, described so that the user can act: which number errs, over what, how much, in what shape.
-
-Where no formula fits, smooth functions were fitted. Each is a function of one covariate, so words can describe its
-shape: an error at one place by that place; over an angle that was read over its whole turn as waves a turn; over
-anything else as a line, a bend, an S, or by its number of waves.
+of its domain's cosines (Solin and Sarkka 2020), with amplitude and length by marginal likelihood. Components are added
+one after the other, while they also predict left-out poses better. Outside the fitted rows a function is constant.
 """
 
 from __future__ import annotations
@@ -34,7 +27,7 @@ from calibench.discrepancy.noise.whiten import whitener
 from calibench.discrepancy.report import Nearest, Shortest, Unnamed
 from calibench.discrepancy.search.select import Tests, best_of_each
 from calibench.discrepancy.thresholds import thresholds
-from calibench.discrepancy.validation import folds
+from calibench.discrepancy.validation import errors_left_out, folds
 from calibench.problems.base import Array
 
 _WAVES, _SIDE = 60, 9  # cosines over a covariate, and along each side of the workspace
@@ -42,6 +35,7 @@ _MARGIN = 0.15  # of the range, by which the cosines' domain is wider at either 
 _LENGTHS = (0.015, 0.03, 0.06, 0.12, 0.25, 0.5)  # of the range
 _SIZES = np.geomspace(0.03, 100.0, 15)  # amplitudes tried, in sigma
 _PASSES = 3
+_HELD = 1e-9  # part of a column's square that is added, so that what only left-out poses determine is held
 _NOTHING = 1e-12  # part of the largest variance of a weight: cosines below it are left out
 
 
@@ -61,15 +55,11 @@ class Component:
     weights: Array = field(default_factory=lambda: np.zeros(0))
 
     def waves(self, data: Mapping[str, Array]) -> tuple[Array, Array]:
-        """Return the cosines at each row, (n, m), and their frequencies, (m,), in radians per range.
-
-        A row with a missing value has 0. A covariate of a few levels has a column for each.
-        """
+        """Return the cosines at each row, (n, m), and their frequencies, (m,), in radians per range."""
         values = [np.asarray(data[name], dtype=float) for name in self.columns]
         if self.levels:
-            return np.stack([values[0] == level for level in self.levels], axis=-1).astype(float), np.zeros(
-                len(self.levels)
-            )
+            each = np.stack([values[0] == level for level in self.levels], axis=-1)
+            return each.astype(float), np.zeros(len(self.levels))
         order = np.arange(self.count) * np.pi / (1 + 2 * _MARGIN)
         one, squares = np.ones((len(values[0]), 1)), np.zeros(1)
         for value, low, high in zip(values, self.low, self.high):
@@ -104,7 +94,6 @@ class Smooth:
     positions: int = 1
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return quantity -> (n,)."""
         missing = {name for one in self.components for name in one.columns if name not in data}
         if missing:
             data = data.with_columns(smooth_columns(self.formulation.on(data), self.x))
@@ -115,20 +104,16 @@ class Smooth:
         return found
 
     def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
-        """Return quantity -> (n, 0)."""
         return {one.quantity: np.zeros((len(data), 0)) for one in self.components}
 
     def amplitude(self, c: Array) -> float:
-        """Return the length of the weights."""
         return float(np.sqrt(sum(float(one.weights @ one.weights) for one in self.components)))
 
 
 def fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
-    """Return the fit with the smooth functions that these data support; `base` itself where none predicts.
-
-    Scores of heavy-tailed noise are clipped, and smooth errors with them, so another pass fits the remaining error.
-    """
+    """Return the fit with the smooth functions that these data support; `base` itself where none predicts."""
     current = base
+    # scores of heavy-tailed noise are clipped, and smooth errors with them, so another pass fits the remaining error
     for _ in range(_PASSES if np.isfinite(base.noise.t_degrees) else 1):
         after = _once(current, terms)
         if after is current:
@@ -138,68 +123,78 @@ def fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
 
 
 def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
-    at, c = base.at, base.at.misclosure.shape[1]
-    n = len(at.misclosure)
-    some = np.unique(
-        np.linspace(0, n - 1, min(n, thresholds().drawn_rows // c)).round().astype(int)
-    )  # of very many readings, a part tells the same
-    data = at.model.formulation.data
-    whiten = at.whiten
+    at, c, t = base.at, base.at.misclosure.shape[1], thresholds()
+    n, data, whiten = len(at.misclosure), at.model.formulation.data, at.whiten
+    # of very many readings, a part tells the same
+    some = np.unique(np.linspace(0, n - 1, min(n, t.drawn_rows // c)).round().astype(int))
     if len(some) < n:
-        whiten = whitener(
-            at.reading_slopes[some], at.sigma[some], base.noise.autocorrelation, reading_order(data)[some]
-        )
+        order = reading_order(data)[some]
+        whiten = whitener(at.reading_slopes[some], at.sigma[some], base.noise.autocorrelation, order)
         data = data.rows(some)
     r, J = whiten(at.misclosure[some]), whiten(at.columns[some])
     on, y, gain = projected_scores(replace(base, r=r, J=J)), base.noise.scores(r), base.noise.gain
     size = np.sqrt((J**2).sum(axis=0))
     J = J / np.where(size > 0, size, 1.0)
-    fold = np.repeat(folds(data, thresholds().folds), c)
+    fold = np.repeat(folds(data, t.folds), c)
     pose = np.unique(data["pose_id"] if data.has("pose_id") else np.arange(len(data)), return_inverse=True)[1]
     pose = np.repeat(pose, c)
 
-    tried: list[_Tried] = []
-    for component in (one for term in terms for one in _components(term, len(some))):
+    # each component with its cosines in the scores, also projected off calibration, and the variances of their weights,
+    # (lengths, m), for an rms of about 1 in the scores
+    tried: list[tuple[Component, Array, Array, Array]] = []
+    for term, quantity in ((one, quantity) for one in terms for quantity in one.quantities):
+        # as many cosines as the poses can tell, and no more
+        count = min(_WAVES, max(4, len(some) // 4)) if len(term.covariates) == 1 else _SIDE
+        component = Component(
+            target=term.target, covariate=term.covariate, quantity=quantity, columns=term.covariates, low=term.low,
+            high=term.high, count=count, levels=term.levels,
+        )  # fmt: skip
         waves, frequencies = component.waves(data.columns)
-        raw = whiten(at.slopes[component.quantity][some][:, :, None] * waves[:, None, :]) * gain
-        tried.append(_Tried(component, raw, project_off(raw, on.Q), _variances(component, frequencies, raw)))
-    chosen: list[tuple[_Tried, Array]] = []
-    best = _crossed(J, np.zeros((len(y), 0)), 1.0, y, fold)
-    while len(chosen) < thresholds().smooth_most:
-        B = _columns(chosen, len(y))
+        raw = whiten(at.slopes[quantity][some][:, :, None] * waves[:, None, :]) * gain
+        shapes = [np.exp(-0.5 * (frequencies * length) ** 2) for length in _LENGTHS[: 1 if term.levels else None]]
+        middle = np.sqrt(np.mean(raw**2)) or 1.0
+        variances = np.stack([shape / shape.sum() for shape in shapes]) / middle**2
+        tried.append((component, raw, project_off(raw, on.Q), variances))
+
+    # the most likely ones in turn, with the variance of each weight; `B` are their columns scaled to a variance of 1
+    chosen: dict[int, Array] = {}
+    B, raws = np.zeros((len(y), 0)), np.zeros((len(y), 0))
+    best = errors_left_out(J, y, fold, np.full(J.shape[1], _HELD)) ** 2
+    while len(chosen) < min(t.smooth_most, len(tried)):
         rest = _rest(B, on.y, on.degrees)
-        free = [one for one in tried if all(one is not other for other, _ in chosen)]
-        if not free:
+        fitted = {
+            k: _likeliest(seen, lengths, B / rest, on.y / rest, on.degrees, 1 / rest**2)
+            for k, (_, _, seen, lengths) in enumerate(tried)
+            if k not in chosen
+        }
+        k = max(fitted, key=lambda k: fitted[k][0])
+        if fitted[k][0] < t.smooth_gain:
             break
-        found = [_likeliest(one, B / rest, on.y / rest, on.degrees, 1 / rest**2) for one in free]
-        worth, one, variances = max(found, key=lambda fitted: fitted[0])
-        if worth < thresholds().smooth_gain:
-            break
-        trial = [*chosen, (one, variances * rest**2)]
-        raw = np.concatenate([one.raw * np.sqrt(v) for one, v in trial], axis=1)
-        error = _crossed(J, raw, _rest(_columns(trial, len(y)), on.y, on.degrees), y, fold)
+        variances = fitted[k][1] * rest**2
+        _, raw, seen, _ = tried[k]
+        more = np.concatenate([B, seen * np.sqrt(variances)], axis=1)
+        further = np.concatenate([raws, raw * np.sqrt(variances)], axis=1)
+        held = np.full(further.shape[1], _rest(more, on.y, on.degrees) ** 2)
+        held = np.concatenate([np.full(J.shape[1], _HELD), held])
+        error = errors_left_out(np.concatenate([J, further], axis=1), y, fold, held) ** 2
         gained = np.bincount(pose, best - error)
-        if not gained.sum() > thresholds().smooth_sure * np.sqrt(np.sum(gained**2)):
+        if not gained.sum() > t.smooth_sure * np.sqrt(np.sum(gained**2)):
             break
-        best, chosen = error, trial
+        best, B, raws = error, more, further
+        chosen[k] = variances
     if not chosen:
         return base
-    B = _columns(chosen, len(y))
+
     w = -np.linalg.solve(_rest(B, on.y, on.degrees) ** 2 * np.eye(B.shape[1]) + B.T @ B, B.T @ on.y)
-    smooth: list[Component] = []
-    k = 0
-    for one, v in chosen:
-        smooth.append(replace(one.component, weights=np.asarray(w[k : k + len(v)] * np.sqrt(v))))
-        k += len(v)
+    ends = np.cumsum([len(v) for v in chosen.values()])[:-1]
+    smooth = [
+        replace(tried[k][0], weights=np.asarray(own * np.sqrt(v)))
+        for (k, v), own in zip(chosen.items(), np.split(w, ends))
+    ]
     columns = tuple(name for component in smooth for name in component.columns)
     effect = Smooth(tuple(smooth), base.model.formulation, base.x, smooth[0].target, columns=columns)
     after = fit(base.model.with_effects(effect), base.noise, base.x)
     return after if after.cost < base.cost else base
-
-
-def _columns(chosen: list[tuple[_Tried, Array]], n: int) -> Array:
-    """Return the chosen components' columns, projected off calibration, each scaled to a weight of variance 1."""
-    return np.concatenate([np.zeros((n, 0)), *(one.seen * np.sqrt(v) for one, v in chosen)], axis=1)
 
 
 def _rest(B: Array, y: Array, degrees: int) -> float:
@@ -211,56 +206,16 @@ def _rest(B: Array, y: Array, degrees: int) -> float:
     return float(np.sqrt(square))
 
 
-def _components(term: SmoothTerm, n: int) -> list[Component]:
-    # as many as the poses can tell, and no more
-    count = min(_WAVES, max(4, n // 4)) if len(term.covariates) == 1 else _SIDE
-    return [
-        Component(
-            target=term.target,
-            covariate=term.covariate,
-            quantity=quantity,
-            columns=term.covariates,
-            low=term.low,
-            high=term.high,
-            count=count,
-            levels=term.levels,
-        )
-        for quantity in term.quantities
-    ]
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class _Tried:
-    """A component's cosines in the scores: `raw` (N, m), and projected off calibration, `seen`."""
-
-    component: Component
-    raw: Array
-    seen: Array
-    variances: Array  # (lengths, m) of the weights, for an amplitude of 1
-
-
-def _variances(component: Component, frequencies: Array, raw: Array) -> Array:
-    """Return the variances of the weights, (lengths, m), that make a component's rms about 1 in the scores."""
-    shapes = [np.exp(-0.5 * (frequencies * length) ** 2) for length in _LENGTHS[: 1 if component.levels else None]]
-    middle = np.sqrt(np.mean(raw**2)) or 1.0
-    return np.stack([shape / shape.sum() for shape in shapes]) / middle**2
-
-
-def _likeliest(one: _Tried, B: Array, y: Array, degrees: int, least: float) -> tuple[float, _Tried, Array]:
-    """Return the gain in log-likelihood of a component beside the chosen ones, B, at its best length and size.
-
-    All is relative to the unexplained part so far. The unexplained part afterwards is profiled out; its least value is
-    `least`.
-    """
-    G, b, total = one.seen.T @ one.seen, one.seen.T @ y, float(y @ y)
+def _likeliest(seen: Array, lengths: Array, B: Array, y: Array, degrees: int, least: float) -> tuple[float, Array]:
+    """Return the gain in log-likelihood of a component beside the chosen ones, B, and the variances of its weights."""
+    G, b, total = seen.T @ seen, seen.T @ y, float(y @ y)
     if B.shape[1]:
         known = cho_factor(np.eye(B.shape[1]) + B.T @ B)
-        C, d = B.T @ one.seen, B.T @ y
+        C, d = B.T @ seen, B.T @ y
         solved = cho_solve(known, np.column_stack([C, d]))
         G, b, total = G - C.T @ solved[:, :-1], b - C.T @ solved[:, -1], total - float(d @ solved[:, -1])
-    found = (-np.inf, 0.0, 0)
-    for length, variances in enumerate(one.variances):
+    best = (-np.inf, 0.0, 0)
+    for length, variances in enumerate(lengths):
         some = variances > _NOTHING * variances.max()  # a long length has few cosines
         roots = np.sqrt(variances[some])
         values, vectors = np.linalg.eigh(roots[:, None] * G[np.ix_(some, some)] * roots)
@@ -271,28 +226,15 @@ def _likeliest(one: _Tried, B: Array, y: Array, degrees: int, least: float) -> t
         rest = np.maximum(least, left / degrees)
         worth = -0.5 * (degrees * np.log(rest) + left / rest - total + np.log(sizes).sum(axis=1))
         k = int(np.argmax(worth))
-        found = max(found, (float(worth[k]), _SIZES[k], length), key=lambda solved: solved[0])
-    return found[0], one, found[1] ** 2 * one.variances[found[2]]
-
-
-def _crossed(J: Array, B: Array, rest: float, y: Array, fold: Array) -> Array:
-    """Return the squared errors of y, (N,), at poses left out in turn, predicted by calibration J and columns B."""
-    X = np.concatenate([J, B], axis=1)
-    held = np.concatenate([np.full(J.shape[1], 1e-9), np.full(B.shape[1], rest**2)])
-    whole, right = X.T @ X, X.T @ y
-    errors = np.empty(len(y))
-    for k in range(thresholds().folds):
-        out = fold == k
-        part = X[out]
-        w = np.linalg.solve(whole - part.T @ part + np.diag(held), right - part.T @ y[out])
-        errors[out] = (y[out] - part @ w) ** 2
-    return errors
+        best = max(best, (float(worth[k]), _SIZES[k], length), key=lambda solved: solved[0])
+    return best[0], best[1] ** 2 * lengths[best[2]]
 
 
 NEAR = 0.3  # of what is more than noise: a formula that explains less is no hint
 _GRID = 400  # places over the range
 _TURN = 0.75  # part of a turn that must be covered for waves a turn to be told
 _ORDERS = 8  # waves a turn
+_TURNS = ("once a turn", "twice a turn", *(f"{k} times a turn" for k in range(3, _ORDERS + 1)))
 _POWERS = ("a line", "a bend", "an S")
 _TOLD = 0.8  # share of a course's variance that waves a turn, or line, bend and S, must explain to be told
 _SMALL = 0.2  # part of the largest error of its kind: a smaller one is not told
@@ -302,19 +244,33 @@ _TELLS = 0.1  # share of a course's variance: a smaller one is not told
 
 def unnamed_of(final: Fit) -> tuple[Unnamed, ...]:
     """Return the smooth functions of a fit, the largest relative to the noise first; () where it has none."""
+    formulation, data = final.model.formulation, final.model.formulation.data
     smooth = [effect for effect in final.model.effects if isinstance(effect, Smooth)]
     parts: dict[tuple[str, str], list[Component]] = {}
     for one in (one for effect in smooth for one in effect.components):
         parts.setdefault((one.quantity, one.covariate), []).append(one)
-    shown = [_described_as(own, final.model.formulation) for own in parts.values()]
+    shown = []
+    for (quantity, covariate), own in parts.items():
+        first, course = own[0], ""
+        unit, one_unit = _unit_of(quantity, formulation)
+        if len(first.columns) > 1 or first.levels:
+            rows = {name: np.asarray(data[name], dtype=float) for name in first.columns}
+            values = np.asarray(sum(part.waves(rows)[0] @ part.weights for part in own))
+        else:
+            grid = np.linspace(first.low[0], first.high[0], _GRID)
+            values = np.asarray(sum(part.waves({first.columns[0]: grid})[0] @ part.weights for part in own))
+            # the turn of the rotary joint whose reading the covariate is
+            joints = [j for j in roles_of(formulation).joints if j.kind == "rotary" and j.reading == covariate]
+            turns = [{"rad": 2 * np.pi, "deg": 360.0}.get(j.unit, j.period) for j in joints]
+            course = _course(
+                grid, values, turns[-1] if turns else 0.0, _place(grid, values, *_unit_of(covariate, formulation))
+            )
+        shown.append(Unnamed(quantity, covariate, float(np.ptp(values)) / one_unit, unit, course))
     return tuple(one for one in shown if one.size >= _SMALL * max(o.size for o in shown if o.unit == one.unit))
 
 
 def nearest_of(tests: Tests) -> Nearest | None:
-    """Return the formula that explains most of the excess over the noise, and its share.
-
-    It is None where no formula explains any.
-    """
+    """Return the formula that explains most of the excess over the noise, and its share; None where none does."""
     best = best_of_each(tests.names, tests.on)[:1]
     excess = tests.on.total - tests.on.degrees
     if not best or not best[0].m or excess <= 0:
@@ -334,28 +290,8 @@ def shortest_of(candidates: Sequence[Effect]) -> tuple[Shortest, ...]:
     return tuple(found.values())
 
 
-def _described_as(parts: Sequence[Component], formulation: Formulation) -> Unnamed:
-    first = parts[0]
-    unit, one = _unit_of(first.quantity, formulation)
-    if len(first.columns) > 1 or first.levels:
-        values = sum(part.waves(_rows(first, formulation))[0] @ part.weights for part in parts)
-        return Unnamed(first.quantity, first.covariate, float(np.ptp(values)) / one, unit)
-    grid = np.linspace(first.low[0], first.high[0], _GRID)
-    values = np.asarray(sum(part.waves({first.columns[0]: grid})[0] @ part.weights for part in parts))
-    place = _place(grid, values, *_unit_of(first.covariate, formulation))
-    course = _course(grid, values, _turn_of(first.covariate, formulation), place)
-    return Unnamed(first.quantity, first.covariate, float(np.ptp(values)) / one, unit, course)
-
-
-def _rows(part: Component, formulation: Formulation) -> Mapping[str, Array]:
-    return {name: np.asarray(formulation.data[name], dtype=float) for name in part.columns}
-
-
 def _place(grid: Array, values: Array, unit: str, one: float) -> str:
-    """Return in words where on an even grid a function lies that is flat elsewhere; "" where it is not at one place.
-
-    `unit` is that of the grid in words, `one` of it in the grid's own.
-    """
+    """Return in words where on an even grid a function lies that is flat elsewhere; "" where it is not at one place."""
     squares = np.concatenate([[0.0], np.cumsum((values - np.median(values)) ** 2)])
     ends = np.searchsorted(squares, squares[:-1] + _TOLD * squares[-1])
     widths = np.where(ends < len(squares), ends - np.arange(len(grid)), len(grid) + 1)
@@ -369,10 +305,7 @@ def _place(grid: Array, values: Array, unit: str, one: float) -> str:
 
 
 def _course(grid: Array, values: Array, turn: float, place: str) -> str:
-    """Return the shape of a function on an even grid in words; `turn` is that of its argument, 0 where it has none.
-
-    Shares are shares of its variance. `place` tells where it is not flat, "" if that is everywhere.
-    """
+    """Return the shape of a function on an even grid in words; `turn` is that of its argument, 0 where it has none."""
     y = values - values.mean()
     if not float(y @ y) > 0:
         return ""
@@ -382,7 +315,7 @@ def _course(grid: Array, values: Array, turn: float, place: str) -> str:
         c = np.linalg.lstsq(np.concatenate([np.ones((len(y), 1)), *waves], axis=1), y, rcond=None)[0][1:]
         powers = [len(y) / 2 * float(np.hypot(*c[2 * k : 2 * k + 2]) ** 2) for k in range(_ORDERS)]
         if float(np.sum((y - np.concatenate(waves, axis=1) @ c) ** 2)) < (1 - _TOLD) * float(y @ y):
-            return _shares(powers, [_times(k) for k in range(1, _ORDERS + 1)])
+            return _shares(powers, _TURNS)
     s = np.linspace(-1, 1, len(y))
     Q = np.linalg.qr(np.vander(s, len(_POWERS) + 1, increasing=True))[0]
     powers = [float(p) for p in (Q.T @ y)[1:] ** 2]
@@ -394,21 +327,10 @@ def _course(grid: Array, values: Array, turn: float, place: str) -> str:
     return f"about {(turns + 1) / 2:g} waves over the range"
 
 
-def _times(k: int) -> str:
-    return {1: "once a turn", 2: "twice a turn"}.get(k, f"{k} times a turn")
-
-
 def _shares(powers: Sequence[float], words: Sequence[str]) -> str:
     total = sum(powers)
     ranked = sorted(((p / total, word) for p, word in zip(powers, words)), reverse=True)
     return ", ".join(f"{100 * share:.0f} % {word}" for share, word in ranked if share > _TELLS)
-
-
-def _turn_of(covariate: str, formulation: Formulation) -> float:
-    """Return the turn of the rotary joint whose reading the covariate is, in its unit; 0 for any other covariate."""
-    turns = {"rad": 2 * np.pi, "deg": 360.0}
-    joints = {joint.reading: joint for joint in roles_of(formulation).joints if joint.kind == "rotary"}
-    return turns.get(joints[covariate].unit, joints[covariate].period) if covariate in joints else 0.0
 
 
 def _unit_of(quantity: str, formulation: Formulation) -> tuple[str, float]:

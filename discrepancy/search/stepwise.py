@@ -1,9 +1,7 @@
-"""The stepwise search: test, select, test again; then the verdict from what was selected and what is left.
+"""The stepwise search: test, select, exchange, test again; then the verdict from what was selected and what is left.
 
-Some causes are too unlikely to be searched for, or have nearly the signature of a likelier one. They are tried only
-beside a selected effect: where such a cause explains the data as well, the name alone would be a guess, and the set
-holds both.
-
+A pick was chosen while later ones were missing, so it may represent two causes at once. So each pick is searched for
+again while the others stay in the model, and then two at a time: all pairs are tried in the place of two picks.
 A name that only imitates an unnamed cause explains a part of it, and smooth functions explain more. A named cause that
 is there explains more than any smooth function of one covariate, because it shows in all readings at once; and it still
 gains beside all smooth functions together.
@@ -11,48 +9,53 @@ gains beside all smooth functions together.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.diagnostics.score import ProjectedScores, columns, projected_scores, score_all, subspaces
+from calibench.discrepancy.diagnostics import score
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
-from calibench.discrepancy.fitting.fit import Fit
+from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.effect import Alternative, Effect, name_of, still_open
 from calibench.discrepancy.noise.laws import NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
-from calibench.discrepancy.report import Finding, Verdict
-from calibench.discrepancy.search.exchange import (
-    NOTHING,
-    Kept,
-    Picked,
-    beside,
-    energy_of,
-    exchange,
-    predicts_better,
-    settled,
-)
-from calibench.discrepancy.search.finding import blamed_noise, finding_of, with_cautions
-from calibench.discrepancy.search.form import FORM_DIFFERS, Modulated, form_words, residuals_within, share, unlike
-from calibench.discrepancy.search.off_form import bonus
-from calibench.discrepancy.search.select import (
-    Option,
-    Tests,
-    delta_bic,
-    fit_with,
-    gains_of_any_phase,
-    option,
-    options,
-    penalty,
-    run_tests,
-)
+from calibench.discrepancy.report import Amplitude, Finding, Rival, Verdict
+from calibench.discrepancy.search import form as forming
+from calibench.discrepancy.search import select
+from calibench.discrepancy.search.finding import finding_of, with_cautions
+from calibench.discrepancy.search.select import Option, Tests, fit_with, options, penalty, run_tests
 from calibench.discrepancy.thresholds import thresholds
+from calibench.discrepancy.validation import errors_left_out, folds
 from calibench.problems.base import Array
+
+Sets = tuple[tuple[Option, ...], ...]
+Kept = Mapping[str, tuple[Option, ...]]  # name -> its set
 
 _MARGIN = 20.0  # delta BIC: where gains are small, a ratio of them says nothing
 _NOTHING_LEFT = 2  # degrees of freedom: with fewer left nothing could check a name
+_SAME = 1e-4  # squared length of a direction beside the other candidate: below this both have the direction in common
+# part of a column's square that is added, so that a direction that only the left-out poses determine is held
+_HELD = 1e-9
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Picked:
+    """The fit with all effects that were chosen and, for each, the options that come close."""
+
+    fit: Fit
+    sets: Sets
+
+    @property
+    def effects(self) -> list[Effect]:
+        return [options[0].effect for options in self.sets]
+
+    @property
+    def by_name(self) -> dict[str, tuple[Option, ...]]:
+        return {options[0].name: options for options in self.sets}
 
 
 @final
@@ -66,7 +69,7 @@ class Selection:
 
     fit: Fit
     alone: Fit
-    sets: tuple[tuple[Option, ...], ...]
+    sets: Sets
     forms: tuple[Effect, ...]
     first: Tests
     last: Tests
@@ -82,35 +85,36 @@ def select_stepwise(
     """Select effects beside `base` one after the other, until the residual test at `level` passes.
 
     Whether anything is missing is asked without the tails of heavy-tailed noise, so that a few readings far off are no
-    alarm; what is left beside a name is asked with them, so that a name is no claim to the whole while they are there.
-    A further effect must also predict poses that are left out. Where the noise is not known, two effects that hide each
-    other are taken at once. Picks are exchanged, one at a time and in pairs. Where the size of a pick depends on a
-    covariate, that form is part of the pick. Then neither it nor the picks beside it are exchanged any more, because
-    the form may explain a part of what they explain.
+    alarm; what is left beside a name is asked with them. Where the size of a pick depends on a covariate, that form is
+    part of the pick; then no pick is exchanged any more, because the form may explain a part of what it explains.
     """
-    picked, ground = Picked(base, ()), base
+    picked, ground, t = Picked(base, ()), base, thresholds()
     forms: tuple[Effect, ...] = ()
-    kept = NOTHING
+    kept: Kept = {}
     first: Tests | None = None
     first_p = 1.0
     while True:
-        current, picks = picked.fit, [s[0].effect for s in picked.sets]
-        taken = {name_of(e) for e in picks}
-        tests = run_tests(current, still_open(candidates, taken), terms, rng, spared=first is None)
-        p = 1.0 if current.exact else _overall(current, tests)
+        current, picks = picked.fit, picked.effects
+        tests = run_tests(current, still_open(candidates, set(map(name_of, picks))), terms, rng, spared=first is None)
+        p = 1.0 if current.exact else min(tests.still, _lack_of_fit(tests, current) / t.share_misfit)
         if first is None:
             first, first_p = tests, p
-        more = p < level and len(picks) < thresholds().effects_most
-        form = unlike(current, picks, forms, terms, tests, level) if p < 1.0 and len(forms) < len(picks) else None
-        form = None if form is not None and _smoother_by_far(tests, form.gain) else form
+        more = p < level and len(picks) < t.effects_most
+        form = (
+            forming.unlike(current, picks, forms, terms, tests, level) if p < 1.0 and len(forms) < len(picks) else None
+        )
+        # a smooth term that gains so much more ends the search for names, and for their forms
+        form = None if form is not None and tests.smooth_gain > t.smooth_far * form.gain + _MARGIN else form
         if not more and form is None:
             break
-        enough = thresholds().further_gain if picks else 0.0
-        many = len(current.at.misclosure) >= thresholds().many_readings  # then an exact fit is slow
-        hopeless = many and tests.named < thresholds().linear_hope * enough
+        enough = t.further_gain if picks else 0.0
+        many = len(current.at.misclosure) >= t.many_readings  # then an exact fit is slow
+        gains = (select.delta_bic(s, tests.on) for s in tests.names)
+        hopeless = many and max(gains, default=-np.inf) < t.linear_hope * enough
         # misfit alone gives no name, unless the degrees of freedom are so few that no other test can
         significant = tests.p_names < level or (not picks and _few(current))
         found = options(current, tests) if more and significant and not hopeless else ()
+
         if form is not None and not (found and found[0].gain > form.gain):
             with_form = fit_with(base, (*forms, form.effect))
             after = exchange(picks, (), with_form, candidates, picked.by_name)
@@ -119,98 +123,232 @@ def select_stepwise(
             forms, ground = (*forms, form.effect), with_form
             kept, picked = picked.by_name, after  # a form explains a part of what names explain
             continue
+
         short = bool(found) and 0 < found[0].gain <= enough and current.noise.profiled and not many
         if not found or (found[0].gain <= enough and not short):
             break
-        by_far = _smoother_by_far(tests, _gain_of_any_phase(found[0], current, tests))
+        # a smooth function has the right phase at once, the sine or the cosine of a wave the wrong one
+        of_any_phase = max([found[0].gain, *select.gains_of_any_phase(current, tests.on, found[:1]).values()])
+        by_far = tests.smooth_gain > t.smooth_far * of_any_phase + _MARGIN
         if by_far and _stand(picked.sets, base, terms) is None:
             break
         if picks and not predicts_better(current, found[0]):
             break
-        if _slight(found[0], picked):  # a pick that may be the error of a formula must not replace a name
+        if _is_slight(found[0], picked):  # a pick that may be the error of a formula must not replace a name
             kept = {**kept, **picked.by_name}
-        after = beside(picked, found, ground, candidates, kept)
-        if short:
-            after = _with_another(after, ground, candidates, kept)
+        if len(picks) >= t.exchanged_at_once:
+            close = forming.near(found)
+            after = Picked(close[0].fit, (*picked.sets, close))
+        else:
+            after = exchange([*picks, found[0].effect], found, ground, candidates, kept)
+        after = _with_another(after, ground, candidates, kept) if short else after
         if len(after.fit.r) - len(after.fit.x) < _NOTHING_LEFT or not np.isfinite(after.fit.cost):
             break
-        if len(after.sets) > 1 and min(s[0].gain for s in after.sets) < thresholds().further_gain:
+        if len(after.sets) > 1 and min(s[0].gain for s in after.sets) < t.further_gain:
             break  # after the exchange one of them explains nothing beside the others
         picked = after
-    picked = _needed(settled(picked, ground, candidates, kept), base, ground)
-    current = picked.fit
-    alone = fit_with(base, picked.effects) if forms else current
-    smooth_explains = _smooth_explains(base, picked, forms, terms, first)
+
+    picked = _needed(_settled(picked, ground, candidates, kept), base, ground)
     return Selection(
-        fit=current,
-        alone=alone,
-        sets=picked.sets,
-        forms=forms,
-        first=first,
-        last=tests,
-        p=first_p,
-        alarm=first_p < level,
-        left=p,
-        smooth_explains=smooth_explains,
-    )
+        fit=picked.fit, alone=fit_with(base, picked.effects) if forms else picked.fit, sets=picked.sets, forms=forms,
+        first=first, last=tests, p=first_p, alarm=first_p < level, left=p,
+        smooth_explains=_smooth_explains(base, picked, forms, terms, first),
+    )  # fmt: skip
+
+
+def exchange(
+    picks: Sequence[Effect], found: Sequence[Option], base: Fit, candidates: Sequence[Effect],
+    kept: Kept, rounds: int = 3,
+) -> Picked:  # fmt: skip
+    """Exchange each pick, with the others in the model, until none changes; and collect the set of each.
+
+    `picks` are in the order of their choice, the last of them out of `found`; () where nothing was added. `kept` are
+    the sets of those that are not exchanged: their forms are in `base`, and explain a part of what they explain.
+    """
+    chosen = list(picks)
+    if len(chosen) == 1 and found:
+        close = forming.near(found)
+        first = close[0].fit
+        return Picked(first if len(first.r) else fit(first.model, first.noise, first.x), (close,))
+    sets: list[tuple[Option, ...]] = []
+    tried: dict[int, tuple[list[Effect], Sequence[Option]]] = {len(chosen) - 1: (chosen[:-1], found)} if found else {}
+    best: Option | None = None
+    for _ in range(rounds):
+        sets, changed = [], False
+        for i in range(len(chosen)):
+            if (own := kept.get(name_of(chosen[i]))) is not None:
+                sets.append(own)
+                continue
+            others = [e for j, e in enumerate(chosen) if j != i]
+            if i not in tried or any(e is not other for e, other in zip(tried[i][0], others)):
+                without, taken = fit_with(base, others), {name_of(e) for e in others}
+                tried[i] = others, options(without, run_tests(without, still_open(candidates, taken), (), None))
+            if not tried[i][1]:
+                continue
+            own = forming.near(tried[i][1])
+            best = own[0]
+            many = len(base.r) >= thresholds().drawn_rows
+            sets.append(tuple(select.light(o, base) for o in own) if many else own)
+            changed = changed or best.name != name_of(chosen[i])
+            chosen[i] = best.effect
+        if not changed:
+            break
+    # the last to be looked at was fitted beside all others as they are now
+    if best is not None and best.effect is chosen[-1] and len(best.fit.r) and best.fit.converged:
+        return Picked(best.fit, tuple(sets))
+    return Picked(fit_with(base, chosen), tuple(sets))
+
+
+def _settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept) -> Picked:
+    """Return the picks after a last exchange, of pairs and then of single ones, without those that explain nothing."""
+    if not picked.sets or len(base.r) >= thresholds().drawn_rows:
+        return picked
+    if len(picked.sets) == 1:
+        return _in_place_of_one(picked, base, candidates, kept)
+    at, own = picked.fit, picked.effects
+    gains = {s[0].name: s[0].gain for s in picked.sets}
+    pairs = combinations([e for e in own if name_of(e) not in kept], 2)
+    weakest = sorted(pairs, key=lambda two: sum(gains[name_of(e)] for e in two))[: thresholds().pairs_most]
+    other, least = None, thresholds().close
+    for two in weakest:  # in the place of each of these pairs, the pair that explains most
+        others = [e for e in own if e not in two]
+        # the fit without the two, to first order
+        gone, place = {name_of(e) for e in two}, len(at.model.formulation.parameters)
+        out: list[int] = []
+        for effect in at.model.effects:
+            end = place + len(effect.coefficients)
+            out += range(place, end) if name_of(effect) in gone else []
+            place = end
+        on = score.projected_scores(replace(at, r=at.r - at.J[:, out] @ at.x[out], J=np.delete(at.J, out, axis=1)))
+        new = still_open(candidates, {name_of(e) for e in others})
+        scored = [(s, U) for s, U in score.score_all(at, on, [*two, *new]) if s.m]
+        first = {s.name: (s, U) for s, U in reversed(scored[:2])}
+        now = _together(list(first.values()), on)
+        pair, gain = _best_pair(scored[2:], on)
+        if gain > now + least:
+            other, least = [*others, *(s.effect for s, _ in pair)], gain - now
+    if other is not None:
+        trial, count = fit_with(base, other), len(base.r)
+        paid = [sum(penalty(e, len(e.coefficients), count) for e in effects) for effects in (own, other)]
+        gained = at.noise.gained(at.cost, trial.cost, trial.degrees)
+        other = other if trial.converged and gained + paid[0] - paid[1] > thresholds().close else None
+    if other is None and len(picked.sets) <= thresholds().exchanged_at_once:
+        return picked
+    effects = other or picked.effects
+    while True:
+        after = exchange(effects, (), base, candidates, kept, rounds=2)
+        worst = min((s for s in after.sets if s[0].name not in kept), key=lambda s: s[0].gain, default=after.sets[0])
+        if worst[0].gain >= thresholds().further_gain or len(after.sets) < 3:
+            return after
+        effects = [s[0].effect for s in after.sets if s is not worst]
+
+
+def _in_place_of_one(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept) -> Picked:
+    """Return two other names instead of the only pick, which may represent their sum; else the pick.
+
+    Two names absorb the error of an inexact formula more easily than one, so they must explain more than that error,
+    each something beside the other, and predict left-out poses better; of a handful of readings nothing tells that.
+    """
+    one, t = picked.sets[0][0], thresholds()
+    few, many = base.degrees <= t.few_degrees, len(base.at.misclosure) >= t.many_readings
+    if one.name in kept or not len(one.fit.r) or few or many:
+        return picked
+    on = score.projected_scores(base)
+    scored = [(s, U) for s, U in score.score_all(base, on, still_open(candidates, {one.name})) if s.m]
+    pair, gain = _best_pair(scored, on)
+    least = one.gain + t.further_gain + t.formula_error * energy_of(one)
+    if gain <= least:
+        return picked
+    after = exchange([s.effect for s, _ in pair], (), base, candidates, kept, rounds=2)
+    sound = after.fit.converged and after.fit.degrees > t.few_degrees
+    if len({own[0].name for own in after.sets} - {one.name}) < 2 or not sound:
+        return picked
+    paid = sum(own[0].paid for own in after.sets)
+    gained = base.noise.gained(base.cost, after.fit.cost, after.fit.degrees) - paid
+    each = min(own[0].gain for own in after.sets)
+    if gained <= least or each < t.further_gain:
+        return picked
+    new, old = (_squares_left_out(at, at.noise.scores) for at in (after.fit, picked.fit))
+    return after if new < old else picked
+
+
+def energy_of(o: Option) -> float:
+    """Return the energy of an option's signature, in scores, before calibration absorbs a part of it."""
+    k = len(o.effect.coefficients)
+    trace = o.fit.J[:, -k:] @ o.fit.x[-k:] * o.fit.noise.gain
+    return float(trace @ trace)
+
+
+def _best_pair(
+    scored: Sequence[tuple[score.Scored, Array]], on: score.ProjectedScores
+) -> tuple[tuple[tuple[score.Scored, Array], ...], float]:
+    """Return the pair of the best single names that explains most together, and its linear gain."""
+    ranked = select.best_of_each([s for s, _ in scored], on)[: thresholds().pair_names]
+    seen = [next(one for one in scored if one[0] is s) for s in ranked]
+    pairs = ((both, _together(both, on)) for both in combinations(seen, 2))
+    return max(pairs, key=lambda tried: tried[1], default=((), -np.inf))
+
+
+def _together(pair: Sequence[tuple[score.Scored, Array]], on: score.ProjectedScores) -> float:
+    """Return the linear gain of two candidates together, so that what both explain counts once."""
+    (one, U), *rest = pair
+    T, rank, paid = one.T, one.m, penalty(one.effect, one.m, len(on.y))
+    for other, V in rest:
+        z, cross = V.T @ on.y - V.T @ U @ (U.T @ on.y), V.T @ U
+        own, vectors = np.linalg.eigh(np.eye(V.shape[1]) - cross @ cross.T)
+        kept = own > _SAME
+        T, rank = T + float(np.sum((vectors.T @ z)[kept] ** 2 / own[kept])), rank + int(kept.sum())
+        paid += penalty(other.effect, other.m, len(on.y))
+    return on.gain(T, rank) - paid
+
+
+def predicts_better(current: Fit, found: Option) -> bool:
+    """Return whether a further effect also predicts the fitted poses better when each is left out in turn."""
+    at, k, scores = found.fit, len(found.effect.coefficients), current.noise.scores
+    if not len(at.r) or len(at.model.formulation.data) >= thresholds().many_readings:
+        return True  # of very many readings those that are fitted tell it as well
+    return bool(_squares_left_out(at, scores, k, without=True) > _squares_left_out(at, scores, k))
+
+
+def _squares_left_out(at: Fit, scores: Callable[[Array], Array], own: int = 0, without: bool = False) -> float:
+    """Return the sum of the squared scores of a fit's errors on its poses, each left out in turn, to first order."""
+    size, data, fitted = np.sqrt((at.J**2).sum(axis=0)), at.model.formulation.data, len(at.x) - own
+    y, J = at.r - at.J[:, fitted:] @ at.x[fitted:], at.J / np.where(size > 0, size, 1.0)
+    J = J[:, :-own] if without else J
+    fold = np.repeat(folds(data, thresholds().folds), len(at.r) // len(data))
+    return float(np.sum(scores(errors_left_out(J, y, fold, np.full(J.shape[1], _HELD))) ** 2))
 
 
 def _smooth_explains(
     base: Fit, picked: Picked, forms: Sequence[Effect], terms: Sequence[SmoothTerm], first: Tests
 ) -> bool:
-    """Return whether smooth terms, as many as there are names and forms, explain clearly more than these.
-
-    Each side is judged by its BIC; `first` are the tests before anything was picked.
-    """
+    """Return whether smooth terms, as many as there are names and forms, explain clearly more than these, by BIC."""
     sets = picked.sets
-    paid = sum(penalty(found[0].effect, found[0].rank, first.on) for found in sets)
-    paid += sum(penalty(form, len(form.coefficients), first.on) for form in forms)
+    paid = sum(penalty(found[0].effect, found[0].rank, len(first.on.y)) for found in sets)
+    paid += sum(penalty(form, len(form.coefficients), len(first.on.y)) for form in forms)
     smooth, several = first.smooth_gain, len(sets) + len(forms)
     if several > 1:  # several names against several smooth terms
-        free = with_smooth_terms(base, terms, several)
-        smooth = _gained(base, free) - float(np.log(len(base.r))) * (len(free.x) - len(base.x))
-    named = _gained(base, picked.fit) - paid
+        free = _with_smooth_terms(base, terms, several)
+        smooth = base.noise.gained(base.cost, free.cost, free.degrees)
+        smooth -= float(np.log(len(base.r))) * (len(free.x) - len(base.x))
+    named = base.noise.gained(base.cost, picked.fit.cost, picked.fit.degrees) - paid
     if smooth > named + thresholds().smooth_clearly:  # a curve may win only because a formula is not exact
-        named += sum(bonus(found[0]) for found in sets)
+        named += sum(forming.bonus(found[0]) for found in sets)
     return smooth > named + thresholds().smooth_clearly
 
 
-def _smoother_by_far(tests: Tests, gain: float) -> bool:
-    """Return whether a smooth term gains so much more than `gain` that no name is looked for."""
-    return tests.smooth_gain > thresholds().smooth_far * gain + _MARGIN
-
-
-def _gain_of_any_phase(found: Option, current: Fit, tests: Tests) -> float:
-    """Return the gain of an option, or of the wave of which it is the sine or the cosine, if that is larger.
-
-    A smooth function has the right phase at once, a term the wrong one.
-    """
-    return max([found.gain, *gains_of_any_phase(current, tests.on, [found]).values()])
-
-
-def _slight(found: Option, picked: Picked) -> bool:
-    """Return whether a further effect is so small that it may be the error of the formulas of those before it.
-
-    Where nothing tells the noise that is a part of their whole traces, as sets are then made of what forms may leave.
-    """
-    count = found.fit.at.misclosure.size
-
-    def energy(o: Option) -> float:
-        return o.fit.noise.size_of(o.gain, count) ** 2
-
-    def whole(o: Option) -> float:
+def _is_slight(found: Option, picked: Picked) -> bool:
+    """Return whether a further effect is so small that it may be the error of the formulas of those before it."""
+    count, before = found.fit.at.misclosure.size, 0.0
+    for o in (own[0] for own in picked.sets):
+        energy = o.fit.noise.size_of(o.gain, count) ** 2
         alike = found.fit.noise.profiled and o.effect.target == found.effect.target
-        return max(energy(o), energy_of(o) / count) if alike else energy(o)
-
-    return energy(found) < thresholds().formula_error * sum(whole(s[0]) for s in picked.sets)
+        before += max(energy, energy_of(o) / count) if alike else energy
+    return found.fit.noise.size_of(found.gain, count) ** 2 < thresholds().formula_error * before
 
 
 def _with_another(picked: Picked, ground: Fit, candidates: Sequence[Effect], kept: Kept) -> Picked:
-    """Return the picks with one more, where the last of them gained too little alone; as they are where none is found.
-
-    Where the noise is not known, an effect that is missing is taken for noise, so of two missing effects each hides the
-    other. Then both must gain beside each other.
-    """
+    """Return the picks with one more, as where the noise is not known each of two missing effects hides the other."""
     taken = {name_of(e) for e in picked.effects}
     if len(taken) >= thresholds().effects_most:
         return picked
@@ -221,78 +359,24 @@ def _with_another(picked: Picked, ground: Fit, candidates: Sequence[Effect], kep
 
 
 def _needed(picked: Picked, base: Fit, ground: Fit) -> Picked:
-    """Return the picks without those that explain nothing beside the others, with the forms of `ground` and without.
+    """Return the picks without those that explain nothing beside the others, with the forms of `ground` and without."""
 
-    They were found before the others, and were not tested again once a form was in the model.
-    """
+    def worth(at: Fit, effect: Effect) -> float:  # its gain, to first order
+        own = at.model.place_of(effect)
+        c = at.x[own]
+        explained = float(c @ np.linalg.pinv(at.covariance(stated=True)[own, own], hermitian=True) @ c)
+        gained = at.noise.gained(at.cost + explained, at.cost, at.degrees)
+        return gained - len(c) * float(np.log(len(at.r)))
+
     while ground is not base and len(picked.sets) > 1:
         alone = fit_with(base, picked.effects)
-        worth = {name_of(e): max(_worth(at, e) for at in (picked.fit, alone)) for e in picked.effects}
-        least = min(worth, key=lambda name: worth[name])
-        if worth[least] >= 0:
+        worths = {name_of(e): max(worth(at, e) for at in (picked.fit, alone)) for e in picked.effects}
+        least = min(worths, key=lambda name: worths[name])
+        if worths[least] >= 0:
             break
         sets = tuple(own for own in picked.sets if own[0].name != least)
         picked = Picked(fit_with(ground, [own[0].effect for own in sets]), sets)
     return picked
-
-
-def _worth(at: Fit, effect: Effect) -> float:
-    """Return the gain of an effect of a fit, to first order."""
-    own = at.model.place_of(effect)
-    c = at.x[own]
-    explained = float(c @ np.linalg.pinv(at.covariance(stated=True)[own, own], hermitian=True) @ c)
-    gained = at.noise.gained(at.cost + explained, at.cost, at.degrees)
-    return gained - len(c) * float(np.log(len(at.r)))
-
-
-def _gained(base: Fit, at: Fit) -> float:
-    return base.noise.gained(base.cost, at.cost, at.degrees)
-
-
-def _overall(at: Fit, tests: Tests) -> float:
-    """Return the p of "nothing is left": the smallest of names, smooth terms and lack of fit, each over its share."""
-    return min(tests.still, _lack_of_fit(tests, at) / thresholds().share_misfit)
-
-
-def _lack_of_fit(tests: Tests, at: Fit) -> float:
-    """Return the probability under the noise alone of a misfit as large as that of a fit."""
-    on = tests.on
-    return excess_p(on.total / on.degrees, on.degrees, at.noise.known, on.excess_kurtosis)
-
-
-def verdict_of(
-    selection: Selection, base: Fit, suspects: Sequence[NoiseFinding], level: float
-) -> tuple[Verdict, tuple[Finding, ...]]:
-    """Return the verdict and the findings; `suspects` are findings about the noise."""
-    blamed = tuple(blamed_noise(s) for s in suspects)
-    if not selection.alarm:
-        return _said(blamed), blamed
-    explained = _explained(base, selection.fit) + _doubt(base, selection.fit)
-    if not selection.sets and not _worth_it(selection, base):
-        return _said(blamed), blamed
-    short = selection.left < level and explained < (
-        thresholds().explained if selection.left > thresholds().p_plain else thresholds().explained_plain
-    )
-    smooth = selection.smooth_explains
-    little = short and explained < thresholds().explained
-    bent = explained >= thresholds().explained_part and _excess(selection.fit) < _form_errors(selection)
-    by_form = _by_large_forms(selection, base)
-    if not selection.sets or by_form or (little and smooth):
-        return "unknown", ()
-    plainly = smooth or (little and not _is_quiet(selection, level))
-    if plainly and not bent and not _by_far(selection, explained):
-        return "unknown", ()
-    whole = {own[0].name: energy_of(own[0]) / len(selection.fit.r) for own in selection.sets}
-    found = [_formed(finding_of(selection.fit, own), own[0].effect, selection) for own in selection.sets]
-    named = with_cautions(found, whole)
-    if plainly:
-        named = (replace(named[0], form=named[0].form or FORM_DIFFERS), *named[1:])
-    findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
-    if short or smooth:
-        return "partly", findings
-    if np.sqrt(sum(f.visible**2 for f in findings)) < thresholds().matters:
-        return "negligible", findings
-    return _said(findings), findings
 
 
 def judge(
@@ -301,88 +385,93 @@ def judge(
     """Return the verdict, the findings and their selection: where names explain too little, the names that still stand.
 
     A name that still explains something beside smooth functions is right, but not the whole: the verdict is partly.
+    `suspects` are findings about the noise.
     """
-    verdict, findings = verdict_of(selection, base, suspects, level)
+    blamed = []
+    for s in suspects:
+        name, weight, apart = f"{s.family} {s.target}", 1.0, None
+        rivals: tuple[Rival, ...] = ()
+        if s.rival:
+            family, target, other = s.rival
+            weight, rivals = 1 - other, (Rival(f"{family} {target}", family, target, other),)
+            apart = f"more repeats: they tell which {s.alike} reads far off"
+        noise = Finding(
+            effect=name, family=s.family, target=s.target, amplitude=Amplitude(s.amplitude, s.unit, s.ci95),
+            gain=s.gain, set=(Rival(name, s.family, s.target, weight), *rivals), separated_by=apart,
+            visible=float(np.sqrt(max(s.gain, 0.0) / len(s.weights))),
+        )  # fmt: skip
+        blamed.append(noise)
+    verdict, findings = _verdict_of(selection, base, blamed, level)
     if verdict != "unknown" or (part := _stand(selection.sets, base, terms)) is None:
         return verdict, findings, selection
     kept = replace(selection, fit=part.fit, alone=part.fit, sets=part.sets, forms=())
     whole = {own[0].name: energy_of(own[0]) / len(part.fit.r) for own in part.sets}
     named = with_cautions([finding_of(part.fit, own) for own in part.sets], whole)
-    blamed = (blamed_noise(s) for s in suspects)
     return "partly", tuple(sorted((*named, *blamed), key=lambda f: -f.gain)), kept
 
 
-def _stand(sets: Sequence[tuple[Option, ...]], base: Fit, terms: Sequence[SmoothTerm]) -> Picked | None:
-    """Return the names that stand beside smooth functions; None where these do not explain most of the misfit."""
-    held = standing(sets, base, terms)
-    part = Picked(fit_with(base, [own[0].effect for own in held]), held)
-    return part if held and _explained(base, part.fit) >= thresholds().explained else None
+def _verdict_of(
+    selection: Selection, base: Fit, blamed: Sequence[Finding], level: float
+) -> tuple[Verdict, tuple[Finding, ...]]:
+    t, at, sets, first = thresholds(), selection.fit, selection.sets, selection.first
+    # without a smooth term that gains anything, and without a clear misfit, an alarm does not count
+    counts = selection.alarm and (sets or first.smooth_gain > 0 or _lack_of_fit(first, base) < t.p_plain)
+    if not counts:
+        return _verdict_by(blamed), tuple(blamed)
+    explained = _explained(base, at) + _doubt(base, at)
+    enough = t.explained if selection.left > t.p_plain else t.explained_plain
+    short, smooth = selection.left < level and explained < enough, selection.smooth_explains
+    little = short and explained < t.explained
+    # the excess that names would leave if their formulas were off by as much as formulas may be, of the whole effects:
+    # calibration may absorb nearly all of an effect, and nothing of the error of its form
+    of_forms = t.formula_error * sum(max(energy_of(option) for option in own) for own in sets) / at.degrees
+    bent = explained >= t.explained_part and _excess(at) < of_forms
+    if not sets:
+        return "unknown", ()
+    # names that explain the excess only with forms that differ from formulas by more than usual are none
+    forms = [form for form in selection.forms if isinstance(form, forming.Modulated)]
+    large = [form for form in forms if forming.share(at, form) >= t.form_share]
+    if large:
+        along = all(form.acts_along for form in large)
+        by, r = (at, forming.residuals_within(at, forms, t.form_share)) if along else (selection.alone, None)
+        if _explained(base, by, r) + _doubt(base, by, r) < t.explained_part:
+            return "unknown", ()
+    if little and smooth:
+        return "unknown", ()
+    # where nothing tells the noise, and no test shows anything that is left, the rest may be noise of heavy tails
+    quiet = at.noise.profiled and selection.last.still >= level
+    plainly = smooth or (little and not quiet)
+    # an unnamed cause is nearer to some smooth function than to a wrong name
+    named_far = max(own[0].gain for own in sets) > t.smooth_far * first.smooth_gain + _MARGIN
+    by_far = first.smooth_gain > 0 and named_far and explained > t.explained_by_far
+    if plainly and not bent and not by_far:
+        return "unknown", ()
+    found = []
+    for own in sets:
+        words = forming.form_words(own[0].effect, selection.forms, at.model.formulation)
+        found.append(replace(finding_of(at, own), form=words))
+    named = with_cautions(found, {own[0].name: energy_of(own[0]) / len(at.r) for own in sets})
+    if plainly:
+        named = (replace(named[0], form=named[0].form or forming.FORM_DIFFERS), *named[1:])
+    findings = tuple(sorted((*named, *blamed), key=lambda f: -f.gain))
+    if short or smooth:
+        return "partly", findings
+    if np.sqrt(sum(f.visible**2 for f in findings)) < t.matters:
+        return "negligible", findings
+    return _verdict_by(findings), findings
 
 
-def _is_quiet(selection: Selection, level: float) -> bool:
-    """Return whether nothing tells the noise, and no test of a name or a smooth function shows anything that is left.
-
-    Then what is more than the assumed noise may be noise: of heavy tails, for example.
-    """
-    return selection.fit.noise.profiled and selection.last.still >= level
-
-
-def _by_far(selection: Selection, explained: float) -> bool:
-    """Return whether the first name gains so much more than any smooth function that it stands, whatever remains.
-
-    An unnamed cause is nearer to some smooth function than to a wrong name. Where smooth functions explain nothing at
-    all, there is nothing to compare the name with.
-    """
-    smooth = selection.first.smooth_gain
-    named = max(own[0].gain for own in selection.sets)
-    by_far = smooth > 0 and named > thresholds().smooth_far * smooth + _MARGIN
-    return by_far and explained > thresholds().explained_by_far
-
-
-def _by_large_forms(selection: Selection, base: Fit) -> bool:
-    """Return whether names explain the excess only with forms that differ from formulas by more than usual.
-
-    What an effect leaves relative to a Zero is mostly the change of its size on the way, and little of the size itself.
-    So there a form as large as usual may help; elsewhere names must explain the excess without one.
-    """
-    at = selection.fit
-    forms = [form for form in selection.forms if isinstance(form, Modulated)]
-    large = [form for form in forms if share(at, form) >= thresholds().form_share]
-    if not large:
-        return False
-    if all(form.acts_along for form in large):
-        r = residuals_within(at, forms, thresholds().form_share)
-    else:
-        at, r = selection.alone, selection.alone.r
-    return _explained(base, at, r) + _doubt(base, at, r) < thresholds().explained_part
-
-
-def _form_errors(selection: Selection) -> float:
-    """Return the excess that the names would leave if their formulas were off by as much as formulas may be.
-
-    Calibration may absorb nearly all of an effect, and nothing of the error of its form. So that error is relative to
-    the whole effect, not to its visible part.
-    """
-    at = selection.fit
-    whole = sum(max(energy_of(option) for option in own) for own in selection.sets)
-    return thresholds().formula_error * whole / at.degrees
-
-
-def _formed(finding: Finding, effect: Effect, selection: Selection) -> Finding:
-    return replace(finding, form=form_words(effect, selection.forms, selection.fit.model.formulation))
-
-
-def _said(findings: Sequence[Finding]) -> Verdict:
-    """Return the verdict that follows from findings."""
+def _verdict_by(findings: Sequence[Finding]) -> Verdict:
     if not findings:
         return "none"
     sure = [f for f in findings if not f.caution]  # a finding that may be the error of a formula is no second claim
     return "ambiguous" if any(len(f.set) > 1 for f in sure) else "named"
 
 
-def _worth_it(selection: Selection, base: Fit) -> bool:
-    """Return whether a smooth term gains anything, or the misfit is clear: without either an alarm does not count."""
-    return selection.first.smooth_gain > 0 or _lack_of_fit(selection.first, base) < thresholds().p_plain
+def _lack_of_fit(tests: Tests, at: Fit) -> float:
+    """Return the probability under the noise alone of a misfit as large as that of a fit."""
+    on = tests.on
+    return excess_p(on.total / on.degrees, on.degrees, at.noise.known, on.excess_kurtosis)
 
 
 def _explained(base: Fit, at: Fit, r: Array | None = None) -> float:
@@ -397,10 +486,7 @@ def _few(at: Fit) -> bool:
 
 
 def _doubt(base: Fit, at: Fit, r: Array | None = None) -> float:
-    """Return by how much the explained part may be underestimated, because degrees of freedom are few.
-
-    It is 0 if they are many, else two standard deviations of the rest, which is a noncentral chi-square.
-    """
+    """Return by how much the explained part may be underestimated, because degrees of freedom are few."""
     before = _excess(base)
     if not _few(base) or before <= 0:
         return 0.0
@@ -414,9 +500,6 @@ def _excess(at: Fit, r: Array | None = None) -> float:
     return float(y @ y) / int(len(y) - at.J.shape[1]) - 1.0
 
 
-Sets = tuple[tuple[Option, ...], ...]
-
-
 def with_alternatives(sets: Sets, base: Fit, beside: Sequence[Alternative]) -> Sets:
     """Return the sets of all picks, each with those of `beside` that gain nearly as much as its first name, or more."""
     if not beside:
@@ -424,21 +507,17 @@ def with_alternatives(sets: Sets, base: Fit, beside: Sequence[Alternative]) -> S
     limits = {b.effect: b.largest for b in beside}
     found = []
     for one in sets:
-        without = fit_with(base, [s[0].effect for s in sets if s is not one])
-        on = projected_scores(without)
-        first = one[0].gain
-        scored = [
-            s
-            for s, _ in score_all(without, on, list(limits))
-            if s.m and delta_bic(s, on) > first - thresholds().refit_within
-        ]
-        fitted = [option(without, s, on) for s in scored]
+        without, first = fit_with(base, [s[0].effect for s in sets if s is not one]), one[0].gain
+        on = score.projected_scores(without)
+        scored = [s for s, _ in score.score_all(without, on, list(limits)) if s.m]
+        hopeful = [s for s in scored if select.delta_bic(s, on) > first - thresholds().refit_within]
+        fitted = [select.option(without, s, on) for s in hopeful]
         close = [o for o in fitted if o.gain > first - thresholds().close and o.amplitude <= limits[o.effect]]
         found.append((*one, *close))
     return tuple(found)
 
 
-def with_smooth_terms(base: Fit, terms: Sequence[SmoothTerm], most: int) -> Fit:
+def _with_smooth_terms(base: Fit, terms: Sequence[SmoothTerm], most: int) -> Fit:
     """Return the fit with the smooth terms that gain, at most as many as names, with which they are compared."""
     current = base
     for _ in range(max(most, thresholds().smooth_beside)):
@@ -448,48 +527,38 @@ def with_smooth_terms(base: Fit, terms: Sequence[SmoothTerm], most: int) -> Fit:
         best = tests.smooth[0].effect
         if not isinstance(best, SmoothTerm) or len(best.quantities) > 1:
             break
-        [seen] = subspaces(tests.on, columns(current, best)[None], thresholds().smooth_visible)
-        kept = replace(best, mix=seen.back)
-        [(scored, _)] = score_all(current, tests.on, [kept])
-        trial = option(current, scored, tests.on)
+        [seen] = score.subspaces(tests.on, score.columns(current, best)[None], thresholds().smooth_visible)
+        [(scored, _)] = score.score_all(current, tests.on, [replace(best, mix=seen.back)])
+        trial = select.option(current, scored, tests.on)
         if not (trial.gain > 0 and trial.fit.converged):
             break
         current = trial.fit
     return current
 
 
-def standing(
-    sets: Sequence[tuple[Option, ...]], base: Fit, terms: Sequence[SmoothTerm]
-) -> tuple[tuple[Option, ...], ...]:
-    """Return the sets that stand, each beside those before it, in the order of their gains.
-
-    The first name of a set must gain more than the best smooth term, and beside all smooth terms as much as a further
-    name must. `base` is the fit without effects. Of very many readings, where sets have no fits of their own, none
-    stands.
-    """
+def _stand(sets: Sets, base: Fit, terms: Sequence[SmoothTerm]) -> Picked | None:
+    """Return the names that stand beside smooth functions; None where these do not explain most of the misfit."""
     if len(base.r) >= thresholds().drawn_rows:
-        return ()
+        return None
+
+    def beside(at: Fit, one: Option, on: score.ProjectedScores) -> tuple[Fit, float]:
+        found = fit_with(at, [one.effect])
+        if not (found.converged and np.isfinite(found.cost)):
+            return found, -np.inf
+        return found, at.noise.gained(at.cost, found.cost, found.degrees) - penalty(one.effect, one.rank, len(on.y))
+
     held: list[tuple[Option, ...]] = []
     at, free = base, None
     for own in sorted(sets, key=lambda own: -own[0].gain):
         tests = run_tests(at, (), terms, None)
-        beside = _with(at, own[0])
-        if beside is None or _gain(at, beside, own[0], tests.on) <= tests.smooth_gain:
+        more, gain = beside(at, own[0], tests.on)
+        if gain <= tests.smooth_gain:
             continue
-        free = free or with_smooth_terms(base, terms, len(sets))
-        smooth = _with(free, own[0])
-        if smooth is not None and _gain(free, smooth, own[0], tests.on) >= thresholds().further_gain:
+        free = free or _with_smooth_terms(base, terms, len(sets))
+        if beside(free, own[0], tests.on)[1] >= thresholds().further_gain:
             held.append(own)
-            at = beside
-    return tuple(held)
-
-
-def _with(at: Fit, one: Option) -> Fit | None:
-    """Return a fit with one more name; None where it does not converge."""
-    found = fit_with(at, [one.effect])
-    return found if found.converged and np.isfinite(found.cost) else None
-
-
-def _gain(without: Fit, beside: Fit, one: Option, on: ProjectedScores) -> float:
-    gained = without.noise.gained(without.cost, beside.cost, beside.degrees)
-    return gained - penalty(one.effect, one.rank, on)
+            at = more
+    if not held:
+        return None
+    part = Picked(fit_with(base, [own[0].effect for own in held]), tuple(held))
+    return part if _explained(base, part.fit) >= thresholds().explained else None

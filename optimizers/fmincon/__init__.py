@@ -1,9 +1,7 @@
 """`fmincon`: MATLAB's names, tests and exit flags over SciPy's SLSQP and trust-constr.
 
-The function `fmincon` (`direct`) is the direct call; `Fmincon` (`method`) is the same search as a registered optimiser,
-through the gate. The mathematics is SciPy's SLSQP (Kraft 1988) and trust-constr (Byrd, Hribar, Nocedal 1999); ours are
-the coordinates it works in (`frame`), MATLAB's names (`options`), tests and exit flags (`endings`), and the multipliers
-(`kkt`). See docs/fmincon.md.
+`direct` is the direct call, `method` the same search as a registered optimiser. The mathematics is SciPy's; ours are
+MATLAB's names (`options`), tests and exit flags (`search`), and `constraints`. See docs/fmincon.md.
 """
 
 from typing import TYPE_CHECKING
@@ -14,11 +12,11 @@ from calibench.optimizers.fmincon.options import Options, optimoptions
 
 if TYPE_CHECKING:
     from calibench.optimizers.fmincon.direct import Multipliers, Output, Result, fmincon
-    from calibench.optimizers.fmincon.state import OptimValues
+    from calibench.optimizers.fmincon.search import OptimValues
 
 __all__ = ["Fmincon", "Multipliers", "OptimValues", "Options", "Output", "Result", "fmincon", "optimoptions"]
 
-_HOMES = dict.fromkeys(("Multipliers", "Output", "Result", "fmincon"), "direct") | {"OptimValues": "state"}
+_HOMES = dict.fromkeys(("Multipliers", "Output", "Result", "fmincon"), "direct") | {"OptimValues": "search"}
 __getattr__ = loader(__name__, _HOMES)  # as every start lists the names of all that there is
 
 

@@ -1,19 +1,7 @@
-"""The constraints of `fmincon`: MATLAB's A, b, Aeq, beq, lb, ub and nonlcon as one checked region.
+"""The constraints of `fmincon` as one checked region, the scaled coordinates of a search, and its iterates.
 
 Inequalities are stacked as [A x - b; c(x)] <= 0, equalities as [Aeq x - beq; ceq(x)] = 0. The nonlinear part is asked
-once a point. Whether the linear part has a point at all is a linear programme, and told before the search begins.
-
-The scaled coordinates u of `fmincon`, in which closed boxes are the unit box; scales of values; iterates.
-
-Multipliers and first-order optimality at a point, from the derivatives alone: one formula for both algorithms.
-
-With slacks s >= 0 of the inequalities, lambda solves
-    min |g + J_eq^T l_eq + J_in^T l|^2 + |k s * l|^2,  l >= 0,
-a non-negative least-squares problem (Lawson and Hanson 1974, ch. 23) once the free l_eq are projected out. At a KKT
-point both terms vanish for the true multipliers; near one, no threshold has to say which constraints are active,
-whether iterates stand on them (SQP) or approach them from inside (interior point). The weight k = 100 keeps a
-constraint with slack .1 from taking more than a hundredth of what is left of the gradient, and costs one with slack
-1e-6 only 1e-8 of its multiplier. Coordinates are expected in which slacks are of order one.
+once a point. Whether the linear part has a point at all is a linear programme, solved before the search begins.
 """
 
 from __future__ import annotations
@@ -21,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,16 +43,14 @@ class Region:
         return np.concatenate([self.A @ x - self.b, c]), np.concatenate([self.Aeq @ x - self.beq, ceq])
 
     def slopes(self, x: Array, steps: Array | None = None) -> tuple[Array, Array]:
-        """Return the derivatives of inequalities and equalities at x, one row each, n columns.
-
-        A slope that is not defined counts as 0. `steps` are those of `differences`, in place of steps of the box.
-        """
+        """Return derivatives of inequalities and equalities at x, a row each (undefined: 0); `steps` as there."""
         _, c, ceq, slope_c, slope_ceq = self._ask(x)
         if slope_c is None or slope_ceq is None:
             both = np.zeros((len(x), len(c) + len(ceq)))
             if both.size:
                 value, size = np.concatenate([c, ceq]), step_sizes(x, self.lower, self.upper)
-                both = differences(self._joined, x, value, self.lower, self.upper, size, self.kind, steps)
+                joined = lambda at: np.concatenate(self._ask(at)[1:3])  # noqa: E731
+                both = differences(joined, x, value, self.lower, self.upper, size=size, kind=self.kind, steps=steps)
             slope_c, slope_ceq = both[:, : len(c)], both[:, len(c) :]
         inside, on = np.vstack([self.A, slope_c.T]), np.vstack([self.Aeq, slope_ceq.T])
         return np.nan_to_num(inside, posinf=0.0, neginf=0.0), np.nan_to_num(on, posinf=0.0, neginf=0.0)
@@ -75,7 +61,6 @@ class Region:
         return float(np.max(np.concatenate([[0.0], inside, np.abs(on), self.lower - x, x - self.upper])))
 
     def is_defined(self, x: Array) -> bool:
-        """Tell whether all constraints are real, finite numbers at x."""
         return all(np.isfinite(part).all() for part in self._ask(x)[1:3])
 
     def contradiction(self) -> str:
@@ -93,10 +78,7 @@ class Region:
         return "no point satisfies the bounds and linear constraints together" if found.status == 2 else ""
 
     def nearest(self, x: Array) -> Array:
-        """Return a point, found from x, at which the sum of squared violations is least: a look for any feasible one.
-
-        Only constraints are asked, never the objective.
-        """
+        """Return a point, found from x, where the sum of squared violations is least; only constraints are asked."""
         from scipy.optimize import least_squares
 
         free = self.lower < self.upper
@@ -108,24 +90,20 @@ class Region:
 
         def excess(part: Array) -> Array:
             inside, on = self.values(whole(part))
-            violated: Array = np.nan_to_num(np.concatenate([np.maximum(inside, 0.0), on]), nan=1e100, posinf=1e100)
-            return violated
+            return np.asarray(np.nan_to_num(np.concatenate([np.maximum(inside, 0.0), on]), nan=1e100, posinf=1e100))
 
         def slope(part: Array) -> Array:
             point = whole(part)
             inside, _ = self.values(point)
             rows_in, rows_on = self.slopes(point)
-            rows: Array = np.vstack([rows_in * (inside > 0)[:, None], rows_on])[:, free]
-            return rows
+            return np.asarray(np.vstack([rows_in * (inside > 0)[:, None], rows_on])[:, free])
 
         box = (self.lower[free], self.upper[free])
         found = least_squares(excess, x[free], jac=slope, bounds=box, xtol=1e-14, ftol=1e-14, gtol=1e-14)
         return whole(np.asarray(found.x))
 
-    def _joined(self, x: Array) -> Array:
-        return np.concatenate(self._ask(x)[1:3])
-
     def _ask(self, x: Array) -> tuple[Array, Array, Array, Array | None, Array | None]:
+        """Return x, c, ceq and, where they are given, their gradients, shape (n, m); the last two points are kept."""
         if self.nonlcon is None:
             return x, _NONE, _NONE, np.zeros((len(x), 0)), np.zeros((len(x), 0))
         for known in self._last:
@@ -138,48 +116,47 @@ class Region:
         c, ceq = _vector("c", answer[0]), _vector("ceq", answer[1])
         if self._last and (len(c), len(ceq)) != (len(self._last[0][1]), len(self._last[0][2])):
             raise ValueError(f"nonlcon returned {len(c)} and {len(ceq)} constraints, other numbers than before")
-        slope_c = slope_ceq = None
-        if self.gradients:
-            slope_c = _slopes("gradc", answer[2], len(x), len(c))
-            slope_ceq = _slopes("gradceq", answer[3], len(x), len(ceq))
-        known = (x.copy(), c, ceq, slope_c, slope_ceq)
-        self._last[:] = [known, *self._last[:1]]
-        return known
+        both: list[Array | None] = [None, None]
+        for k, (name, m) in enumerate((("gradc", len(c)), ("gradceq", len(ceq))) if self.gradients else ()):
+            slopes = _numbers(f"{name} of nonlcon", answer[2 + k]) if m else np.zeros((len(x), 0))
+            slopes = slopes[:, None] if slopes.shape == (len(x),) and m == 1 else slopes
+            if slopes.shape != (len(x), m):
+                shape = f"({len(x)}, {m}), one column a constraint, is needed"
+                raise ValueError(f"nonlcon returned {name} of shape {slopes.shape}: {shape}")
+            both[k] = slopes
+        self._last[:] = [(x.copy(), c, ceq, both[0], both[1]), *self._last[:1]]
+        return self._last[0]
 
 
 _NONE = np.zeros(0)
 
 
 def region(
-    n: int,
-    A: ArrayLike | None,
-    b: ArrayLike | None,
-    Aeq: ArrayLike | None,
-    beq: ArrayLike | None,
-    lb: ArrayLike | None,
-    ub: ArrayLike | None,
-    nonlcon: Callable[[Array], Any] | None,
-    gradients: bool = False,
-    kind: DifferenceType = "forward",
-) -> Region:
-    """Return the checked region of n variables. None and empty stand for no constraint.
-
-    Raises `ValueError` in one line for a wrong shape, a value that is not a number, and a matrix without its vector.
-    """
+    n: int, A: ArrayLike | None = None, b: ArrayLike | None = None, Aeq: ArrayLike | None = None,
+    beq: ArrayLike | None = None, lb: ArrayLike | None = None, ub: ArrayLike | None = None,
+    nonlcon: Callable[[Array], Any] | None = None, gradients: bool = False, kind: DifferenceType = "forward",
+) -> Region:  # fmt: skip
+    """Return the checked region of n variables. None and empty stand for no constraint."""
     if nonlcon is not None and not callable(nonlcon):
         raise ValueError(f"nonlcon={nonlcon!r}: a function of x, or None, is needed")
-    lower, upper = _bound("lb", lb, n, -np.inf), _bound("ub", ub, n, np.inf)
+    bounds = []
+    for name, values, default in (("lb", lb, -np.inf), ("ub", ub, np.inf)):
+        bound = np.asarray(default) if values is None or np.size(values) == 0 else _numbers(name, values)
+        if bound.shape not in ((n,), ()) or np.isnan(bound).any():
+            trouble = "holds NaN" if bound.shape in ((n,), ()) else f"has shape {bound.shape}"
+            raise ValueError(f"{name} {trouble}: one number, infinite where open, for each of {n} variables is needed")
+        bounds.append(np.broadcast_to(bound, (n,)).copy())
     rows, limits = _linear("A", A, "b", b, n)
     rows_eq, limits_eq = _linear("Aeq", Aeq, "beq", beq, n)
     return Region(
-        lower, upper, A=rows, b=limits, Aeq=rows_eq, beq=limits_eq, nonlcon=nonlcon, gradients=gradients, kind=kind
-    )
+        bounds[0], bounds[1], A=rows, b=limits, Aeq=rows_eq, beq=limits_eq, nonlcon=nonlcon, gradients=gradients,
+        kind=kind,
+    )  # fmt: skip
 
 
 def step_sizes(x: Array, lower: Array, upper: Array) -> Array:
     """Return what difference steps at x are relative to, shape (n,): the box unless it is open or very wide."""
-    own = np.maximum(np.abs(x), 1.0)
-    width = upper - lower
+    own, width = np.maximum(np.abs(x), 1.0), upper - lower
     return np.where(width <= _OPEN * own, np.maximum(np.abs(x), width), own)
 
 
@@ -191,16 +168,6 @@ def _numbers(name: str, values: Any) -> Array:
         return np.array(given, dtype=float)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must hold real numbers") from None
-
-
-def _bound(name: str, values: ArrayLike | None, n: int, default: float) -> Array:
-    if values is None or np.size(values) == 0:
-        return np.full(n, default)
-    bound = _numbers(name, values)
-    if bound.shape not in ((n,), ()) or np.isnan(bound).any():
-        trouble = "holds NaN" if bound.shape in ((n,), ()) else f"has shape {bound.shape}"
-        raise ValueError(f"{name} {trouble}: one number, infinite where open, for each of {n} variables is needed")
-    return np.broadcast_to(bound, (n,)).copy()
 
 
 def _linear(name: str, matrix: ArrayLike | None, side_name: str, side: ArrayLike | None, n: int) -> tuple[Array, Array]:
@@ -234,19 +201,6 @@ def _vector(name: str, values: Any) -> Array:
     if vector.ndim != 1:
         raise ValueError(f"nonlcon returned {name} of shape {vector.shape}: a vector is needed")
     return vector
-
-
-def _slopes(name: str, values: Any, n: int, m: int) -> Array:
-    if m == 0:
-        return np.zeros((n, 0))
-    slopes = _numbers(f"{name} of nonlcon", values)
-    if slopes.shape == (n,) and m == 1:
-        slopes = slopes[:, None]
-    if slopes.shape != (n, m):
-        raise ValueError(
-            f"nonlcon returned {name} of shape {slopes.shape}: ({n}, {m}), one column a constraint, is needed"
-        )
-    return slopes
 
 
 _STEEPEST = 100.0  # the largest component of a gradient at the start, after scaling
@@ -286,12 +240,9 @@ class Frame:
         return np.clip(point, self.lower, self.upper)
 
     def u(self, x: Array) -> Array:
-        """Return the coordinates of x."""
-        coordinates: Array = (x[self.free] - self.origin) / self.width
-        return coordinates
+        return np.asarray((x[self.free] - self.origin) / self.width)
 
     def bounds(self) -> tuple[Array, Array]:
-        """Return the bounds of u."""
         return self.u(self.lower), self.u(self.upper)
 
     def inside(self, u: Array) -> Array:
@@ -346,94 +297,69 @@ class Scales:
 def iterate_at(
     region: Region, frame: Frame, scales: Scales, x: Array, value: float, gradient: Array, J_in: Array, J_eq: Array
 ) -> Iterate:
-    """Return the iterate x with its multipliers; a slope that is not defined counts as 0.
-
-    The multipliers are found in u, where slacks are of order one, and returned for f and constraints as given.
-    """
-    gradient = np.nan_to_num(gradient, posinf=0.0, neginf=0.0)
-    inside, _ = region.values(x)
+    """Return the iterate x, its multipliers (found in u) those of f and constraints as given; no slope counts as 0."""
+    gradient, inside = np.nan_to_num(gradient, posinf=0.0, neginf=0.0), region.values(x)[0]
     free, width, n = frame.free, frame.width, int(frame.free.sum())
     u, (low, high) = frame.u(x), frame.bounds()
     rows = np.vstack([J_in[:, free] * width / scales.inside[:, None], -np.eye(n), np.eye(n)])
     slack = np.concatenate([-inside / scales.inside, u - low, high - u])
     kept = np.isfinite(slack)
     on = J_eq[:, free] * width / scales.on[:, None]
-    found = kkt(gradient[free] * width / scales.f, on, rows[kept], slack[kept])
+    of_equalities, of_slacks, stationarity = kkt(gradient[free] * width / scales.f, on, rows[kept], slack[kept])
     scaled = np.zeros(len(slack))
-    scaled[kept] = found.inequalities * scales.f
+    scaled[kept] = of_slacks * scales.f
     at_inside, at_low, at_high = np.split(scaled, [len(inside), len(inside) + n])
-    inequalities, equalities = at_inside / scales.inside, found.equalities * scales.f / scales.on
+    inequalities, equalities = at_inside / scales.inside, of_equalities * scales.f / scales.on
     at_lower, at_upper = np.zeros(len(x)), np.zeros(len(x))
     at_lower[free], at_upper[free] = at_low / width, at_high / width
     left = gradient + J_in.T @ inequalities + J_eq.T @ equalities  # what a fixed variable's own bounds carry
     at_lower[~free], at_upper[~free] = np.maximum(left[~free], 0.0), np.maximum(-left[~free], 0.0)
     first_order = max(
-        scales.f * float(np.max(np.abs(found.stationarity / width), initial=0.0)),
+        scales.f * float(np.max(np.abs(stationarity / width), initial=0.0)),
         float(np.max(scaled[kept] * np.maximum(slack[kept], 0.0), initial=0.0)),
     )
-    violation = region.violation(x)
     return Iterate(
-        x,
-        value,
-        gradient=gradient,
-        J_in=J_in,
-        J_eq=J_eq,
-        violation=violation,
-        first_order=first_order,
-        inequalities=inequalities,
-        equalities=equalities,
-        at_lower=at_lower,
-        at_upper=at_upper,
-    )
+        x, value, gradient, J_in, J_eq, violation=region.violation(x), first_order=first_order,
+        inequalities=inequalities, equalities=equalities, at_lower=at_lower, at_upper=at_upper,
+    )  # fmt: skip
 
 
 _WEIGHT = 100.0
 
 
-@final
-class Kkt(NamedTuple):
-    """Multipliers of the equalities and inequalities, and the gradient of the Lagrangian they leave, shape (n,)."""
+def kkt(gradient: Array, J_eq: Array, J_in: Array, slack: Array) -> tuple[Array, Array, Array]:
+    """Return the multipliers at a point: `gradient` (n,), Jacobians (m_eq, n) and (m_in, n), `slack` (m_in,).
 
-    equalities: Array
-    inequalities: Array
-    stationarity: Array
+    Returns those of equalities and of inequalities, and the gradient of the Lagrangian that they leave, shape (n,). For
+    slacks s >= 0 they solve min |g + J_eq^T l_eq + J_in^T l|^2 + |k s * l|^2, l >= 0, by non-negative least squares
+    (Lawson and Hanson 1974, ch. 23) once the free l_eq are projected out: no threshold says which constraints are
+    active. With k = 100 a constraint with slack .1 takes at most a hundredth of what is left of the gradient, and one
+    with slack 1e-6 loses 1e-8 of its multiplier.
+    """
+    from scipy.optimize import lsq_linear, nnls
 
-
-def kkt(gradient: Array, J_eq: Array, J_in: Array, slack: Array) -> Kkt:
-    """Return the multipliers at a point: `gradient` (n,), Jacobians (m_eq, n) and (m_in, n), `slack` (m_in,)."""
     m_eq, m_in = len(J_eq), len(J_in)
     columns = np.vstack([J_in.T, np.diag(_WEIGHT * np.maximum(slack, 0.0))])
     free = np.vstack([J_eq.T, np.zeros((m_in, m_eq))])
     wanted = np.concatenate([-gradient, np.zeros(m_in)])
+    across, rest = columns, wanted
     if m_eq:
         u, sizes, _ = np.linalg.svd(free, full_matrices=False)
         basis = u[:, sizes > 1e-12 * max(sizes[0], 1e-300)]  # dependent equalities share what they span
-        columns_left, wanted_left = columns - basis @ (basis.T @ columns), wanted - basis @ (basis.T @ wanted)
-    else:
-        columns_left, wanted_left = columns, wanted
-    inequalities = _non_negative(columns_left, wanted_left)
-    equalities: Array = np.zeros(0)
+        across, rest = columns - basis @ (basis.T @ columns), wanted - basis @ (basis.T @ wanted)
+    equalities, inequalities = np.zeros(0), np.zeros(0)
+    if m_in:
+        try:
+            inequalities = np.asarray(nnls(across, rest, maxiter=30 * m_in)[0])
+        except RuntimeError:  # it cycles where rounding decides which constraints are active
+            inequalities = np.maximum(np.asarray(lsq_linear(across, rest, (0.0, np.inf)).x), 0.0)
     if m_eq:
         equalities = np.asarray(np.linalg.lstsq(free, wanted - columns @ inequalities, rcond=None)[0], dtype=np.float64)
-    return Kkt(equalities, inequalities, gradient + J_eq.T @ equalities + J_in.T @ inequalities)
-
-
-def _non_negative(matrix: Array, wanted: Array) -> Array:
-    from scipy.optimize import lsq_linear, nnls
-
-    if not matrix.shape[1]:
-        return np.zeros(0)
-    try:
-        return np.asarray(nnls(matrix, wanted, maxiter=30 * matrix.shape[1])[0])
-    except RuntimeError:  # it cycles where rounding decides which constraints are active
-        return np.maximum(np.asarray(lsq_linear(matrix, wanted, (0.0, np.inf)).x), 0.0)
+    return equalities, inequalities, gradient + J_eq.T @ equalities + J_in.T @ inequalities
 
 
 def lagrangian_hessian(path: list[tuple[Array, Array]], n: int) -> Array:
-    """Return the BFGS approximation, shape (n, n), from points and the gradients of the Lagrangian there.
-
-    Damped (Powell 1978; Nocedal and Wright 2006, proc. 18.2), so that it stays positive definite.
-    """
+    """Return the BFGS approximation (n, n), damped (Powell 1978; Nocedal and Wright 2006, 18.2)."""
     B = np.eye(n)
     for (x, slope), (x_next, slope_next) in pairwise(path):
         s, y = x_next - x, slope_next - slope

@@ -1,7 +1,4 @@
-"""The function `fmincon`: the direct call, with MATLAB's arguments, outputs and signs of the multipliers.
-
-The user's function as a search of `fmincon` asks it: counted, checked, with its own gradient or differences.
-"""
+"""The function `fmincon`: the direct call, with MATLAB's arguments, outputs and signs of the multipliers."""
 
 from __future__ import annotations
 
@@ -16,8 +13,7 @@ from calibench.optimizers.base import Array
 from calibench.optimizers.derivatives import differences
 from calibench.optimizers.fmincon.constraints import Iterate, lagrangian_hessian, region, step_sizes
 from calibench.optimizers.fmincon.options import Options, optimoptions
-from calibench.optimizers.fmincon.search import search
-from calibench.optimizers.fmincon.state import ExitFlag
+from calibench.optimizers.fmincon.search import ExitFlag, search
 
 
 @final
@@ -75,17 +71,11 @@ class Result:
 
 
 def fmincon(
-    fun: Callable[[Array], Any],
-    x0: ArrayLike,
-    A: ArrayLike | None = None,
-    b: ArrayLike | None = None,
-    Aeq: ArrayLike | None = None,
-    beq: ArrayLike | None = None,
-    lb: ArrayLike | None = None,
-    ub: ArrayLike | None = None,
-    nonlcon: Callable[[Array], Any] | None = None,
+    fun: Callable[[Array], Any], x0: ArrayLike, A: ArrayLike | None = None, b: ArrayLike | None = None,
+    Aeq: ArrayLike | None = None, beq: ArrayLike | None = None, lb: ArrayLike | None = None,
+    ub: ArrayLike | None = None, nonlcon: Callable[[Array], Any] | None = None,
     options: Options | Mapping[str, Any] | None = None,
-) -> Result:
+) -> Result:  # fmt: skip
     """Minimise fun(x) subject to A x <= b, Aeq x = beq, lb <= x <= ub, c(x) <= 0 and ceq(x) = 0, from x0 of shape (n,).
 
     `fun` returns f, or (f, gradient) with SpecifyObjectiveGradient; `nonlcon` returns (c, ceq), or with
@@ -102,45 +92,6 @@ def fmincon(
     if not callable(fun):
         raise ValueError(f"fun={fun!r}: a function of x is needed")
     chosen = optimoptions(options)
-    start = _start(x0)
-    where = region(
-        len(start),
-        A,
-        b=b,
-        Aeq=Aeq,
-        beq=beq,
-        lb=lb,
-        ub=ub,
-        nonlcon=nonlcon,
-        gradients=chosen.SpecifyConstraintGradient,
-        kind=chosen.FiniteDifferenceType,
-    )
-    asked = Called(fun, chosen.filled(len(start)), where.lower, where.upper)
-    found, m, m_eq = search(asked, where, chosen, start), len(where.b), len(where.beq)
-    state, path = found.state, () if found.state is None else found.state.path
-    answer = _nowhere(start, m, m_eq) if state is None else state.answer
-    iterations, step, step_length = (0, 0.0, 0.0) if state is None else (state.iteration, state.step, state.step_length)
-    return Result(
-        x=answer.x,
-        fval=answer.value,
-        exitflag=found.flag,
-        output=Output(
-            iterations, asked.count, stepsize=step, lssteplength=step_length, constrviolation=answer.violation,
-            firstorderopt=answer.first_order, algorithm=chosen.Algorithm, message=found.message,
-        ),
-        lambda_=Multipliers(
-            answer.at_lower, answer.at_upper, answer.inequalities[:m], answer.equalities[:m_eq],
-            answer.inequalities[m:], answer.equalities[m_eq:],
-        ),
-        grad=answer.gradient,
-        hessian=lagrangian_hessian(
-            [(i.x, i.gradient + i.J_in.T @ answer.inequalities + i.J_eq.T @ answer.equalities) for i in path],
-            len(start),
-        ),
-    )  # fmt: skip
-
-
-def _start(x0: ArrayLike) -> Array:
     try:
         start = np.atleast_1d(np.array(x0, dtype=float))
     except (TypeError, ValueError):
@@ -148,27 +99,36 @@ def _start(x0: ArrayLike) -> Array:
     if start.ndim != 1 or not start.size or not np.isfinite(start).all():
         trouble = f"has shape {start.shape}" if start.ndim != 1 or not start.size else "is not finite"
         raise ValueError(f"x0 {trouble}: a vector of n finite numbers is needed")
-    return start
-
-
-def _nowhere(x0: Array, m_in: int, m_eq: int) -> Iterate:
-    """Return x0 as the answer of a search that asked nothing."""
-    n, nan = len(x0), float("nan")
-    zero, slopes = np.zeros(n), np.full(n, nan)
-    J_in, J_eq = np.zeros((m_in, n)), np.zeros((m_eq, n))
-    return Iterate(
-        x0,
-        nan,
-        gradient=slopes,
-        J_in=J_in,
-        J_eq=J_eq,
-        violation=nan,
-        first_order=nan,
-        inequalities=np.zeros(m_in),
-        equalities=np.zeros(m_eq),
-        at_lower=zero,
-        at_upper=zero,
-    )
+    gradients, kind, n = chosen.SpecifyConstraintGradient, chosen.FiniteDifferenceType, len(start)
+    where = region(n, A, b=b, Aeq=Aeq, beq=beq, lb=lb, ub=ub, nonlcon=nonlcon, gradients=gradients, kind=kind)
+    asked = Called(fun, chosen.filled(n), where.lower, where.upper)
+    outcome, m, m_eq = search(asked, where, chosen, start), len(where.b), len(where.beq)
+    if outcome.state is None:  # it asked nothing
+        zero, nan = np.zeros(n), float("nan")
+        answer = Iterate(
+            start, nan, np.full(n, nan), np.zeros((m, n)), np.zeros((m_eq, n)), violation=nan, first_order=nan,
+            inequalities=np.zeros(m), equalities=np.zeros(m_eq), at_lower=zero, at_upper=zero,
+        )  # fmt: skip
+        path, iterations, step, step_length = tuple[Iterate, ...](), 0, 0.0, 0.0
+    else:
+        state = outcome.state
+        answer, path, iterations = state.answer, state.path, state.iteration
+        step, step_length = state.step, state.step_length
+    return Result(
+        x=answer.x, fval=answer.value, exitflag=outcome.flag,
+        output=Output(
+            iterations, asked.count, stepsize=step, lssteplength=step_length, constrviolation=answer.violation,
+            firstorderopt=answer.first_order, algorithm=chosen.Algorithm, message=outcome.message,
+        ),
+        lambda_=Multipliers(
+            answer.at_lower, answer.at_upper, answer.inequalities[:m], answer.equalities[:m_eq],
+            answer.inequalities[m:], answer.equalities[m_eq:],
+        ),
+        grad=answer.gradient,
+        hessian=lagrangian_hessian(
+            [(i.x, i.gradient + i.J_in.T @ answer.inequalities + i.J_eq.T @ answer.equalities) for i in path], n
+        ),
+    )  # fmt: skip
 
 
 @final
@@ -191,7 +151,8 @@ class Called:
         if gradient is not None:
             return gradient
         size = step_sizes(x, self._lower, self._upper)
-        return differences(lambda at: self._call(at)[0], x, value, self._lower, self._upper, size, self._kind, steps)
+        call, kind = (lambda at: self._call(at)[0]), self._kind
+        return differences(call, x, value, self._lower, self._upper, size=size, kind=kind, steps=steps)
 
     def _ask(self, x: Array) -> tuple[float, Array | None]:
         if self._last is None or not np.array_equal(x, self._last[0]):
@@ -200,27 +161,20 @@ class Called:
 
     def _call(self, x: Array) -> tuple[float, Array | None]:
         self.count += 1
-        answer = self._fun(x.copy())
-        if not self._own:
-            return _number(answer), None
-        if not isinstance(answer, tuple | list) or len(answer) < 2:
-            raise ValueError(
-                f"fun returned {type(answer).__name__}: (f, gradient) is needed, as SpecifyObjectiveGradient"
-            )
-        gradient = np.asarray(answer[1], dtype=float)
-        if gradient.shape != x.shape:
-            raise ValueError(f"fun returned a gradient of shape {gradient.shape}: {x.shape} is needed")
-        return _number(answer[0]), gradient
-
-
-def _number(value: Any) -> float:
-    """Return what fun gave as a float; NaN for a complex number, so that the point is refused."""
-    try:
-        given = np.asarray(value)
-        if given.size == 1 and given.dtype.kind == "c":
-            number = complex(given.reshape(()))
-            return number.real if number.imag == 0 else float("nan")
-        return float(given.reshape(()))
-    except (TypeError, ValueError):
-        kind = f"an array of shape {np.shape(value)}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise ValueError(f"fun returned {kind}: one real number is needed") from None
+        value, gradient = self._fun(x.copy()), None
+        if self._own:
+            if not isinstance(value, tuple | list) or len(value) < 2:
+                kind = type(value).__name__
+                raise ValueError(f"fun returned {kind}: (f, gradient) is needed, as SpecifyObjectiveGradient")
+            gradient, value = np.asarray(value[1], dtype=float), value[0]
+            if gradient.shape != x.shape:
+                raise ValueError(f"fun returned a gradient of shape {gradient.shape}: {x.shape} is needed")
+        try:
+            given = np.asarray(value)
+            if given.size == 1 and given.dtype.kind == "c":  # NaN, so that the point is refused
+                number = complex(given.reshape(()))
+                return number.real if number.imag == 0 else float("nan"), gradient
+            return float(given.reshape(())), gradient
+        except (TypeError, ValueError):
+            kind = f"an array of shape {np.shape(value)}" if isinstance(value, np.ndarray) else type(value).__name__
+            raise ValueError(f"fun returned {kind}: one real number is needed") from None

@@ -1,10 +1,7 @@
 """`Fmincon`: the search of the function `fmincon` as a registered optimiser, in the box of a problem, through the gate.
 
-MATLAB's tolerances stop a calibration early: with 1e-6 full12 ends at J2 of 1e-14 .. 1e-10 mm^4, where rounding is at
-1e-19. So the registered optimiser's tolerances are 0: on to rounding. What then limits it is the gradient: its error
-moves the minimiser in proportion, and J is the square of that. Forward differences err by their step, eps^(1/2) of the
-box, and J stalls at 1e-2 .. 1; central ones by the square of theirs, eps^(1/3), and J stalls at 1e-8 .. 1e-7; only the
-analytic gradient vanishes where the residuals do. See docs/fmincon.md.
+Its tolerances are 0, on to rounding. What then limits it is the gradient: in mm^4 J stalls at 1e-2 .. 1 with forward
+differences and at 1e-8 .. 1e-7 with central ones; only the analytic gradient vanishes. See docs/fmincon.md.
 """
 
 from __future__ import annotations
@@ -16,17 +13,8 @@ import numpy as np
 
 from calibench.optimizers.base import Array, Objective, Reason, Traits, registry, with_restarts
 from calibench.optimizers.derivatives import Memoized
-from calibench.optimizers.fmincon.options import (
-    Algorithm,
-    DifferenceType,
-    Display,
-    Numbers,
-    Options,
-    StepRule,
-    StopPlace,
-    StopRule,
-    optimoptions,
-)
+from calibench.optimizers.fmincon import options
+from calibench.optimizers.fmincon.options import Options, optimoptions
 
 
 @registry.register("fmincon")
@@ -41,9 +29,9 @@ class Fmincon:
     objective is undefined is replaced by the points of restarts until one is defined.
     """
 
-    Algorithm: Algorithm = "sqp"
+    Algorithm: options.Algorithm = "sqp"
     SpecifyObjectiveGradient: bool = True
-    FiniteDifferenceType: DifferenceType = "forward"
+    FiniteDifferenceType: options.DifferenceType = "forward"
     OptimalityTolerance: float = 0.0
     StepTolerance: float = 0.0
     ConstraintTolerance: float = 1e-6
@@ -51,17 +39,17 @@ class Fmincon:
     MaxIterations: int = 10_000
     MaxFunctionEvaluations: int | None = None
     ScaleProblem: bool = True
-    Display: Display = "off"
+    Display: options.Display = "off"
     InitBarrierParam: float | None = None
     InitTrustRegionRadius: float | None = None
     restarts: bool = False
-    FiniteDifferenceStepRule: StepRule = "box"
-    FiniteDifferenceStepSize: Numbers | None = None
-    TypicalX: Numbers | None = None
+    FiniteDifferenceStepRule: options.StepRule = "box"
+    FiniteDifferenceStepSize: options.Numbers | None = None
+    TypicalX: options.Numbers | None = None
     DiffMinChange: float | None = None
     DiffMaxChange: float | None = None
-    StopRule: StopRule = "relative"
-    StopPlace: StopPlace | None = None
+    StopRule: options.StopRule = "relative"
+    StopPlace: options.StopPlace | None = None
     FunctionTolerance: float | None = None
     ScaleVariables: bool = True
 
@@ -75,33 +63,28 @@ class Fmincon:
     def traits(self) -> Traits:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
         return Traits(
-            stochastic=self.restarts,
-            uses_gradient=True,
-            self_terminating=not self.restarts,
+            stochastic=self.restarts, uses_gradient=True, self_terminating=not self.restarts,
             needs_finite_bounds=self.restarts,
-        )
+        )  # fmt: skip
 
     def compile(self) -> None:
-        """Import the search and SciPy's part of it, so that no clock sees it."""
         import scipy.optimize  # noqa: F401
 
         import calibench.optimizers.fmincon.search  # noqa: F401
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Descend from the start; with `restarts`, again from random points of the box."""
-        return with_restarts(lambda start: self._descend(objective, start), objective, self.restarts)
-
-    def _descend(self, objective: Objective, start: Array) -> None:
         from calibench.optimizers.fmincon.constraints import region  # here, as the names of all methods are listed
         from calibench.optimizers.fmincon.search import search
 
-        asked = Memoized(objective, self.SpecifyObjectiveGradient, self.FiniteDifferenceType)
-        while not np.isfinite(asked.value(start)):
-            start = objective.restart()
-        box = region(
-            objective.dimension, None, b=None, Aeq=None, beq=None, lb=objective.lower, ub=objective.upper, nonlcon=None
-        )
-        search(asked, box, self._options(objective.remaining + 1), start)
+        def descend(start: Array) -> None:
+            asked = Memoized(objective, self.SpecifyObjectiveGradient, self.FiniteDifferenceType)
+            while not np.isfinite(asked.value(start)):
+                start = objective.restart()
+            box = region(objective.dimension, lb=objective.lower, ub=objective.upper)
+            search(asked, box, self._options(objective.remaining + 1), start)
+
+        return with_restarts(descend, objective, self.restarts)
 
     def _options(self, budget: int | None) -> Options:
         """Return the options of a search; without a limit of one's own the budget, one beyond it, is the limit."""

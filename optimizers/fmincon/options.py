@@ -1,36 +1,14 @@
 """The options of `fmincon` under MATLAB's names, checked once: unknown, misspelt, old or another algorithm's.
 
-Defaults are those of MATLAB's fmincon but for three: Algorithm is sqp (MATLAB: interior-point), ScaleProblem is true
-(MATLAB: false; SciPy's SLSQP needs it where f is in mm^4), and Display is off (MATLAB: final). OptimalityTolerance is
-absolute: relative to the first gradient, as MATLAB tests it, a J in mm^4 would be called optimal at 1 .. 1e4.
-
-FiniteDifferenceStepRule, StopRule, StopPlace and ScaleVariables have no name in MATLAB: there the release decides
-(`steps`, `stop`). TolX is StepTolerance; TolFun is OptimalityTolerance and FunctionTolerance.
-
-The step sizes of finite differences in `fmincon`: the rules of MATLAB's releases, and ours.
-
-`typical_x` is the documented rule, in the code since February 2003: v sign'(x) max(|x|, TypicalX), where v is
-FiniteDifferenceStepSize and sign'(0) = 1. `gradient` is the rule before it: -1e-8 / g, with the gradient g of the
-iterate before, so that f changes by about 1e-8. Both are held between DiffMinChange and DiffMaxChange, the sign kept.
-`box`, ours and the default, is relative to the width of the box and is found where the differences are taken.
-
-MATLAB's absolute stop of `fmincon`: the search direction d, or the change g d that it promises, is small.
-
-It was the medium-scale algorithm's test (`nlconst`; `active-set` since) and is the only one that looks at d and not at
-the step taken. Nothing in it is relative: in a unit that makes f smaller a search ends earlier. Its place in the loop
-changed (years of revisions of `nlconst`: 1.20 of August 1998, 1.41 of February 2003, 1.1.4.25 of December 2009):
-
-after_step     1998. The line search is over: g is the gradient at the old point, the new point is the answer.
-next_gradient  by 2003. The gradient g at the new point is known; d is the direction that led there.
-before_step    by the end of 2009. d is known, and no step taken: g d is that of the step to be tried, and the limit is
-               FunctionTolerance, not twice that.
+Defaults are MATLAB's but for Algorithm (sqp), ScaleProblem (true: SLSQP needs it) and Display (off).
+OptimalityTolerance is absolute. The rules of steps, stops and scales have no name in MATLAB: there the release decides.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, Literal, final, get_type_hints
 
 import numpy as np
@@ -45,9 +23,15 @@ StopPlace = Literal["after_step", "next_gradient", "before_step"]
 def absolute_stop(
     direction: Array, slope: float, step_tolerance: float, slope_limit: float
 ) -> tuple[Literal[4, 5], str] | None:
-    """Return the exit flag and the words where the search is over at a feasible point, else None.
+    """Return the exit flag and the words where d or the change g d that it promises is small at a feasible point.
 
     `direction`, shape (n,), is d in the user's units; `slope` is g d; `slope_limit` what |g d| is compared with.
+    Nothing is relative: in a unit that makes f smaller a search ends earlier. Its place in the loop changed (revisions
+    of `nlconst`: 1.20 of August 1998, 1.41 of February 2003, 1.1.4.25 of December 2009):
+
+    after_step     1998. The line search is over: g is the gradient at the old point, the new point is the answer.
+    next_gradient  by 2003. The gradient g at the new point is known; d is the direction that led there.
+    before_step    by the end of 2009. No step is taken: the limit is FunctionTolerance, not twice that.
 
     >>> absolute_stop(np.array([1e-7, -3e-6]), -1.0, 2e-6, 2e-6)
     (4, 'Local minimum possible: the search direction 3.000e-06 is less than 2 StepTolerance, and feasible.')
@@ -65,19 +49,15 @@ def absolute_stop(
 Algorithm = Literal["sqp", "interior-point"]
 DifferenceType = Literal["forward", "central"]
 Display = Literal["off", "iter", "final"]
+StepRule = Literal["box", "typical_x", "gradient"]
+Numbers = float | tuple[float, ...]
 
 _FORMER = {
-    "TolX": "StepTolerance",
-    "TolFun": "OptimalityTolerance",
-    "TolCon": "ConstraintTolerance",
-    "MaxIter": "MaxIterations",
-    "MaxFunEvals": "MaxFunctionEvaluations",
-    "GradObj": "SpecifyObjectiveGradient",
-    "GradConstr": "SpecifyConstraintGradient",
-    "FinDiffType": "FiniteDifferenceType",
-    "FinDiffRelStep": "FiniteDifferenceStepSize",
-    "AlwaysHonorConstraints": "HonorBounds",
-}
+    "TolX": "StepTolerance", "TolFun": "OptimalityTolerance", "TolCon": "ConstraintTolerance",
+    "MaxIter": "MaxIterations", "MaxFunEvals": "MaxFunctionEvaluations", "GradObj": "SpecifyObjectiveGradient",
+    "GradConstr": "SpecifyConstraintGradient", "FinDiffType": "FiniteDifferenceType",
+    "FinDiffRelStep": "FiniteDifferenceStepSize", "AlwaysHonorConstraints": "HonorBounds",
+}  # fmt: skip
 _ELSEWHERE = {  # MATLAB's options of algorithms, and of parts of algorithms, that are not here
     "active-set": ("MaxSQPIterations", "RelLineSrchBnd", "RelLineSrchBndDuration", "TolConSQP"),
     "trust-region-reflective": ("HessianMultiplyFcn", "MaxPCGIterations", "PrecondBandWidth"),
@@ -185,11 +165,8 @@ class Options:
     @property
     def change_limits(self) -> tuple[float, float]:
         """Return the least and the largest length of a difference step."""
-        gradient = self.FiniteDifferenceStepRule == "gradient"
-        return (
-            _or(self.DiffMinChange, 1e-8 if gradient else 0.0),
-            _or(self.DiffMaxChange, 0.1 if gradient else float("inf")),
-        )
+        least, most = (1e-8, 0.1) if self.FiniteDifferenceStepRule == "gradient" else (0.0, float("inf"))
+        return _or(self.DiffMinChange, least), _or(self.DiffMaxChange, most)
 
     def filled(self, dimension: int) -> Options:
         """Return the options with the defaults of the algorithm in place of None."""
@@ -209,10 +186,8 @@ _KINDS = {  # these fields hide the types of their own names
 }  # fmt: skip
 
 
-@cache
-def _hints() -> dict[str, Any]:
-    """Return the types of the options: to find them out takes 2 ms, and a search makes options a dozen times."""
-    return get_type_hints(Options, localns=_KINDS)
+# the types of the options: to find them out takes 2 ms, and a search makes options a dozen times
+_hints = cache(partial(get_type_hints, Options, localns=_KINDS))
 
 
 def optimoptions(options: Options | Mapping[str, Any] | None = None, /, **changes: Any) -> Options:
@@ -232,77 +207,18 @@ def optimoptions(options: Options | Mapping[str, Any] | None = None, /, **change
         raise ValueError(f"options={options!r}: Options, a mapping of names to values, or None is needed")
     given = {**({} if options is None or isinstance(options, Options) else options), **changes}
     known = [field.name for field in fields(Options)]
-    for name in given:
-        if name not in known:
-            raise ValueError(_unknown(str(name), known))
+    for name in map(str, given):
+        if name in known:
+            continue
+        if _FORMER.get(name) in known:
+            raise ValueError(f"fmincon's option {name!r} is now called {_FORMER[name]!r}")
+        for algorithm, names in _ELSEWHERE.items():
+            if _FORMER.get(name, name) in names:
+                elsewhere = f"{name} is an option of {algorithm}, which is not here"
+                raise ValueError(f"{elsewhere}; algorithms: sqp, interior-point")
+        raise ValueError(f"fmincon has no option {name!r}; {suggest(name, known)}")
     return replace(options, **given) if isinstance(options, Options) else Options(**given)
-
-
-def _unknown(name: str, known: list[str]) -> str:
-    if name in _FORMER and _FORMER[name] in known:
-        return f"fmincon's option {name!r} is now called {_FORMER[name]!r}"
-    for algorithm, names in _ELSEWHERE.items():
-        if _FORMER.get(name, name) in names:
-            return f"{name} is an option of {algorithm}, which is not here; algorithms: sqp, interior-point"
-    return f"fmincon has no option {name!r}; {suggest(name, known)}"
 
 
 def _or(value: Any, default: Any) -> Any:
     return default if value is None else value
-
-
-StepRule = Literal["box", "typical_x", "gradient"]
-Numbers = float | tuple[float, ...]
-
-_EPS = float(np.finfo(float).eps)
-_WANTED = 1e-8  # by how much f should change over a step of the rule `gradient`
-
-
-def typical_steps(x: Array, size: Numbers | None, typical: Numbers, kind: str) -> Array:
-    """Return the steps of the rule `typical_x` at x, shape (n,), signed for forward differences.
-
-    `size` None stands for eps^(1/2) (forward) or eps^(1/3) (central).
-
-    >>> typical_steps(np.array([-3.0, 0.0, 0.5]), 0.1, 1.0, "forward").round(3).tolist()
-    [-0.3, 0.1, 0.1]
-    """
-    default = _EPS**0.5 if kind == "forward" else _EPS ** (1 / 3)
-    v = each("FiniteDifferenceStepSize", default if size is None else size, len(x))
-    steps: Array = v * np.maximum(np.abs(x), np.abs(each("TypicalX", typical, len(x))))
-    return steps * np.where(x < 0, -1.0, 1.0) if kind == "forward" else steps
-
-
-def gradient_steps(before: Array) -> Array:
-    """Return the steps of the rule `gradient`, shape (n,), from the gradient of the Lagrangian one iterate `before`.
-
-    They point against that gradient, but where it is above 1e-8 / eps = 4.5e7: there eps turns the sign.
-
-    >>> gradient_steps(np.array([2.0, -0.5, 1e8])).round(18).tolist()
-    [-5e-09, 2e-08, 1e-16]
-    """
-    steps = -_WANTED / (before + _EPS)
-    signed: Array = np.where(steps + _EPS >= 0, 1.0, -1.0) * np.abs(steps)
-    return signed
-
-
-def first_gradient(x0: Array) -> Array:
-    """Return what the rule `gradient` takes for a gradient at the first two iterates, when it has none: 10 (|x0| + 1).
-
-    Its steps, 1e-9 / (|x0| + 1), are below DiffMinChange.
-    """
-    guessed: Array = 10.0 * (np.abs(x0) + 1.0)
-    return guessed
-
-
-def held(steps: Array, least: float, most: float) -> Array:
-    """Return the steps with their lengths between `least` (DiffMinChange) and `most` (DiffMaxChange), signs kept."""
-    lengths: Array = np.minimum(np.maximum(np.abs(steps), least), most)
-    return np.where(steps < 0, -lengths, lengths)
-
-
-def each(name: str, values: Numbers, n: int) -> Array:
-    """Return `values` as one number for each of n variables; raise `ValueError` where there are neither 1 nor n."""
-    given = np.atleast_1d(np.asarray(values, dtype=float))
-    if len(given) not in (1, n):
-        raise ValueError(f"{name} has {len(given)} values: one, or one for each of {n} variables, is needed")
-    return np.broadcast_to(given, (n,))

@@ -1,59 +1,43 @@
-"""One search of `fmincon`: `run` takes it from start to exit flag, and its state is a value.
+"""One search of `fmincon`, from its start to its exit flag: SciPy proposes iterates, and `Walk` checks each one.
 
-`sqp` and `interior_point` are SciPy's two algorithms, `walk` answers their calls, `state` is the state of a search,
-`endings` its possible ends, `told` its display.
-
-One search of `fmincon`, from its start to its exit flag: SciPy proposes iterates, and `walk` checks each one.
-
-SciPy sees u of `frame`, and f and c divided so that no component of a gradient at the start is above 100: the
-rule of IPOPT (Waechter and Biegler 2006, sec. 3.8). Measured on full12 in mm^4: SLSQP then needs 141 .. 233 passes,
-with a first value of one up to 297, and unscaled it stops at its first step ("Inequality constraints incompatible").
-
-The walk of a search of `fmincon`: it answers what SciPy asks, and checks each iterate that SciPy comes to.
-
-SciPy's own tests are set beyond rounding. An iterate is a point whose gradient is asked for: there the multipliers and
-the first-order measure are computed, the line printed, OutputFcn called, MATLAB's tests made (`endings`). The end is
-an exception that SciPy lets through, `Finished`.
-
-SciPy calls back, so something must change between two calls: `Walk.state`, a value that each call replaces.
-
-Algorithm sqp of `fmincon`: SciPy's SLSQP (Kraft 1988), begun afresh where it gives up.
-
-Algorithm interior-point of `fmincon`: SciPy's trust-constr (Byrd, Hribar, Nocedal 1999), with a matrix of ours.
+SciPy sees u of `Frame`, f and c divided by the rule of IPOPT (Waechter and Biegler 2006, sec. 3.8). An iterate is a
+point whose gradient is asked for: there MATLAB's tests are made. The end is `Finished`, which SciPy lets through.
 """
 
 from __future__ import annotations
 
 import functools
 import warnings
-from dataclasses import dataclass
-from typing import Any, Protocol, final
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple, Protocol, final
 
 import numpy as np
 
 from calibench.optimizers.base import Array
 from calibench.optimizers.fmincon.constraints import Frame, Iterate, Region, Scales, iterate_at
-from calibench.optimizers.fmincon.options import Options, first_gradient, gradient_steps, held, typical_steps
-from calibench.optimizers.fmincon.state import (
-    STUCK,
-    ExitFlag,
-    Finished,
-    Seen,
-    State,
-    infeasible,
-    is_feasible,
-    met_at,
-    out_of_evaluations,
-    out_of_iterations,
-    print_header,
-    print_iterate,
-    print_message,
-    small_after,
-    small_at,
-    tell,
-    unbounded,
-    verdict,
-)
+from calibench.optimizers.fmincon.options import Options, absolute_stop
+
+_EPS = float(np.finfo(float).eps)
+_REFUSED = 1e100  # stands for a value that is not defined: models built through inf become NaN
+_NO_TEST = 1e-300  # SciPy's tolerance: met only by no change at all
+_AFRESH = 3  # sqp begins again from its best point, with a new matrix and new scales, at most so often
+PATIENCE = 10  # iterates in a row without progress: SLSQP's line search gives up after ten cuts, and goes on
+STUCK = "no further step lowers the objective in double precision"
+_INFEASIBLE = "No feasible point found: near the last one constraints are violated by at least {:.3e}."
+_UNBOUNDED = "Unbounded: the objective {:.3e} is below ObjectiveLimit {:.1e}, and the constraints are satisfied."
+_OUT_OF_ITERATIONS = "Stopped at MaxIterations = {}."
+
+ExitFlag = Literal[1, 2, 4, 5, 0, -1, -2, -3]
+Slopes = tuple[Array, Array]  # of inequalities and of equalities, a row each
+
+
+class Asked(Protocol):
+    """An objective in the form that a search needs; `count` is the evaluations so far."""
+
+    count: int
+
+    def value(self, x: Array, /) -> float: ...
+    def gradient(self, x: Array, steps: Array | None = None, /) -> Array: ...
 
 
 @final
@@ -67,39 +51,48 @@ class Outcome:
 
 
 def search(asked: Asked, region: Region, options: Options, x0: Array) -> Outcome:
-    """Search from x0, shape (n,), until a test is met.
-
-    Raises `ValueError` where objective or constraints are not defined at x0, `RuntimeError` where an OutputFcn raises.
-    """
+    """Search from x0, shape (n,), until a test is met; raises `RuntimeError` where an OutputFcn raises."""
     options = options.filled(len(x0))
     contradiction = region.contradiction()
     if contradiction:
         outcome = Outcome(-2, f"No feasible point: {contradiction}.", None)
     else:
-        outcome = _searched(
-            asked, region, options, Frame.of(region, x0, options.ScaleProblem and options.ScaleVariables)
-        )
-    if outcome.state is not None:
-        tell(outcome.state, asked.count, options, "done")
-    print_message(outcome.message, options)
+        walk, gradient, slopes = _begin(asked, region, options, x0)
+        if options.Display == "iter":
+            print(f"{'':>55}{'':>14}{'Norm of':>14}{'First-order':>14}")
+            heads = f"{'Iter':>5}{'Func-count':>12}{'Fval':>19}{'Feasibility':>15}{'Step length':>14}{'step':>14}"
+            print(f"{heads}{'optimality':>14}")
+        x, end, why = walk.state.seen.x, None, "Every variable is fixed by its bounds"
+        try:
+            walk.arrive(x, gradient, slopes)
+            frame = walk.state.frame
+            if frame.free.any():
+                why = (sqp if options.Algorithm == "sqp" else interior_point)(walk, frame.u(x))
+        except Finished as raised:
+            end = raised
+        if end is None or end.flag not in (1, -3):  # only these are about the last iterate
+            walk.state = replace(walk.state, chosen=walk.state.best(options.ConstraintTolerance))
+        best = walk.state.answer
+        if end is None and best.violation > options.ConstraintTolerance:
+            end = Finished(-2, f"No feasible point found: constraints are violated by {best.violation:.3e}.")
+        elif end is None and best.first_order <= options.OptimalityTolerance:
+            end = Finished(1, f"Local minimum found: first-order optimality is {best.first_order:.3e}.")
+        elif end is None:
+            end = Finished(2, f"Local minimum possible: {why}, and the constraints are satisfied.")
+        elif end.flag == 0 and best.violation > options.ConstraintTolerance:
+            nearest = region.violation(region.nearest(best.x))
+            if not nearest <= options.ConstraintTolerance:
+                end = Finished(-2, _INFEASIBLE.format(nearest))
+        outcome = Outcome(end.flag, end.message, walk.state)
+        tell(walk.state, asked.count, options, "done")
+    if options.Display != "off":
+        print(f"\n{outcome.message}")
     return outcome
 
 
-def _searched(asked: Asked, region: Region, options: Options, frame: Frame) -> Outcome:
-    state, gradient, slopes = _start(asked, region, options, frame)
-    walk, x = Walk(asked, region, options, state), state.seen.x
-    print_header(options)
-    try:
-        walk.arrive(x, gradient, slopes)
-        why = _descend(walk, frame.u(x))
-    except Finished as end:
-        return _ended(walk, end)
-    best = walk.best()
-    return Outcome(*verdict(best, why, options), walk.state.settled(best))
-
-
-def _start(asked: Asked, region: Region, options: Options, frame: Frame) -> tuple[State, Array, Slopes]:
-    """Return the state before the first iterate, which fixes the scales, with the derivatives at `seen.x`."""
+def _begin(asked: Asked, region: Region, options: Options, x0: Array) -> tuple[Walk, Array, Slopes]:
+    """Return a walk before its first iterate, with scales from the derivatives at its start, and these."""
+    frame = Frame.of(region, x0, options.ScaleProblem and options.ScaleVariables)
     x = frame.x0
     if options.Algorithm == "interior-point" and frame.free.any():
         x = frame.x(frame.inside(frame.u(x)))
@@ -114,51 +107,15 @@ def _start(asked: Asked, region: Region, options: Options, frame: Frame) -> tupl
         raise ValueError("the gradient of the objective is undefined at the initial point")
     slopes = region.slopes(x, steps)
     scales = Scales.of(frame, gradient, *slopes, on=options.ScaleProblem)
-    return State(frame, scales, Seen(x, value, True)), gradient, slopes
-
-
-def _descend(walk: Walk, start: Array) -> str:
-    """Search from u = `start`; return why it ended where no test ended it."""
-    if not walk.state.frame.free.any():
-        return "Every variable is fixed by its bounds"
-    return sqp(walk, start) if walk.options.Algorithm == "sqp" else interior_point(walk, start)
-
-
-def _ended(walk: Walk, end: Finished) -> Outcome:
-    """Return the outcome of a search that a test ended. Only flags 1 and -3 are about the last iterate."""
-    state = walk.state if end.flag in (1, -3) else walk.state.settled(walk.best())
-    if end.flag == 0 and state.answer.violation > walk.options.ConstraintTolerance:
-        nearest = walk.region.violation(walk.region.nearest(state.answer.x))
-        if not nearest <= walk.options.ConstraintTolerance:
-            end = infeasible(nearest)
-    return Outcome(end.flag, end.message, state)
-
-
-_REFUSED = 1e100  # stands for a value that is not defined: models built through inf become NaN
-
-Slopes = tuple[Array, Array]  # of inequalities and of equalities, a row each
-
-
-class Asked(Protocol):
-    """An objective in the form that a search needs; `count` is the evaluations so far."""
-
-    count: int
-
-    def value(self, x: Array, /) -> float: ...
-    def gradient(self, x: Array, steps: Array | None = None, /) -> Array: ...
+    return Walk(asked, region, options, State(frame, scales, Seen(x, value, True))), gradient, slopes
 
 
 @final
 class Walk:
-    """A search on its way: `state` is where it is. u are coordinates of `Frame`, x the user's, both of shape (n,).
-
-    Each method may raise `Finished`, and what objective, constraints and OutputFcn raise.
-    """
+    """A search on its way: `state` is where it is. u are coordinates of `Frame`, x the user's, both of shape (n,)."""
 
     def __init__(self, asked: Asked, region: Region, options: Options, state: State) -> None:
         self.asked, self.region, self.options, self.state = asked, region, options, state
-
-    # ---- what SciPy asks, in u
 
     def value(self, u: Array) -> float:
         """Return the scaled objective; where it or a constraint is not defined a value that is always refused."""
@@ -166,7 +123,8 @@ class Walk:
         self.state = state = self.state.tried(x)
         if self.options.StopPlace == "before_step" and state.trial is not None:
             at, limit = state.last, self.options.FunctionTolerance
-            _finish(small_at(at, state.trial - at.x, x - at.x, limit, self.options))
+            if end := small(at.violation, state.trial - at.x, float(at.gradient @ (x - at.x)), limit, self.options):
+                raise end
         value, defined = self._look(x)
         return min(value / state.scales.f, _REFUSED) if defined else _REFUSED
 
@@ -176,8 +134,7 @@ class Walk:
         if not np.array_equal(x, self.state.last.x):
             self.arrive(x)
         frame = self.state.frame
-        scaled: Array = self.state.last.gradient[frame.free] * frame.width / self.state.scales.f
-        return scaled
+        return np.asarray(self.state.last.gradient[frame.free] * frame.width / self.state.scales.f)
 
     def constraint(self, u: Array, which: int) -> Array:
         """Return the scaled inequalities (`which` 0) or equalities (1); where undefined those of the last iterate."""
@@ -187,12 +144,10 @@ class Walk:
         return self.region.values(x)[which] / (scales.inside, scales.on)[which]
 
     def constraint_slope(self, u: Array, which: int) -> Array:
-        """Return the derivatives of `constraint`, a row each."""
         frame, scales, last = self.state.frame, self.state.scales, self.state.last
         x = frame.x(u)
         rows = (last.J_in, last.J_eq) if np.array_equal(x, last.x) else self.region.slopes(x)
-        scaled: Array = rows[which][:, frame.free] * frame.width / (scales.inside, scales.on)[which][:, None]
-        return scaled
+        return np.asarray(rows[which][:, frame.free] * frame.width / (scales.inside, scales.on)[which][:, None])
 
     def _look(self, x: Array) -> tuple[float, bool]:
         """Return the value at x, and whether it and the constraints are defined; the last two points are remembered."""
@@ -201,137 +156,179 @@ class Walk:
         if not np.array_equal(x, self.state.seen.x):
             most = self.options.MaxFunctionEvaluations
             if most is not None and self.asked.count >= most:
-                raise out_of_evaluations(self.options)
+                raise Finished(0, f"Stopped at MaxFunctionEvaluations = {most}.")
             value = self.asked.value(x)
             if value == -np.inf and self.region.violation(x) <= self.options.ConstraintTolerance:
-                raise unbounded(value, self.options)
-            self.state = self.state.looked(Seen(x, value, bool(np.isfinite(value)) and self.region.is_defined(x)))
-        return self.state.seen.value, self.state.seen.defined
-
-    # ---- at an iterate
+                raise Finished(-3, _UNBOUNDED.format(value, self.options.ObjectiveLimit))
+            defined = bool(np.isfinite(value)) and self.region.is_defined(x)
+            self.state = replace(self.state, seen=Seen(x, value, defined))
+        return self.state.seen[1:]
 
     def arrive(self, x: Array, gradient: Array | None = None, slopes: Slopes | None = None) -> None:
         """Make x the next iterate: find its derivatives where they are not given, show it, test it."""
         options, before = self.options, self.state.last if self.state.path else None
         self.state = self.state.stepped(x)
         value = self.state.seen.value if np.array_equal(self.state.seen.x, x) else self._look(x)[0]
-        self.state = self.state.headed()
-        value = min(value, _REFUSED)
-        if options.StopPlace == "after_step" and before is not None and self.state.direction is not None:
-            violation = self.region.violation(x)
-            end = small_after(before, self.state.direction, violation, options)
-            if end is not None:
-                self.state = self.state.stopped_at(x, value, violation)
+        trial, value = self.state.trial, min(value, _REFUSED)
+        direction = None if trial is None else trial - self.state.last.x  # of the step that was taken
+        self.state = replace(self.state, direction=direction)
+        if options.StopPlace == "after_step" and before is not None and direction is not None:
+            # its gradient stays unknown, so the slope is that of the point before
+            violation, slope = self.region.violation(x), float(before.gradient @ direction)
+            if end := small(violation, direction, slope, 2.0 * (options.FunctionTolerance or 0.0), options):
+                last = replace(before, x=x, value=value, violation=violation)
+                self.state = replace(self.state, path=(*self.state.path, last))
                 raise end
         steps = None if gradient is not None and slopes else difference_steps(x, self.state.path, options)
         gradient = self.asked.gradient(x, steps) if gradient is None else gradient
         slopes = slopes or self.region.slopes(x, steps)
         now = iterate_at(self.region, self.state.frame, self.state.scales, x, value, gradient, *slopes)
         self.state = state = self.state.arrived(now, options.ConstraintTolerance)
-        print_iterate(state, self.asked.count, options)
+        if options.Display == "iter":
+            print(
+                f"{state.iteration:5d}{self.asked.count:12d}{now.value:19.6e}{now.violation:15.3e}"
+                f"{state.step_length:14.3e}{state.step:14.3e}{now.first_order:14.3e}"
+            )
         if tell(state, self.asked.count, options, "iter" if before else "init"):
             raise Finished(-1, "Stopped by the OutputFcn.")
-        _finish(met_at(now, before, state.direction, state.iteration, state.is_stuck, options))
+        if end := met_at(now, before, direction, state.iteration, state.idle >= PATIENCE, options):
+            raise end
 
     def arrive_feasible(self, at: Iterate) -> Iterate:
         """Arrive at a feasible point near `at` and return it; raise `Finished` with -2 where none is found."""
         x = self.region.nearest(at.x)
         violation = self.region.violation(x)
         if not violation <= self.options.ConstraintTolerance:
-            raise infeasible(violation)
+            raise Finished(-2, _INFEASIBLE.format(violation))
         self.arrive(x)
         return self.state.last
 
-    def best(self) -> Iterate:
-        """Return the best iterate so far, by `State.best`."""
-        return self.state.best(self.options.ConstraintTolerance)
-
 
 def difference_steps(x: Array, path: tuple[Iterate, ...], options: Options) -> Array | None:
-    """Return the difference steps at x, shape (n,), after the iterates of `path`; None where the box gives them."""
+    """Return the difference steps at x, shape (n,), after the iterates of `path`; None where the box gives them.
+
+    `typical_x` is the documented rule, since February 2003: v sign'(x) max(|x|, TypicalX), sign'(0) = 1. `gradient` is
+    the rule before it: -1e-8 / g, with g of the Lagrangian at the iterate before, so that f changes by about 1e-8. Both
+    are held between DiffMinChange and DiffMaxChange, the sign kept. `box`, ours, is found where the differences are
+    taken.
+    """
     if options.FiniteDifferenceStepRule == "box":
         return None
     if options.FiniteDifferenceStepRule == "typical_x":
-        typical = 1.0 if options.TypicalX is None else options.TypicalX
-        steps = typical_steps(x, options.FiniteDifferenceStepSize, typical, options.FiniteDifferenceType)
-    elif len(path) < 2:
-        steps = gradient_steps(first_gradient(path[-1].x if path else x))
+        forward, size = options.FiniteDifferenceType == "forward", options.FiniteDifferenceStepSize
+        default = _EPS**0.5 if forward else _EPS ** (1 / 3)
+        typical_x, given, n = 1.0 if options.TypicalX is None else options.TypicalX, [], len(x)
+        size = default if size is None else size
+        for name, values in (("FiniteDifferenceStepSize", size), ("TypicalX", typical_x)):
+            each = np.atleast_1d(np.asarray(values, dtype=float))
+            if len(each) not in (1, n):
+                raise ValueError(f"{name} has {len(each)} values: one, or one for each of {n} variables, is needed")
+            given.append(np.broadcast_to(each, (n,)))
+        v, typical = given
+        steps: Array = v * np.maximum(np.abs(x), np.abs(typical))
+        steps = steps * np.where(x < 0, -1.0, 1.0) if forward else steps
     else:
-        last = path[-1]
-        pull = last.J_in.T @ last.inequalities + last.J_eq.T @ last.equalities - last.at_lower + last.at_upper
-        steps = gradient_steps(last.gradient + pull)
-    return held(steps, *options.change_limits)
+        if len(path) < 2:  # none is known yet: its steps, 1e-9 / (|x| + 1), are below DiffMinChange
+            before: Array = 10.0 * (np.abs(path[-1].x if path else x) + 1.0)
+        else:
+            last = path[-1]
+            pull = last.J_in.T @ last.inequalities + last.J_eq.T @ last.equalities - last.at_lower + last.at_upper
+            before = last.gradient + pull
+        steps = -1e-8 / (before + _EPS)  # against that gradient, but above 1e-8 / eps = 4.5e7 eps turns the sign
+        steps = np.where(steps + _EPS >= 0, 1.0, -1.0) * np.abs(steps)
+    least, most = options.change_limits
+    lengths: Array = np.minimum(np.maximum(np.abs(steps), least), most)
+    return np.where(steps < 0, -lengths, lengths)
 
 
-def _finish(end: Finished | None) -> None:
-    if end is not None:
-        raise end
+def sqp(walk: Walk, start: Array) -> str:
+    """Search by SciPy's SLSQP (Kraft 1988) from u = `start`, afresh where it gives up; return why no test ended it."""
+    from scipy.optimize import minimize
+
+    options, tolerance, scales = walk.options, walk.options.ConstraintTolerance, walk.state.scales
+    constraints: Any = [  # SLSQP's inequalities are >= 0, MATLAB's <= 0
+        {
+            "type": kind,
+            "fun": lambda u, w=which, s=sign: s * walk.constraint(u, w),
+            "jac": lambda u, w=which, s=sign: s * walk.constraint_slope(u, w),
+        }
+        for kind, which, sign, count in (("ineq", 0, -1.0, len(scales.inside)), ("eq", 1, 1.0, len(scales.on)))
+        if count
+    ]
+    tried_elsewhere = False
+    for _ in range(_AFRESH):
+        before = walk.state.best(tolerance)
+        walk.state = replace(walk.state, idle=0)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Values in x were outside bounds", category=RuntimeWarning)
+            try:
+                ended = minimize(
+                    walk.value, start, jac=walk.slope, method="SLSQP", bounds=list(zip(*walk.state.frame.bounds())),
+                    constraints=constraints, options={"ftol": _NO_TEST, "maxiter": 10**8},
+                )  # fmt: skip
+                gone_wrong = bool(ended.status != 0)  # otherwise than by no change of value or point
+            except Finished as end:
+                if end.message != STUCK:
+                    raise
+                gone_wrong = False
+        best = walk.state.best(tolerance)
+        if best.violation > tolerance:
+            if tried_elsewhere:
+                break
+            tried_elsewhere = True
+            best = walk.arrive_feasible(best)
+        elif not gone_wrong or (
+            before.violation <= tolerance and before.value - best.value <= 1e-6 * abs(before.value)
+        ):
+            break
+        frame = Frame.of(walk.region, best.x, options.ScaleProblem and options.ScaleVariables)
+        scales = Scales.of(frame, best.gradient, best.J_in, best.J_eq, on=options.ScaleProblem)
+        walk.state, start = replace(walk.state, frame=frame, scales=scales), frame.u(best.x)
+    return STUCK
 
 
 def interior_point(walk: Walk, start: Array, first: bool = True) -> str:
-    """Search from u = `start`, which the walk has arrived at; return why it ended where no test ended it.
+    """Search by SciPy's trust-constr (Byrd, Hribar, Nocedal 1999) from u = `start`; once more from a feasible point."""
+    from scipy.optimize import SR1, Bounds, NonlinearConstraint, minimize
 
-    Where the answer is not feasible it begins once more (`first`), from a feasible point.
-    """
-    from scipy.optimize import SR1, Bounds, minimize
-
-    options, (low, high) = walk.options, walk.state.frame.bounds()
+    options, (low, high), scales = walk.options, walk.state.frame.bounds(), walk.state.scales
     matrix = SR1()
     matrix.initialize(len(start), "hess")
-    closed = np.isfinite(low).any() or np.isfinite(high).any()
+    straight: Any = lambda u, v: np.zeros((len(u), len(u)))  # noqa: E731  (the curvature is in `matrix`)
+    constraints = [
+        NonlinearConstraint(
+            functools.partial(walk.constraint, which=which), -np.inf if which == 0 else 0.0, 0.0,
+            jac=functools.partial(walk.constraint_slope, which=which), hess=straight,
+        )
+        for which, scale in enumerate((scales.inside, scales.on))
+        if len(scale)
+    ]  # fmt: skip
     settings: Any = {
-        "gtol": _NO_TEST,
-        "xtol": max(options.StepTolerance or 0.0, 1e-16),
-        "barrier_tol": max(options.OptimalityTolerance**2, 1e-30),
-        "maxiter": options.MaxIterations,
-        "sparse_jacobian": False,
-        "initial_barrier_parameter": options.InitBarrierParam or 0.1,
+        "gtol": _NO_TEST, "xtol": max(options.StepTolerance or 0.0, 1e-16),
+        "barrier_tol": max(options.OptimalityTolerance**2, 1e-30), "maxiter": options.MaxIterations,
+        "sparse_jacobian": False, "initial_barrier_parameter": options.InitBarrierParam or 0.1,
         "initial_tr_radius": options.InitTrustRegionRadius or 1.0,
-        "factorization_method": "SVDFactorization" if len(walk.state.scales.on) >= len(start) else None,
-    }
+        "factorization_method": "SVDFactorization" if len(scales.on) >= len(start) else None,
+    }  # fmt: skip
+    closed = np.isfinite(low).any() or np.isfinite(high).any()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Singular Jacobian matrix", category=UserWarning)
         ended = minimize(
-            walk.value,
-            start,
-            jac=walk.slope,
-            hess=lambda u: _curvature(walk, matrix),
-            method="trust-constr",
-            bounds=Bounds(low, high, keep_feasible=True) if closed else None,
-            constraints=_scipy_constraints(walk),
+            walk.value, start, jac=walk.slope, hess=lambda u: _curvature(walk, matrix), method="trust-constr",
+            bounds=Bounds(low, high, keep_feasible=True) if closed else None, constraints=constraints,
             options=settings,
-        )
+        )  # fmt: skip
     if ended.status == 0:
-        raise out_of_iterations(options)
-    best = walk.best()
+        raise Finished(0, _OUT_OF_ITERATIONS.format(options.MaxIterations))
+    best = walk.state.best(options.ConstraintTolerance)
     if first and best.violation > options.ConstraintTolerance:
         frame, feasible = walk.state.frame, walk.arrive_feasible(best)
         return interior_point(walk, frame.inside(frame.u(feasible.x)), first=False)
     return "the trust region is within StepTolerance"
 
 
-def _scipy_constraints(walk: Walk) -> Any:
-    """Return the constraints as trust-constr takes them; their curvature is in the matrix of the whole Lagrangian."""
-    from scipy.optimize import NonlinearConstraint
-
-    bent: Any = lambda u, v: np.zeros((len(u), len(u)))  # noqa: E731
-    return [
-        NonlinearConstraint(
-            functools.partial(walk.constraint, which=which),
-            -np.inf if which == 0 else 0.0,
-            0.0,
-            jac=functools.partial(walk.constraint_slope, which=which),
-            hess=bent,
-        )
-        for which, scale in enumerate((walk.state.scales.inside, walk.state.scales.on))
-        if len(scale)
-    ]
-
-
 def _curvature(walk: Walk, matrix: Any) -> Array:
-    """Return the Hessian of the Lagrangian at the last iterate, updated by the step to it (SR1, as it may be
-    indefinite). Ours, as SciPy's asks for the gradient at every trial point, those refused included.
-    """
+    """Return the Hessian of the Lagrangian, updated by the last step (SR1): SciPy's asks for refused points, too."""
     state, path = walk.state, walk.state.path
     n, bend = int(state.frame.free.sum()), np.zeros(0)
     if len(path) > 1 and state.known < len(path):
@@ -341,72 +338,169 @@ def _curvature(walk: Walk, matrix: Any) -> Array:
         step, bend = (now.x - before.x)[free] / width, change[free] * width / state.scales.f
         if bend.any():
             matrix.update(step, bend)
-    walk.state = state = state.bent_by(bool(bend.any()))
+    walk.state = state = replace(state, known=len(path), bent=state.bent or bool(bend.any()))
     straight = len(path) > 1 and not state.bent  # no curvature so far: then each step goes to the radius
     return np.zeros((n, n)) if straight else np.asarray(matrix.get_matrix())
 
 
-_NO_TEST = 1e-300  # SciPy's tolerance: met only by no change at all
-_AFRESH = 3  # it begins again from its best point, with a new matrix and new scales, at most so often
+class Seen(NamedTuple):
+    """The last point at which the objective was called; `defined`: it and the constraints are finite numbers there."""
+
+    x: Array
+    value: float
+    defined: bool
 
 
-def sqp(walk: Walk, start: Array) -> str:
-    """Search from u = `start`, which the walk has arrived at; return why it ended where no test ended it."""
-    options, (low, high) = walk.options, walk.state.frame.bounds()
-    constraints = _constraints(walk)
-    tried_elsewhere = False
-    for _ in range(_AFRESH):
-        before = walk.best()
-        walk.state = walk.state.afresh()
-        gone_wrong = _slsqp(walk, start, low, high, constraints)
-        best = walk.best()
-        if best.violation > options.ConstraintTolerance:
-            if tried_elsewhere:
-                break
-            tried_elsewhere = True
-            best = walk.arrive_feasible(best)
-        elif not gone_wrong or (is_feasible(before, options) and before.value - best.value <= 1e-6 * abs(before.value)):
-            break
-        frame = Frame.of(walk.region, best.x, options.ScaleProblem and options.ScaleVariables)
-        scales = Scales.of(frame, best.gradient, best.J_in, best.J_eq, on=options.ScaleProblem)
-        walk.state = walk.state.reframed(frame, scales)
-        start, (low, high) = frame.u(best.x), frame.bounds()
-    return STUCK
+@final
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where a search is. `path` are its iterates, from the start; x and steps are in the user's units.
+
+    `trial`, (n,), is the first point tried after the last iterate, `direction`, (n,), from the iterate before to its
+    `trial`. `step` is the norm of the last step, `step_length` its part of d. `least` value, violation and measure;
+    `idle`: iterates in a row that lowered none. `known` iterates are in the matrix, `bent` if curved.
+    """
+
+    frame: Frame
+    scales: Scales
+    seen: Seen
+    path: tuple[Iterate, ...] = ()
+    trial: Array | None = None
+    direction: Array | None = None
+    step: float = 0.0
+    step_length: float = 0.0
+    least: tuple[float, float, float] = (np.inf, np.inf, np.inf)
+    idle: int = 0
+    known: int = 0
+    bent: bool = False
+    chosen: Iterate | None = None
+
+    @property
+    def iteration(self) -> int:
+        """Return the number of the last iterate; the start is 0."""
+        return len(self.path) - 1
+
+    @property
+    def last(self) -> Iterate:
+        return self.path[-1]
+
+    @property
+    def answer(self) -> Iterate:
+        """Return the iterate that was chosen as the answer; until then the last."""
+        return self.path[-1] if self.chosen is None else self.chosen
+
+    def best(self, tolerance: float) -> Iterate:
+        """Return the feasible iterate of least merit f + 2 |lambda|_1 violation; without one, the least infeasible."""
+        # by f alone a point outside by less than the tolerance would beat the optimum
+        inside = [i for i in self.path if i.violation <= tolerance]
+        if not inside:
+            return min(self.path, key=lambda i: i.violation)
+        last = inside[-1]
+        penalty = 2.0 * float(np.abs(last.inequalities).sum() + np.abs(last.equalities).sum())
+        return min(inside, key=lambda i: i.value + penalty * i.violation)
+
+    def tried(self, x: Array) -> State:
+        """Note that x is asked about: the first such point away from the last iterate is the trial."""
+        if self.trial is not None or np.array_equal(x, self.last.x):
+            return self
+        return replace(self, trial=x)
+
+    def stepped(self, x: Array) -> State:
+        """Take the step from the last iterate to x, which is no iterate yet."""
+        if not self.path:
+            return self
+        step = float(np.linalg.norm(x - self.last.x))
+        whole = 0.0 if self.trial is None else float(np.linalg.norm(self.trial - self.last.x))
+        return replace(self, step=step, step_length=step / whole if whole else 0.0)
+
+    def arrived(self, iterate: Iterate, tolerance: float) -> State:
+        """Make the iterate the last one; it is feasible where its violation is within `tolerance`."""
+        feasible, (value, violation, first_order) = iterate.violation <= tolerance, self.least
+        nearer = iterate.violation < 0.9 * violation or iterate.first_order < 0.9 * first_order
+        idle = 0 if nearer or (feasible and iterate.value < value) else self.idle + 1
+        value = min(value, iterate.value) if feasible else value
+        least = (value, min(violation, iterate.violation), min(first_order, iterate.first_order))
+        return replace(self, path=(*self.path, iterate), trial=None, idle=idle, least=least)
 
 
-def _constraints(walk: Walk) -> list[dict[str, Any]]:
-    """Return the constraints as SLSQP takes them: its inequalities are >= 0, MATLAB's <= 0."""
-    scales = walk.state.scales
-    return [
-        {
-            "type": kind,
-            "fun": lambda u, w=which, s=sign: s * walk.constraint(u, w),
-            "jac": lambda u, w=which, s=sign: s * walk.constraint_slope(u, w),
-        }
-        for kind, which, sign, count in (("ineq", 0, -1.0, len(scales.inside)), ("eq", 1, 1.0, len(scales.on)))
-        if count
-    ]
+class Finished(Exception):
+    """The search is over: MATLAB's exit flag, and the message."""
+
+    def __init__(self, flag: ExitFlag, message: str) -> None:
+        super().__init__(message)
+        self.flag, self.message = flag, message
 
 
-def _slsqp(walk: Walk, start: Array, low: Array, high: Array, constraints: list[dict[str, Any]]) -> bool:
-    """Run SLSQP once; return whether it ended otherwise than by no change of value or point."""
-    from scipy.optimize import minimize
-
-    given: Any = constraints
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Values in x were outside bounds", category=RuntimeWarning)
-        try:
-            ended = minimize(
-                walk.value,
-                start,
-                jac=walk.slope,
-                method="SLSQP",
-                bounds=list(zip(low, high)),
-                constraints=given,
-                options={"ftol": _NO_TEST, "maxiter": 10**8},
+def met_at(
+    now: Iterate, before: Iterate | None, direction: Array | None, iteration: int, stuck: bool, options: Options
+) -> Finished | None:
+    """Return the first of MATLAB's tests that `now` meets; `direction` led there, `stuck`: no progress lately."""
+    feasible, sqp = now.violation <= options.ConstraintTolerance, options.Algorithm == "sqp"
+    if feasible and now.first_order <= options.OptimalityTolerance:
+        return Finished(
+            1,
+            f"Local minimum found: first-order optimality {now.first_order:.3e} is within OptimalityTolerance "
+            f"{options.OptimalityTolerance:.1e}, and the constraints are satisfied.",
+        )
+    if feasible and now.value < options.ObjectiveLimit:
+        return Finished(-3, _UNBOUNDED.format(now.value, options.ObjectiveLimit))
+    if direction is not None and options.StopPlace == "next_gradient":
+        limit = 2.0 * (options.FunctionTolerance or 0.0)
+        if end := small(now.violation, direction, float(now.gradient @ direction), limit, options):
+            return end
+    if before is not None and sqp and options.StopRule == "relative" and feasible:
+        # trust-constr's small steps are its radius', and it tests that itself
+        change = float(np.max(np.abs(now.x - before.x) / (1.0 + np.abs(now.x))))
+        if change <= (options.StepTolerance or 0.0):
+            return Finished(
+                2, f"Local minimum possible: the relative step {change:.3e} is within StepTolerance, and feasible."
             )
-        except Finished as end:
-            if end.message != STUCK:
-                raise
-            return False
-    return bool(ended.status != 0)
+    if sqp and stuck:
+        return Finished(2, STUCK)
+    if options.MaxIterations is not None and iteration >= options.MaxIterations:
+        return Finished(0, _OUT_OF_ITERATIONS.format(options.MaxIterations))
+    return None
+
+
+def small(violation: float, direction: Array, slope: float, limit: float | None, options: Options) -> Finished | None:
+    """Return MATLAB's absolute stop if a point of this `violation` is feasible and meets it; `limit` is for |slope|."""
+    if not violation <= options.ConstraintTolerance:
+        return None
+    met = absolute_stop(direction, slope, options.StepTolerance or 0.0, limit or 0.0)
+    return None if met is None else Finished(*met)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class OptimValues:
+    """The argument of an OutputFcn, under MATLAB's names; `stepsize` is the norm of the last step in x.
+
+    `searchdirection`, shape (n,), is the whole d of the line search that led here; None where none did.
+    """
+
+    iteration: int
+    funccount: int
+    fval: float
+    constrviolation: float
+    stepsize: float
+    lssteplength: float
+    firstorderopt: float
+    gradient: Array
+    searchdirection: Array | None = None
+
+
+def tell(state: State, count: int, options: Options, when: Literal["init", "iter", "done"]) -> bool:
+    """Call the OutputFcn after `count` evaluations; return whether it asks to stop. An error is a `RuntimeError`."""
+    if options.OutputFcn is None:
+        return False
+    at = state.answer
+    values = OptimValues(
+        state.iteration, count, fval=at.value, constrviolation=at.violation, stepsize=state.step,
+        lssteplength=state.step_length, firstorderopt=at.first_order, gradient=at.gradient.copy(),
+        searchdirection=None if state.direction is None else state.direction.copy(),
+    )  # fmt: skip
+    try:
+        return bool(options.OutputFcn(at.x.copy(), values, when))
+    except Exception as error:
+        where = f"at iteration {state.iteration} ({when})"
+        raise RuntimeError(f"OutputFcn raised {type(error).__name__} {where}: {error}") from error

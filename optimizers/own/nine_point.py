@@ -47,44 +47,37 @@ class NinePoint:
     def traits(self) -> Traits:
         """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
         return Traits(
-            stochastic=self.restarts,
-            self_terminating=not self.restarts,
-            needs_finite_bounds=self.restarts or self.x_scale == "box",
-            batches=True,
-        )
+            stochastic=self.restarts, self_terminating=not self.restarts,
+            needs_finite_bounds=self.restarts or self.x_scale == "box", batches=True,
+        )  # fmt: skip
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
         """Search from the start; with `restarts`, again from random points of the box."""
-        neighbours = self._neighbours(objective.dimension) * self._scale(objective)
-        return with_restarts(lambda start: self._descend(objective, start, neighbours), objective, self.restarts)
-
-    def _descend(self, objective: Objective, start: Array, neighbours: Array) -> None:
-        centre, value, d = start, objective(start), self.step
-        while True:
-            around = centre + d * neighbours  # step 5
-            around = around[((objective.lower <= around) & (around <= objective.upper)).all(axis=1)]
-            values = objective.batch(around) if len(around) else np.array([np.inf])
-            best = int(np.argmin(values))
-            if values[best] < value:  # step 6
-                centre, value = around[best], float(values[best])
-            elif d < self.lower_limit:  # step 7
-                return
-            else:
-                d /= 2
-
-    def _neighbours(self, dimension: int) -> Array:
-        """Return the directions of the neighbours, shape (k, dim), without the centre, which is known."""
-        if (self.pattern or ("grid" if dimension <= _GRID_UP_TO else "star")) == "star":
-            return np.vstack([np.eye(dimension), -np.eye(dimension)])
-        if dimension > _GRID_UP_TO:
+        lower, upper, dimension = objective.lower, objective.upper, objective.dimension
+        pattern = self.pattern or ("grid" if dimension <= _GRID_UP_TO else "star")
+        if pattern == "grid" and dimension > _GRID_UP_TO:
             raise ValueError(
                 f"nine_point.pattern=grid: {dimension} unknowns would make {3**dimension - 1} neighbours a round; "
                 f"it is for {_GRID_UP_TO} at most, take pattern=star"
             )
-        return np.array([point for point in product((1.0, 0.0, -1.0), repeat=dimension) if any(point)])
+        # directions of the neighbours, shape (k, dim), without the centre, which is known
+        neighbours = np.vstack([np.eye(dimension), -np.eye(dimension)])
+        if pattern == "grid":
+            neighbours = np.array([point for point in product((1.0, 0.0, -1.0), repeat=dimension) if any(point)])
+        neighbours = neighbours * (np.ones(dimension) if self.x_scale == "unit" else upper - lower)
 
-    def _scale(self, objective: Objective) -> Array:
-        """Return what a `step` of 1 is in each coordinate, shape (dim,)."""
-        if self.x_scale == "unit":
-            return np.ones(objective.dimension)
-        return np.asarray(objective.upper - objective.lower)
+        def descend(start: Array) -> None:
+            centre, value, d = start, objective(start), self.step
+            while True:
+                around = centre + d * neighbours  # step 5
+                around = around[((lower <= around) & (around <= upper)).all(axis=1)]
+                values = objective.batch(around) if len(around) else np.array([np.inf])
+                best = int(np.argmin(values))
+                if values[best] < value:  # step 6
+                    centre, value = around[best], float(values[best])
+                elif d < self.lower_limit:  # step 7
+                    return
+                else:
+                    d /= 2
+
+        return with_restarts(descend, objective, self.restarts)

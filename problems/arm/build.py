@@ -1,46 +1,90 @@
-"""How `arm_ur10`, `arm_panda` and `arm` are made from chosen options (`families`): measured, or drawn."""
+"""How `arm_ur10`, `arm_panda` and `arm` are made from chosen options (`families`): measured, or drawn.
+
+Columns of a file are named as `calibration.columns` matches them, with units in brackets (`elbow_joint [deg]`). Here
+nothing renames a column or states its unit but the header itself, and messages say so.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calibench.calibration.compared import Compared, positions, sockets
-from calibench.calibration.compared import poses as of_poses
 from calibench.calibration.determined import gauge
-from calibench.calibration.dh_file import read_dh
-from calibench.calibration.kinematics import Chain, parameter_names, parameter_units
-from calibench.calibration.readings import Readings
-from calibench.calibration.rigid import Index
+from calibench.calibration.dh import read_dh
+from calibench.calibration.kinematics import Chain, Compared, parameter_names, parameter_units, sockets, targets
+from calibench.calibration.readings import Readings, Table, read_readings
+from calibench.calibration.rigid import Rotation
+from calibench.calibration.start import Start, start_of
 from calibench.calibration.urdf import read_urdf
+from calibench.core.notes import Code
+from calibench.core.tables.cells import number_of
+from calibench.core.tables.columns import Columns, cells_of, in_base_units
+from calibench.core.tables.csv_table import read_table
 from calibench.problems.arm.calibration import ArmCalibration
-from calibench.problems.arm.instances import ArmInstance, arm_instance
-from calibench.problems.arm.measured import read_measured, shipped
+from calibench.problems.arm.families import shipped
+from calibench.problems.arm.instances import GAP, GAP_WEIGHT, ArmInstance, arm_instance
 from calibench.problems.base import Parameter
-from calibench.problems.instances import check_instance, refuse_drawn
+from calibench.problems.instances import check_instance
 
+_IN_HEADER = {
+    **dict.fromkeys((Code.JOINT_UNIT, Code.POSITION_UNIT), "; write the unit in the header, as x [m]"),
+    **dict.fromkeys((Code.JOINTS_EXCHANGED, Code.LEFT_HANDED), "; rename the columns in the header"),
+}
 HALF = {"mm": 8.0, "rad": 0.06}  # of the box about the nominal arm; arms are wrong by some mm and mrad
-GAP = 50.0  # mm between the two sockets of the tool
-GAP_WEIGHT = 3.0  # a distance between sockets was measured once, and better than the ball sits
 
 
-def measured_problem(
-    name: str, given: Mapping[str, Any], chain: Chain, readings: Readings, reads: str,
-    gap: tuple[float, float] = (0.0, 1.0),
-) -> ArmCalibration:  # fmt: skip
-    """Return the problem of measured postures: rows that are held are kept back, what is not determined is held.
+def of_own(given: Mapping[str, Any], file: Path) -> ArmCalibration:
+    """Return the problem of a user's own arm, described in `file`, and of the postures in ``given["data"]``."""
+    chosen, data, described = dict(given), Path(given["data"]), "dh" if "dh" in given else "urdf"
+    if described == "dh":
+        chain = read_dh(file, chosen.get("convention", ""), "problem.").chain
+    else:
+        chain = read_urdf(file, "problem.").chain(chosen["base"], chosen["tip"])
+    begin = read_measured(data, chain, chosen["rotation"], sockets=chosen["reads"] == "sockets", by_train=False)
+    readings, reads = begin.readings, chosen["reads"]
+    there = {
+        "pose": readings.turns is not None,
+        "position": readings.position is not None,
+        "sockets": readings.observed == "sockets",
+    }
+    if reads == "auto":
+        reads = next(kind for kind, is_there in there.items() if is_there)
+    elif not there[reads]:
+        columns = {"pose": "x y z and rx ry rz", "position": "x y z", "sockets": "socket"}[reads]
+        raise ValueError(f"arm.reads={reads}: the file has no columns {columns}; leave reads out, or add them")
+    chain = chain.placed(None if readings.position is None else begin.base, begin.tool)
+    if described == "dh":
+        chosen = {key: value for key, value in chosen.items() if key not in ("urdf", "base", "tip")}
+    options = chosen | {described: file.name, "data": data.name}  # no path of this machine in a row
+    return _measured("arm", options, chain, readings, reads, chosen["gap"])
 
-    `gap` is the known distance [mm] of two sockets of a place (0: unknown) and its weight.
-    """
+
+@lru_cache(maxsize=64)  # a problem is a value, and reading it takes a thousand times as long as a call
+def of_shipped(name: str, given: tuple[tuple[str, Any], ...]) -> ArmCalibration:
+    """Return the problem `arm_ur10` or `arm_panda`, whose readings come with the package."""
+    chosen = dict(given)
+    if name == "arm_panda":
+        chain = read_urdf(shipped("panda.urdf")).chain(tip="ball_link")
+        begin = read_measured(shipped("panda_sockets.csv"), chain)
+        return _measured(name, chosen, chain, begin.readings, "sockets", GAP)
+    chain = read_urdf(shipped("ur10.urdf")).chain()
+    begin = read_measured(shipped(f"ur10_{chosen['series'].lower()}.csv"), chain, "xyz")
+    return _measured(name, chosen, chain.placed(begin.base, begin.tool), begin.readings, chosen["reads"])
+
+
+def _measured(
+    name: str, given: Mapping[str, Any], chain: Chain, readings: Readings, reads: str, gap: float = 0.0
+) -> ArmCalibration:
+    """Return the problem of measured postures: rows that are held are kept back, what is not determined is held."""
     seen = compared(readings.where(readings.train), reads, gap)
     held = compared(readings.where(~readings.train), "position" if reads == "pose" else reads, gap)
-    kept = gauge(chain, seen).kept
     units = dict(zip(parameter_names(chain), parameter_units(chain), strict=True))
-    rows = [Parameter(n, units[n], 0.0, -HALF[units[n]], HALF[units[n]]) for n in kept]
+    rows = [Parameter(n, units[n], 0.0, -HALF[units[n]], HALF[units[n]]) for n in gauge(chain, seen)]
     limit = given["robust"] if given["robust"] > 0 else np.inf
     return ArmCalibration(
         name=name, options=given, chain=chain, seen=seen, parameters=tuple(rows), held=held if len(held.q) else None,
@@ -48,83 +92,23 @@ def measured_problem(
     )  # fmt: skip
 
 
-def of_own(given: Mapping[str, Any], file: Path) -> ArmCalibration:
-    """Return the problem of a user's own arm, described in `file`, and of the postures in ``given["data"]``."""
-    chosen, data = dict(given), Path(given["data"])
-    if "dh" in chosen:
-        chain = read_dh(file, chosen.get("convention", ""), "problem.").chain
-    else:
-        chain = read_urdf(file, "problem.").chain(chosen["base"], chosen["tip"])
-    begin = read_measured(data, chain, chosen["rotation"], sockets=chosen["reads"] == "sockets", by_train=False)
-    reads = _reads(chosen["reads"], begin.readings)
-    chain = chain.placed(None if begin.readings.position is None else begin.base, begin.tool)
-    if "dh" in chosen:
-        chosen = {key: value for key, value in chosen.items() if key not in ("urdf", "base", "tip")}
-    described = "dh" if "dh" in chosen else "urdf"
-    options = chosen | {described: file.name, "data": data.name}  # no path of this machine in a row
-    return measured_problem("arm", options, chain, begin.readings, reads, (chosen["gap"], GAP_WEIGHT))
-
-
-def compared(readings: Readings, reads: str, gap: tuple[float, float] = (0.0, 1.0)) -> Compared:
-    """Return what of `readings` is compared: position, pose, or sockets."""
-    if reads == "sockets":
-        numbers = {old: new for new, old in enumerate(dict.fromkeys(readings.socket.tolist()))}
-        socket = np.array([numbers[s] for s in readings.socket.tolist()], dtype=np.int64)
-        return sockets(readings.joints, socket, _gaps(socket, readings.place, gap[0]), gap[1])
-    assert readings.position is not None
-    if reads == "position":
-        return positions(readings.joints, readings.position)
-    assert readings.turns is not None
-    pose = np.tile(np.eye(4), (len(readings), 1, 1))
-    pose[:, :3, 3], pose[:, :3, :3] = readings.position, readings.turns
-    return of_poses(readings.joints, pose)
-
-
-def _gaps(socket: Index, site: Index, gap: float) -> tuple[tuple[int, int, float], ...]:
-    """Return the known distances: between the two sockets of each place."""
-    if gap <= 0:
-        return ()
-    gaps = []
-    for one in dict.fromkeys(site.tolist()):
-        both = list(dict.fromkeys(socket[site == one].tolist()))
-        if len(both) == 2:
-            gaps.append((both[0], both[1], gap))
-    return tuple(gaps)
-
-
-def _reads(asked: str, readings: Readings) -> str:
-    there = {
-        "pose": readings.turns is not None,
-        "position": readings.position is not None,
-        "sockets": readings.observed == "sockets",
-    }
-    if asked == "auto":
-        return next(kind for kind, is_there in there.items() if is_there)
-    if not there[asked]:
-        columns = {"pose": "x y z and rx ry rz", "position": "x y z", "sockets": "socket"}[asked]
-        raise ValueError(f"arm.reads={asked}: the file has no columns {columns}; leave reads out, or add them")
-    return asked
-
-
-@lru_cache(maxsize=32)  # a problem is a value, and reading it takes a thousand times as long as a call
-def of_ur10(given: tuple[tuple[str, Any], ...]) -> ArmCalibration:
-    chosen = dict(given)
-    chain = read_urdf(shipped("ur10.urdf")).chain()
-    begin = read_measured(shipped(f"ur10_{chosen['series'].lower()}.csv"), chain, "xyz")
-    return measured_problem("arm_ur10", chosen, chain.placed(begin.base, begin.tool), begin.readings, chosen["reads"])
-
-
-@lru_cache(maxsize=32)
-def of_panda(given: tuple[tuple[str, Any], ...]) -> ArmCalibration:
-    chain = read_urdf(shipped("panda.urdf")).chain(tip="ball_link")
-    begin = read_measured(shipped("panda_sockets.csv"), chain)
-    return measured_problem("arm_panda", dict(given), chain, begin.readings, "sockets", (GAP, GAP_WEIGHT))
+def compared(readings: Readings, reads: str, gap: float = 0.0) -> Compared:
+    """Return what of `readings` is compared: position, pose, or sockets `gap` [mm] apart, 0 where it is not known."""
+    if reads != "sockets":
+        assert readings.position is not None
+        return targets(readings.joints, readings.position, readings.turns if reads == "pose" else None)
+    numbers = {old: new for new, old in enumerate(dict.fromkeys(readings.socket.tolist()))}
+    socket = np.array([numbers[s] for s in readings.socket.tolist()], dtype=np.int64)
+    of_places = [
+        dict.fromkeys(socket[readings.place == one].tolist()) for one in dict.fromkeys(readings.place.tolist())
+    ]
+    known = tuple((*both, gap) for both in of_places if gap > 0 and len(both) == 2)
+    return sockets(readings.joints, socket, known, GAP_WEIGHT)
 
 
 def simulated(name: str, chosen: dict[str, Any]) -> ArmCalibration:
     """Return the problem that the instance draws: another arm of the kind, its errors, postures, noise and box."""
-    instance: int = chosen["instance"]
-    check_instance(name, instance)
+    check_instance(name, chosen["instance"])
     given = {key: None if key == "series" else value for key, value in chosen.items()}  # so rows say: of none
     return _drawn(name, tuple(sorted(given.items())))
 
@@ -132,21 +116,51 @@ def simulated(name: str, chosen: dict[str, Any]) -> ArmCalibration:
 @lru_cache(maxsize=256)
 def _drawn(name: str, given: tuple[tuple[str, Any], ...]) -> ArmCalibration:
     chosen = dict(given)
+
+    def problem(drawn: ArmInstance, noise: float) -> ArmCalibration:
+        units = dict(zip(parameter_names(drawn.chain), parameter_units(drawn.chain), strict=True))
+        box = (drawn.box.lower.tolist(), drawn.box.upper.tolist(), drawn.box.truth.tolist())
+        rows = tuple(
+            Parameter(name=n, unit=units[n], start=0.0, lower=low, upper=high, true=true)
+            for n, low, high, true in zip(drawn.names, *box, strict=True)
+        )
+        limit = chosen["robust"] if chosen.get("robust", 0.0) > 0 else np.inf
+        return ArmCalibration(
+            name=name, options=chosen, chain=drawn.chain, seen=drawn.read(noise), parameters=rows, held=None,
+            robust=limit, noise=noise, drawn=drawn,
+        )  # fmt: skip
+
     reads = chosen.get("reads", "sockets")
-    drawn = arm_instance(name, chosen["instance"], reads, lambda one: _taken(name, chosen, one, exact=True))
-    refuse_drawn(name, chosen["instance"], {}, drawn.options)
-    return _taken(name, chosen | drawn.options, drawn, exact=False)
+    drawn = arm_instance(name, chosen["instance"], reads, lambda one: problem(one, 0.0))
+    return problem(drawn, drawn.noise.level)
 
 
-def _taken(name: str, says: dict[str, Any], drawn: ArmInstance, exact: bool) -> ArmCalibration:
-    units = dict(zip(parameter_names(drawn.chain), parameter_units(drawn.chain), strict=True))
-    box = zip(drawn.names, drawn.box.lower.tolist(), drawn.box.upper.tolist(), drawn.box.truth.tolist(), strict=True)
-    rows = tuple(
-        Parameter(name=n, unit=units[n], start=0.0, lower=low, upper=high, true=true) for n, low, high, true in box
-    )
-    limit = says["robust"] if says.get("robust", 0.0) > 0 else np.inf
-    noise = 0.0 if exact else drawn.noise.level
-    return ArmCalibration(
-        name=name, options=says, chain=drawn.chain, seen=drawn.read(noise), parameters=rows, held=None, robust=limit,
-        noise=noise, drawn=drawn,
-    )  # fmt: skip
+def read_measured(
+    path: str | Path, chain: Chain, rotation: Rotation = "", *, sockets: bool = False, by_train: bool = True
+) -> Start:
+    """Return what a CSV file tells of `chain`, and where base and target are, by the fitted rows, or by all."""
+    name = f"data={Path(path).name}"
+    try:
+        # columns in base units; one of which most cells are no numbers holds words
+        file = read_table(path)
+        columns: dict[str, Any] = {}
+        for head, words in cells_of(file, file.names).items():
+            numbers = [number_of(word) if word else np.nan for word in words]
+            if 2 * sum(number is None for number in numbers) > len(words):
+                columns[head] = np.array(words)
+                continue
+            if None in numbers:
+                k = numbers.index(None)
+                raise ValueError(f"row {file.rows[k][0]}: {head} is {words[k]!r}, and a number is needed")
+            columns[head] = np.array(numbers, dtype=float)
+        units = {head: unit for head, unit in file.units.items() if columns[head].dtype.kind == "f"}
+        content = in_base_units(Columns(columns, units=units))
+        table = Table.of(content.columns, name, units=content.units)
+
+        readings = read_readings(table, chain, "sockets" if sockets else "", copies=True, option="problem.")
+        begin = start_of(readings if by_train else replace(readings, hold=None), chain, rotation, limits=True)
+        return replace(begin, readings=replace(begin.readings, hold=readings.hold))
+    except (OSError, ValueError) as error:
+        text, note = str(error), getattr(error, "note", None)
+        text = text if text.startswith(name) else f"{name}: {text}"
+        raise ValueError(f"{text}{_IN_HEADER.get(note.code, '') if note else ''}") from None

@@ -9,17 +9,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from hashlib import blake2b
 from typing import Any, ClassVar, Literal, final
 
 import numpy as np
 
-from calibench.calibration.compared import GAP, Compared, constants
 from calibench.calibration.determined import observability, reach
-from calibench.calibration.kinematics import Chain, nominal, parameter_names
-from calibench.problems.base import Array, Parameter, frozen, line_of, table_of
-from calibench.problems.compiled_problem import CompiledProblem
-from calibench.problems.fitting import fit, least_in_box, levels, value_of_noise
+from calibench.calibration.kinematics import GAP, Chain, Compared, constants, nominal, parameter_names
+from calibench.problems.base import Array, Parameter, line_of, table_of
+from calibench.problems.compiled_problem import CompiledProblem, hold, itself, passed
+from calibench.problems.fitting import best_of, least_in_box, levels, value_of_noise
 
 FINEST = 1e-4  # mm: noise that is assumed for an instance without noise
 
@@ -44,6 +42,13 @@ class ArmCalibration:
     robust: float = np.inf
     noise: float = 0.0
     drawn: Any = field(default=None, kw_only=True, repr=False)
+    coordinates: tuple[Parameter, ...] = field(init=False, repr=False)
+    lower: Array = field(init=False, repr=False)
+    upper: Array = field(init=False, repr=False)
+    start: Array = field(init=False, repr=False)  # the nominal arm, with base and tool where it comes nearest
+    truth: Array | None = field(init=False, repr=False)  # of simulated readings
+    readings: Array = field(init=False, repr=False)  # the postures, (n, columns) [rad, mm]
+    data_id: str = field(init=False, repr=False)
     _compiled: CompiledProblem = field(init=False, repr=False)
 
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
@@ -53,6 +58,7 @@ class ArmCalibration:
     splits_batches: ClassVar[bool] = True  # a value has the same bits alone and in a batch
     said_if_chosen: ClassVar[tuple[str, ...]] = ("instance", "dh", "convention")
     typical_noise: ClassVar[float] = 0.02  # mm: a laser tracker
+    budgets: ClassVar[Mapping[str, int]] = {"ci": 5_000, "paper": 100_000}
 
     __repr__ = line_of
     _repr_html_ = table_of
@@ -61,71 +67,17 @@ class ArmCalibration:
         # imported here, because listing the names must not load the compiler
         from calibench.calibration import _kernels as kernels
 
-        arguments = self._arguments(self.seen)
-        object.__setattr__(self, "_compiled", CompiledProblem.of(self.name, self.parameters, kernels, arguments))
+        arguments = self._arguments(self.seen, self.robust)
+        data = b"".join(np.ascontiguousarray(part).tobytes() for part in arguments if isinstance(part, np.ndarray))
+        hold(self, self.parameters, kernels, arguments, data=data, readings=self.seen.q)
 
-    def __call__(self, x: Array) -> float:
-        """Return the sum of squared residuals [mm^2] of the candidate x, shape (dim,)."""
-        return self._compiled.cost(x)
-
-    @property
-    def lower(self) -> Array:
-        """Return the lower bounds of x, shape (dim,)."""
-        return self._compiled.lower
-
-    @property
-    def upper(self) -> Array:
-        """Return the upper bounds of x, shape (dim,)."""
-        return self._compiled.upper
-
-    @property
-    def start(self) -> Array:
-        """Return the start, shape (dim,): the nominal arm, with base and tool where it comes nearest."""
-        return self._compiled.start
-
-    @property
-    def truth(self) -> Array | None:
-        """Return the errors that the readings were simulated with, shape (dim,); None where they are measured."""
-        return self._compiled.truth
-
-    def batch(self, points: Array) -> Array:
-        """Return the sums, shape (k,), of candidates of shape (k, dim): the same bits as one call for each."""
-        return self._compiled.batch(points)
-
-    def residuals(self, x: Array) -> Array:
-        """Return modelled minus measured readings [mm], shape (m,)."""
-        return self._compiled.residuals(x)
-
-    def jacobian(self, x: Array) -> Array:
-        """Return the analytic derivative of the residuals, shape (m, dim)."""
-        return self._compiled.jacobian(x)
-
-    @property
-    def coordinates(self) -> tuple[Parameter, ...]:
-        """Return what the vector x holds: the parameters themselves."""
-        return self.parameters
-
-    @property
-    def readings(self) -> Array:
-        """Return the postures, shape (n, columns) [rad, mm]."""
-        return self.seen.q
-
-    def physical(self, x: Array) -> Array:
-        """Return the physical parameters of x, which are x."""
-        return np.array(x, dtype=float)
-
-    def full(self, x: Array) -> Array:
-        """Return all parameters of the chain, (P,): x, and the nominal ones that are held (`kinematics`)."""
-        values = nominal(self.chain)
-        values[self._free[self._free < len(values)]] = np.asarray(x, dtype=float)[self._free < len(values)]
-        return values
-
-    def targets_at(self, x: Array) -> Array:
-        """Return where the arm x brings the target in each posture, (n, 3) [mm]."""
-        from calibench.calibration import _kernels as kernels
-
-        c = self._compiled.constants
-        return np.asarray(kernels.targets(self._compiled.vector(x), *c[:6])[:, :3])
+    __call__ = passed(CompiledProblem.cost)
+    batch = passed(CompiledProblem.batch)
+    residuals = passed(CompiledProblem.residuals)
+    jacobian = passed(CompiledProblem.jacobian)
+    physical = itself
+    compile = passed(CompiledProblem.compile)
+    compile_values = passed(CompiledProblem.compile_values)
 
     def merit(self, x: Array) -> dict[str, float]:
         """Return the errors of an answer.
@@ -134,27 +86,26 @@ class ArmCalibration:
         postures, and the worst length's and angle's error. Measured: held_out, the rms distance [mm] of the readings
         kept back (of a ball in sockets: from its mean place), and gap, the rms error of known distances there.
         """
-        if self.truth is None:
-            return self._held_out(x)
-        away = np.abs(np.asarray(x, dtype=float) - self.truth)
-        turns = np.array([p.unit == "rad" for p in self.parameters])
-        apart = self.targets_at(x) - self.targets_at(self.truth)
-        return {
-            "kmrmse": float(np.sqrt((apart**2).sum(axis=1).mean())),
-            "parameter_error_mm": float(away[~turns].max()),
-            "parameter_error_rad": float(away[turns].max()),
-        }
-
-    def _held_out(self, x: Array) -> dict[str, float]:
-        if self.held is None:
-            return {}
         from calibench.calibration import _kernels as kernels
 
-        arguments = list(self._arguments(self.held))
-        arguments[-2] = np.inf  # held-out readings are judged by plain squares
+        if self.truth is not None:
+            away = np.abs(np.asarray(x, dtype=float) - self.truth)
+            turns = np.array([p.unit == "rad" for p in self.parameters])
+            there, true = (
+                kernels.targets(self._compiled.vector(one), *self._compiled.constants[:6])[:, :3]
+                for one in (x, self.truth)
+            )
+            apart = there - true
+            return {
+                "kmrmse": float(np.sqrt((apart**2).sum(axis=1).mean())),
+                "parameter_error_mm": float(away[~turns].max()),
+                "parameter_error_rad": float(away[turns].max()),
+            }
+        if self.held is None:
+            return {}
+        arguments = self._arguments(self.held, np.inf)  # held-out readings are judged by plain squares
         r = kernels.residuals(self._compiled.vector(x), *arguments)
-        known = self.held.groups[:, 0] == GAP
-        rows = self.held.rows
+        known, rows = self.held.groups[:, 0] == GAP, self.held.groups[:, 3]
         places = np.array([r[row : row + 3] for row in rows[~known]])
         errors = {"held_out": float(np.sqrt((places**2).sum(axis=1).mean()))}
         if known.any():
@@ -162,10 +113,7 @@ class ArmCalibration:
             errors["gap"] = float(np.sqrt((gaps**2).mean()))
         return errors
 
-    @cached_property
-    def best(self) -> Array:
-        """Return the least squares answer from the nominal arm, shape (dim,), by Gauss-Newton, box or not."""
-        return frozen(fit(self))
+    best = cached_property(best_of)
 
     @cached_property
     def minimum(self) -> float:
@@ -176,10 +124,7 @@ class ArmCalibration:
 
     @property
     def targets(self) -> tuple[float, ...]:
-        """Return levels of f whose first crossing is recorded: f* + 1e2 .. 1e-7 mm^2, as rounding leaves 1e-9.
-
-        Of an instance with noise they end where an answer is as good as the noise.
-        """
+        """Return levels of f whose first crossing is recorded: f* + 1e2 .. 1e-7 mm^2, as rounding leaves 1e-9."""
         exact = tuple(self.minimum + 10.0**k for k in (2, 1, 0, -1, -2, -3, -4, -5, -6, -7))
         if self.drawn is None or self.as_good_as_noise is None:
             return exact
@@ -198,35 +143,7 @@ class ArmCalibration:
         scale = np.array([1.0 / reach(self.chain) if p.unit == "rad" else 1.0 for p in self.parameters])
         return observability(self.jacobian(self.best if self.truth is None else self.truth) * scale)
 
-    @property
-    def budgets(self) -> dict[str, int]:
-        """Evaluations meant by the words `ci` and `paper`."""
-        return {"ci": 5_000, "paper": 100_000}
-
-    @property
-    def data_id(self) -> str:
-        """Return a digest of the nominal arm, postures and readings: the same data, the same id."""
-        parts = [np.ascontiguousarray(part) for part in self._compiled.constants if isinstance(part, np.ndarray)]
-        return blake2b(b"".join(part.tobytes() for part in parts), digest_size=8).hexdigest()
-
-    def compile(self) -> None:
-        """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
-        self._compiled.compile()
-
-    def compile_values(self) -> None:
-        """Compile likewise what methods call that ask for values alone."""
-        self._compiled.compile_values()
-
-    @cached_property
-    def _free(self) -> Any:
-        names = (*parameter_names(self.chain), *plane_names(len(self.seen.planes)))
-        return np.array([names.index(p.name) for p in self.parameters], dtype=np.int64)
-
-    def _arguments(self, readings: Compared) -> tuple[Any, ...]:
-        template = np.concatenate([nominal(self.chain), np.zeros(3 * len(readings.planes))])
-        return constants(self.chain, readings, template, self._free, self.robust)
-
-
-def plane_names(planes: int) -> tuple[str, ...]:
-    """Return the names of the planes' parameters: two tilts [rad] and a height [mm] each."""
-    return tuple(f"{one}_plane{k}" for k in range(planes) for one in ("tilt", "lean", "height"))
+    def _arguments(self, readings: Compared, limit: float) -> tuple[Any, ...]:
+        names = parameter_names(self.chain)
+        free = np.array([names.index(p.name) for p in self.parameters], dtype=np.int64)
+        return constants(self.chain, readings, nominal(self.chain), free, limit)

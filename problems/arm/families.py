@@ -22,11 +22,9 @@ if TYPE_CHECKING:
 
 
 def _ur10(
-    series: Literal["B", "C", "D"] = "B",
-    reads: Literal["position", "pose"] = "position",
-    robust: float = 0.0,
+    series: Literal["B", "C", "D"] = "B", reads: Literal["position", "pose"] = "position", robust: float = 0.0,
     instance: int | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Declare the options of `arm_ur10`: series, what is fitted, the size [mm] from which readings count less."""
 
 
@@ -35,17 +33,10 @@ def _panda(robust: float = 0.0, instance: int | None = None) -> None:
 
 
 def _own(
-    data: Path,
-    urdf: Path | None = None,
-    base: str = "",
-    tip: str = "",
-    reads: Literal["auto", "position", "pose", "sockets"] = "auto",
-    rotation: Rotation = "",
-    gap: float = 0.0,
-    robust: float = 0.0,
-    dh: Path | None = None,
-    convention: str = "",
-) -> None:
+    data: Path, urdf: Path | None = None, base: str = "", tip: str = "",
+    reads: Literal["auto", "position", "pose", "sockets"] = "auto", rotation: Rotation = "", gap: float = 0.0,
+    robust: float = 0.0, dh: Path | None = None, convention: str = "",
+) -> None:  # fmt: skip
     """Declare the options of `arm`: gap [mm] is the distance of sockets 0 and 1 of a place, 0 where it is not known.
 
     `urdf`, or `dh`, a table of joints in the `convention` standard or modified, describes the arm.
@@ -62,7 +53,6 @@ class Ur10Family:
     def __call__(self, **options: Any) -> ArmCalibration:
         """Build the problem with `options` (those of ``bench list problems``)."""
         chosen = _chosen(self.name, _ur10, options)
-        _check_robust(self.name, chosen)
         from calibench.problems.arm import build  # here, as the names of all problems are listed in every start
 
         if chosen.get("instance") is not None:
@@ -72,7 +62,7 @@ class Ur10Family:
                     "series; leave one of the two out"
                 )
             return build.simulated(self.name, chosen)
-        return build.of_ur10(tuple(sorted(chosen.items())))
+        return build.of_shipped(self.name, tuple(sorted(chosen.items())))
 
 
 @final
@@ -85,12 +75,11 @@ class PandaFamily:
     def __call__(self, **options: Any) -> ArmCalibration:
         """Build the problem with `options` (those of ``bench list problems``)."""
         chosen = _chosen(self.name, _panda, options)
-        _check_robust(self.name, chosen)
         from calibench.problems.arm import build  # here, as the names of all problems are listed in every start
 
         if chosen.get("instance") is not None:
             return build.simulated(self.name, chosen)
-        return build.of_panda(tuple(sorted(chosen.items())))
+        return build.of_shipped(self.name, tuple(sorted(chosen.items())))
 
 
 @final
@@ -103,11 +92,21 @@ class ArmFamily:
     def __call__(self, **options: Any) -> ArmCalibration:
         """Build the problem with `options` (those of ``bench list problems``)."""
         chosen = _chosen(self.name, _own, options)
-        _check_robust(self.name, chosen)
-        file = _described(chosen)
+        for key in ("dh", "convention"):  # so rows say nothing of a table where there is none
+            if not chosen[key]:
+                del chosen[key]
+        urdf, dh = chosen["urdf"], chosen.get("dh")
+        if urdf is None and dh is None:
+            raise ValueError("arm needs its description: problem.urdf=my.urdf, or problem.dh=table.csv")
+        if urdf is not None and dh is not None:
+            raise ValueError("problem.urdf= and problem.dh= both describe the arm; give one")
+        if "convention" in chosen and dh is None:
+            raise ValueError("problem.convention= is that of a table; state problem.dh= too, or leave it out")
+        if dh is not None and (chosen["base"] or chosen["tip"]):
+            raise ValueError("problem.base= and problem.tip= are links of a URDF; a table has none: leave them out")
         from calibench.problems.arm import build  # here, as the names of all problems are listed in every start
 
-        return build.of_own(chosen, file)
+        return build.of_own(chosen, Path(urdf if dh is None else dh))
 
 
 arm_ur10, arm_panda, arm = Ur10Family(), PandaFamily(), ArmFamily()
@@ -116,32 +115,18 @@ registry.register("arm_panda", options=_panda)(arm_panda)
 registry.register("arm", options=_own)(arm)
 
 
-def _described(chosen: dict[str, Any]) -> Path:
-    """Return the file that describes the arm; leave out of `chosen` what was not stated of a table."""
-    for key in ("dh", "convention"):
-        if not chosen[key]:
-            del chosen[key]
-    urdf, dh = chosen["urdf"], chosen.get("dh")
-    if urdf is None and dh is None:
-        raise ValueError("arm needs its description: problem.urdf=my.urdf, or problem.dh=table.csv")
-    if urdf is not None and dh is not None:
-        raise ValueError("problem.urdf= and problem.dh= both describe the arm; give one")
-    if "convention" in chosen and dh is None:
-        raise ValueError("problem.convention= is that of a table; state problem.dh= too, or leave it out")
-    if dh is not None and (chosen["base"] or chosen["tip"]):
-        raise ValueError("problem.base= and problem.tip= are links of a URDF; a table has none: leave them out")
-    return Path(urdf if dh is None else dh)
+def shipped(name: str) -> Path:
+    """Return the file of a table or URDF that comes with the package."""
+    return Path(__file__).resolve().parents[1] / "data" / "arms" / name
 
 
 def _chosen(name: str, declared: Callable[..., None], options: Mapping[str, Any]) -> dict[str, Any]:
     """Return checked options with the defaults; without `instance` where there is none."""
     bound = inspect.signature(declared).bind(**registry.check(name, options))
     bound.apply_defaults()
-    return {key: value for key, value in bound.arguments.items() if key != "instance" or value is not None}
-
-
-def _check_robust(name: str, chosen: Mapping[str, Any]) -> None:
+    chosen = {key: value for key, value in bound.arguments.items() if key != "instance" or value is not None}
     if not (chosen["robust"] >= 0 and np.isfinite(chosen["robust"])):
         raise ValueError(
             f"{name}.robust={chosen['robust']:g}: a size [mm] from which readings count less, or 0 for none"
         )
+    return chosen

@@ -1,21 +1,27 @@
-"""Measurement plans of an Orthoglide: a plan is a tuple of `Reading`s, the paper's twelve or more.
+"""Measurement plans of an Orthoglide, a tuple of `Reading`s each, and what was measured on them.
 
-A gauge stands at a place on a leg and reads one direction across it; the tool moves along an axis; the deviation is the
-leg's place there minus that at the Zero posture. The paper moves each leg along its own axis to Max and Min only. Named
-plans go beyond that, so that rank, condition and standard errors can be compared before anything is measured.
+A gauge stands at a place on a leg and reads one direction across it; the deviation is the leg's place there minus that
+at the Zero posture. The paper moves each leg along its own axis to Max and Min only; named plans go beyond that.
+Measured are the paper's five sets (Table 1: six differences, Max minus Min; Table 2: twelve, each against Zero) and a
+user's own table. Experiment 3 is printed in both with values that cannot be one measurement: they are never mixed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
-from typing import Literal, get_args
+from pathlib import Path
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibench.core.options import suggest
+from calibench.core.tables.cells import number_of
+from calibench.core.tables.columns import Declared, Quantity, cells_of
+from calibench.core.tables.csv_table import read_table as read_cells
 from calibench.problems import constants
 from calibench.problems.base import Array
 from calibench.problems.orthoglide.kinematics import AXES, PAPER, geometry, inverse_kinematics
@@ -23,6 +29,23 @@ from calibench.problems.orthoglide.kinematics import AXES, PAPER, geometry, inve
 PlanName = Literal["paper", "positions", "levels", "both_ways", "cross", "payload", "rich"]
 _SHARES = (0.35, 0.5, 0.65, 0.8)  # the gauge must stay on the leg: .322 .. .806 between Min and Max
 _PAYLOADS = (0.0, 10.0, 20.0)  # N; ours, as the paper loads nothing
+SetName = Literal["exp1", "exp2", "exp2_t1", "exp3_t1", "exp3_t2"]
+_SETS = {"exp1": "table1.exp1", "exp2": "table2.exp2", "exp2_t1": "table1.exp2", "exp3_t1": "table1.exp3",
+         "exp3_t2": "table2.exp3"}  # fmt: skip
+_ENDS = {"+": "plus", "-": "minus"}
+_PLAN = Declared(
+    columns=(
+        *(Quantity(name, text=True, needed=True) for name in ("leg", "direction", "posture")),
+        Quantity("gauge_position"),
+        Quantity("level_mm", "mm"),
+        Quantity("against_mm", "mm"),
+        Quantity("pass", text=True),
+        Quantity("payload_N", "N", "payload"),
+        Quantity("repeat"),
+    )
+)
+_READ = replace(_PLAN, columns=(*_PLAN.columns, Quantity("deviation", "mm", "the reading", needed=True)))
+_KNOWN = tuple(one.name for one in _READ.columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +70,12 @@ class Reading:
     @property
     def label(self) -> str:
         """Return the paper's name of the deviation, x_y+ for x of the y-leg at its Max, with what the paper has not."""
-        own = geometry()
-        strokes = {own.stroke_plus: "+", own.stroke_minus: "-"}
         if self.against_mm:
             return f"{self.direction}_{self.leg}"
-        end = strokes.get(self.level_mm, f"{self.level_mm:+g}") if self.axis == self.leg else ""
-        return (
-            f"{self.direction}_{self.leg}{end}" if end else f"{self.direction}_{self.leg}@{self.axis}{self.level_mm:+g}"
-        )
+        strokes = {geometry().stroke_plus: "+", geometry().stroke_minus: "-"}
+        if self.axis != self.leg:
+            return f"{self.direction}_{self.leg}@{self.axis}{self.level_mm:+g}"
+        return f"{self.direction}_{self.leg}{strokes.get(self.level_mm, f'{self.level_mm:+g}')}"
 
 
 Plan = tuple[Reading, ...]
@@ -69,27 +90,22 @@ def named_plan(name: str) -> Plan:
     """
     if name not in get_args(PlanName):
         raise ValueError(f"plan={name}: {suggest(name, get_args(PlanName))}; or a CSV file that lists the readings")
-    own = geometry()
-    ends = (own.stroke_plus, own.stroke_minus)
-    steps = (own.stroke_plus, own.stroke_plus / 2, own.stroke_minus / 2, own.stroke_minus)
-    plan = [
-        Reading(
-            leg,
-            direction,
-            axis=axis,
-            level_mm=level,
-            gauge_position=share,
-            against_mm=0.0,
-            approach=approach,
-            payload_N=payload,
-        )
-        for leg, direction, axis in _moves(cross=name in ("cross", "rich"))
+    if name == "paper":
+        return paper_plan()
+    own, cross = geometry(), name in ("cross", "rich")
+    steps: tuple[float, ...] = (own.stroke_plus, own.stroke_minus)
+    if name in ("levels", "rich"):
+        steps = (own.stroke_plus, own.stroke_plus / 2, own.stroke_minus / 2, own.stroke_minus)
+    approaches: tuple[Literal["fwd", "rev"], ...] = ("fwd", "rev") if name == "both_ways" else ("fwd",)
+    return tuple(
+        Reading(leg, direction, axis, level, gauge_position=share, approach=approach, payload_N=payload)
+        for leg, direction, axis in product(AXES, repeat=3)
+        if direction != leg and (cross or axis == leg)
         for share in (_SHARES if name in ("positions", "rich") else _SHARES[1:2])
-        for approach in (get_args(Literal["fwd", "rev"]) if name == "both_ways" else ("fwd",))
+        for approach in approaches
         for payload in (_PAYLOADS if name == "payload" else _PAYLOADS[:1])
-        for level in (steps if name in ("levels", "rich") else ends)
-    ]
-    return paper_plan() if name == "paper" else tuple(plan)
+        for level in steps
+    )
 
 
 def paper_plan() -> Plan:
@@ -101,14 +117,6 @@ def paper_plan() -> Plan:
         for level in (own.stroke_plus, own.stroke_minus)
         for direction, leg in ((first, second), (second, first))
     )
-
-
-def difference_plan() -> Plan:
-    """Return the six differences of Max and Min in the order of Table 1: x_y x_z y_x y_z z_x z_y."""
-    own = geometry()
-    share = constants.column(PAPER, "equation11")["gauge_fraction"]
-    pairs = [(d, leg) for d in AXES for leg in AXES if d != leg]
-    return tuple(Reading(leg, d, leg, own.stroke_plus, share, own.stroke_minus) for d, leg in pairs)
 
 
 def check_plan(plan: Sequence[Reading]) -> None:
@@ -132,7 +140,11 @@ def check_plan(plan: Sequence[Reading]) -> None:
                 raise ValueError(
                     f"{where}: level_mm={level:g} is out of reach: {own.stroke_minus:g} .. {own.stroke_plus:g} mm"
                 )
-            share = _share(reading, level)
+            # mu, where on the nominal leg the gauge's plane meets it
+            of_its_own = reading.axis == reading.leg
+            reach = own.length if of_its_own else float(np.sqrt(own.length**2 - level**2))  # joint centre to tool
+            centre = own.length + level if of_its_own else reach
+            share = (centre - (1 - reading.gauge_position) * own.length) / reach
             if not -1e-9 <= share <= 1 + 1e-9:
                 raise ValueError(
                     f"{where}: gauge_position={reading.gauge_position:g} is off the leg at level_mm={level:g} "
@@ -143,14 +155,13 @@ def check_plan(plan: Sequence[Reading]) -> None:
 def postures(plan: Sequence[Reading]) -> tuple[Array, NDArray[np.int64]]:
     """Return the commanded joints, shape (k, 3), mm, Zero first, and rows (m, 4): leg, direction, two postures."""
     places: dict[tuple[str, float], int] = {}
-
-    def number(axis: str, level: float) -> int:
-        return 0 if level == 0 else places.setdefault((axis, level), len(places) + 1)
-
-    rows = [
-        (AXES.index(r.leg), AXES.index(r.direction), number(r.axis, r.level_mm), number(r.axis, r.against_mm))
-        for r in plan
-    ]
+    rows = []
+    for r in plan:
+        now, then = (
+            0 if level == 0 else places.setdefault((r.axis, level), len(places) + 1)
+            for level in (r.level_mm, r.against_mm)
+        )
+        rows.append((AXES.index(r.leg), AXES.index(r.direction), now, then))
     points = [np.zeros(3), *(level * np.eye(3)[AXES.index(axis)] for axis, level in places)]
     return inverse_kinematics(np.array(points)), np.array(rows, dtype=np.int64)
 
@@ -182,14 +193,133 @@ def covariance(plan: Sequence[Reading]) -> Array:
     return np.asarray(matrix @ matrix.T)
 
 
-def _moves(cross: bool) -> Iterable[tuple[str, str, str]]:
-    """Return (leg, direction, axis): the tool moved along the leg, and with `cross` along the other axes too."""
-    return [(leg, d, axis) for leg, d, axis in product(AXES, repeat=3) if d != leg and (cross or axis == leg)]
+def measured(name: SetName) -> tuple[Plan, Array]:
+    """Return plan and deviations [mm], shape (12,) or (6,), of one of the paper's sets, as printed."""
+    if name not in get_args(SetName):
+        raise ValueError(f"data={name}: {suggest(name, get_args(SetName))}")
+    column = constants.column(PAPER, _SETS[name])
+    if _SETS[name].startswith("table2"):
+        plan = paper_plan()
+        keys = [f"{r.label[:-1]}_{_ENDS[r.label[-1]]}" for r in plan]
+    else:  # differences of Max and Min: x_y x_z y_x y_z z_x z_y
+        own, share = geometry(), constants.column(PAPER, "equation11")["gauge_fraction"]
+        pairs = [(d, leg) for d in AXES for leg in AXES if d != leg]
+        plan = tuple(Reading(leg, d, leg, own.stroke_plus, share, own.stroke_minus) for d, leg in pairs)
+        keys = [r.label for r in plan]
+    return plan, np.array([column.entries[key].printed for key in keys])
 
 
-def _share(reading: Reading, level: float) -> float:
-    """Return mu, where on the nominal leg the gauge's plane meets it with the tool moved to `level`."""
-    length, own = geometry().length, reading.axis == reading.leg
-    reach = length if own else float(np.sqrt(length**2 - level**2))  # along the leg's axis, joint centre to tool
-    centre = length + level if own else reach
-    return (centre - (1 - reading.gauge_position) * length) / reach
+def read_table(path: str | Path, deviations: bool = True) -> tuple[Plan, Array]:
+    """Return plan and deviations [mm], shape (m,), of a CSV file; without `deviations` it is a plan, and they are 0.
+
+    A header is needed: leg, direction, posture, deviation, and where they differ from the default gauge_position (.5),
+    level_mm, against_mm (0), pass (fwd), payload_N (0), repeat (0); other columns are passed over. `posture` is the
+    axis the tool is moved along, with the end of the stroke if there is no level_mm: x (with a level), xmax, xmin, or
+    max and min for the leg's own axis. A unit behind a name (``deviation [um]``) is turned into the column's own.
+
+    Raises `ValueError` with the file, the row and the column of a missing cell, a wrong word or a wrong unit.
+    """
+    where = f"{'readings' if deviations else 'plan'}={path}"
+    try:
+        found = read_cells(path)
+        units = {name: _READ.factor(name, found.units.get(name, unit))[1] for name, unit in _READ.units.items()}
+        columns = cells_of(found, tuple(_READ.units))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{where}: cannot be read: {error}") from None
+    try:
+        (_READ if deviations else _PLAN).check_needed(found.names)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+    plan, values = [], []
+    for k, (line, row) in enumerate(found.rows):
+        if not "".join(row).strip():
+            continue
+        cells = {name: column[k] for name, column in columns.items()}
+        label = f"{where}: row {line}"
+        for name in cells:
+            optional = name in ("level_mm", "against_mm") or (name == "deviation" and not deviations)
+            if name in _KNOWN and not cells[name] and not optional:
+                raise ValueError(f"{label}: the cell of {name} is missing; fill it in or leave the row out")
+        plan.append(_reading(label, cells, units))
+        values.append(_number(label, cells, "deviation", None, units) if deviations else 0.0)
+    if not plan:
+        raise ValueError(f"{where}: there is no row below the header")
+    levels = np.array([abs(r.level_mm) for r in plan])
+    if levels.max() < 1.0:
+        raise ValueError(f"{where}: level_mm reaches {levels.max():g}: they look like metres, millimetres are needed")
+    try:
+        check_plan(plan)
+        check_deviations(np.array(values), where)
+    except ValueError as error:
+        raise ValueError(str(error) if str(error).startswith(where) else f"{where}: {error}") from None
+    return tuple(plan), np.array(values)
+
+
+def _reading(label: str, cells: dict[str, str], units: Mapping[str, float]) -> Reading:
+    leg, posture = cells["leg"].lower(), cells["posture"].lower()
+    if leg not in AXES:
+        raise ValueError(f"{label}: leg={cells['leg']!r}: x, y or z is needed")
+    axis, end = (posture[0], posture[1:]) if posture[0] in AXES else (leg, posture)
+    strokes = {"max": geometry().stroke_plus, "min": geometry().stroke_minus}
+    if end not in ("", *strokes):
+        choices = [*AXES, "max", "min", *(axis + end for axis in AXES for end in strokes)]
+        raise ValueError(f"{label}: posture={cells['posture']!r}: {suggest(posture, choices)}")
+    level = _number(label, cells, "level_mm", strokes.get(end), units)
+    if end and level * strokes[end] <= 0:
+        raise ValueError(f"{label}: posture={cells['posture']} and level_mm={level:g} do not agree in sign")
+    share = _number(label, cells, "gauge_position", 0.5, units)
+    if not 0 <= share <= 1:
+        raise ValueError(f"{label}: gauge_position={share:g}: a share of the leg is needed, 0 (joint) .. 1 (tool)")
+    approach = cells.get("pass", "fwd")
+    if approach not in ("fwd", "rev"):
+        raise ValueError(f"{label}: pass={approach!r}: fwd or rev is needed")
+    against, payload = _number(label, cells, "against_mm", 0.0, units), _number(label, cells, "payload_N", 0.0, units)
+    repeat = _number(label, cells, "repeat", 0.0, units)
+    if not repeat.is_integer():
+        raise ValueError(f"{label}: repeat={repeat:g}: a whole number is needed")
+    return Reading(
+        leg, cells["direction"].lower(), axis, level, gauge_position=share, against_mm=against,
+        approach="rev" if approach == "rev" else "fwd", payload_N=payload, repeat=int(repeat),
+    )  # fmt: skip
+
+
+def _number(label: str, cells: dict[str, Any], key: str, default: float | None, units: Mapping[str, float]) -> float:
+    """Return the number in a cell in the unit of its column, or the default where the cell or its column is empty."""
+    text = cells.get(key, "")
+    if not text:
+        if default is None:
+            raise ValueError(f"{label}: the cell of {key} is missing; fill it in or leave the row out")
+        return default
+    value = number_of(text)
+    if value is None:
+        raise ValueError(f"{label}: {key}={text!r}: a number is needed")
+    if not np.isfinite(value):
+        raise ValueError(f"{label}: {key}={text}: a finite number is needed")
+    return value * units.get(key, 1.0)
+
+
+def write_table(path: str | Path, plan: Plan, deviations: Array | None = None) -> None:
+    """Write a plan as the CSV file that `read_table` takes, with the deviations [mm] or empty cells to be filled in."""
+    values = [""] * len(plan) if deviations is None else [repr(float(d)) for d in deviations]
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow([name if name != "deviation" else "deviation [mm]" for name in _KNOWN])
+        for r, value in zip(plan, values, strict=True):
+            posture = (r.leg, r.direction, r.axis, r.gauge_position, r.level_mm, r.against_mm)
+            writer.writerow([*posture, r.approach, r.payload_N, r.repeat, value])
+
+
+def check_deviations(deviations: Array, what: str = "readings") -> None:
+    """Raise `ValueError` for deviations that are not finite millimetres."""
+    bad = np.flatnonzero(~np.isfinite(deviations))
+    if bad.size:
+        raise ValueError(f"{what}: the deviation of row {bad[0] + 1} is not finite ({bad.size} such); leave it out")
+    largest, column = float(np.abs(deviations).max(initial=0.0)), constants.column(PAPER, "text.section41")
+    resolution = column["indicator_resolution"] / 1000  # printed in um
+    if 0 < largest < resolution / 2:
+        raise ValueError(
+            f"{what}: no deviation is above {largest:.3g}, half a gauge's resolution of {resolution:g} mm: "
+            "they look like metres, millimetres are needed"
+        )
+    if largest > geometry().length / 2:
+        raise ValueError(f"{what}: a deviation of {largest:.4g} mm: they look like micrometres, millimetres are needed")

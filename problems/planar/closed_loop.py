@@ -1,20 +1,15 @@
 """`Planar`: a calibration problem of the GPM2002, from encoder readings to an error and its figures of merit.
 
 The end-effector is eliminated, so the error is a function of the parameters alone (Cong et al. 2008, section 3).
-
-The calls of a planar problem that take the caller's array as it is: a copy would cost a call a third of its time.
-
-Such a kernel takes C-ordered float64 arrays of the problem's dimension, and refuses all else by an exception: a
-`TypeError` for another type or layout, a `ValueError` for another length (`REFUSED`). Who gets one asks again with what
-`CompiledProblem.vector` makes of the array, which also finds the words for an array that cannot be taken at all.
+Values are computed by calls that take the caller's array as it is, as a copy costs a third of a call. Such a kernel
+refuses what is no C-ordered float64 array of the right length (`REFUSED`), and is then called with a copy.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from hashlib import blake2b
+from functools import cached_property, partial
 from typing import Any, ClassVar, Literal, final
 
 import numpy as np
@@ -23,10 +18,10 @@ from numpy.typing import NDArray
 from calibench.core.compilation.compiled import exact
 from calibench.problems import constants
 from calibench.problems.base import Array, Parameter, frozen, line_of, table_of
-from calibench.problems.compiled_problem import CompiledProblem
-from calibench.problems.fitting import least_in_box, levels, value_of_noise
-from calibench.problems.planar.gpm2002 import NAMES, PAPER, UNITS, Gauge, to_cartesian, to_polar
-from calibench.problems.planar.instances import FINEST, PlanarInstance
+from calibench.problems.compiled_problem import CompiledProblem, hold, passed
+from calibench.problems.fitting import least_of_instance, levels, value_of_noise
+from calibench.problems.planar import gpm2002
+from calibench.problems.planar.gpm2002 import NAMES, Gauge, PlanarInstance
 
 _NEWTON_STEPS = 20
 _ROUNDING = 1e-13  # rad: readings are rounded by 2e-16, and what follows from them by some hundred times that
@@ -58,6 +53,13 @@ class Planar:
     drawn: PlanarInstance | None = field(default=None, kw_only=True, repr=False)
     _template: Array = field(kw_only=True, repr=False)
     _turn: Array = field(kw_only=True, repr=False)
+    lower: Array = field(init=False, repr=False)
+    upper: Array = field(init=False, repr=False)
+    start: Array = field(init=False, repr=False)
+    truth: Array | None = field(init=False, repr=False)
+    data_id: str = field(init=False, repr=False)
+    unit: str = field(init=False, repr=False)  # of a sum of squared lengths, or of their differences' squares
+    redundancy: int = field(init=False, repr=False)  # residuals that carry one number: three leg errors, or 1
     _compiled: CompiledProblem = field(init=False, repr=False)
     _exact: ExactCalls = field(init=False, repr=False)
 
@@ -73,8 +75,13 @@ class Planar:
         from calibench.problems.planar import _closed_loop_kernels as kernels
 
         packed = kernels.pack(self.readings, self._template, self._free, self.error != "J3", self.error == "J1")
-        object.__setattr__(self, "_compiled", CompiledProblem.of(self.name, self.coordinates, kernels, (packed,)))
+        unit, redundancy = ("mm²", 3) if self.error == "J1" else ("mm⁴", 1)
+        data = self.readings.tobytes()
+        hold(self, self.coordinates, kernels, (packed,), data=data, unit=unit, redundancy=redundancy)
         object.__setattr__(self, "_exact", ExactCalls(packed))
+
+    residuals = passed(CompiledProblem.residuals)  # sqrt(3) g_j [mm^2], (n,), or for J1 |P - B_i| - l_b [mm], (3n,)
+    jacobian = passed(CompiledProblem.jacobian)
 
     def __call__(self, x: Array) -> float:
         """Return the error of the candidate x, shape (dim,)."""
@@ -83,26 +90,6 @@ class Planar:
             return calls.cost(x, calls.packed)  # type: ignore[no-any-return]
         except REFUSED:
             return calls.cost(self._compiled.vector(x), calls.packed)  # type: ignore[no-any-return]
-
-    @property
-    def lower(self) -> Array:
-        """Return the lower bounds of x, shape (dim,)."""
-        return self._compiled.lower
-
-    @property
-    def upper(self) -> Array:
-        """Return the upper bounds of x, shape (dim,)."""
-        return self._compiled.upper
-
-    @property
-    def start(self) -> Array:
-        """Return the nominal start, shape (dim,)."""
-        return self._compiled.start
-
-    @property
-    def truth(self) -> Array | None:
-        """Return the x that the readings were taken with, shape (dim,); None for a user's readings."""
-        return self._compiled.truth
 
     @property
     def kernel(self) -> tuple[Any, Array]:
@@ -134,14 +121,6 @@ class Planar:
             result = calls.batch_below(*taken, calls.packed, calls.screen)
         return result
 
-    def residuals(self, x: Array) -> Array:
-        """Return sqrt(3) g_j [mm^2], shape (n,), or for J1 the leg errors |P - B_i| - l_b [mm], shape (3n,)."""
-        return self._compiled.residuals(x)
-
-    def jacobian(self, x: Array) -> Array:
-        """Return the analytic derivative of the residuals in the coordinates of x, shape (m, dim)."""
-        return self._compiled.jacobian(x)
-
     def positions(self, x: Array) -> Array:
         """Return the calibrated end-effectors, eq. (33), shape (n, 2), mm."""
         result: Array = self._compiled.kernels.positions(self._compiled.vector(x), self._exact.packed)
@@ -154,16 +133,10 @@ class Planar:
         """
         machine, every, kernels = self._machine(x), np.arange(len(NAMES)), self._compiled.kernels
         packed = kernels.pack(self.readings, machine, every, True, self.error == "J1")
-        slopes = kernels.jacobian(machine, packed)[:, 12:15]
-        return np.asarray(np.sqrt((slopes**2).sum(axis=1)))
+        return np.asarray(np.sqrt((kernels.jacobian(machine, packed)[:, 12:15] ** 2).sum(axis=1)))
 
     def explained_by(self, x: Array) -> Planar:
-        """Return the problem with readings that x explains without error: these, moved as little as it takes.
-
-        A weighted residual that is not zero changes with the machine's scale, and a Jacobian there seems to see the
-        gauge. Readings that x explains to rounding stay as they are; samples that no move lets it explain are left out,
-        unless too few are left.
-        """
+        """Return the problem with readings that x explains without error: these, moved as little as it takes."""
         machine, every, kernels = self._machine(x), np.arange(len(NAMES)), self._compiled.kernels
         readings, moved = self.readings.copy(), np.full(len(self.readings), np.inf)
         for _ in range(_NEWTON_STEPS):
@@ -181,15 +154,9 @@ class Planar:
         points = None if self.true_positions is None else frozen(self.true_positions[found])
         return replace(self, readings=frozen(readings[found]), true_positions=points)
 
-    @property
-    def redundancy(self) -> int:
-        """Return how many residuals carry one number: the three leg errors of a sample, for J1, else 1."""
-        return 3 if self.error == "J1" else 1
-
     def physical(self, x: Array) -> Array:
         """Return the physical parameters of x, shape (dim,), in the order of `parameters`."""
-        machine = self._machine(x)
-        return np.array([machine[NAMES.index(p.name)] for p in self.parameters])
+        return self._machine(x)[self._free]
 
     def merit(self, x: Array) -> dict[str, float]:
         """Return the figures of merit of an answer against the truth; empty where the truth is not known.
@@ -199,24 +166,29 @@ class Planar:
         """
         if self.truth is None or self.true_positions is None:
             return {}
-        machine, true = self._machine(x), self._true_machine
         reached = self.positions(x)
         if not np.isfinite(reached).all():
             return {}
-        merit = {"kmrmse": _rms_distance(reached, self.true_positions), **self._worst(machine, true)}
-        if self.gauge is None:
-            return merit | {f"{name}_aligned": value for name, value in merit.items()} | {"gauge_phi": 0.0}
-        phi, aligned = self.gauge.align(machine, reached, self.true_positions)
-        polar = self.error != "J3"
-        moved = self.positions(np.array(to_cartesian(aligned)[self._free]) if not polar else aligned[self._free])
-        merit["kmrmse_aligned"] = _rms_distance(moved, self.true_positions)
-        merit["gauge_phi"] = phi
-        return merit | {f"{name}_aligned": value for name, value in self._worst(aligned, true).items()}
+        phi, machines, places = 0.0, {"": self._machine(x)}, {"": reached}
+        if self.gauge is not None:
+            phi, aligned = self.gauge.align(machines[""], reached, self.true_positions)
+            machines["_aligned"] = aligned
+            places["_aligned"] = self.positions(
+                (aligned if self.error != "J3" else gpm2002.to_cartesian(aligned))[self._free]
+            )
 
-    @property
-    def unit(self) -> str:
-        """Return the unit of the error: J1 is a sum of squared lengths, J2 and J3 of squared differences of such."""
-        return "mm²" if self.error == "J1" else "mm⁴"
+        merit: dict[str, float] = {}
+        true, turns = self._machine(self.truth), self._free >= NAMES.index("z1")
+        for which, machine in machines.items():
+            squares = np.add.reduce((places[which] - self.true_positions) ** 2, axis=1)
+            merit[f"kmrmse{which}"] = float(np.sqrt(np.add.reduce(squares) / len(squares)))  # eq. (40)
+            gap = np.abs(machine - true)[self._free]
+            worst = {unit: float(gap[at].max()) for unit, at in (("mm", ~turns), ("rad", turns)) if at.any()}
+            merit |= {"gauge_phi": phi} if which else {}
+            merit |= {f"parameter_error_{unit}{which}": value for unit, value in worst.items()}
+        if self.gauge is None:
+            merit |= {f"{name}_aligned": value for name, value in merit.items()} | {"gauge_phi": 0.0}
+        return merit
 
     @property
     def targets(self) -> tuple[float, ...]:
@@ -225,30 +197,22 @@ class Planar:
         J2 and J3 round to about 1e-19 at the truth, J1 to 5e-25; nothing below the last target is ever ranked.
         """
         exact = tuple(10.0**k for k in (range(-1, -24, -2) if self.error == "J1" else range(4, -19, -2)))
-        return exact if self.as_good_as_noise is None else levels(self.as_good_as_noise, self.noise, exact)
+        return levels(self.as_good_as_noise, self.noise, exact)
 
     @cached_property
     def as_good_as_noise(self) -> float | None:
-        """Return the error at which an answer explains the readings as well as the truth does; None of no instance.
-
-        Without noise it is what readings of `FINEST` [rad] would leave. It is one of the targets.
-        """
+        """Return the error at which an answer explains the readings as well as the truth does; None of no instance."""
         if self.drawn is None:
             return None
         assert self.truth is not None
-        return value_of_noise(self, self.noise, float(((FINEST * self.residual_noise(self.truth)) ** 2).sum()))
+        return value_of_noise(self, self.noise, float(((gpm2002.FINEST * self.residual_noise(self.truth)) ** 2).sum()))
 
-    @cached_property
-    def minimum(self) -> float | None:
-        """Return the least error in the box, found downhill from the truth; None of no instance."""
-        if self.drawn is None:
-            return None
-        return least_in_box(self) if self.noise > 0 else 0.0
+    minimum = cached_property(least_of_instance)
 
     @property
     def budgets(self) -> dict[str, int]:
         """Evaluations meant by the words `ci` and `paper` (section 4.4 stops at 5e7)."""
-        return {"ci": 20_000, "paper": int(constants.column(PAPER, "section44")["evaluations"])}
+        return {"ci": 20_000, "paper": int(constants.column(gpm2002.PAPER, "section44")["evaluations"])}
 
     @property
     def gauge_curve(self) -> Callable[[float], Array]:
@@ -259,13 +223,7 @@ class Planar:
         if self.gauge is None:
             raise ValueError(f"{self.name} has no gauge: all its parameters can be seen in the readings")
         machine, gauge = self._machine(self.start if self.truth is None else self.truth), self.gauge
-        free = self._free
-        return lambda phi: np.array(gauge.move(machine, phi)[free])
-
-    @property
-    def data_id(self) -> str:
-        """Return a digest of the readings: the same data, the same id."""
-        return blake2b(self.readings.tobytes(), digest_size=8).hexdigest()
+        return lambda phi: gauge.move(machine, phi)[self._free]
 
     def compile(self) -> None:
         """Compile (or load from the cache) what an optimiser will call, so that no clock sees it."""
@@ -286,26 +244,7 @@ class Planar:
         """Return the 15 physical numbers of x."""
         machine = self._template.copy()
         machine[self._free] = self._compiled.vector(x)
-        return machine if self.error != "J3" else to_polar(machine, self._turn)
-
-    @cached_property
-    def _true_machine(self) -> Array:
-        return self._machine(self.truth)  # type: ignore[arg-type]
-
-    @cached_property
-    def _free_by_unit(self) -> list[tuple[str, NDArray[np.int64]]]:
-        """Return the units of the free numbers of a machine, each with the places of those."""
-        units = np.array(UNITS)[self._free]
-        return [(unit, self._free[units == unit]) for unit in ("mm", "rad") if unit in units]
-
-    def _worst(self, machine: Array, true: Array) -> dict[str, float]:
-        gap = np.abs(machine - true)
-        return {f"parameter_error_{unit}": float(gap[free].max()) for unit, free in self._free_by_unit}
-
-
-def _rms_distance(a: Array, b: Array) -> float:
-    squares = np.add.reduce((a - b) ** 2, axis=1)
-    return float(np.sqrt(np.add.reduce(squares) / len(squares)))  # eq. (40)
+        return machine if self.error != "J3" else gpm2002.to_polar(machine, self._turn)
 
 
 REFUSED = (TypeError, ValueError)
@@ -327,18 +266,14 @@ class ExactCalls:
 
     def __init__(self, packed: Array) -> None:
         # Here, as listing the names must not load the compiler.
-        from calibench.problems.planar import _closed_loop_kernels
         from calibench.problems.planar import _closed_loop_kernels as kernels
 
         self.packed, self.screen = packed, kernels.screen(packed)
-        self._compile_later("cost", _closed_loop_kernels.cost, 1, 2)
-        self._compile_later("batch", _closed_loop_kernels.batch, 2, 2)
-        self._compile_later("batch_below", kernels.batch_below, 2, 1, 2, 2)
+        self.cost = partial(self._first, "cost", kernels.cost, (1, 2))
+        self.batch = partial(self._first, "batch", kernels.batch, (2, 2))
+        self.batch_below = partial(self._first, "batch_below", kernels.batch_below, (2, 1, 2, 2))
 
-    def _compile_later(self, slot: Literal["cost", "batch", "batch_below"], kernel: Any, *dimensions: int) -> None:
-        def first(*arrays: Array) -> Any:
-            ready = exact(kernel, *dimensions)
-            setattr(self, slot, ready)
-            return ready(*arrays)
-
-        setattr(self, slot, first)
+    def _first(self, slot: str, kernel: Any, dimensions: tuple[int, ...], *arrays: Array) -> Any:
+        ready = exact(kernel, *dimensions)
+        setattr(self, slot, ready)
+        return ready(*arrays)

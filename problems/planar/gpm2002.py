@@ -1,32 +1,24 @@
-"""The GPM2002 itself (Cong et al. 2008): fifteen numbers, its home, its inverse kinematics, its two coordinate systems.
+"""The GPM2002 itself (Cong et al. 2008), its gauge, the settings of the paper's sections, plans, and drawn instances.
 
 A machine is an array of shape (15,): xa1 ya1 xa2 ya2 xa3 ya3 la1 la2 la3 lb1 lb2 lb3 z1 z2 z3, mm and rad.
-
-The gauge of the GPM2002: the moves of the whole machine that angle readings cannot see.
-
-Turn the whole machine by phi about A_1, scale it by s, and add phi to the three sensor offsets: every reading stays as
-it was. Fixing three base coordinates leaves one such curve through every machine: with x_a2 (section 4) or y_a2
-(section 3 of Cong et al. 2008) held, s follows from phi. So "12 parameters" are 11 and a free choice.
-
-The settings of the paper's sections: true machine, nominal machine, start and box; and those of a user's machine.
-
-Named sampling plans: the positions of the end-effector, about home, at which readings are taken.
-
-The papers do not publish their plans. `disc` and `box` are random points drawn from a seed, the others are fixed.
+Angle readings cannot see the gauge: the whole machine turned by phi about A_1 and scaled by s, with phi added to the
+three sensor offsets. With x_a2 (section 4) or y_a2 (section 3) held, s follows from phi: so "12 parameters" are 11 and
+a free choice. The papers do not publish their sampling plans; `disc` and `box` are drawn from a seed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, assert_never
+from typing import Any, Literal, assert_never, final, get_args
 
 import numpy as np
 
 from calibench.core.options import suggest
 from calibench.core.same_bits import arccos, arctan2, cos, sin
 from calibench.problems import constants
-from calibench.problems.base import Array
+from calibench.problems.base import Array, frozen
+from calibench.problems.instances import Noise, Stream
 
 PAPER = "cong2008"
 NAMES = (
@@ -138,12 +130,11 @@ class Setting:
 
 def section3(table: str) -> Setting:
     """Return section 3's setting: `table`'s actual machine, the start it prints from (210, 245), boxes of PAPERS."""
-    actual = makers_machine()
+    actual, start = makers_machine(), makers_machine()
     column = constants.column(PAPER, f"{table}.actual")
     for name in NAMES:
         if name in column:
             actual[NAMES.index(name)] = column[name]
-    start = makers_machine()
     # the initial offsets of Tables 2-4: the hand stops at (210, 245), taken for the home position
     geometry = constants.column(PAPER, "geometry")
     estimate = np.array([[geometry["estimate_x"], geometry["estimate_y"]]])
@@ -210,16 +201,21 @@ PlanName = Literal["grid", "disc", "box", "line", "circle", "two_circles"]
 
 
 def plan_points(plan: PlanName, home: Array, radius: float, n: int, rng: np.random.Generator) -> Array:
-    """Return `n` end-effector positions, shape (n, 2), mm, within `radius` of `home` (along x for grid, line, box).
-
-    Raises `ValueError` where n points cannot make the plan.
-    """
+    """Return `n` end-effector positions, shape (n, 2), mm, within `radius` of `home` (along x for grid, line, box)."""
     if not radius > 0:
         raise ValueError(f"radius={radius:g}: must be above 0 mm")
     if radius > _FARTHEST:
         raise ValueError(f"radius={radius:g}: out of reach; the legs reach some 490 mm")
-    if plan == "grid":
-        return home + radius * _grid(n)
+    if plan == "grid":  # of equal pitch, three rows where n allows, from -1 to 1 in x; three points are a corner
+        if n == 3:
+            return home + radius * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        rows = 3 if n % 3 == 0 and n >= 9 else max(d for d in range(1, int(n**0.5) + 1) if n % d == 0)
+        columns = n // rows
+        if rows < 2 or columns < 2:
+            raise ValueError(f"n={n}: a grid needs rows and columns, such as n=9, 21 or 50; or choose another plan")
+        pitch = 2.0 / (columns - 1)
+        x, y = np.meshgrid(np.arange(columns) * pitch - 1.0, (np.arange(rows) - (rows - 1) / 2) * pitch)
+        return home + radius * np.column_stack([x.ravel(), y.ravel()])
     if plan == "disc":
         r, angle = np.sqrt(rng.random(n)), 2 * np.pi * rng.random(n)
         return home + radius * np.column_stack([r * cos(angle), r * sin(angle)])
@@ -240,14 +236,78 @@ def _circle(n: int) -> Array:
     return np.column_stack([cos(angle), sin(angle)])
 
 
-def _grid(n: int) -> Array:
-    """Return a grid of equal pitch, three rows where n allows, scaled to reach from -1 to 1 in x; n = 3 is a corner."""
-    if n == 3:
-        return np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    rows = 3 if n % 3 == 0 and n >= 9 else max(d for d in range(1, int(n**0.5) + 1) if n % d == 0)
-    columns = n // rows
-    if rows < 2 or columns < 2:
-        raise ValueError(f"n={n}: a grid needs rows and columns, such as n=9, 21 or 50; or choose another plan")
-    pitch = 2.0 / (columns - 1)
-    x, y = np.meshgrid(np.arange(columns) * pitch - 1.0, (np.arange(rows) - (rows - 1) / 2) * pitch)
-    return np.column_stack([x.ravel(), y.ravel()])
+NOISES = (1e-6, 3e-4)  # rad
+FINEST = 1e-6  # rad: the readings that an instance without noise is held to
+_MOST_POSES = 80
+FEWEST_POSES = 9
+_MARGIN = 10.0  # mm
+DIGITS = [5 if unit == "rad" else 3 for unit in UNITS]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class DrawnPlan:
+    """The poses: `kind` of `plan_points` with n of them, within `radius` of `centre`, shape (2,), mm."""
+
+    kind: PlanName
+    radius: float
+    n: int
+    centre: Array
+
+    def points(self, data_seed: int) -> tuple[Array, np.random.Generator]:
+        """Return the end-effectors, shape (n, 2), mm, and the generator of the readings' noise."""
+        where, shake = (np.random.default_rng(s) for s in np.random.SeedSequence(data_seed).spawn(2))
+        return plan_points(self.kind, self.centre, self.radius, self.n, where), shake
+
+    @staticmethod
+    def drawn(stream: Stream, fewest: int) -> DrawnPlan:
+        """Draw a plan of at least `fewest` poses."""
+        kind: PlanName = stream.one_of(get_args(PlanName))
+        n = round(stream.log_between(fewest, _MOST_POSES))
+        away, angle = 30 * stream.between(0, 1) ** 0.5, stream.between(0, 2 * np.pi)
+        centre = home() + np.round(away * np.array([cos(angle), sin(angle)]), 3)
+        radius = round(stream.between(50, 120), 1)
+        return DrawnPlan(kind, radius, 3 * (n // 3) if kind == "grid" else n, frozen(centre))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PlanarInstance:
+    """What ``instance=K`` of a planar family draws; `attempts` were drawn until one could be identified."""
+
+    setting: Setting
+    plan: DrawnPlan
+    noise: Noise
+    options: Mapping[str, Any]  # of the family, that it decides
+    attempts: int
+
+
+def nominal_machine(stream: Stream) -> Array:
+    """Draw a nominal machine, shape (15,)."""
+    machine = makers_machine()
+    for i in range(len(NAMES)):
+        spread = (15.0 if i < 6 else 10.0) if i < 12 else 1.5
+        moved = stream.between(-spread, spread)  # drawn for A_1 too, so that all keep their places in the stream
+        machine[i] = round(machine[i] + (moved if i > 1 else 0.0), DIGITS[i])
+    return machine
+
+
+def within_reach(machine: Array, points: Array) -> bool:
+    """Tell whether every leg reaches every point, shape (n, 2), with room to spare."""
+    for i in range(3):
+        reach = np.hypot(points[:, 0] - machine[2 * i], points[:, 1] - machine[2 * i + 1])
+        la, lb = machine[6 + i], machine[9 + i]
+        if reach.max() > la + lb - _MARGIN or reach.min() < abs(la - lb) + _MARGIN:
+            return False
+    return True
+
+
+def refuse_out_of_reach(name: str, radius: float, points: Array, angles: Array) -> None:
+    """Raise `ValueError` for the first of `points`, (n, 2), mm, where a leg has no angle, (n, 3)."""
+    if not np.isfinite(angles).all():
+        bad, leg = np.argwhere(~np.isfinite(angles))[0]
+        x, y = points[bad]
+        raise ValueError(
+            f"{name}.radius={radius:g}: position ({x:.1f}, {y:.1f}) mm is out of reach of leg {leg + 1}; "
+            "take a smaller radius"
+        )

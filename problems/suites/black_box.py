@@ -1,29 +1,9 @@
 """`BlackBox`: a function of a foreign library as a problem, whose calls the library counts too.
 
-What such a library builds lives in C: it belongs to one process and takes one call at a time. So it is built where it
-is first called, once more in a process that was forked from there, and a pickle holds the options alone.
-
-`bbob`: the 24 noiseless functions of COCO (Hansen et al. 2009, 2021), each in instances: shifted, rotated, raised.
-
-The functions are COCO's own, called through its package coco-experiment, which counts the calls too. Box and start are
-COCO's: -5 to 5 in every variable, and the origin. The optimum is COCO's, and so are the targets of its data.
-
-Source: Hansen, Auger, Ros, Mersmann, Tusar, Brockhoff (2021). COCO: a platform for comparing continuous optimizers in a
-black-box setting. Optimization Methods and Software 36(1), 114-144.
-
-`ioh`: the continuous suites of IOHexperimenter (de Nobel et al. 2024), called through its package ioh.
-
-- BBOB: the 24 functions of `bbob`, instance by instance to rounding; any dimension from 2.
-- SBOX: the same with the optimum anywhere in the box, and nothing defined outside (Vermetten et al. 2023).
-- CEC2013: the 20 multimodal functions of the niching competition; each has its dimension.
-- CEC2022: the 12 functions of the bound-constrained competition, in 2, 10 or 20 dimensions.
-- STAR: the star discrepancy of point sets (Clement et al. 2023), piecewise constant; IOH's numbers 30 to 59.
-
-Functions of the CEC suites are counted from 1, as in their papers. What a suite maximises is minimised with its sign
-changed. IOH's counter counts the calls too. Left out are IOH's suites over bits and whole numbers (PBO, INTEGER, GRAPH,
-STAR_INTEGER), as every coordinate here is real, and REAL, which repeats what the others hold.
-
-How far above its minimum a value of a suite's function is looked at: the gaps that COCO and IOH share.
+What such a library builds belongs to one process and takes one call at a time: it is built where it is first called,
+once more in a forked process, and a pickle holds the options alone. `bbob` has the 24 noiseless functions of COCO
+(Hansen et al. 2021, Optimization Methods and Software 36(1), 114-144), `ioh` the continuous suites of IOHexperimenter
+(de Nobel et al. 2024; docs/suites.md), without REAL; what a suite maximises is minimised with its sign changed.
 """
 
 from __future__ import annotations
@@ -104,14 +84,12 @@ class BlackBox:
         return {"ci": 1_000 * len(self.lower), "paper": 10_000 * len(self.lower)}
 
     def compile(self) -> None:
-        """Build the function, so that no clock sees it."""
         self._here()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _made_again, (self.name, dict(self.options))
 
     def _here(self) -> tuple[Counted, Lock]:
-        """Return the function of this process and its lock."""
         me = os.getpid()
         if me not in self._built:
             self._built[me] = self.build(), Lock()
@@ -133,6 +111,8 @@ def _made_again(name: str, options: dict[str, Any]) -> Any:
     return registry.make(name, **options)
 
 
+# how far above its minimum a value is looked at, by COCO and IOH: 51 gaps, 1e2 to 1e-8, the floats that cocopp has
+COCO_GAPS = tuple(10.0 ** (k / 5) for k in range(10, -41, -1))
 Function = Literal[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24]
 _GROUPS = (  # last function of each, as the suite divides them
     (5, "separable"), (9, "moderate"), (14, "ill-conditioned"), (19, "multi-modal"), (24, "weak structure"),
@@ -152,34 +132,13 @@ def bbob(function: Function = 1, dimension: Literal[2, 3, 5, 10, 20, 40] = 5, in
     minimum = float(bare.best_value())
     built = _bbob_function(function, dimension, instance)
     return BlackBox(
-        name="bbob",
-        library="coco-experiment",
+        name="bbob", library="coco-experiment",
         options={"function": function, "dimension": dimension, "instance": instance},
-        build=partial(_bbob_function, function, dimension, instance),
-        lower=frozen(built.lower_bounds),
-        upper=frozen(built.upper_bounds),
-        start=frozen(built.initial_solution),
-        default_start="nominal",
-        truth=frozen(bare.best_parameter()),
-        minimum=minimum,
-        targets=targets(minimum),
-        group=group(function),
-        data_id=str(built.id),
-    )
-
-
-def group(function: int) -> str:
-    """Return the group of one of the 24 functions: separable, moderate, ill-conditioned, multi-modal, weak structure.
-
-    >>> group(5), group(6), group(24)
-    ('separable', 'moderate', 'weak structure')
-    """
-    return next(name for last, name in _GROUPS if function <= last)
-
-
-def targets(minimum: float) -> tuple[float, ...]:
-    """Return COCO's 51 levels above `minimum`."""
-    return tuple(minimum + gap for gap in COCO_GAPS)
+        build=partial(_bbob_function, function, dimension, instance), lower=frozen(built.lower_bounds),
+        upper=frozen(built.upper_bounds), start=frozen(built.initial_solution), default_start="nominal",
+        truth=frozen(bare.best_parameter()), minimum=minimum, targets=tuple(minimum + gap for gap in COCO_GAPS),
+        group=_group("BBOB", function), data_id=str(built.id),
+    )  # fmt: skip
 
 
 def _bbob_function(function: int, dimension: int, instance: int) -> Any:
@@ -242,79 +201,51 @@ def ioh(suite: Suite = "BBOB", function: int = 1, dimension: int | None = None, 
     if suite == "CEC2022" and wanted == 2 and _group(suite, function) == "hybrid":  # IOH warns, and has none
         raise ValueError(f"ioh.dimension=2: the hybrid function {function} of CEC2022 needs 10 or 20")
     asked = kind.problem_class, kind.offset + function, instance, wanted
-    built = _ioh_function(*asked)
+    made = _Function(*asked)
+    built = made.problem
     lower, upper = frozen(built.bounds.lb), frozen(built.bounds.ub)
     if dimension is not None and len(lower) != dimension:
         raise ValueError(f"ioh.dimension={dimension}: function {function} of {suite} has {len(lower)}; leave it out")
-    # the least value and where it is, as IOH states them; None where it does not know
-    least, place = _sign(built) * float(built.optimum.y), np.array(built.optimum.x, dtype=float)
+    # the least value and where it is, as IOH states them, None where it does not know; and the suite's group
+    least, place = made.sign * float(built.optimum.y), np.array(built.optimum.x, dtype=float)
     known = bool(np.isfinite(least))
     minimum, truth = least if known else None, frozen(place) if known and np.isfinite(place).all() else None
+    gaps = _COMPETITION if suite == "CEC2013" else COCO_GAPS
     return BlackBox(
-        name="ioh",
-        library="ioh",
+        name="ioh", library="ioh", build=partial(_Function, *asked), lower=lower, upper=upper,
         options={"suite": suite, "function": function, "dimension": len(lower), "instance": instance},
-        build=partial(_counted, *asked),
-        lower=lower,
-        upper=upper,
         start=frozen((lower + upper) / 2),
         default_start="random",  # IOH names no start, and the middle is where some functions have their optimum
         truth=truth if suite != "CEC2013" else None,  # one of many
         minimum=minimum if suite != "CEC2013" else None,  # IOH rounds it: points are known 3e-8 below
-        targets=_targets(suite, minimum),
-        group=_group(suite, function),
-        data_id=f"{suite}_f{function}_i{instance}_d{len(lower)}",
-    )
+        targets=() if minimum is None else tuple(minimum + gap for gap in gaps),
+        group=_group(suite, function), data_id=f"{suite}_f{function}_i{instance}_d{len(lower)}",
+    )  # fmt: skip
 
 
 @final
 class _Function:
     """IOH's problem as a function to be minimised, and IOH's own count."""
 
-    def __init__(self, problem: Any) -> None:
-        self._problem = problem
-        self._sign = _sign(problem)
+    def __init__(self, problem_class: str, function: int, instance: int, dimension: int) -> None:
+        library = package("ioh", "ioh", "ioh")
+        self.problem = library.get_problem(function, instance, dimension, library.ProblemClass[problem_class])
+        self.sign = -1.0 if self.problem.meta_data.optimization_type.name == "MAX" else 1.0
 
     def __call__(self, x: Array) -> float:
-        return self._sign * float(self._problem(x))
+        return self.sign * float(self.problem(x))
 
     @property
     def evaluations(self) -> int:
-        """Return IOH's count of calls."""
-        return int(self._problem.state.evaluations)
-
-
-def _counted(problem_class: str, function: int, instance: int, dimension: int) -> _Function:
-    return _Function(_ioh_function(problem_class, function, instance, dimension))
-
-
-def _ioh_function(problem_class: str, function: int, instance: int, dimension: int) -> Any:
-    """Return IOH's problem."""
-    library = package("ioh", "ioh", "ioh")
-    return library.get_problem(function, instance, dimension, library.ProblemClass[problem_class])
-
-
-def _sign(problem: Any) -> float:
-    """Return -1 for a problem that is to be maximised."""
-    return -1.0 if problem.meta_data.optimization_type.name == "MAX" else 1.0
-
-
-def _targets(suite: str, minimum: float | None) -> tuple[float, ...]:
-    """Return levels of f: COCO's above the optimum, the competition's for CEC2013, none where it is not known."""
-    if minimum is None:
-        return ()
-    return tuple(minimum + level for level in _COMPETITION) if suite == "CEC2013" else targets(minimum)
+        return int(self.problem.state.evaluations)
 
 
 def _group(suite: str, function: int) -> str:
     """Return the group of a function, as its suite divides them."""
     if suite in ("BBOB", "SBOX"):
-        return group(function)
+        return next(name for last, name in _GROUPS if function <= last)
     if suite == "CEC2013":
         return "simple" if function <= 10 else "composition"
     if suite == "CEC2022":
         return "basic" if function <= 5 else "hybrid" if function <= 8 else "composition"
     return ("uniform", "Sobol", "Halton")[(function - 30) // 10]
-
-
-COCO_GAPS = tuple(10.0 ** (k / 5) for k in range(10, -41, -1))  # 51: 1e2 to 1e-8, the floats that cocopp has

@@ -8,10 +8,10 @@ import pytest
 
 from calibench import optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.execution import request as probe
+from calibench.bench.execution import request
 from calibench.bench.report.shared import drawing as drawn
 from calibench.bench.sweep import carry_out, costs
-from calibench.calibration.leave_out import predict
+from calibench.calibration.fit import predict
 from calibench.core import user_file
 
 
@@ -50,7 +50,7 @@ def one_process():
     than processes.
     """
     with pytest.MonkeyPatch.context() as patch:
-        for module in (carry_out, costs, drawn, probe):
+        for module in (carry_out, costs, drawn, request):
             patch.setattr(module, "CAN_FORK", False)
         yield
 
@@ -86,5 +86,5 @@ def not_left_out():
         return predict(fit, fit.model, np.ones(len(fit.model.joints), dtype=bool))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(importlib.import_module("calibench.calibration.calibrate"), "cross_validate", of_the_fit)
+        patch.setattr(importlib.import_module("calibench.calibration.fit"), "cross_validate", of_the_fit)
         yield

@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.papers import PAPERS
-from calibench.bench.papers.additions import ADDITIONS
+from calibench.bench.papers import ADDITIONS
+from calibench.bench.papers.rerun import PAPERS
 from calibench.bench.report.study.additions import AddedFigure, Addition, Mark, PrintedTable, TableSection
 from calibench.bench.report.study.figures import study_figures, target_chart
 from calibench.bench.report.study.write import write_report

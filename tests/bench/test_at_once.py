@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from calibench.bench.gate import processes as module
+from calibench.bench.gate import processes
 from calibench.bench.gate.processes import at_once
 
 
@@ -13,7 +13,7 @@ def test_answers_come_in_the_order_of_the_calls():
 
 
 def test_calls_run_beside_this_process(monkeypatch):
-    monkeypatch.setattr(module.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(processes.os, "cpu_count", lambda: 2)
     assert os.getpid() not in at_once([os.getpid] * 4)
 
 
@@ -22,11 +22,11 @@ def test_what_a_call_raises_is_raised_here(monkeypatch, cores):
     def fails():
         raise ValueError("no such plan")
 
-    monkeypatch.setattr(module.os, "cpu_count", lambda: cores)
+    monkeypatch.setattr(processes.os, "cpu_count", lambda: cores)
     with pytest.raises(ValueError, match="no such plan"):
         at_once([fails, os.getpid])
 
 
 def test_one_core_makes_them_here(monkeypatch):
-    monkeypatch.setattr(module.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(processes.os, "cpu_count", lambda: 1)
     assert at_once([os.getpid] * 2) == [os.getpid()] * 2

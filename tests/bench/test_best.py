@@ -15,7 +15,7 @@ from calibench.bench.statistics.best import Rival, Side, ratio_of, rivals_of
 from calibench.bench.statistics.ranking import order_of_scores as order_of
 from calibench.bench.statistics.ranking import places, scores
 from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
-from calibench.bench.statistics.two_methods import rank_sum_tails
+from calibench.bench.statistics.two_studies import rank_sum_tails
 from calibench.bench.store.manifest import remaining_by_budget
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.request import read_request

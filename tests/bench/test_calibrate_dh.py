@@ -11,10 +11,10 @@ import pytest
 from calibench import problems
 from calibench.bench.cli import main
 from calibench.bench.provenance.run_id import options_of
+from calibench.calibration.fit import cross_validate
 from calibench.calibration.kinematics import forward, nominal
-from calibench.calibration.leave_out import cross_validate
 from calibench.calibration.urdf import read_urdf
-from calibench.problems.arm.measured import shipped
+from calibench.problems.arm.families import shipped
 from tests.bench.arm_by_hand import texts
 from tests.dh_by_hand import PUMA_CRAIG, STANFORD, UR10, as_csv, modified, reached, standard
 from tests.few import few
@@ -183,7 +183,7 @@ def test_a_calibrated_table_is_read_again_and_left_alone(bench):
 
 def test_a_true_arm_keeps_its_table(bench, monkeypatch):
     monkeypatch.setitem(HIDDEN, "craig", {})
-    monkeypatch.setattr(importlib.import_module("calibench.calibration.calibrate"), "cross_validate", cross_validate)
+    monkeypatch.setattr(importlib.import_module("calibench.calibration.fit"), "cross_validate", cross_validate)
     measured("craig", 40)
     found = bench(*words("craig"))
     assert (found["chosen"], found["changes"]) == ("frames", [])

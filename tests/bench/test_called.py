@@ -12,8 +12,7 @@ from calibench import optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.commands.status import lines_of
 from calibench.bench.statistics.progress import sweep_progress
-from calibench.bench.store.merge import merge
-from calibench.bench.store.runs import ResultStore
+from calibench.bench.store.runs import ResultStore, merge
 from calibench.bench.sweep.request import read_request
 from calibench.core import user_file
 

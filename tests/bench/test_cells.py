@@ -13,13 +13,12 @@ from scipy.stats import binomtest
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.commands.console import print_summary
-from calibench.bench.papers.additions import ADDITIONS
-from calibench.bench.papers.cong2008 import tables as paper_tables
+from calibench.bench.papers import ADDITIONS
+from calibench.bench.papers.cong2008 import figures as paper_tables
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.html_tables import methods, ranked
 from calibench.bench.report.study.write import write_report
-from calibench.bench.statistics import ranking, tables
-from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics import ranking, summary, tables
 from calibench.bench.statistics.cells import CELL, mixed_code
 from calibench.bench.statistics.names import method_labels, problem_titles
 from calibench.bench.store.runs import ResultStore
@@ -73,21 +72,23 @@ def frame(*cells):
 
 
 def test_the_median_of_ten_runs_is_the_mean_of_the_middle_two(made):
-    (row,) = stats.summary(frame(made([1.0, 1, 1, 1, 1, 3, 3, 3, 3, 3]))).to_dict("records")
+    (row,) = summary.summary(frame(made([1.0, 1, 1, 1, 1, 3, 3, 3, 3, 3]))).to_dict("records")
     assert (row["best_q1"], row["best_median"], row["best_q3"]) == (1.0, 2.0, 3.0)
 
 
 def test_runs_without_a_value_are_worst_and_no_quantile_is_nan(made):
-    (row,) = stats.summary(frame(made([1.0, 2.0, np.inf, np.inf]))).to_dict("records")
+    (row,) = summary.summary(frame(made([1.0, 2.0, np.inf, np.inf]))).to_dict("records")
     assert (row["best_q1"], row["best_median"], row["best_q3"]) == (1.75, np.inf, np.inf)
-    (row,) = stats.summary(frame(made([1.0, 2.0, 3.0, np.inf]))).to_dict("records")
+    (row,) = summary.summary(frame(made([1.0, 2.0, 3.0, np.inf]))).to_dict("records")
     assert (row["best_median"], row["best_q3"]) == (2.5, np.inf)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 7, 10])
 def test_quantiles_are_those_of_numpy_where_all_is_finite(n):
     values = np.random.default_rng(n).normal(size=(n, 3))
-    np.testing.assert_allclose(stats.quantiles(values, stats.QUARTILES), np.quantile(values, stats.QUARTILES, axis=0))
+    np.testing.assert_allclose(
+        summary.quantiles(values, summary.QUARTILES), np.quantile(values, summary.QUARTILES, axis=0)
+    )
 
 
 def test_each_function_and_instance_of_a_family_is_a_cell(made):
@@ -101,7 +102,7 @@ def test_each_function_and_instance_of_a_family_is_a_cell(made):
 @pytest.mark.parametrize("columns", [{"budget": 500}, {"start": "nominal"}, {"target": 1e-2}, {"data_id": "other"}])
 def test_start_budget_target_and_data_set_cells_apart_everywhere(made, columns):
     apart = frame(made([1.0, 1.0], start="random"), made([3.0, 3.0], **({"start": "random"} | columns)))
-    for table in (stats.summary(apart), tables.overview(apart)):
+    for table in (summary.summary(apart), tables.overview(apart)):
         assert sorted(table["best_median"]) == [1.0, 3.0]
     titles = problem_titles(apart).str.cat(method_labels(apart))
     assert titles.nunique() == apart.groupby(CELL, dropna=False).ngroups == 2
@@ -130,22 +131,22 @@ def test_a_method_that_was_run_on_fewer_tasks_stands_behind_and_is_judged_by_its
 
 def test_at_the_goal_values_are_tied_and_above_it_they_are_not(made):
     low, lower = made([1e-20] * 3, [50] * 3, optimizer="de"), made([1e-30] * 3, [50] * 3, optimizer="pso")
-    cells = stats.summary(frame(low, lower))
+    cells = summary.summary(frame(low, lower))
     assert ranking.places(cells).tolist() == [1.5, 1.5]
-    apart = stats.summary(frame(made([1e-3] * 3, optimizer="de"), made([1e-4] * 3, optimizer="pso")))
+    apart = summary.summary(frame(made([1e-3] * 3, optimizer="de"), made([1e-4] * 3, optimizer="pso")))
     assert ranking.places(apart).tolist() == [2.0, 1.0]
 
 
 def test_success_has_wilsons_interval():
-    assert stats.success_interval(5, 5) == pytest.approx((0.5655, 1.0), abs=1e-4)  # Brown, Cai, DasGupta 2001
-    assert stats.success_interval(30, 100) == pytest.approx((0.2189, 0.3959), abs=1e-4)
+    assert summary.success_interval(5, 5) == pytest.approx((0.5655, 1.0), abs=1e-4)  # Brown, Cai, DasGupta 2001
+    assert summary.success_interval(30, 100) == pytest.approx((0.2189, 0.3959), abs=1e-4)
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 30, 1000])
 def test_the_interval_is_that_of_scipy_to_the_last_bit(count):
     for won in range(0, count + 1, max(1, count // 50)):
         theirs = binomtest(won, count).proportion_ci(0.95, method="wilson")
-        assert stats.success_interval(won, count) == (theirs.low, theirs.high)
+        assert summary.success_interval(won, count) == (theirs.low, theirs.high)
 
 
 def test_where_chance_has_no_part_there_is_no_interval(made):
@@ -153,10 +154,10 @@ def test_where_chance_has_no_part_there_is_no_interval(made):
     once = frame(made([0.0], [5], optimizer="nlopt_LN_BOBYQA", start="nominal", **options))
     drawn = frame(made([0.0], [5], optimizer="nlopt_LN_BOBYQA", start="random", **options))
     random = frame(made([0.0], [5], optimizer="de", start="nominal", **options))
-    low = [stats.summary(runs)["success_low"].iloc[0] for runs in (once, drawn, random)]
+    low = [summary.summary(runs)["success_low"].iloc[0] for runs in (once, drawn, random)]
     assert np.isnan(low[0])
     assert low[1:] == pytest.approx([0.2065, 0.2065], abs=1e-4)
-    assert "no chance" in str(methods(once, stats.method_names(once)).rows)
+    assert "no chance" in str(methods(once, summary.method_names(once)).rows)
 
 
 def test_problems_that_differ_only_in_an_option_left_unsaid_have_names_apart():
@@ -210,7 +211,7 @@ def test_methods_of_a_page_are_best_first_under_each_budget(made):
         made([0.0], [30], optimizer="de", budget=100), made([0.0], [10], optimizer="de", budget=900),
         made([0.0], [20], optimizer="pso", budget=100), made([0.0], [20], optimizer="pso", budget=900),
     )  # fmt: skip
-    cells = ranked(runs, stats.method_names(runs))
+    cells = ranked(runs, summary.method_names(runs))
     assert list(zip(cells["budget"], cells["method"], strict=True)) == [
         (100, "pso"), (100, "de"), (900, "de"), (900, "pso")
     ]  # fmt: skip
@@ -221,7 +222,7 @@ def test_budgets_are_not_mixed_in_the_papers_tables():
         bench.execute(problems.make("full12", error="J3"), optimizers.make("de"), budget=budget).row
         for budget in (200, 400)
     ]
-    table = paper_tables.table7(frame(rows))
+    table = paper_tables.TABLES["table7"](frame(rows))
     assert table[table["quantity"] == "lb1"]["budget"].tolist() == [200, 400]
     assert (table["n"] == 1).all()
 
@@ -231,7 +232,7 @@ def test_the_terminal_shows_what_was_swept_and_the_best_first(made, capsys):
         made([0.3, 0.4], optimizer="de", budget=100), made([0.1, 0.2], optimizer="pso", budget=100),
         made([0.1, 0.1], optimizer="de", budget=900), made([0.3, 0.3], optimizer="pso", budget=900),
     )  # fmt: skip
-    print_summary(stats.summary(runs).to_dict("list"))
+    print_summary(summary.summary(runs).to_dict("list"))
     head, *lines = capsys.readouterr().out.splitlines()[:5]
     assert "budget" in head
     assert "kmrmse" not in head
@@ -272,16 +273,16 @@ def test_a_page_of_many_methods_needs_no_target(made):
 
 
 def test_without_a_goal_there_is_no_success(made):
-    (row,) = stats.summary(frame(made([1.0, 2.0], targets=[], hits=[], hits_charged=[], target=None))).to_dict(
+    (row,) = summary.summary(frame(made([1.0, 2.0], targets=[], hits=[], hits_charged=[], target=None))).to_dict(
         "records"
     )
     assert np.isnan([row["success"], row["success_low"], row["success_high"]]).all()
 
 
 def test_a_minimum_that_a_run_falls_below_is_nobodys(made):
-    (row,) = stats.summary(frame(made([-3.2, -3.1], minimum=-3.1, inside_box=True))).to_dict("records")
+    (row,) = summary.summary(frame(made([-3.2, -3.1], minimum=-3.1, inside_box=True))).to_dict("records")
     assert np.isnan(row["minimum"])
-    (row,) = stats.summary(frame(made([-3.0, -3.1], minimum=-3.1, inside_box=True))).to_dict("records")
+    (row,) = summary.summary(frame(made([-3.0, -3.1], minimum=-3.1, inside_box=True))).to_dict("records")
     assert row["minimum"] == -3.1
 
 

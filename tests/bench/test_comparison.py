@@ -15,8 +15,7 @@ from calibench.bench.cli import main
 from calibench.bench.report.study.figures import critical_difference
 from calibench.bench.statistics.ranking import FEWEST, Blocks, blocks_of, friedman, holm, scores
 from calibench.bench.statistics.ranking import order_of_scores as order_of
-from calibench.bench.statistics.two_methods import a12, two_methods
-from calibench.bench.statistics.two_studies import compare
+from calibench.bench.statistics.two_studies import a12, compare, two_methods
 from calibench.bench.store.runs import ResultStore
 
 pytestmark = pytest.mark.usefixtures("one_process")

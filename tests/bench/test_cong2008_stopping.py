@@ -52,7 +52,7 @@ def test_one_search_ends_for_each_stop_where_its_options_end_one(key: str, numbe
     built = make_problem(name, **dict(asked))
     for variant in VARIANTS:
         end = ends(name, asked, variant.step)[variant.stop]
-        assert (end.kmrmse, end.iterations) == kmrmse(built, built, variant), variant.words
+        assert (end.kmrmse, end.iterations) == kmrmse(built, built, variant), variant
 
 
 def judged(releases: list[list[float]], relative: tuple[list[float], list[float]]) -> list[Judged]:

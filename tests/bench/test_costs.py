@@ -13,7 +13,7 @@ from calibench.bench.execution.run import Spec
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.bench.gate.time_limit import Mirror
 from calibench.bench.report.study.write import write_report
-from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics import summary
 from calibench.bench.statistics.summary import KINDS, priced
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import costs
@@ -262,4 +262,4 @@ def test_a_sweep_measures_each_problem_once_and_tells_the_second_currency(tmp_pa
     page = (store.folder / "report.html").read_text()
     assert "one call takes: a value" in page
     assert "of these the objective" in page
-    assert "objective_s_median" not in stats.summary(runs)
+    assert "objective_s_median" not in summary.summary(runs)

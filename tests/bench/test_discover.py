@@ -19,12 +19,13 @@ from benchmarks.blind.gpm2002.simulate import case
 from benchmarks.blind.malformed import SPOILED
 from calibench import bench, discrepancy, optimizers
 from calibench.bench.cli import main
-from calibench.bench.discovery import batch as advice
+from calibench.bench.discovery import batch
 from calibench.bench.discovery.batch import with_advice
-from calibench.bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA, FindingStore
+from calibench.bench.discovery.store import FINDINGS_SCHEMA, GAPS_SCHEMA
 from calibench.bench.measured.files import read_measured
 from calibench.bench.measured.sources import sources
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.store.schema import to_pandas
 from calibench.discrepancy.design.detectability import WhitenedDesign
 from calibench.discrepancy.machines.gpm2002.description import planned, reachable
 from tests.few import few
@@ -112,8 +113,8 @@ def test_a_search_is_done_once_for_the_same_data_and_options(folder, tmp_path, c
 
 
 def test_the_tables_have_a_row_a_finding_and_a_row_a_case(results):
-    store = FindingStore(results / "discover")
-    findings, gaps = store.findings(), store.gaps()
+    folder = results / "discover"
+    findings, gaps = (to_pandas(pq.read_table(folder / f"{name}.parquet")) for name in ("findings", "gaps"))
     assert gaps["case"].tolist() == ["broken", "demo_backlash", "demo_nothing"]
     assert gaps["status"].tolist() == ["failed", "ok", "ok"]
     assert findings["effect"].tolist() == ["backlash joint 2"]
@@ -193,7 +194,7 @@ def test_the_residuals_show_the_play_before_and_nothing_after(results):
         ("machine=gpm2002 data=demo_backlsh", "did you mean 'demo_backlash'?"),
         ("machine=gpm2002 data=demo_nothing sigma_en=1e-5", "did you mean 'sigma_enc'?"),
         ("machine=gpm2002 data=demo_nothing sigma_enc=-1", "sigma_enc=-1: a number above 0 is needed"),
-        ("machine=gpm2002 data=demo_nothing sigma_enc=", "sigma_enc= has no value"),
+        ("machine=gpm2002 data=demo_nothing sigma_enc=", "sigma_enc needs a value"),
         ("machine=gpm2002 data=demo_nothing machine.free=rho", "gpm2002 has no option 'free'"),
         ("machine=gpm2002 data=demo_nothing execution=slrum", "execution=slrum"),
         ("machine=gpm2002 data=demo_nothing pages=some", "pages=some"),
@@ -201,9 +202,9 @@ def test_the_residuals_show_the_play_before_and_nothing_after(results):
         ("machine=gpm2002 data=demo_nothing nominal=3", "nominal=3: a JSON object is needed"),
         ("machine=table data=demo_enso sigma=3", "sigma= is nothing that table reads; machine.sigma= is its option"),
         ("machine=table data=demo_enso back=3", "unknown argument 'back'; machine.back= is its option"),
-        ("machine=table data=demo_enso machine.back=3 machine.back=4", "machine.back= is given twice"),
+        ("machine=table data=demo_enso machine.back=3 machine.back=4", "machine.back is given twice"),
         ("machine=table data=demo_enso machine.start={c:3}", "constant has no parameter 'c'; choices: b0"),
-        ("machine=gpm2002 data=demo_nothing data.sigma_enc=1e-5 data.sigma_enc=2e-5", "data.sigma_enc= is given twice"),
+        ("machine=gpm2002 data=demo_nothing data.sigma_enc=1e-5 data.sigma_enc=2e-5", "data.sigma_enc is given twice"),
         ("machine=gpm2002 data=demo_nothing execution.n_jobs=2", "execution=serial is one process; add"),
         ("machine=gpm2002 data=demo_nothing --jsn", "did you mean '--json'?"),
         ("machine=orthoglide data=demo_nothing", "exp1"),
@@ -262,7 +263,7 @@ def test_a_machine_of_ones_own_is_searched_by_its_path(tmp_path, monkeypatch, ca
     sys.modules.pop("my_machine", None)
     assert code == 0, err
     assert "demo_nothing (gpm2002)" in out
-    options = json.loads(FindingStore("results/discover").gaps()["options"][0])
+    options = json.loads(pq.read_table("results/discover/gaps.parquet")["options"][0].as_py())
     assert options["machine"]["name"] == "my_machine:Mine"
 
 
@@ -337,7 +338,7 @@ def test_a_machine_that_reaches_no_place_is_told_where_readings_are_to_be_propos
     formulation = machine.formulate(planned(n=40))
     with pytest.raises(discrepancy.DataError, match="reaches no place within") as refused:
         reachable(formulation, WhitenedDesign(formulation).q | {"xa1": 1e6})
-    monkeypatch.setattr(advice, "next_poses", Mock(side_effect=refused.value))
+    monkeypatch.setattr(batch, "next_poses", Mock(side_effect=refused.value))
     made = case(0, family="thermal_links", lam=2.0, noise="gauss", xy=False)
     data = discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata)
     first = with_advice(discrepancy.explain("gpm2002", data), data, machine).findings[0]

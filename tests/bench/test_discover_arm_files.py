@@ -102,9 +102,7 @@ def test_a_folder_of_files_is_a_set_each(tmp_path):
 def test_joints_in_a_file_of_their_own_and_beyond_their_limits_are_told(arm, tmp_path):
     q, seen, _ = measured(40)
     (tmp_path / "tracker.csv").write_text("x,y,z\n" + "\n".join(",".join(map(str, row)) for row in seen))
-    with pytest.raises(
-        DataError, match=r"joint_1 of the URDF has no column, nor has any other .* bench calibrate joins"
-    ):
+    with pytest.raises(DataError, match="joint_1"):
         arm.formulate(read_measured(tmp_path / "tracker.csv", "arm"))
     q[7, 2] = 3.0
     notes = formulated(arm, tmp_path, table(q, seen)).data.notes

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks.blind.gpm2002.simulate import case
 from calibench import discrepancy
-from calibench.bench.discovery.page import figures as page_noise_charts
+from calibench.bench.discovery.page import figures
 from calibench.bench.discovery.page.figures import (
     Residuals,
     Series,
@@ -214,8 +214,8 @@ def test_a_chart_is_drawn_where_every_reading_is_taken_for_outlying(monkeypatch)
     made = case(14, family="outlier", lam=3.0, xy=False)
     report = discrepancy.explain("gpm2002", discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata))
     all_of_them = SimpleNamespace(weights=np.ones(len(report.model.fit.model.formulation.data)))
-    monkeypatch.setattr(page_noise_charts, "outliers_under", lambda *_: all_of_them)
-    [(_, (_, table))] = page_noise_charts.noise_charts(report)
+    monkeypatch.setattr(figures, "outliers_under", lambda *_: all_of_them)
+    [(_, (_, table))] = figures.noise_charts(report)
     assert table["outlying"].all()
 
 

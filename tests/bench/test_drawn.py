@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from calibench.bench.report.shared import drawing as drawn
+from calibench.bench.report.shared import drawing
 
 
 def _drawable(count):
@@ -22,7 +22,7 @@ def _drawable(count):
 def _saved(folder, monkeypatch, cores, drawable):
     monkeypatch.setattr(os, "cpu_count", lambda: cores)
     told = []
-    with drawn.Drawings(drawable, folder, told.append) as drawings:
+    with drawing.Drawings(drawable, folder, told.append) as drawings:
         svg = dict(drawings)
         files = drawings.files()
     return told, svg, {path.name: path.read_bytes() for path in files}
@@ -55,7 +55,7 @@ def test_what_ends_the_report_ends_the_drawings(tmp_path, monkeypatch):
         time.sleep(60)
 
     began = time.monotonic()
-    drawings = drawn.Drawings([(f"slow_{k}", slow) for k in range(3)], tmp_path, lambda name: None)
+    drawings = drawing.Drawings([(f"slow_{k}", slow) for k in range(3)], tmp_path, lambda name: None)
     with pytest.raises(ValueError, match="no table"), drawings:
         raise ValueError("no table")
     assert time.monotonic() - began < 30

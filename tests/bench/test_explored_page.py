@@ -28,7 +28,7 @@ from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.fixed_target import ecdf, ert
 from calibench.bench.statistics.optimum import optimum_of
-from calibench.bench.statistics.targets import hits_of
+from calibench.bench.statistics.targets import levels_of
 from calibench.bench.store.runs import ResultStore
 from tests.few import few
 
@@ -57,7 +57,7 @@ def panels_of(runs):
 
 def numbers_of(store, runs=None):
     runs = store.runs() if runs is None else runs
-    return explored(panels_of(runs), store.traces(), hits_of(store), stats.summary(runs), "mine")
+    return explored(panels_of(runs), store.traces(), store.hits(levels_of(store.runs())), stats.summary(runs), "mine")
 
 
 def quartiles_of_one(traces, at):
@@ -92,7 +92,7 @@ def test_a_run_that_never_began_is_worse_than_all(store):
 
 
 def test_what_is_reached_is_what_the_statistics_say(store):
-    runs, hits = store.runs(), hits_of(store)
+    runs, hits = store.runs(), store.hits(levels_of(store.runs()))
     runs["cell"] = runs.groupby(CELL, sort=False, dropna=False).ngroup()
     costs = np.array([1.0, 10.0, 30.0, 100.0, 200.0])
     found = {one.quantity: one for one in reached_targets(runs, hits, dict.fromkeys(range(6), float("nan")), costs)}
@@ -214,8 +214,10 @@ def test_the_head_and_the_tables_tell_runs_that_failed_from_those_that_their_tim
     runs = ended(store.runs(), failed=2, timeout=3)
     names, cells = stats.method_names(runs), stats.summary(runs)
     head = headline(runs, [], [], "", answer(runs, cells, names))
-    assert [(fact.value, fact.what) for fact in head.facts[1:3]] == [("2", "failed"), ("3", "ended by the time limit")]
-    assert head.lost.startswith("2 of 24 runs failed and count as not arrived; 3 of 24 runs were ended by their time")
+    assert [fact[:2] for fact in head["facts"][1:3]] == [("2", "failed"), ("3", "ended by the time limit")]
+    assert head["lost"].startswith(
+        "2 of 24 runs failed and count as not arrived; 3 of 24 runs were ended by their time"
+    )
     table = contents(panels_of(runs), names, cells)
     assert [head.title for head in table.heads[-2:]] == ["failed runs", "ended by the time limit"]
     lost = [int(re.sub(r"<[^>]*>|✗", "", str(cell))) for row in table.rows for cell in row[-2:]]

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.gate.box import doors_of
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.bench.gate.face import COPIES, FIXED, METHODS, NUMBERS, face_of
+from calibench.bench.gate.face import COPIES, FIXED, METHODS, NUMBERS, doors_of, face_of
 from tests.bench.test_cheating import BUDGET, Counted, Method
 
 

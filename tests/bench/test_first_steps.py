@@ -16,7 +16,7 @@ from calibench.bench.report.study.answer import answer_of
 from calibench.bench.report.study.figures import convergence, target_chart
 from calibench.bench.report.study.page import headline
 from calibench.bench.report.study.write import write_report
-from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics import summary
 from calibench.bench.statistics.optimum import Optimum
 from calibench.bench.store.runs import ResultStore
 from calibench.core import user_file
@@ -115,7 +115,7 @@ def test_a_run_that_failed_in_judging_reached_nothing_anywhere(call, tmp_path):
     store = ResultStore(tmp_path / "results" / "adhoc")
     runs = store.runs()
     assert runs["hits_charged"].iloc[0][-1] is not None  # what the search passed is kept
-    [cell] = stats.summary(runs).to_dict("records")
+    [cell] = summary.summary(runs).to_dict("records")
     assert (cell["failed"], cell["reached"], cell["success"]) == (1, 0, 0.0)
     assert target_chart(runs)[1]["hit"].isna().all()
     page = write_report(store)[-1].read_text()
@@ -129,7 +129,7 @@ def test_a_run_whose_time_was_up_keeps_what_it_reached():
     row = dict(bench.execute(problem, optimizer, budget=60, target=1e9).row)
     for status, reached in (("ok", 1), ("timeout", 1), ("failed", 0)):
         frame = pd.DataFrame([row | {"status": status}])
-        assert int(np.isfinite(stats.goal_hits(frame)).sum()) == reached
+        assert int(np.isfinite(summary.goal_hits(frame)).sum()) == reached
 
 
 def test_a_traceback_is_of_the_users_frames(call, tmp_path):
@@ -277,8 +277,8 @@ def test_below_a_long_sweep_stands_the_answer_of_its_page_and_both_count_problem
     found = answer_of(store.runs(), store.traces())  # what the page is made with
     assert lines[at : at + 2] == [found.best, found.sure]
     assert "3 methods on 16 problems" in found.compared
-    facts = headline(store.runs(), {}, (), "", found).facts
-    assert ("16", "problems") in [(fact.value, fact.what) for fact in facts]
+    facts = headline(store.runs(), {}, (), "", found)["facts"]
+    assert ("16", "problems") in [fact[:2] for fact in facts]
 
 
 def test_a_target_that_no_run_can_reach_is_told_before_the_runs(call):

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from calibench.bench.cli import main
-from calibench.calibration.hand_eye import adjust, frames_of, frames_order, model_of_pairs, scale_of, slopes_of
+from calibench.calibration.determined import order_of
+from calibench.calibration.hand_eye import adjust, frames_of, model_of_pairs, scale_of, slopes_of
 from calibench.calibration.hand_eye_start import arm_poses
 from tests.bench.arm_by_hand import texts
 from tests.bench.hand_eye_by_hand import (
@@ -92,7 +93,7 @@ def test_noisy_pairs_are_fitted_closer_to_the_truth_than_the_closed_form_on_the_
 def test_the_slopes_of_the_residuals_agree_with_differences(mode):
     made = model(6, mode)
     made = replace(made, chain=made.chain.placed(np.linalg.inv(pose(*CAMERA)), pose(*BOARD)))
-    kept = np.array(sorted(frames_order(made)))
+    kept = np.array(sorted(order_of(made.names, "frames")))
     weights = np.ones(6)
     slopes = made.jacobian(made.start, kept, weights)[0]
     for k, place in enumerate(kept):

@@ -18,7 +18,7 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.execution.costly import with_batches
-from calibench.bench.gate import time_limit as watch
+from calibench.bench.gate import time_limit
 from calibench.bench.gate.endings import ToldError
 from calibench.bench.gate.processes import forked
 from tests.few import few
@@ -290,7 +290,7 @@ def test_an_exception_whose_class_lives_elsewhere_keeps_its_name_and_text() -> N
 
 @pytest.mark.usefixtures("nothing_left")
 def test_a_time_limit_ends_the_processes_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watch, "GRACE", 0.2)
+    monkeypatch.setattr(time_limit, "GRACE", 0.2)
     run = bench.execute(Fails(lambda: time.sleep(60)), optimizers.make("de"), budget=1000, inner=2, time_limit=1.5)
     assert run.status == "timeout"
     assert 0 < run.evaluations < 1000

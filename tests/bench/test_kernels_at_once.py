@@ -11,9 +11,8 @@ import pytest
 
 from calibench import optimizers, problems
 from calibench.bench.execution import kernels
-from calibench.bench.execution.row_of import compile_parts
-from calibench.bench.execution.run import Spec
-from calibench.bench.gate import processes as at_once
+from calibench.bench.execution.run import Spec, compile_parts
+from calibench.bench.gate import processes
 from calibench.core.compilation import compiled
 
 SPECS = [Spec(name, {}, method, {}, 10, 0) for name in ("sensor_zero", "orthoglide6") for method in ("de", "lm")]
@@ -24,7 +23,7 @@ def book(tmp_path, monkeypatch):
     """The lines that each compilation writes, of a machine that has compiled nothing yet."""
     book = tmp_path / "book"
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(at_once.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(processes.os, "cpu_count", lambda: 2)
     compiled._cache_folder.cache_clear()
 
     def make(name, **options):

@@ -7,10 +7,10 @@ import pytest
 from calibench.bench.papers import compare
 from calibench.bench.papers.cong2008 import actual
 from calibench.bench.papers.cong2008.machine import counted_closure
-from calibench.bench.papers.pashkevich2008 import claims as assumptions
+from calibench.bench.papers.pashkevich2008 import claims
 from calibench.bench.papers.pashkevich2008 import claims as equations
 from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import Evidence, judge_either
+from calibench.bench.papers.row import Evidence, Tolerance, judge_either
 
 CONG, PASHKEVICH = Printed("cong2008"), Printed("pashkevich2008")
 
@@ -99,23 +99,21 @@ def test_the_range_of_the_linearisation_is_where_it_leaves_the_noise():
 
 
 def test_noise_is_judged_alike_before_and_after_the_tuning(monkeypatch):
-    rows = by_key(assumptions.assumption_rows(PASHKEVICH))
+    rows = by_key(claims.assumption_rows(PASHKEVICH))
     assert rows["sigma_unrealistic"].verdict == "reproduced"
     assert rows["assumptions_valid"].verdict == "not reproduced"
-    monkeypatch.setattr(assumptions, "noise_of", lambda data: (0.011, 0.008))  # as the gauges are
-    rows = by_key(assumptions.assumption_rows(PASHKEVICH))
+    monkeypatch.setattr(claims, "noise_of", lambda data: (0.011, 0.008))  # as the gauges are
+    rows = by_key(claims.assumption_rows(PASHKEVICH))
     assert rows["sigma_unrealistic"].verdict == "not reproduced"
     assert rows["assumptions_valid"].verdict == "reproduced"
 
 
 def test_the_orientation_of_the_axes_is_asked_of_the_data():
-    found = assumptions.orientation("exp2")
+    found = claims.orientation("exp2")
     assert (round(found.F, 2), round(found.p, 2)) == (0.10, 0.96)
 
 
 def test_a_number_of_two_tables_is_reproduced_where_both_have_it():
-    from calibench.bench.papers import Tolerance
-
     half = Tolerance(0.5, "half a digit")
     assert judge_either(3.0, [2.9, 2.1], half).verdict == "reproduced in kind"
     assert judge_either(3.0, [], half).verdict == "not checkable"

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from calibench.bench.papers import Tolerance, judge
 from calibench.bench.papers.cong2008.actual import quantity, row, searches, tolerance_of
 from calibench.bench.papers.cong2008.stopping import COLUMNS, RELEASES
 from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import judge_share
+from calibench.bench.papers.row import Tolerance, judge, judge_share
 from tests.few import few
 
 PRINTED = Printed("cong2008")

@@ -12,7 +12,7 @@ import pytest
 
 from calibench.bench.cli import main
 from calibench.bench.commands import list as list_command
-from calibench.bench.papers.cong2008 import figures as printed_figures
+from calibench.bench.papers.cong2008 import figures
 
 
 def listed(capsys: pytest.CaptureFixture[str], *argv: str) -> str:
@@ -53,7 +53,7 @@ def drawn_by(source: str) -> set[str]:
             found |= {word.value.strip("_") for name in names for word in ast.walk(name) if is_word(word)}
         if isinstance(function, ast.Call) and ast.unparse(function.func) == "AddedFigure":
             name = function.args[0]
-            found |= {name.value} if is_word(name) else {*printed_figures.FIGURES}  # those of a dictionary
+            found |= {name.value} if is_word(name) else {*figures.FIGURES}  # those of a dictionary
     return found
 
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibench.bench.measured.csv_columns import factor
 from calibench.bench.measured.files import read_measured, write_measured
-from calibench.bench.measured.sources import shipped, sources
+from calibench.bench.measured.sources import sources
+from calibench.core.tables.columns import ANY
 from calibench.discrepancy import DataError, MeasuredData
 
 METADATA = {"schema_version": 1, "machine": "gpm2002", "sigma_enc": 5e-5, "tooth_numbers": [40, 48, 56]}
@@ -157,7 +157,7 @@ def test_what_is_no_parquet_is_one_line(tmp_path):
             read_measured(where, "gpm2002")
         assert "\n" not in str(caught.value)
     pq.write_table(pa.table({"enc_1": [[1.0], [2.0]]}), path)
-    with pytest.raises(DataError, match="column enc_1: numbers, words or true and false are needed"):
+    with pytest.raises(DataError, match="column enc_1"):
         read_measured(path, "gpm2002")
 
 
@@ -169,7 +169,6 @@ def test_a_glob_a_folder_and_a_name_stand_for_sets(tmp_path):
     assert [s.case for s in sources(str(tmp_path / "a"), "gpm2002")] == ["run"]
     assert [s.case for s in sources(f"{tmp_path}/*/run.csv", "gpm2002")] == ["a_run", "b_run"]
     assert [s.case for s in sources("exp1,exp2", "orthoglide")] == ["exp1", "exp2"]
-    assert {"exp1", "exp3_t2"} <= set(shipped("orthoglide"))
     for wrong, said in ((f"{tmp_path}/*.parquet", "matches no"), (str(tmp_path), "holds no"), ("exp9", "did you mean")):
         with pytest.raises(DataError, match=said):
             sources(wrong, "orthoglide")
@@ -188,9 +187,9 @@ def test_the_id_of_data_follows_what_stands_in_the_files(tmp_path):
 
 
 def test_every_spelling_of_a_unit_has_a_base_that_is_kept():
-    assert factor("tau_1", "N·m") == ("N mm", 1000.0)
-    assert factor("my_column", "inch") == ("mm", 25.4)
-    assert factor("temp_K", "°C") == ("K", 1.0)
+    assert ANY.factor("tau_1", "N·m") == ("N mm", 1000.0)
+    assert ANY.factor("my_column", "inch") == ("mm", 25.4)
+    assert ANY.factor("temp_K", "°C") == ("K", 1.0)
 
 
 @settings(deadline=None, max_examples=120)

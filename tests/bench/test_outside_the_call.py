@@ -15,8 +15,8 @@ import pytest
 from calibench import bench, optimizers
 from calibench.bench.cli import main
 from calibench.bench.execution import request as probe
-from calibench.bench.execution.lost import lost_run
 from calibench.bench.execution.run import Spec
+from calibench.bench.execution.standing import lost_run
 from calibench.bench.gate import time_limit
 from calibench.bench.sweep.request import read_request
 from calibench.problems.base import registry
@@ -175,7 +175,7 @@ def test_a_process_that_is_killed_once_as_a_class_is_built_is_no_fault_of_the_cl
 def test_the_id_of_what_cannot_be_built_is_that_of_what_can(rig: str, monkeypatch: pytest.MonkeyPatch) -> None:
     words = [f"problem={rig}Rig", "optimizer=de", "budget=20", "seeds=2"]
     sound = read_request(words, multirun=False)
-    monkeypatch.setattr("calibench.bench.sweep.request.probe", lambda *_: probe.Lost("ProcessDied", "it died"))
+    monkeypatch.setattr("calibench.bench.execution.request.probe", lambda *_: probe.Lost("ProcessDied", "it died"))
     broken = read_request(words, multirun=False)
     assert list(sound.specs) == list(broken.broken) == list(broken.specs)
     assert (sound.codes, sound.files) == (broken.codes, broken.files)

@@ -13,7 +13,7 @@ from calibench.bench.cli import main
 from calibench.bench.execution.request import check_extras
 from calibench.bench.execution.stochastic import FRESH, seeded
 from calibench.bench.report.study import figures
-from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics import summary
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.tables import calibrated
 from calibench.bench.store.runs import ResultStore
@@ -210,13 +210,13 @@ def test_an_infinite_merit_counts_in_the_median(tmp_path):
     told = stored(tmp_path, *runs).runs()
     assert sorted(told["merit.error"]) == [1.0, 2.0, np.inf, np.inf, np.inf]
     assert told["merit.none"].isna().all()
-    assert stats.summary(told)["merit.error_median"].tolist() == [np.inf]
+    assert summary.summary(told)["merit.error_median"].tolist() == [np.inf]
 
 
 def test_a_summary_has_the_median_of_a_merit_and_the_share_of_a_flag(tmp_path):
     problem = saying(merit=lambda self, x: {"overshoot": abs(x[0]), "low": x[0] < 0.25})
     runs = stored(tmp_path, *(run_of(problem, seed=s) for s in range(4))).runs()
-    row = stats.summary(runs).iloc[0]
+    row = summary.summary(runs).iloc[0]
     assert row["merit.overshoot_median"] == np.median([abs(x[0]) for x in runs["best_x"]])
     assert row["merit.low_share"] == np.mean([x[0] < 0.25 for x in runs["best_x"]])
 
@@ -359,7 +359,7 @@ def test_a_target_that_would_end_a_noisy_run_is_refused():
 
 def test_summaries_of_noisy_problems_are_of_the_judged_answers(tmp_path):
     runs = stored(tmp_path, *(run_of(Quiet(), seed=s) for s in range(5))).runs()
-    row = stats.summary(runs).iloc[0]
+    row = summary.summary(runs).iloc[0]
     assert row["best_median"] == runs["judged_value"].median()
     assert row["seen_median"] == runs["best_value"].median()
     assert row["reached"] == (runs["judged_value"] <= -3.1).sum()
@@ -367,8 +367,8 @@ def test_summaries_of_noisy_problems_are_of_the_judged_answers(tmp_path):
 
 def test_what_a_noisy_call_takes_is_measured_and_chance_has_a_part_in_one_run(tmp_path):
     assert costs_of(Noisy())["value_s"] > 0
-    assert stats.has_chance(stored(tmp_path, run_of(Noisy(), "nlopt_LN_BOBYQA")).runs())
-    assert not stats.has_chance(stored(tmp_path / "still", run_of(Well(), "nlopt_LN_BOBYQA")).runs())
+    assert summary.has_chance(stored(tmp_path, run_of(Noisy(), "nlopt_LN_BOBYQA")).runs())
+    assert not summary.has_chance(stored(tmp_path / "still", run_of(Well(), "nlopt_LN_BOBYQA")).runs())
 
 
 def test_a_noise_that_cannot_be_judged_is_a_failure_that_keeps_its_answer():

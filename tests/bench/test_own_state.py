@@ -148,7 +148,8 @@ class Sets(acts.Base):
         return {{"still_set": float(acts.ACTS[{what!r}][1]())}}
 """
 NOT_TRIED = {"processor affinity"}  # one core may be all there is
-AT_IMPORT = [kind.name for kind in KINDS if kind.name not in {"threads", "threads of libraries", "timers", *NOT_TRIED}]
+NAMES = list(dict.fromkeys(kind.name for kind in KINDS))
+AT_IMPORT = [name for name in NAMES if name not in {"threads", "threads of libraries", "timers", *NOT_TRIED}]
 
 REMOVES = """
 import os, sys, warnings
@@ -183,11 +184,10 @@ def specs_of(home: Path) -> list[tuple[Spec, list[str]]]:
     """Return runs and what each changes; of every kind at every place, with witnesses between."""
     found = [(spec(home, f"lazy_{number}.py:Sets"), [what]) for number, what in enumerate(AT_IMPORT)]
     found += [(spec(home, f"sets_{number}.py:Sets"), [what]) for number, what in enumerate(AT_IMPORT)]
-    for kind in KINDS:
-        if kind.name not in {"threads", *NOT_TRIED}:  # a thread of ours would go on beside the next
+    for name in NAMES:
+        if name not in {"threads", *NOT_TRIED}:  # a thread of ours would go on beside the next
             for where in ("init", "call", "merit"):
-                options = {"what": kind.name, "where": where}
-                found.append((spec(home, "sets_own_state.py:Sets", **options), [kind.name]))
+                found.append((spec(home, "sets_own_state.py:Sets", what=name, where=where), [name]))
     found += [(spec(home, "sets_own_state.py:Draws"), [])]
     found += [(spec(home, "sets_own_state.py:Witness", repetition=k), []) for k in range(len(found) // 2)]
     random.Random(3).shuffle(found)

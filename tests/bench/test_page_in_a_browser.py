@@ -12,7 +12,7 @@ import pytest
 from calibench import bench, optimizers, problems
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics.fixed_target import ert
-from calibench.bench.statistics.targets import hits_of
+from calibench.bench.statistics.targets import levels_of
 from calibench.bench.store.runs import ResultStore
 
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not here: pip install calibench[browser]")
@@ -159,7 +159,7 @@ def test_a_method_and_a_problem_that_are_switched_off_are_gone(opened):
 def test_the_slider_tells_the_expected_running_time_of_the_statistics(opened, store):
     one = opened()
     runs = store.runs()
-    table = ert(hits_of(store), runs)
+    table = ert(store.hits(levels_of(runs)), runs)
     table = table[(table["quantity"] == "gap") & (table["problem"] == "sensor_zero")]
     targets = sorted(table["target"].unique(), reverse=True)
     one.page.get_by_label("What the targets are in").select_option(label="distance to the best value")

@@ -10,7 +10,7 @@ from calibench import optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.gate.processes import CAN_FORK
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.workers import processes as printed
+from calibench.bench.workers import processes
 from calibench.core import user_file
 
 LOUD = """
@@ -67,7 +67,7 @@ def _bench(*words):
 
 
 def _texts():
-    return [path.read_text() for path in sorted(printed.printed_files(Path("results/adhoc")))]
+    return [path.read_text() for path in sorted(processes.printed_files(Path("results/adhoc")))]
 
 
 def test_a_sweep_keeps_what_its_runs_print_beside_the_rows_and_says_where_once(capfd):
@@ -77,7 +77,7 @@ def test_a_sweep_keeps_what_its_runs_print_beside_the_rows_and_says_where_once(c
     assert "from C" not in said.out
     assert said.err.count("an error") == 3
     [text] = _texts()
-    [path] = printed.printed_files(Path("results/adhoc"))
+    [path] = processes.printed_files(Path("results/adhoc"))
     assert said.out.count(f"what runs printed stands in {path}") == 1
     runs = ResultStore("results/adhoc").runs()
     parts = text.split("-- printed by run ")
@@ -120,7 +120,7 @@ def test_what_a_killed_run_printed_is_not_signed_by_the_next():
 
 
 def test_a_worker_that_prints_without_end_is_cut_off_after_a_run(capfd, monkeypatch):
-    monkeypatch.setattr(printed, "_MOST", 100)
+    monkeypatch.setattr(processes, "_MOST", 100)
     assert _bench(*RUN, "seeds=3") == 0
     assert "step" not in capfd.readouterr().out
     [text] = _texts()

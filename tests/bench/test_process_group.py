@@ -97,7 +97,7 @@ def test_a_message_that_breaks_off_is_none() -> None:
     def work(theirs: Any) -> None:
         theirs.send("whole")
         sleeper()
-        os.write(theirs._descriptor, b"\0" * 7 + b"\xff" + b"part")
+        os.write(theirs.descriptor, b"\0" * 7 + b"\xff" + b"part")
         os._exit(3)
 
     with forked(work) as (child, ours):

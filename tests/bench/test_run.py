@@ -195,5 +195,5 @@ def test_a_problem_whose_start_lies_outside_is_refused():
     class Outside(Bowl):
         start = np.array([0.0, 2.0])
 
-    with pytest.raises(ValueError, match=r"start\[1\]=2 lies outside its box -1 .. 1"):
+    with pytest.raises(ValueError, match=r"start\[1\]=2"):
         bench.execute(Outside(), optimizers.make("de"), budget=10)

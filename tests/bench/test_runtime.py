@@ -5,15 +5,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from calibench.bench.statistics.fixed_target import (
-    data_profile,
-    ecdf,
-    ert,
-    ert_interval,
-    performance_profile,
-    restarted,
-    runtimes,
-)
+from calibench.bench.statistics.fixed_target import ecdf, ert, ert_interval, performance_profile, runtimes
 
 ORACLE = "an independent library, not installed here (see docs/statistics.md)"
 
@@ -171,8 +163,6 @@ def test_the_curve_is_the_share_of_pairs_that_were_reached():
     runs, hits = study([[10, 100], [20, None]])
     curve = ecdf(hits, runs, at=[9, 10, 20, 99, 100, 1000])
     assert curve["share"].tolist() == [0, 0.25, 0.5, 0.5, 0.75, 0.75]
-    halved = ecdf(hits, runs, at=[2.5, 5], per_dimension=True)
-    assert halved["share"].tolist() == [0.25, 0.5]
 
 
 def test_a_curve_is_over_the_problems_that_all_methods_were_run_on():
@@ -200,17 +190,6 @@ def test_where_no_problem_has_all_methods_each_is_over_its_own():
     assert set(performance_profile(ert(hits, runs))["tasks"]) == {1, 2}
 
 
-def test_simulated_restarts_cost_ert_on_average():
-    time, spent = np.array([[100.0, np.inf], [300.0, np.inf], [np.inf, np.inf]]), np.array([400.0, 400.0, 70.0])
-    drawn = restarted(time, spent, 20_000)
-    assert np.isinf(drawn[:, 1]).all()
-    error = drawn[:, 0].std() / np.sqrt(len(drawn))
-    assert abs(drawn[:, 0].mean() - (100 + 300 + 70) / 2) < 4 * error
-    runs, hits = study([[100], [300], [None]], spent=[400, 400, 70])
-    assert ecdf(hits, runs, at=[1e9], restarts=50)["share"].tolist() == [1.0]
-    assert ecdf(hits, runs, at=[1e9])["share"].tolist() == [2 / 3]
-
-
 def test_profiles_count_what_is_within_a_factor_of_the_best():
     runs, hits = both(
         study([[10, 50]]), study([[40, None]], method="b"),
@@ -220,14 +199,12 @@ def test_profiles_count_what_is_within_a_factor_of_the_best():
     profile = performance_profile(table)
     told = {(row["optimizer"], row["ratio"]): row["share"] for row in profile.to_dict("records")}
     assert told == {("a", 1.0): 0.5, ("a", 2.0): 0.75, ("b", 1.0): 0.25, ("b", 4.0): 0.5}  # of 4 tasks, one by none
-    data = data_profile(table)
-    assert data[data["optimizer"] == "b"]["groups"].tolist() == [3.0, 8.0]  # / (dimension + 1)
 
 
 def test_profiles_of_no_task_have_no_steps():
     runs, hits = study([[10]])
     table = ert(hits.iloc[:0], runs)
-    assert len(table) == len(performance_profile(table)) == len(data_profile(table)) == 0
+    assert len(table) == len(performance_profile(table)) == 0
 
 
 def test_ert_is_that_of_cocopp():
@@ -235,9 +212,9 @@ def test_ert_is_that_of_cocopp():
     runs, hits = random_study(11)
     table = ert(hits, runs)
     for one in runtimes(hits, runs):
-        for (method,), mine in one.runs.groupby(["optimizer"]):
+        for (method,), mine in one.all_runs.iloc[one.at].reset_index(drop=True).groupby(["optimizer"]):
             at = mine.index.to_numpy()
-            for j, target in enumerate(one.targets["target"]):
+            for j, target in enumerate(one.all_targets["target"].iloc[one.level]):
                 (row,) = table[(table["optimizer"] == method) & (table["target"] == target)].to_dict("records")
                 known, share, count = toolsstats.sp(one.paid[at, j], issuccessful=np.isfinite(one.time[at, j]))
                 assert row["ert"] == pytest.approx(known, rel=1e-12)
@@ -266,8 +243,6 @@ def test_problems_without_an_option_are_one_group_of_the_curve():
 
 def test_words_that_are_none_are_refused_with_what_is_near():
     runs, hits = study([[10], [20]])
-    with pytest.raises(ValueError, match=r"no currency 'charge'.*charged"):
-        ert(hits, runs, currency="charge")
     with pytest.raises(ValueError, match=r"no column 'problm' .*problem"):
         ecdf(hits, runs, by=["problm"])
     with pytest.raises(ValueError, match="option 'instanc'"):

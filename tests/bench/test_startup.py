@@ -69,6 +69,24 @@ def loaded(folder, *words):
     return {*names, *(f"kernel {name}" for name in kernels)}
 
 
+def test_a_calibration_knows_no_machine_of_another_kind(tmp_path):
+    """Its columns are declared beside it, so nothing asks the machines that are searched."""
+    arms = ROOT / "problems" / "data" / "arms"
+    urdf, data = f"urdf={arms / 'ur10.urdf'}", f"data={arms / 'ur10_b.csv'}"
+    script = RUN.replace('carry_out.CAN_FORK = costs.CAN_FORK = sys.argv.pop(1) == "fork"\n', "")
+    script = script.replace("from calibench.bench.sweep import carry_out, costs\n", "")
+    done = subprocess.run(
+        [sys.executable, "-c", script, "calibrate", urdf, data, "resamples=20", "page=false", "level=frames",
+         f"results={tmp_path}"],
+        capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    code, names, _ = json.loads(done.stderr.splitlines()[-1])
+    assert code == 0, done.stderr
+    ours = {name for name in names if name.startswith("calibench.")}
+    assert len(ours) <= 90  # with the aliases of packages
+    assert not [name for name in ours if "planar" in name or "orthoglide" in name or "discrepancy" in name]
+
+
 @pytest.fixture(scope="module")
 def kernels_are_kept(tmp_path_factory):
     """Compile what the runs here need: a process that compiles loads the compiler."""

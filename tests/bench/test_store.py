@@ -480,5 +480,5 @@ def test_a_table_that_is_not_ours_is_refused_and_left_alone(store, runs):
                 read()
         assert path.read_bytes() == before
     path.write_bytes(b"nonsense")
-    with pytest.raises(StoreError, match=r"cannot be read .*put back a copy, or delete both tables and run again"):
+    with pytest.raises(StoreError, match="delete both tables"):
         store.runs()

@@ -12,12 +12,12 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.papers.additions import ADDITIONS
+from calibench.bench.papers import ADDITIONS
 from calibench.bench.report.shared.page import inline_svg, rounded
 from calibench.bench.report.study.html_tables import by_error, count, number, ranked
 from calibench.bench.report.study.page import StudyPage
 from calibench.bench.report.study.write import write_report
-from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics import summary
 from calibench.bench.store.runs import ResultStore
 
 pytestmark = pytest.mark.usefixtures("one_process")
@@ -197,7 +197,7 @@ def test_what_is_planned_and_not_done_is_said(paper):
 def test_methods_are_ranked_by_success_then_cost_and_the_failed_come_last(paper, own):
     for store, _ in (paper, own):
         runs = store.runs()
-        names = stats.method_names(runs)
+        names = summary.method_names(runs)
         for _, problem in runs.groupby(["problem", "problem_options"]):
             for _, mine in by_error(problem):
                 cells = ranked(mine, names)

@@ -9,8 +9,8 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.papers.additions import ADDITIONS
-from calibench.bench.papers.cong2008 import tables as paper_tables
+from calibench.bench.papers import ADDITIONS
+from calibench.bench.papers.cong2008 import figures as paper_tables
 from calibench.bench.papers.cong2008.figures import gauge_points
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.explored import bands
@@ -70,7 +70,7 @@ def test_every_printed_value_stands_beside_ours(runs):
 
 
 def test_medians_follow_from_the_rows(runs):
-    table = paper_tables.table6(runs)
+    table = paper_tables.TABLES["table6"](runs)
     for method in ("de", "pso", "ga"):
         for error in ("J1", "J2", "J3"):
             mine = runs[(runs["optimizer"] == method) & (runs["problem"] == "full12")]
@@ -82,7 +82,7 @@ def test_medians_follow_from_the_rows(runs):
 
 
 def test_j1_times_the_scale_is_a_row_of_its_own(runs):
-    table = paper_tables.table6(runs)
+    table = paper_tables.TABLES["table6"](runs)
     for method in ("de", "pso", "ga"):
         scaled, plain = cell(table, method=method, quantity="J1 x 4 l_b^2"), cell(table, method=method, quantity="J1")
         assert scaled["median"] == pytest.approx(4 * 244**2 * plain["median"])
@@ -90,7 +90,7 @@ def test_j1_times_the_scale_is_a_row_of_its_own(runs):
 
 
 def test_twelve_parameters_end_off_the_truth_and_on_the_gauge_curve_and_eleven_precise(runs):
-    table = paper_tables.table4(runs)
+    table = paper_tables.TABLES["table4"](runs)
     raw = cell(table, table="table4.j3_12", quantity="kmrmse", method="trf")
     aligned = cell(table, table="table4.j3_12", quantity="kmrmse_aligned", method="trf")
     eleven = cell(table, table="table4.j3_11", quantity="kmrmse", method="trf")
@@ -107,14 +107,14 @@ def test_more_samples_are_more_precise_where_tolerances_stop_the_search(store):
             f"run -m problem=sensor_zero problem.n=3,9 problem.error=J1,J2 optimizer=fmincon_matlab seeds=1 "
             f"budget=2000 study=matlab results={store.folder.parent}".split()
         )
-    table = paper_tables.table2(ResultStore(store.folder.parent / "matlab").runs())
+    table = paper_tables.TABLES["table2"](ResultStore(store.folder.parent / "matlab").runs())
     for error in ("j1", "j2"):
         few, many = (cell(table, table=f"table2.{error}_n{n}", quantity="kmrmse")["median"] for n in (3, 9))
         assert many < few
 
 
 def test_where_tolerances_stop_it_j1_times_the_scale_is_where_j2_is(runs):
-    table = paper_tables.table3(runs)
+    table = paper_tables.TABLES["table3"](runs)
     chosen = [json.loads(text) for text in table["options"]]
     relative = np.array([o.get("StepTolerance") == 1e-6 and o.get("StopRule") == "relative" for o in chosen])
     rows = table[(table["quantity"] == "best J as mm^4") & relative]
@@ -128,7 +128,7 @@ def test_other_plans_and_noise_do_not_enter_the_papers_tables(store):
             f"run -m problem=full12 problem.error=J3 problem.plan=circle,disc problem.noise=1e-4 optimizer=de seeds=1 "
             f"budget=200 study=other results={store.folder.parent}".split()
         )
-    assert paper_tables.table7(ResultStore(store.folder.parent / "other").runs()).empty
+    assert paper_tables.TABLES["table7"](ResultStore(store.folder.parent / "other").runs()).empty
 
 
 def test_a_summary_counts_what_failed_and_what_was_reached(runs):

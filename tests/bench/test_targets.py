@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.statistics.targets import hits_of, levels_of, levels_of_study, references
+from calibench.bench.statistics.targets import levels_of, references
 from calibench.bench.store import hits as hits_module
 from calibench.bench.store.hits import Points, crossings
 from calibench.bench.store.runs import ResultStore
@@ -61,9 +61,9 @@ def test_the_true_hit_lies_in_the_interval_that_a_thinned_trace_leaves(store):
         found = crossings(Points(*columns, np.array([len(trace)])), levels, np.array([True]))
         for j, hit in enumerate(row["hits"]):
             if hit is None:
-                assert found.evaluations[0, j] == -1
+                assert found[0, 0, j] == -1
                 continue
-            after, until = found.evaluations_after[0, j], found.evaluations[0, j]
+            after, until = found[2, 0, j], found[0, 0, j]
             assert after < hit <= until
             exact += until - after == 1
             inside += hit < until
@@ -87,7 +87,7 @@ def test_a_trace_of_another_kind_tells_nothing_between_its_points():
     points = Points(np.array([10, 100]), np.array([10, 100]), np.array([5.0, 1.0]), np.array([2]))
     ours = crossings(points, np.array([1.0]), np.array([True]))
     other = crossings(points, np.array([1.0]), np.array([False]))
-    assert (ours.charged_after[0, 0], other.charged_after[0, 0]) == (99, 10)
+    assert (ours[3, 0, 0], other[3, 0, 0]) == (99, 10)
 
 
 def test_an_error_is_known_of_the_answer_alone(store):
@@ -149,16 +149,16 @@ def test_a_failed_run_reaches_nothing(tmp_path):
 
 
 def test_hits_are_the_same_in_journals_and_tables_and_in_any_pieces(store, tmp_path, monkeypatch):
-    levels = levels_of_study(store)
+    levels = levels_of(store.runs())
     assert {"value", "gap", "noise", "parameter_error_mm"} <= set(levels["quantity"])
-    before = hits_of(store, levels).drop(columns="seconds")
+    before = store.hits(levels).drop(columns="seconds")
     store.collect()
     keys = ["run_id", "quantity", "target"]
-    after = hits_of(store, levels).drop(columns="seconds")
+    after = store.hits(levels).drop(columns="seconds")
     same = [frame.sort_values(keys).reset_index(drop=True) for frame in (before, after)]
     pd.testing.assert_frame_equal(*same)
     monkeypatch.setattr(hits_module, "_CHUNK", 3)
-    pd.testing.assert_frame_equal(hits_of(store, levels).drop(columns="seconds"), after)
+    pd.testing.assert_frame_equal(store.hits(levels).drop(columns="seconds"), after)
     path = store.write_hits(levels)
     written = pd.read_parquet(path)
     assert list(written.columns) == HITS_SCHEMA.names
@@ -233,7 +233,7 @@ def test_a_figure_of_merit_that_no_run_has_or_that_is_text_is_refused(tmp_path):
     made.write(bench.execute(Told(), optimizers.make("nlopt_LN_BOBYQA"), budget=40, seed=0))
     runs = made.runs()
     assert len(levels_of(runs, {"merit.distance": [0.1]})) == 1
-    with pytest.raises(ValueError, match=r"no quantity 'merit.distnce'.*did you mean 'merit.distance'"):
+    with pytest.raises(ValueError, match=r"'merit\.distance'"):
         levels_of(runs, {"merit.distnce": [0.1]})
     with pytest.raises(ValueError, match=r"merit\.corner is text"):
         levels_of(runs, {"merit.corner": [0.1]})

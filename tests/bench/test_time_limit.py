@@ -13,7 +13,7 @@ import pytest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.execution.run import Spec
-from calibench.bench.gate import time_limit as watch
+from calibench.bench.gate import time_limit
 from calibench.optimizers.base import Objective, Stop, Traits
 
 
@@ -82,7 +82,7 @@ def assert_knows_what_was_found(run: bench.Run) -> None:
 
 
 def test_what_loops_without_calling_back_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watch, "GRACE", 0.2)
+    monkeypatch.setattr(time_limit, "GRACE", 0.2)
     began = time.perf_counter()
     run = bench.execute(Bowl(), Looping(hang), budget=100, time_limit=0.3)
     assert time.perf_counter() - began < 5
@@ -98,12 +98,12 @@ def test_what_loops_while_calling_is_ended() -> None:
     assert 11 < run.evaluations < 10**9
     assert run.row["error"] == "the time limit has passed"
     assert run.row["non_finite"] == 1
-    assert 0.29 < run.row["wall_s"] < 0.3 + watch.GRACE
+    assert 0.29 < run.row["wall_s"] < 0.3 + time_limit.GRACE
     assert_knows_what_was_found(run)
 
 
 def test_what_ignores_the_refusal_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watch, "GRACE", 0.2)
+    monkeypatch.setattr(time_limit, "GRACE", 0.2)
     run = bench.execute(Bowl(), Looping(swallow), budget=10**9, time_limit=0.3)
     assert (run.status, run.stop_reason) == ("timeout", "timeout")
     assert run.evaluations > 11
@@ -111,7 +111,7 @@ def test_what_ignores_the_refusal_is_ended(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_what_may_hang_is_ended_when_it_falls_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("calibench.bench.execution.run.STALL_LIMIT", 0.3)
+    monkeypatch.setattr("calibench.bench.gate.time_limit.STALL_LIMIT", 0.3)
     run = bench.execute(Bowl(), Looping(hang, may_hang=True), budget=100)
     assert (run.status, run.stop_reason) == ("timeout", "timeout")
     assert "no evaluation in 0.3 s" in run.row["error"]
@@ -159,7 +159,7 @@ def test_a_batch_is_counted_when_it_is_asked_for(monkeypatch: pytest.MonkeyPatch
             objective.batch(np.linspace([0.9, 0.9], [0.1, 0.1], 5))
             objective.batch(np.zeros((7, 2)))
 
-    monkeypatch.setattr(watch, "GRACE", 0.1)
+    monkeypatch.setattr(time_limit, "GRACE", 0.1)
     run = bench.execute(Slow(), Batches(), budget=100, time_limit=0.2)
     assert (run.status, run.evaluations, run.row["best_evaluation"]) == ("timeout", 12, 5)
 

@@ -7,24 +7,25 @@ from typing import Annotated, Literal
 
 import pytest
 
-from calibench.bench.calibration import design as plan
-from calibench.bench.calibration import hand_eye
-from calibench.bench.calibration import request as calibrate
+from calibench.bench import verbs
 from calibench.bench.cli import _VERBS, main
-from calibench.bench.commands import verb_help
-from calibench.bench.discovery import request as discovery
-from calibench.bench.sweep import composition as hydra_overrides
-from calibench.bench.sweep import tuner
-from calibench.bench.sweep.words import Word, help_of, read
+from calibench.bench.sweep import composition
+from calibench.bench.words import Word, help_of, keys_of, read
 from calibench.discrepancy.registries import description_of
 
-ARM = {"machine.dh", "machine.convention", "machine.urdf", "machine.base", "machine.tip"}
-READ = {
-    "calibrate": {*calibrate._KEYS, *hand_eye._KEYS},
-    "design": {*plan._KEYS, *discovery._DESIGN},
-    "discover": {*discovery._PLAIN, *discovery._OF_COLUMNS, *ARM},
-    "run": {*hydra_overrides._KEYS, "execution", "execution.n_jobs", "problem.dh", "problem.convention"},
+DECLARED = {
+    "calibrate": [verbs.CalibrateWords, verbs.HandEyeWords],
+    "design": [verbs.PosesWords, verbs.DesignWords],
+    "discover": [verbs.DiscoverWords],
+    "identify": [verbs.IdentifyWords],
+    "paper": [verbs.PaperWords],
+    "choose": [verbs.ChooseWords],
+    "compare": [verbs.CompareWords],
+    "show": [verbs.ShowWords],
+    "run": [verbs.TunerWords],
 }
+READ = {verb: {key for cls in classes for key in keys_of(cls)} for verb, classes in DECLARED.items()}
+READ["run"] |= {*composition.KEYS, "execution", "execution.n_jobs", "problem.dh", "problem.convention"}
 
 
 @pytest.fixture
@@ -84,10 +85,6 @@ def test_a_request_of_a_verb_is_read_as_it_is_declared():
 def test_what_no_declaration_allows_is_refused_in_one_line(words, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         read(Draw, "draw", words)
-
-
-def test_the_words_of_a_tuner_are_told_as_they_are_declared():
-    assert verb_help._WORDS["run"]["tuner=optuna"] == help_of(tuner.TunerWords)
 
 
 def test_what_may_be_stated_of_an_arm_is_in_the_help_of_discover(told):

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibench.bench.execution import in_progress as running
+from calibench.bench.execution import in_progress
 from calibench.bench.execution.request import made_pair, read_asked
 from calibench.bench.execution.run import Spec
 from calibench.bench.store.runs import ResultStore
@@ -186,7 +186,7 @@ def test_the_run_that_a_worker_was_lost_with_goes_alone_and_is_at_fault_the_seco
 
 
 def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatch):
-    monkeypatch.setattr(running, "SILENT", 2.0)
+    monkeypatch.setattr(in_progress, "SILENT", 2.0)
     words = {"kind": "hang"}
     store = ResultStore("results/hung")
     store.open()
@@ -196,8 +196,8 @@ def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatc
     packs = Packs(jobs, 1)
 
     def end_what_hangs():
-        wait_for(lambda: any(run.silent_line() for run in running.read_running(store.folder)))
-        (run,) = running.read_running(store.folder)
+        wait_for(lambda: any(run.silent_line() for run in in_progress.read_running(store.folder)))
+        (run,) = in_progress.read_running(store.folder)
         assert f"kill -9 {run.pid}" in run.silent_line()
         os.kill(run.pid, signal.SIGKILL)
 

@@ -22,7 +22,7 @@ from calibench.calibration.rigid import rpy, shift
 from calibench.calibration.urdf import read_urdf
 from calibench.discrepancy import MeasuredData, explain
 from calibench.discrepancy.machines.arm import Arm
-from calibench.problems.arm.measured import shipped
+from calibench.problems.arm.families import shipped
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 

@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from calibench.calibration import compared as R
 from calibench.calibration import kinematics as K
+from calibench.calibration import kinematics as R
 from calibench.calibration import parse_urdf, read_urdf
-from calibench.calibration.compared import constants
 from calibench.calibration.determined import gauge, observability
 from calibench.calibration.dh import DhRow, DhTable
-from calibench.calibration.rigid import inverse, quaternion, rpy, rpy_of, shift
-from calibench.calibration.walk import READING, Stand, lengths, slopes, walk
-from calibench.problems.arm.measured import shipped
+from calibench.calibration.kinematics import constants
+from calibench.calibration.rigid import quaternion, rpy, rpy_of, shift
+from calibench.calibration.walk import READING, quantities, slopes, walk
+from calibench.problems.arm.families import shipped
 
 ODD = """<robot name="odd">
   <link name="ground"/><link name="cart"/><link name="arm"/><link name="hand"/><link name="claw"/><link name="plate"/>
@@ -138,20 +138,15 @@ def test_pinocchio_brings_the_tip_to_the_same_place(name):
 def kinds(chain, p, q):
     """Return every kind of reading, of an arm that is a little elsewhere."""
     seen = K.forward(chain, p + np.random.default_rng(9).normal(0, 0.02, len(p)), q)
-    half = len(q) // 2
-    a, b = np.arange(half), np.arange(half, 2 * half)
-    apart = np.linalg.norm(seen[a, :3, 3] - seen[b, :3, 3], axis=1)
+    socket = np.repeat([0, 1], len(q) // 2)
     return {
-        "position": R.positions(q, seen[:, :3, 3]),
-        "pose": R.poses(q, seen),
-        "distance": R.distances(q, a, b, apart),
-        "sockets": R.sockets(q, np.repeat([0, 1], half), ((0, 1, 50.0),), 2.0, 0.1 * seen[:, :3, 3]),
-        "plane": R.planes(q, np.repeat([0, 1], half), np.array([[0, 0, 1], [1, 0.2, 0]])),
-        "pair": R.pairs(q, a, b, seen),
+        "position": R.targets(q, seen[:, :3, 3]),
+        "pose": R.targets(q, seen[:, :3, 3], seen[:, :3, :3]),
+        "sockets": R.sockets(q, socket, ((0, 1, 50.0),), 2.0, 0.1 * seen[:, :3, 3]),
     }
 
 
-def rows_written_out(readings, seen, extra):
+def rows_written_out(readings, seen):
     """Return the residuals of one kind from the targets' poses, (n, 4, 4)."""
     place, rows = seen[:, :3, 3], []
     seated = readings.groups[readings.groups[:, 0] == R.SOCKET]
@@ -161,46 +156,37 @@ def rows_written_out(readings, seen, extra):
         q = rotation @ values[3:].reshape(3, 3).T
         return 0.5 * np.array([q[2, 1] - q[1, 2], q[0, 2] - q[2, 0], q[1, 0] - q[0, 1]])
 
-    for (which, a, b), v, w in zip(readings.groups, readings.values, readings.weight, strict=True):
+    for (which, a, b, _), v, w in zip(readings.groups, readings.values, readings.weight, strict=True):
         if which in (R.POSITION, R.POSE):
             rows.append(w[0] * (place[a] - v[:3]))
         if which == R.POSE:
             rows.append(w[1] * turned_past(seen[a, :3, :3], v))
-        if which == R.DISTANCE:
-            rows.append(w[:1] * (np.linalg.norm(place[b] - place[a]) - v[0]))
         if which == R.SOCKET:
             rows.append(w[0] * (place[a] - means[b] - v[:3]))
         if which == R.GAP:
             rows.append(w[:1] * (np.linalg.norm(means[b] - means[a]) - v[0]))
-        if which == R.PLANE:
-            normal, e, f = readings.planes[b].reshape(3, 3)
-            tilt, lean, height = extra[3 * b : 3 * b + 3]
-            normal = normal + tilt * e + lean * f
-            rows.append(w[:1] * (normal @ place[a] - height) / np.linalg.norm(normal))
-        if which == R.PAIR:
-            between = inverse(seen[a]) @ seen[b]
-            rows += [w[0] * (between[:3, 3] - v[:3]), w[1] * turned_past(between[:3, :3], v)]
     return np.concatenate(rows)
 
 
 @pytest.mark.parametrize("name", CHAINS)
-@pytest.mark.parametrize("kind", ["position", "pose", "distance", "sockets", "plane", "pair"])
+@pytest.mark.parametrize("kind", ["position", "pose", "sockets"])
 def test_kernels_are_what_is_compared_written_out_and_their_slopes_its_differences(name, kind):
     from calibench.calibration import _kernels as kernels
 
     chain, p, q = drawn(name, 10)
     readings = kinds(chain, p, q)[kind]
-    extra = np.random.default_rng(2).normal(0, 0.1, 3 * len(readings.planes))
-    template = np.concatenate([K.nominal(chain), 0 * extra])
-    x, free = np.concatenate([p, extra]), np.arange(len(template))
-    plainly = rows_written_out(readings, K.forward(chain, p, q), extra)
+    template, x = K.nominal(chain), p
+    free = np.arange(len(template))
+    plainly = rows_written_out(readings, K.forward(chain, p, q))
     for limit in (np.inf, 40.0):
         c = constants(chain, readings, template, free, limit)
         r = kernels.residuals(x, *c)
         if limit == np.inf:
             assert r == pytest.approx(plainly, abs=1e-8)
         else:  # a group of length s counts as 40 sqrt(log(1 + s^2 / 40^2)), in its own direction
-            for start, size in zip(readings.rows, R.ROWS[readings.groups[:, 0]], strict=True):
+            for start, size in zip(
+                readings.groups[:, 3], np.diff([*readings.groups[:, 3], readings.size]), strict=True
+            ):
                 s = np.linalg.norm(plainly[start : start + size])
                 wanted = plainly[start : start + size] * 40 * math.sqrt(math.log1p((s / 40) ** 2)) / s
                 assert r[start : start + size] == pytest.approx(wanted, abs=1e-8)
@@ -209,28 +195,17 @@ def test_kernels_are_what_is_compared_written_out_and_their_slopes_its_differenc
         assert kernels.jacobian(x, *c) == pytest.approx(slopes, abs=2e-6 * np.abs(slopes).max())
 
 
-def test_candidates_in_the_lanes_have_the_bits_of_one_alone():
+@pytest.mark.parametrize("kind", ["position", "pose", "sockets"])
+def test_candidates_in_the_lanes_have_the_bits_of_one_alone(kind):
     from calibench.calibration import _kernels as kernels
 
     chain, p, q = drawn("odd", 10)
-    readings = R.together(*kinds(chain, p, q).values())
-    template = np.concatenate([K.nominal(chain), np.zeros(3 * len(readings.planes))])
+    readings, template = kinds(chain, p, q)[kind], K.nominal(chain)
     c = constants(chain, readings, template, np.arange(len(template)), 40.0)
     many = template + np.random.default_rng(3).normal(0, 0.05, (71, len(template)))
     alone = np.array([kernels.cost(x, *c) for x in many])
     assert kernels.batch(many, *c).tobytes() == alone.tobytes()
     assert alone == pytest.approx([float(r @ r) for r in (kernels.residuals(x, *c) for x in many)], rel=1e-12)
-
-
-def test_kinds_put_together_count_their_postures_sockets_and_planes_on():
-    chain, p, q = drawn("ur10", 10)
-    parts = [kinds(chain, p, q)[kind] for kind in ("sockets", "plane", "distance", "sockets", "plane")]
-    whole = R.together(*parts)
-    assert whole.sockets == 4
-    assert len(whole.planes) == 4
-    assert whole.size == sum(part.size for part in parts)
-    assert whole.groups[whole.groups[:, 0] == R.GAP, 1:].tolist() == [[0, 1], [2, 3]]
-    assert whole.groups[whole.groups[:, 0] == R.DISTANCE, 1:].min() == 20
 
 
 @pytest.mark.parametrize(("form", "beta"), [("standard", 0.0), ("standard", 0.1), ("modified", 0.0), ("modified", 0.1)])
@@ -262,39 +237,31 @@ def test_a_table_of_denavit_and_hartenberg_is_its_product(form, beta):
     [
         ("ur10", "pose", 30),
         ("ur10", "position", 27),
-        ("ur10", "pair", 24),
         ("panda", "pose", 34),
         ("panda", "position", 31),
     ],
 )
 def test_as_many_parameters_are_kept_as_the_textbook_counts(name, kind, count):
-    """Everett, Driels and Mooring: 4 R + 2 P + 6; three fewer without turns, six fewer without a world."""
+    """Everett, Driels and Mooring: 4 R + 2 P + 6; three fewer without turns."""
     chain = CHAINS[name]
     q = np.random.default_rng(4).uniform(-2, 2, (200, len(chain.driven)))
     seen = K.forward(chain, {}, q)
-    half = np.arange(100)
-    readings = {
-        "pose": R.poses(q, seen),
-        "position": R.positions(q, seen[:, :3, 3]),
-        "pair": R.pairs(q, half, half + 100, seen),
-    }[kind]
-    found = gauge(chain, readings)
-    assert len(found.kept) == count
-    assert set(found.kept) | set(found.held) == set(K.parameter_names(chain))
-    free = [K.parameter_names(chain).index(n) for n in found.kept]
+    kept = gauge(chain, R.targets(q, seen[:, :3, 3], seen[:, :3, :3] if kind == "pose" else None))
+    assert len(kept) == count
+    free = [K.parameter_names(chain).index(n) for n in kept]
     slopes = np.concatenate(K.jacobian(chain, {}, q)[:, : 3 if kind == "position" else 6, free])
-    if kind != "pair":
-        assert np.linalg.matrix_rank(slopes / np.linalg.norm(slopes, axis=0), 1e-6) == count
+    assert np.linalg.matrix_rank(slopes / np.linalg.norm(slopes, axis=0), 1e-6) == count
 
 
 def test_where_axes_are_parallel_hayatis_tilt_is_kept_and_the_shift_along_them_held():
     chain = CHAINS["ur10"]
     q = np.random.default_rng(4).uniform(-2, 2, (200, 6))
-    found = gauge(chain, R.poses(q, K.forward(chain, {}, q)))
+    seen = K.forward(chain, {}, q)
+    kept = set(gauge(chain, R.targets(q, seen[:, :3, 3], seen[:, :3, :3])))
     for joint in ("elbow_joint", "wrist_1_joint"):  # parallel to the one before
-        assert {f"rx_{joint}", f"ry_{joint}"} <= set(found.kept)
-        assert {f"z_{joint}", f"y_{joint}", f"rz_{joint}"} <= set(found.held)
-    assert "ry_wrist_2_joint" in found.held  # at a right angle to it
+        assert {f"rx_{joint}", f"ry_{joint}"} <= kept
+        assert not {f"z_{joint}", f"y_{joint}", f"rz_{joint}"} & kept
+    assert "ry_wrist_2_joint" not in kept  # at a right angle to it
 
 
 def test_observability_indices_are_their_definitions():
@@ -325,8 +292,9 @@ def test_numbers_that_differ_by_row_go_the_way_of_those_that_are_alike(name):
     p[13:-6:8] = 1.0
     p[-3:] = 0.0
     chain = chain.placed(np.eye(4), np.eye(4))
-    named = dict(zip(K.parameter_names(chain), p, strict=True)) | lengths(chain)
-    way = walk(chain, Stand(np.eye(3)), named | {READING + n: q[:, k] for k, n in enumerate(chain.driven)})
+    named = dict(zip(K.parameter_names(chain), p, strict=True))
+    named = quantities(chain) | named
+    way = walk(chain, np.eye(3), named | {READING + n: q[:, k] for k, n in enumerate(chain.driven)})
     poses, whole = K.forward(chain, p, q), K.jacobian(chain, p, q)
     assert way.target == pytest.approx(poses[:, :3, 3], abs=1e-8)
     assert way.flange[0] == pytest.approx(poses[:, :3, :3], abs=1e-12)

@@ -49,7 +49,7 @@ def test_a_folder_that_cannot_be_written_is_no_hindrance(tmp_path):
 def test_a_digest_does_not_depend_on_what_was_kept(monkeypatch):
     def digest():
         monkeypatch.setattr(sources, "_SEEN", {})
-        monkeypatch.setattr(sources, "_TOLD", {})
+        monkeypatch.setattr(sources, "_DIGESTS", {})
         return sources.module_digest("calibench.core.sources")
 
     first = digest()

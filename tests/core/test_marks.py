@@ -9,7 +9,7 @@ from calibench.calibration.urdf import read_urdf
 from calibench.core.tables.cells import split_rows, valid_rows
 from calibench.discrepancy import MeasuredData
 from calibench.discrepancy.checks.validate import entered
-from calibench.problems.arm.measured import read_measured
+from calibench.problems.arm.build import read_measured
 from tests.bench.arm_by_hand import measured, table, urdf
 
 ROWS = 40

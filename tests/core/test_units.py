@@ -9,5 +9,5 @@ from calibench.core.tables.cells import between, factor_to_base
 def test_a_column_may_be_in_pixels_and_in_nothing_else_then(spelt: str) -> None:
     assert factor_to_base("u", spelt) == ("px", 1.0)
     assert between("u", "px", spelt) == 1.0
-    with pytest.raises(ValueError, match="column u: unit 'mm' cannot be turned into px; write px"):
+    with pytest.raises(ValueError, match="column u: unit 'mm'"):
         factor_to_base("u", "mm", "px")

@@ -58,7 +58,7 @@ def rate(hits: Sequence[bool]) -> str:
 def explained(hidden: Case, name: str = "case"):  # type: ignore[no-untyped-def]
     """Return the report on a simulated table, which is told nothing but the table."""
     from calibench.discrepancy import MeasuredData
-    from calibench.discrepancy.explain import explain
+    from calibench.discrepancy.procedure import explain
 
     return explain("orthoglide", MeasuredData(hidden.columns, "orthoglide", hidden.metadata, name))
 

@@ -55,7 +55,7 @@ def test_what_is_said_of_a_sensor_is_what_a_finding_says() -> None:
 
 
 def test_a_sensor_without_stated_noise_is_refused() -> None:
-    with pytest.raises(DataError, match="sensor wrist: no noise is stated of it"):
+    with pytest.raises(DataError, match="sensor wrist"):
         Arm(instruments=(Sensor("wrist", "encoder"),)).formulate(readings())
 
 

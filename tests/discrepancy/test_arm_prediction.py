@@ -61,7 +61,7 @@ def test_every_row_of_the_fitted_file_is_predicted(played):
 
 def test_a_joint_that_is_missing_is_named(played):
     q, _, _, report = played
-    with pytest.raises(DataError, match="joint_4 of the URDF has no column"):
+    with pytest.raises(DataError, match="joint_4"):
         report.predict(MeasuredData({n: c for n, c in columns(q[:5]).items() if n != "joint_4"}, "arm"))
 
 
@@ -105,7 +105,7 @@ def test_a_ball_is_predicted_in_sockets_that_are_known(arm, tmp_path):
     assert told.residuals.shape == (15, 3)
     assert np.abs(told.residuals).max() < 0.2
     elsewhere = data.rows(np.arange(3)).with_columns({"place": np.full(3, "shelf")})
-    with pytest.raises(DataError, match="place shelf, socket 0: not among those that were fitted"):
+    with pytest.raises(DataError, match="shelf, socket 0"):
         report.predict(elsewhere)
 
 

@@ -150,7 +150,7 @@ def test_roles_and_unknown_noise_are_those_of_all_blocks():
 def test_blocks_that_contradict_each_other_are_refused():
     first, second = parts(readings())
     other = Predicted(second.data, lambda q: q["up"] * q["u"], (), {"d": 0.05}, inputs=("u",), held={"up": 1.0})
-    with pytest.raises(DataError, match="up is free in one and held in another"):
+    with pytest.raises(DataError, match="up is free in one"):
         Blocks(first, other)
     wider = Parameter("scale", "1", 1.0, 0.5, 1.5)
     with pytest.raises(DataError, match="scale is free differently"):
@@ -162,7 +162,7 @@ def test_a_closure_of_several_constraints_stands_beside_others_of_as_many_only()
     closed = Constraints(
         first.data, lambda q: np.stack([q["z"] - q["up"], q["z"] + q["scale"]], axis=-1), PARAMETERS, {"z": 0.02}
     )
-    with pytest.raises(DataError, match="a closure of several constraints beside a block of another number"):
+    with pytest.raises(DataError, match="several constraints beside a block"):
         Blocks(closed, parts(readings())[1])
 
 
@@ -186,5 +186,5 @@ def test_rows_of_two_kinds_are_parted_by_a_column_and_new_ones_are_predicted(emp
     for name, there, sigma in (("z", high, 0.02), ("d", ~high, 0.05)):
         np.testing.assert_array_equal(np.isfinite(told.measured[name]), there)
         assert np.std(held[name][there] - told.measured[name][there]) < 2 * sigma
-    with pytest.raises(DataError, match="leaves columns out of its rows, so nothing tells which row is which"):
+    with pytest.raises(DataError, match="leaves columns out"):
         explain(Probe(), readings()).predict(readings())

@@ -9,7 +9,7 @@ import pytest
 from calibench import discrepancy
 from calibench.bench.discovery.page.words import gap_sentence, headline
 from calibench.bench.measured import read_measured
-from calibench.discrepancy.explain import _carried_by_nothing
+from calibench.discrepancy.procedure import _carried_by_nothing
 from tests.independent.delta import Firmware, honest, measured, places, printer_cfg, spoilt
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")

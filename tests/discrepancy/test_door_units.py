@@ -42,7 +42,7 @@ def readings(degrees, units):
 
 def test_columns_without_a_unit_beside_one_with_it_are_asked_for_theirs():
     data = readings(NAMES[1:], {"Winkel 1": "rad"})
-    with pytest.raises(DataError, match=r"if Winkel 2, Winkel 3 are multiplied by 0\.0174533") as told:
+    with pytest.raises(DataError, match=r"Winkel 2, Winkel 3 .* 0\.0174533") as told:
         discrepancy.explain(Arm(), data)
     assert 'units={"Winkel 2": "deg", "Winkel 3": "deg"}' in str(told.value)
 
@@ -50,7 +50,7 @@ def test_columns_without_a_unit_beside_one_with_it_are_asked_for_theirs():
 def test_a_unit_that_is_stated_wrongly_is_not_asked_for_again():
     data = readings((), {"x": "mm", "y": "mm"})
     data = data.with_columns({"x": 1000 * data["x"], "y": 1000 * data["y"]})
-    with pytest.raises(DataError, match="the unit that is stated is wrong by this factor"):
+    with pytest.raises(DataError, match="wrong by this factor"):
         discrepancy.explain(Arm(), data)
 
 

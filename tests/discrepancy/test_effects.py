@@ -51,19 +51,6 @@ def test_the_catalogue_has_the_agreed_names() -> None:
     assert targets == {f"{kind} {i}" for kind in ("joint", "leg", "base") for i in (1, 2, 3)} | {"all", "tracker"}
 
 
-@pytest.mark.parametrize("tracked", [False, True])
-@pytest.mark.parametrize("law", testing.EFFECT_LAWS, ids=lambda law: law.__name__)
-def test_every_effect_keeps_the_laws_of_a_users_own(law: Any, tracked: bool) -> None:
-    for effect in one_of_each(tracked).values():
-        law(effect, VIEWS[tracked].formulation)
-
-
-def test_every_place_of_a_change_is_the_identity_at_zero_coefficients() -> None:
-    for effect in EFFECTS[True]:
-        change = effect.shift(VIEWS[True].q, VIEWS[True].formulation.data, np.zeros(len(effect.coefficients)))
-        assert not any(np.any(value) for value in change.values()), name_of(effect)
-
-
 @pytest.mark.parametrize("family", families("gpm2002"), ids=lambda family: family.name)
 @pytest.mark.parametrize("law", testing.FAMILY_LAWS, ids=lambda law: law.__name__)
 def test_every_family_keeps_the_laws_of_a_users_own(law: Any, family: EffectFamily) -> None:

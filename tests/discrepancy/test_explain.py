@@ -164,7 +164,7 @@ def test_columns_may_be_lists_or_a_table_of_pandas() -> None:
 
 
 def test_what_is_no_measured_data_and_a_level_that_is_none_are_told() -> None:
-    with pytest.raises(TypeError, match=r"data is a dict: MeasuredData\(columns, machine\)"):
+    with pytest.raises(TypeError, match="data is a dict"):
         explain("table", {"y": np.arange(4.0)})  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="level=2: must lie between 0 and 1"):
+    with pytest.raises(ValueError, match="level=2"):
         explain("table", MeasuredData({"y": np.arange(4.0)}, "table"), level=2)

@@ -56,7 +56,8 @@ def test_a_play_is_named_without_a_size_that_depends_on_its_own_direction(first:
     came = np.sign(np.diff(pan, prepend=pan[0]))
     came[0] = first
     seen = {name: np.asarray(data[name]) + slope[:, k] * _PLAY / 2 * came for k, name in enumerate("xyz")}
-    columns = {f"direction_{n}": np.sign(np.diff(data[n], prepend=data[n][0])) for n in arm.chain(data).driven}
+    driven = [n.removeprefix("q_") for n in whole.inputs if n.startswith("q_")]
+    columns = {f"direction_{n}": np.sign(np.diff(data[n], prepend=data[n][0])) for n in driven}
     report = explain(arm, data.with_columns(seen | (columns if told else {})))
     assert [(f.effect, f.form) for f in report.findings] == [("backlash pan", "")]
 

@@ -406,11 +406,11 @@ def test_a_zero_that_would_turn_with_each_kelvin_is_taken_for_impossible():
 
 
 def test_parts_of_one_name_are_refused():
-    with pytest.raises(DataError, match="elbow twice; each part has a name of its own"):
+    with pytest.raises(DataError, match="elbow twice"):
         Roles((Joint("elbow", "a"), Joint("elbow", "b")))
-    with pytest.raises(DataError, match="kind 'round': rotary or sliding"):
+    with pytest.raises(DataError, match="kind 'round'"):
         Joint("elbow", "a", "round")
-    with pytest.raises(DataError, match="a velocity for each of x, y, or none"):
+    with pytest.raises(DataError, match="each of x, y"):
         Instrument("tracker", ("x", "y"), ("vx",))
 
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from calibench.discrepancy import Model, machines
-from calibench.discrepancy.fitting import kept
-from calibench.discrepancy.fitting.fit import Fit, fit
-from calibench.discrepancy.fitting.kept import fit_once, keeping_fits
+from calibench.discrepancy.fitting import fit as kept
+from calibench.discrepancy.fitting.fit import Fit, fit, fit_once, keeping_fits
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.thresholds import THRESHOLDS, using
 from tests.discrepancy.empty_runs import empty_run

@@ -10,8 +10,7 @@ from scipy.special import ndtri
 
 from calibench.discrepancy import Blocks, Joint, MeasuredData, Predicted, Roles, explain
 from calibench.discrepancy.fitting.rank import Held
-from calibench.discrepancy.model.learned_noise import relearned
-from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.model import Model, relearned
 from calibench.discrepancy.report import Report
 from calibench.problems.base import Array, Parameter
 from tests.few import few

@@ -116,11 +116,3 @@ def test_covariates_are_what_varies_leg_by_leg_and_the_place() -> None:
     assert not {"temp_K", "tau_2", "vel_1"} & set(told["leg 2"])
     assert all(len(column) == len(data) for columns in told.values() for column in columns.values())
     assert np.array_equal(told["workspace"]["x"], data["x"])
-
-
-def test_the_same_constraints_go_over_other_rows() -> None:
-    data = planned(n=30)
-    closure = machines.make("gpm2002").formulate(data)
-    model = Model(closure)
-    part = Model(closure.on(closure.data.rows(np.arange(10))))
-    assert np.array_equal(part.residuals(model.start), model.residuals(model.start)[:10])

@@ -13,7 +13,7 @@ from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.model.effect import name_of
 from calibench.discrepancy.model.model import Model
-from calibench.discrepancy.remarks import ON_THE_ANSWER, Search
+from calibench.discrepancy.remarks import Search, on_the_findings
 from calibench.discrepancy.report import Gap
 from calibench.problems.base import Parameter
 
@@ -77,8 +77,7 @@ def test_two_names_that_move_a_joint_against_each_other_are_told() -> None:
             machine="turntable", base=before, final=at, selection=None, verdict="named", findings=findings, gap=Gap(),
             lone=None,
         )  # fmt: skip
-        [remark] = [remark for remark in ON_THE_ANSWER if remark.code is Code.AGAINST_EACH_OTHER]
-        return list(remark.notes(search))
+        return [note for note in on_the_findings(search) if note.code is Code.AGAINST_EACH_OTHER]
 
     [note] = notes("angle_error", "gear")
     assert note.text.startswith("angle error of turntable and ")

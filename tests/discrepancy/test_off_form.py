@@ -20,8 +20,17 @@ from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.report import Report
-from calibench.discrepancy.search.form import ALONG, Modulated, residuals_within, share, slow_along
-from calibench.discrepancy.search.off_form import _least, bonus, near, random_curve
+from calibench.discrepancy.search.form import (
+    ALONG,
+    Modulated,
+    _least,
+    bonus,
+    near,
+    random_curve,
+    residuals_within,
+    share,
+    slow_along,
+)
 from calibench.discrepancy.search.select import close, options, run_tests
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds
 from calibench.problems.base import Parameter

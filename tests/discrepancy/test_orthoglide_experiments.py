@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,7 +13,6 @@ from calibench import problems
 from calibench.bench.papers.pashkevich2008.experiments import page
 from calibench.discrepancy import machines
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.explain import explain
 from calibench.discrepancy.fitting.small_sample import linear, small_sample
 from calibench.discrepancy.machines.orthoglide.experiments import (
     HANDED,
@@ -24,8 +24,10 @@ from calibench.discrepancy.machines.orthoglide.experiments import (
     read_instead,
     told_apart,
 )
-from calibench.discrepancy.machines.orthoglide.kinematics import names, printed
+from calibench.discrepancy.machines.orthoglide.kinematics import printed
+from calibench.discrepancy.procedure import explain
 from calibench.problems.identifiability import f_test, leave_one_out
+from calibench.problems.orthoglide.plans import SetName
 
 PAGE = Path(__file__).parents[2] / "docs" / "orthoglide-experiments.md"
 
@@ -83,7 +85,9 @@ def test_a_planted_pattern_is_found_and_its_size_recovered() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [n if n == "exp2_t1" else pytest.param(n, marks=pytest.mark.slow) for n in names()])
+@pytest.mark.parametrize(
+    "name", [n if n == "exp2_t1" else pytest.param(n, marks=pytest.mark.slow) for n in get_args(SetName)]
+)
 def test_no_printed_set_alone_is_given_a_name(name: str) -> None:
     report = explain("orthoglide", printed(name))
     assert report.verdict == "unknown"

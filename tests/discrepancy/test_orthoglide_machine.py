@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
 from calibench import problems
 from calibench.discrepancy import DataError, MeasuredData, Model, machines
 from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide
-from calibench.discrepancy.machines.orthoglide.kinematics import names, printed
+from calibench.discrepancy.machines.orthoglide.kinematics import printed
 from calibench.discrepancy.model.machine import complex_step_slopes
-from calibench.problems.orthoglide.plans import covariance, paper_plan
+from calibench.problems.orthoglide.plans import SetName, covariance, paper_plan
 
 _ANGLES = ("tilt", "gauge_roll", "gauge_pitch")
 
@@ -35,7 +37,7 @@ def test_slopes_agree_with_a_complex_step_on_a_machine_with_everything_wrong(nam
         np.testing.assert_allclose(slope, stepped[key], rtol=1e-9, atol=1e-11, err_msg=key)
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", get_args(SetName))
 def test_the_machine_without_imperfections_is_the_problem_orthoglide6(name: str) -> None:
     problem = problems.make("orthoglide6", data=name, free="rho")
     model = Model(machines.make("orthoglide").formulate(printed(name)))
@@ -119,7 +121,7 @@ def test_rows_without_a_deviation_are_left_out_and_repeats_without_a_number_are_
 
 
 def test_an_unknown_printed_set_lists_those_there_are() -> None:
-    with pytest.raises(DataError, match=r"exp3.*exp1, exp2, exp2_t1, exp3_t1, exp3_t2"):
+    with pytest.raises(DataError, match="exp1, exp2, exp2_t1, exp3_t1, exp3_t2"):
         printed("exp3")
 
 

@@ -11,7 +11,7 @@ from calibench.bench.discovery.page.words import doubt_sentences, headline
 from calibench.discrepancy import MeasuredData, Report, explain
 from calibench.discrepancy.diagnostics.score import ProjectedScores, Scored, Subspace
 from calibench.discrepancy.noise.whiten import Noise
-from calibench.discrepancy.search.exchange import _together
+from calibench.discrepancy.search.stepwise import _together
 from tests.discrepancy.orthoglide_score import explained
 from tests.few import few
 

@@ -117,12 +117,12 @@ def test_a_report_read_from_a_file_predicts_nothing(report):
 
 
 def test_no_rows_are_told(report):
-    with pytest.raises(DataError, match="there are no rows to predict"):
+    with pytest.raises(DataError, match="no rows"):
         report.predict({"angle": [], "load": []})
 
 
 def test_words_in_a_column_of_numbers_are_refused_in_a_line(report):
-    with pytest.raises(DataError, match="column load holds words; give the numbers"):
+    with pytest.raises(DataError, match="column load"):
         report.predict({"angle": [0.1, 0.2], "load": ["down", "up"]})
 
 
@@ -135,7 +135,7 @@ def test_one_reading_needs_no_list(report):
 
 @pytest.mark.parametrize("readings", [[1.0, 2.0], None, np.zeros((3, 2))])
 def test_what_are_no_readings_is_told(report, readings):
-    with pytest.raises(DataError, match="a mapping of name to numbers, is needed"):
+    with pytest.raises(DataError, match="mapping of name to numbers"):
         report.predict(readings)
 
 

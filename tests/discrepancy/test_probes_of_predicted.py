@@ -128,7 +128,7 @@ def polar_readings() -> MeasuredData:
 
 
 def test_a_function_with_an_if_is_told_that_it_is_given_all_readings_at_once() -> None:
-    with pytest.raises(DataError, match="all readings at once: no if, and no comparison"):
+    with pytest.raises(DataError, match="no if, and no comparison"):
         Predicted(
             polar_readings(), lambda q: q["r"] if q["turn"] > 0 else 0.0, ROUND, {"x": 0.01}, inputs=("r", "turn")
         )

@@ -77,9 +77,7 @@ def test_errors_are_those_of_the_machine_that_has_only_what_is_determined(report
 def test_equations_count_and_not_rows():
     rows = readings(3)  # six equations for two numbers
     assert discrepancy.explain(Pointer(NUMBERS[:3]), rows).verdict == "none"
-    with pytest.raises(
-        DataError, match="1 row cannot carry 3 parameters; they tell 2 of them, and leave none of their 2"
-    ):
+    with pytest.raises(DataError, match="1 row cannot carry 3 parameters"):
         discrepancy.explain(Pointer(NUMBERS[:3]), readings(1))
 
 

@@ -105,7 +105,7 @@ def test_repeats_are_not_asked_again_of_a_fit_that_ran_away() -> None:
 
 
 def test_a_wider_law_is_not_believed_in_the_place_of_heavy_tails(monkeypatch: pytest.MonkeyPatch) -> None:
-    explain_module = import_module("calibench.discrepancy.explain")
+    explain_module = import_module("calibench.discrepancy.procedure")
     at_fit = import_module("calibench.discrepancy.diagnostics.noise")
     formulation = machines.make("gpm2002").formulate(empty_run(np.random.default_rng(3), poses=40))
     found = SimpleNamespace(sets=((),), fit=fit(Model(formulation), Noise()))

@@ -148,7 +148,7 @@ def test_the_law_of_the_smallest_p_is_drawn_for_every_candidate(monkeypatch: pyt
         drawn.append(len(bases))
         return np.empty(0)
 
-    monkeypatch.setattr(importlib.import_module("calibench.discrepancy.search.select"), "smallest_p_law", law)
+    monkeypatch.setattr(importlib.import_module("calibench.discrepancy.diagnostics.score"), "smallest_p_law", law)
     with using(replace(THRESHOLDS, p_sure=0.0, p_calm=2.0)):
         tests = run_tests(at, candidates, (), np.random.default_rng(0))
     assert drawn[0] == sum(scored.m > 0 for scored in tests.names)

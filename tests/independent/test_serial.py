@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from calibench.calibration.rigid import rotation_of
 from calibench.calibration.urdf import parse_urdf
-from calibench.calibration.walk import READING, Stand, walk
+from calibench.calibration.walk import READING, walk
 from calibench.discrepancy import DataError, MeasuredData, explain
 from calibench.discrepancy.machines.arm import Arm
 from calibench.discrepancy.machines.arm.formulation import AIM, TURNED, loads_in
@@ -94,7 +94,7 @@ def test_both_kinematics_are_one_arm(make: str) -> None:
     )
     q |= dict(zip(("tool_x", "tool_y", "tool_z"), arm.tool))
     chain = parse_urdf(arm.make.urdf()).chain()
-    assert np.allclose(walk(chain, Stand(arm.foot[:3, :3]), q).target, arm.place(angle), atol=1e-9)
+    assert np.allclose(walk(chain, arm.foot[:3, :3], q).target, arm.place(angle), atol=1e-9)
 
 
 def test_slopes_are_those_of_a_complex_step(urdf) -> None:
@@ -308,7 +308,7 @@ def test_a_quaternion_in_another_order_is_read_or_left_out_with_a_note(urdf, ord
 def test_quaternions_of_zeros_are_no_rotations(urdf) -> None:
     columns, turned = turned_rows()
     columns |= {name: 0 * numbers for name, numbers in turned.items()}
-    with pytest.raises(DataError, match="qx, qy, qz, qw are all 0 in 40 of 40 rows, which is no rotation"):
+    with pytest.raises(DataError, match="all 0 in 40 of 40 rows"):
         urdf().formulate(MeasuredData(columns, "arm", {"sigma_mm": 0.02}))
 
 

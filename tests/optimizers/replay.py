@@ -58,9 +58,8 @@ def story(name: str, options: dict[str, Any], budget: int) -> dict[str, Any]:
 def compiled(case: Case) -> tuple[list[str], list[str]]:
     """Return what stands compiled of our methods before and after a run, as ``kernel(types)``."""
     from calibench.optimizers.own import _differential_kernels, _genetic_kernels, _random_kernels, _swarm_kernels
-    from calibench.optimizers.own import _random_kernels as _partial_restart_kernels
 
-    rooms = (_differential_kernels, _genetic_kernels, _random_kernels, _partial_restart_kernels, _swarm_kernels)
+    rooms = (_differential_kernels, _genetic_kernels, _random_kernels, _swarm_kernels)
 
     def standing() -> list[str]:
         return sorted(

@@ -12,7 +12,6 @@ import pytest
 
 from calibench import optimizers
 from calibench.optimizers.base import Traits
-from calibench.testing import optimizer as book
 from calibench.testing import optimizer as laws
 from tests.few import one_of_each
 
@@ -45,7 +44,7 @@ def test_what_a_method_says_of_itself_is_true(law: Any, name: str) -> None:
 @pytest.mark.parametrize("budget", BUDGETS)
 @pytest.mark.parametrize("name", [n for n in NAMES if traits_of(n).uses_gradient and not traits_of(n).uses_residuals])
 def test_a_jacobian_is_charged_its_dimension(name: str, budget: int) -> None:
-    told = book.account_of(partial(optimizers.make, name), budget, squares=True)
+    told = laws.account_of(partial(optimizers.make, name), budget, squares=True)
     evaluations, jacobians = told.tags.count(b"e"), told.tags.count(b"j")
     dimension = told.points.shape[1]
     assert told.run.status == "ok", told.run.row["error"]

@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from calibench import optimizers
+from calibench import bench, optimizers, problems
 from calibench.optimizers.own import _differential_kernels as step
 from calibench.optimizers.own._random_kernels import random_state
 
@@ -98,3 +98,13 @@ def test_selection_is_strict():
     step.select(population, values, trial, np.array([0.5, 1.0, 1.5]))
     assert population[:, 0].tolist() == [1, 0, 0]  # better, tie, worse
     assert values.tolist() == [0.5, 1.0, 1.0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", ["J2", "J3"])
+@pytest.mark.parametrize("seed", range(5))
+def test_de_reaches_1e18_within_2500000_evaluations(error, seed):
+    run = bench.execute(
+        problems.make("full12", error=error), optimizers.make("de"), budget=2_500_000, seed=seed, target=1e-18
+    )
+    assert run.stop_reason == "target", run.best_value

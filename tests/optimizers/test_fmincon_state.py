@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError, fields
-from typing import Any
-
 import numpy as np
-import pytest
 
 from calibench.optimizers.fmincon.constraints import Frame, Iterate, Scales, region
 from calibench.optimizers.fmincon.options import Options
-from calibench.optimizers.fmincon.state import Seen, State, met_at
+from calibench.optimizers.fmincon.search import PATIENCE, Seen, State, met_at
 
 NONE, NO_ROWS = np.zeros(0), np.zeros((0, 2))
 
@@ -22,30 +18,15 @@ def iterate(x: list[float], value: float, violation: float = 0.0, first_order: f
 
 def begun() -> State:
     start = np.array([0.0, 0.0])
-    frame = Frame.of(region(2, None, None, None, None, None, None, None), start, True)
+    frame = Frame.of(region(2), start, True)
     state = State(frame, Scales(1.0, NONE, NONE), Seen(start, 5.0, True))
     return state.arrived(iterate([0.0, 0.0], 5.0), 1e-6)
 
 
-def test_a_transition_leaves_the_state_before_as_it_was() -> None:
-    before = begun()
-    kept = {field.name: getattr(before, field.name) for field in fields(before)}
-    x = np.array([3.0, 4.0])
-    after = before.tried(x).looked(Seen(x, 1.0, True)).stepped(x).headed().arrived(iterate([3.0, 4.0], 1.0), 1e-6)
-    after.settled(before.last).bent_by(True).afresh()
-    assert all(getattr(before, name) is value for name, value in kept.items())
-    assert (before.iteration, after.iteration) == (0, 1)
-    frozen: Any = before
-    with pytest.raises(FrozenInstanceError):
-        frozen.idle = 3
-
-
 def test_a_step_length_is_the_part_of_the_first_point_tried() -> None:
     half = np.array([3.0, 4.0])
-    state = begun().tried(np.array([6.0, 8.0])).tried(half).stepped(half).headed()
+    state = begun().tried(np.array([6.0, 8.0])).tried(half).stepped(half)
     assert (state.step, state.step_length) == (5.0, 0.5)
-    assert state.direction is not None
-    assert state.direction.tolist() == [6.0, 8.0]
 
 
 def test_the_last_iterate_is_no_trial() -> None:
@@ -58,8 +39,8 @@ def test_ten_iterates_without_progress_in_any_measure_are_stuck() -> None:
         state = begun()
         for _ in range(9):
             state = state.arrived(iterate([1.0, 0.0], 5.0), 1e-6)
-        assert not state.is_stuck
-        assert state.arrived(iterate([1.0, 0.0], 5.0), 1e-6).is_stuck
+        assert state.idle == PATIENCE - 1
+        assert state.arrived(iterate([1.0, 0.0], 5.0), 1e-6).idle == PATIENCE
         assert state.arrived(iterate([1.0, 0.0], **better), 1e-6).idle == 0
 
 
@@ -67,7 +48,6 @@ def test_the_best_is_feasible_where_any_is() -> None:
     state = begun().arrived(iterate([1.0, 0.0], -9.0, violation=1.0), 1e-6)
     assert state.best(1e-6) is state.path[0]
     assert state.answer is state.path[1]
-    assert state.settled(state.best(1e-6)).answer is state.path[0]
 
 
 def test_optimality_is_tested_before_the_number_of_iterates() -> None:

@@ -71,7 +71,7 @@ def test_strings_of_table_5_s_box_have_189_bits():
 
 
 def test_a_precision_beyond_a_double_s_is_refused():
-    with pytest.raises(ValueError, match=r"^ga\.precision=1e-16: a parameter of width 10 would take 57 bits"):
+    with pytest.raises(ValueError, match=r"^ga\.precision=1e-16: .* 57 bits"):
         optimizers.make("ga", precision=1e-16).lengths(np.array([10.0, 1.0]))
 
 

@@ -294,11 +294,11 @@ def _sphere(self: Bowl, x: np.ndarray) -> float:
 
 
 def test_what_takes_few_dimensions_only_is_refused_more() -> None:
-    with pytest.raises(ValueError, match=r"nlopt_GN_AGS needs 1 \.\. 10 dimensions, and problem .* has 11"):
+    with pytest.raises(ValueError, match=r"1 \.\. 10 dimensions.* 11"):
         bench.execute(Bowl(11), optimizers.make("nlopt_GN_AGS"), budget=10)
-    with pytest.raises(ValueError, match=r"nlopt_GN_ORIG_DIRECT needs 1 \.\. 500 dimensions, and problem .* has 501"):
+    with pytest.raises(ValueError, match=r"1 \.\. 500 dimensions.* 501"):
         bench.execute(Bowl(501), optimizers.make("nlopt_GN_ORIG_DIRECT"), budget=10)
-    with pytest.raises(ValueError, match=r"nlopt_LN_NEWUOA needs 2 or more dimensions, and problem .* has 1"):
+    with pytest.raises(ValueError, match=r"2 or more dimensions.* 1"):
         bench.execute(Bowl(1), optimizers.make("nlopt_LN_NEWUOA"), budget=10)
 
 

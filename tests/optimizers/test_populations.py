@@ -62,15 +62,6 @@ def test_compiled_or_not_the_same_bits():
         assert story(*case) == plain, case
 
 
-@pytest.mark.parametrize("name", OWN)
-@pytest.mark.parametrize("budget", [1, 7, 50, 1000])
-def test_budget_is_spent_whole(name, budget):
-    problem = Box([-1, 2, 0], [1, 5, 0])
-    run = bench.execute(problem, optimizers.make(name), budget=budget, seed=0)
-    assert (run.row["status"], run.row["stop_reason"]) == ("ok", "budget")
-    assert run.row["evaluations"] == problem.asked == budget
-
-
 @settings(deadline=None, max_examples=25)
 @given(
     lower=st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=4),
@@ -109,17 +100,6 @@ def test_values_that_are_not_finite_do_not_stop_a_run(name, options):
     run = bench.execute(Hollow([-1, -1], [1, 1]), optimizers.make(name, **options), budget=300, seed=0)
     assert (run.row["status"], run.row["evaluations"]) == ("ok", 300)
     assert run.row["non_finite"] > 0
-
-
-@pytest.mark.parametrize("name", OWN)
-def test_an_open_box_is_refused_in_one_line_before_it_runs(name):
-    box = Box([0, -np.inf], [1, np.inf])
-    with pytest.raises(
-        ValueError,
-        match=rf"^{name} needs finite bounds, and problem test_populations:Box has lower\[1\]=-inf, upper\[1\]=inf",
-    ):
-        bench.execute(box, optimizers.make(name), budget=300, seed=0, start=np.zeros(2))
-    assert box.asked == 0
 
 
 @pytest.mark.slow

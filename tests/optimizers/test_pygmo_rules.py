@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from benchmarks.tables import PAGE, TABLES, filled, pygmo_table
-from calibench import bench, optimizers
+from benchmarks.tables import TABLES, filled, pygmo_table
+from calibench import bench, optimizers, problems
 from calibench.bench.provenance.run_id import key_of_optimizer, options_of
-from calibench.optimizers.pygmo import RULES
+from calibench.optimizers.pygmo import METHODS, RULES
 
 pytest.importorskip("pygmo")
-METHODS = [n for n in optimizers.names() if "population" in optimizers.registry.options(n) and n.startswith("pygmo_")]
+NAMES = [n for n in optimizers.names() if "population" in optimizers.registry.options(n) and n.startswith("pygmo_")]
 
 
 class Sphere:
@@ -29,13 +30,9 @@ class Sphere:
 
 
 def test_each_population_method_has_a_rule_with_its_source() -> None:
-    assert sorted(METHODS) == sorted(f"pygmo_{method}" for method in RULES)
+    assert sorted(NAMES) == sorted(f"pygmo_{method}" for method in RULES)
     assert all(rule.source for rule in RULES.values())
     assert all(rule.why for rule in RULES.values() if rule.generations)
-
-
-def test_the_page_shows_the_rules() -> None:
-    assert pygmo_table() in PAGE.read_text()
 
 
 def test_filling_the_page_keeps_what_follows_an_empty_table() -> None:
@@ -43,7 +40,7 @@ def test_filling_the_page_keeps_what_follows_an_empty_table() -> None:
     assert filled(f"{marks}the rest").endswith(f"{pygmo_table()}\n<!-- end pygmo -->\nthe rest")
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_default_is_the_rule_and_null_is_it_too(name: str) -> None:
     rule = RULES[name.removeprefix("pygmo_")]
     assert optimizers.registry.options(name)["population"].default == rule.default
@@ -54,7 +51,7 @@ def test_the_default_is_the_rule_and_null_is_it_too(name: str) -> None:
     assert optimizers.make(name, **options_of(made)) == made  # the options of a row make it again
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_number_wins_and_enters_the_id(name: str) -> None:
     made = optimizers.make(name, population=14)
     assert made.members(3, 100) == made.members(12, 20_000) == 14  # type: ignore[attr-defined]
@@ -78,7 +75,7 @@ def test_rules_give_the_numbers_of_their_formulas(method: str, dimension: int, b
     assert RULES[method].size(dimension, budget) == size
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", NAMES)
 def test_pygmo_is_given_as_many_members_as_the_rule_says(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     import pygmo
 
@@ -97,7 +94,7 @@ def test_pygmo_is_given_as_many_members_as_the_rule_says(name: str, monkeypatch:
     assert json.loads(run.row["optimizer_options"])["population"] == default
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_minimum_budget_holds_a_population(name: str) -> None:
     rule, traits = RULES[name.removeprefix("pygmo_")], optimizers.make(name).traits
     for dimension in range(1, 60):
@@ -108,8 +105,6 @@ def test_the_minimum_budget_holds_a_population(name: str) -> None:
 
 def test_one_population_for_all_was_worth_decades() -> None:
     """The bars are half of what was measured; docs/optimizers.md has the whole."""
-    from calibench import problems
-
     problem = problems.make("link_length")
     for name, old, decades in (("pygmo_de", 150, 1.0), ("pygmo_cmaes", 50, 1.0)):
         gained = [
@@ -118,6 +113,20 @@ def test_one_population_for_all_was_worth_decades() -> None:
             for s in range(3)
         ]
         assert np.median(gained) > decades, (name, gained)
+
+
+@pytest.mark.parametrize("name", ["pso_gen", "cmaes", "gaco"])
+def test_a_generation_at_once_changes_no_bit_of_the_run(name, monkeypatch):
+    problem, method = problems.make("sensor_zero"), optimizers.make(f"pygmo_{name}")
+    assert method.traits.batches
+    at_once = bench.execute(problem, method, budget=1230, seed=3)
+    monkeypatch.setitem(METHODS, name, replace(METHODS[name], batches=False))
+    assert not method.traits.batches
+    singly = bench.execute(problem, method, budget=1230, seed=3)
+    assert at_once.points == singly.points
+    assert at_once.best_x.tolist() == singly.best_x.tolist()
+    assert at_once.evaluations == singly.evaluations == 1230
+    assert at_once.stop_reason == "budget"
 
 
 class Valley:

@@ -1,10 +1,22 @@
-"""The streams of random numbers against the generator's definition in whole numbers, and their laws in the large."""
+"""Random numbers against the generator's definition in whole numbers, and which half of a population begins again."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from calibench.optimizers.own._random_kernels import STREAMS, WHOLE, halves, index, random_state, scaled, uniform, words
+from calibench.optimizers.own._random_kernels import (
+    STREAMS,
+    WHOLE,
+    from_the_worst,
+    half,
+    halves,
+    index,
+    random_state,
+    scaled,
+    uniform,
+    words,
+)  # fmt: skip
 
 
 def xoshiro(s):
@@ -66,3 +78,39 @@ def test_streams_are_not_correlated():
     together = np.corrcoef(drawn.T)[np.triu_indices(STREAMS, 1)]
     assert np.abs(together).max() < 5 / np.sqrt(len(drawn))  # five standard deviations, 496 pairs
     np.testing.assert_allclose(drawn.mean(axis=0), 0.5, atol=5 * np.sqrt(1 / 12 / len(drawn)))
+
+
+@pytest.mark.parametrize("size", [0, 1, 2, 3, 7, 8, 31, 200])
+def test_the_worst_come_first_equal_ones_in_their_order_and_no_number_last(size):
+    rng = np.random.default_rng(size)
+    for few in (2, 5, 1000):  # many ties, some, hardly any
+        values = rng.integers(few, size=size).astype(float)
+        values[rng.random(size) < 0.1] = np.inf
+        values[rng.random(size) < 0.1] = np.nan
+        assert from_the_worst(values).tolist() == np.argsort(-values, kind="stable").tolist()
+
+
+@pytest.mark.parametrize("size", [2, 5, 8])
+def test_the_worst_half_and_never_the_best(size):
+    rng = np.random.default_rng(size)
+    values = rng.permutation(size).astype(float)
+    values[values == size - 1] = np.inf
+    chosen = half(values, int(values.argmin()), True, random_state(rng))
+    assert sorted(chosen) == sorted(np.argsort(values)[size - size // 2 :])
+
+
+def test_the_best_stays_where_all_are_equal():
+    state = random_state(np.random.default_rng(0))
+    for worst in (True, False):
+        assert 1 not in half(np.zeros(4), 1, worst, state)
+
+
+def test_a_random_half_takes_all_others_equally_often():
+    state, values = random_state(np.random.default_rng(1)), np.array([3.0, 0.0, 9.0, 4.0, 5.0, 6.0])
+    times = np.zeros(6)
+    for _ in range(5000):
+        chosen = half(values, 1, False, state)
+        assert len(set(chosen.tolist())) == 3
+        times[chosen] += 1
+    assert times[1] == 0
+    np.testing.assert_allclose(np.delete(times, 1) / 5000, 3 / 5, atol=0.03)

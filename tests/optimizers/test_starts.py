@@ -117,9 +117,7 @@ def test_another_repetition_begins_again_elsewhere(tmp_path: Path, monkeypatch: 
 def test_restarts_in_an_open_box_are_refused_in_a_line(tmp_path: Path) -> None:
     problem = Bowl(tmp_path / "book")
     problem.upper = np.array([np.inf, 3.0])
-    with pytest.raises(
-        ValueError, match=r"lm needs finite bounds, and problem test_starts:Bowl has upper\[0\]=inf; give"
-    ):
+    with pytest.raises(ValueError, match=r"upper\[0\]=inf"):
         bench.execute(problem, optimizers.make("lm", restarts=True), budget=100)
     problem.close()
 

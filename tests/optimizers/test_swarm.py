@@ -120,10 +120,9 @@ def test_inertia_falls_over_the_iterations_told_and_stays():
 
 
 def test_inertia_begins_and_ends_as_told():
-    pso = optimizers.make("pso")
-    assert (pso.inertia(0, 9999), pso.inertia(0, 1), pso.inertia(0, 0)) == (0.9, 0.9, 0.9)
-    assert pso.inertia(9998, 9999) == pytest.approx(0.1)
-    assert pso.inertia(4999, 9999) == pytest.approx(0.5)
+    assert [step.inertia(0.9, 0.1, 0, flights) for flights in (9999, 1, 0)] == [0.9, 0.9, 0.9]
+    assert step.inertia(0.9, 0.1, 9998, 9999) == pytest.approx(0.1)
+    assert step.inertia(0.9, 0.1, 4999, 9999) == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("renewal", ["random", "worst"])

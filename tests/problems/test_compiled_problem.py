@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from calibench import problems
 from calibench.problems.base import Parameter
-from calibench.problems.compiled_problem import CompiledProblem
+from calibench.problems.compiled_problem import hold
 
 ALL = [
     ("full12", {"error": "J2"}),
@@ -68,8 +69,11 @@ def test_a_changed_problem_has_the_kernels_arrays_of_its_own_readings():
 
 def test_box_start_and_truth_are_arrays_that_nobody_can_write_to():
     known = Parameter("a", "mm", 1.0, 0.0, 2.0, 1.5)
-    compiled = CompiledProblem.of("some", (known, known), None, ())
+    one, other = (SimpleNamespace(name="some") for _ in range(2))
+    hold(one, (known, known), None, (), data=b"")
+    compiled = one._compiled
     for array in (compiled.lower, compiled.upper, compiled.start, compiled.truth):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 9.0
-    assert CompiledProblem.of("some", (known, replace(known, true=None)), None, ()).truth is None
+    hold(other, (known, replace(known, true=None)), None, (), data=b"")
+    assert other._compiled.truth is None

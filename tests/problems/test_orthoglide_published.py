@@ -7,8 +7,7 @@ from calibench import bench, optimizers, problems
 from calibench.problems import constants
 from calibench.problems.identifiability import estimate, f_test, f_test_of_sums
 from calibench.problems.orthoglide.kinematics import NAMES, calibration_matrix
-from calibench.problems.orthoglide.measured import measured
-from calibench.problems.orthoglide.plans import covariance, paper_plan
+from calibench.problems.orthoglide.plans import covariance, measured, paper_plan
 
 MINIMA = {  # sums of squares [mm^2] of the exact model, to 1e-6
     ("exp2", "full"): 0.1911452, ("exp2", "rho"): 0.2278854, ("exp2", "L"): 0.2179484,

@@ -18,11 +18,15 @@ def simulated():
     return problems.make("full11")
 
 
+def lines(rows, header=None):
+    """Return the rows as CSV, with all digits."""
+    cells = [",".join(repr(float(v)) if isinstance(v, float) else str(v) for v in row) for row in rows]
+    return "\n".join([*([] if header is None else [header]), *cells]) + "\n"
+
+
 def write(path, rows, header=None):
-    """Write the rows as CSV, with all digits, and return the path."""
-    lines = [] if header is None else [header]
-    lines += [",".join(repr(float(v)) if isinstance(v, float) else str(v) for v in row) for row in rows]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    """Write the rows as CSV and return the path."""
+    path.write_text(lines(rows, header), encoding="utf-8")
     return path
 
 
@@ -208,6 +212,9 @@ def test_home_itself_read_at_home_means_offsets_zero():
 
 # What is refused: the message names what is wrong, where, and the way out, in one line.
 
+READINGS = problems.make("full11").readings
+HEADER = "enc_1,enc_2,enc_3"
+
 
 def refused(match, call):
     with pytest.raises(ValueError, match=match) as caught:
@@ -215,135 +222,86 @@ def refused(match, call):
     assert "\n" not in str(caught.value)
 
 
-def test_nan_names_its_row(simulated):
-    readings = simulated.readings.copy()
-    readings[6, 1] = np.nan
-    refused(r"readings: row 7 is not finite \(1 such rows\)", lambda: full11.from_readings(readings))
+def changed(row, column, cell):
+    """Return the readings as lists, one cell of them another."""
+    rows = READINGS.tolist()
+    rows[row][column] = cell
+    return rows
 
 
-def test_nan_in_a_csv_is_refused_as_well(tmp_path, simulated):
-    rows = simulated.readings.tolist()
-    rows[3][0] = float("nan")
-    path = write(tmp_path / "mine.csv", rows, "enc_1,enc_2,enc_3")
-    refused("row 4 is not finite", lambda: full11.from_readings(path))
+@pytest.mark.parametrize(("said", "readings", "options"), [
+    (r"readings: row 7 is not finite \(1 such rows\)", np.array(changed(6, 1, np.nan)), {}),
+    ("look like degrees, radians are needed", np.degrees(READINGS), {}),
+    (r"full11\.n=10", READINGS[:10], {}),
+    (r"readings have shape \(50, 2\)", READINGS[:, :2], {}),
+    (r"readings have shape \(50, 4\)", np.tile(READINGS, 2)[:, :4], {}),
+    (r"readings have shape \(3,\)", READINGS[0], {}),
+    ("readings", np.empty((0, 3)), {}),
+    ("readings: an array of numbers", [["a", "b", "c"]], {}),
+    ("full11 has no option 'eror'; did you mean 'error'", "nowhere.csv", {"eror": "J2"}),
+    (r"start la1=244 lies outside its box 250 \.\. 260", READINGS, {"box": {"la1": (250, 260)}}),
+    (r"start la1=260 lies", READINGS, {"nominal": {"la1": 260}, "box": {"la1": (239, 249)}}),
+    ("lies outside its box", READINGS, {"box": {"la1": (249, 239)}}),
+    ("nominal: unknown parameter 'la4'; did you mean 'la", READINGS, {"nominal": {"la4": 244.0}}),
+    ("box: unknown parameter 'la4'; did you mean 'la", READINGS, {"box": {"la4": (239, 249)}}),
+    *(("box", READINGS, {"box": {"la1": bounds}}) for bounds in ((239, 244, 249), 5.0, ("low", "high"))),
+    *((r"at_home=.*three readings", READINGS, {"at_home": some}) for some in ([1.0, 2.0], [1.0, 2.0, 3.0, 4.0], [])),
+    *(("la1", READINGS, {"nominal": {"la1": length}}) for length in (float("nan"), -244.0)),
+    ("la1", READINGS, {"nominal": {"la1": 10.0}, "at_home": [0.0] * 3}),
+])  # fmt: skip
+def test_what_is_no_set_of_readings_is_refused_in_one_line(said, readings, options):
+    refused(said, lambda: full11.from_readings(readings, **options))
 
 
-def test_degrees_are_noticed(simulated):
-    refused("look like degrees, radians are needed", lambda: full11.from_readings(np.degrees(simulated.readings)))
+@pytest.mark.parametrize(("said", "content"), [
+    ("row 4 is not finite", lines(changed(3, 0, float("nan")), HEADER)),
+    ("row 1 does not hold three numbers", lines(READINGS[:, :2].tolist())),
+    *(("row 3 does not hold three", lines(changed(1, 2, f'"{cell}"'), HEADER)) for cell in ("n/a", "", "1,5")),
+    ("no column enc_1, enc_2; the header has theta_1", lines(READINGS.tolist(), "theta_1,theta_2,enc_3")),
+    ("the file is empty", ""),
+    (r"\(n, 3\) is needed", f"{HEADER}\n"),
+    ("cannot be read", b"\x89PNG\r\n\x1a\n\xff\xfe"),
+    *(("column enc_[12]: unit '' cannot be turned into rad", lines(READINGS.tolist(), header))  # nor scales it others
+      for header in ("enc_1 [deg],enc_2 [],enc_3 [deg]", "enc_1 [],enc_2 [],enc_3 []")),
+    ("mine.csv", '1,2,3\n"a\nb",2,3\n'),
+    ("mine.csv", '"a\nb",2,3\n'),
+    ("mine.csv", "1" * 200_000),
+    ("row 4 ", "# taken on Monday\n\nenc_1,enc_2,enc_3\n1,2,x\n"),  # the line of the file
+])  # fmt: skip
+def test_what_is_no_file_of_readings_is_refused_in_one_line(tmp_path, said, content):
+    path = tmp_path / "mine.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    refused(said, lambda: full11.from_readings(path))
 
 
-def test_too_few_rows_for_the_parameters(simulated):
-    refused(
-        r"full11\.n=10: 11 parameters need at least 11 configurations",
-        lambda: full11.from_readings(simulated.readings[:10]),
-    )
-
-
-@pytest.mark.parametrize("columns", [2, 4])
-def test_readings_have_three_columns(simulated, columns):
-    readings = np.tile(simulated.readings, 2)[:, :columns]
-    refused(rf"readings have shape \(50, {columns}\): \(n, 3\) is needed", lambda: full11.from_readings(readings))
-
-
-def test_one_row_as_a_flat_array_is_refused(simulated):
-    refused(r"readings have shape \(3,\)", lambda: full11.from_readings(simulated.readings[0]))
-
-
-def test_a_csv_of_two_columns_names_its_row(tmp_path, simulated):
-    path = write(tmp_path / "mine.csv", simulated.readings[:, :2].tolist())
-    refused("row 1 does not hold three numbers", lambda: full11.from_readings(path))
-
-
-def test_a_missing_file_is_named(tmp_path):
+def test_a_missing_file_is_named_and_a_folder_is_none(tmp_path):
     path = str(tmp_path / "nowhere.csv")
     refused(r"readings=.*nowhere\.csv: cannot be read", lambda: full11.from_readings(path))
     refused(r"readings=.*nowhere\.csv: cannot be read", lambda: problems.make("full11", readings=path))
-
-
-def test_a_folder_and_a_picture_are_no_csv(tmp_path):
     refused("cannot be read", lambda: full11.from_readings(tmp_path))
-    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n\xff\xfe")
-    refused("cannot be read", lambda: full11.from_readings(tmp_path / "a.png"))
 
 
-def test_an_empty_file_is_named_and_one_with_a_header_only_has_no_rows(tmp_path):
-    (tmp_path / "empty.csv").write_text("")
-    refused("the file is empty", lambda: full11.from_readings(tmp_path / "empty.csv"))
-    (tmp_path / "header.csv").write_text("enc_1,enc_2,enc_3\n")
-    refused(r"\(n, 3\) is needed", lambda: full11.from_readings(tmp_path / "header.csv"))
-
-
-def test_a_wrong_header_lists_what_it_has(tmp_path, simulated):
-    path = write(tmp_path / "mine.csv", simulated.readings.tolist(), "theta_1,theta_2,enc_3")
-    refused("no column enc_1, enc_2; the header has theta_1, theta_2, enc_3", lambda: full11.from_readings(path))
-
-
-@pytest.mark.parametrize("cell", ["n/a", "", "1,5"])
-def test_a_cell_of_text_names_its_row(tmp_path, simulated, cell):
-    rows = simulated.readings.tolist()
-    rows[1][2] = f'"{cell}"'
-    path = write(tmp_path / "mine.csv", rows, "enc_1,enc_2,enc_3")
-    refused("row 3 does not hold three numbers", lambda: full11.from_readings(path))
-
-
-def test_decimal_commas_beside_points_are_refused(tmp_path, simulated):
-    rows = [f"{';'.join(map(repr, row))};20.5" for row in simulated.readings.tolist()]
+def test_decimal_commas_beside_points_are_refused(tmp_path):
+    rows = [f"{';'.join(map(repr, row))};20.5" for row in READINGS.tolist()]
     rows[2] = "0,5;0,25;0,125;20.5"
     (tmp_path / "mine.csv").write_text("\n".join(["enc_1;enc_2;enc_3;room", *rows]) + "\n")
     said = "column enc_1, reading 3: '0,5' has a decimal comma, and column enc_1, reading 1: .* a decimal point"
     refused(said, lambda: full11.from_readings(tmp_path / "mine.csv"))
 
 
-@pytest.mark.parametrize("header", ["enc_1 [deg],enc_2 [],enc_3 [deg]", "enc_1 [],enc_2 [],enc_3 []"])
-def test_an_empty_bracket_is_no_unit_and_scales_no_other_column(tmp_path, simulated, header):
-    path = write(tmp_path / "mine.csv", simulated.readings.tolist(), header)
-    refused("column enc_[12]: unit '' cannot be turned into rad; write rad", lambda: full11.from_readings(path))
-
-
 @pytest.mark.parametrize(("key", "value"), [
     ("plan", "disc"), ("radius", 100.0), ("n", 50), ("noise", 0.0), ("data_seed", 0),
 ])  # fmt: skip
-def test_options_that_simulate_readings_clash_with_given_ones(tmp_path, simulated, key, value):
-    path = write(tmp_path / "mine.csv", simulated.readings.tolist())
-    match = rf"full11\.{key}: simulates readings, but readings are given"
-    refused(match, lambda: full11.from_readings(simulated.readings, **{key: value}))
+def test_options_that_simulate_readings_clash_with_given_ones(tmp_path, key, value):
+    path = write(tmp_path / "mine.csv", READINGS.tolist())
+    match = rf"full11\.{key}: simulates readings"
+    refused(match, lambda: full11.from_readings(READINGS, **{key: value}))
     refused(match, lambda: problems.make("full11", readings=str(path), **{key: value}))
 
 
-def test_a_start_outside_its_box_is_refused(simulated):
-    refused(
-        r"start la1=244 lies outside its box 250 \.\. 260",
-        lambda: full11.from_readings(simulated.readings, box={"la1": (250, 260)}),
-    )
-    refused(
-        r"start la1=260 lies outside its box 239 \.\. 249",
-        lambda: full11.from_readings(simulated.readings, nominal={"la1": 260}, box={"la1": (239, 249)}),
-    )
-
-
-def test_a_box_upside_down_is_refused(simulated):
-    refused("lies outside its box", lambda: full11.from_readings(simulated.readings, box={"la1": (249, 239)}))
-
-
-@pytest.mark.parametrize("keyword", ["nominal", "box"])
-def test_an_unknown_parameter_is_named_with_the_nearest(simulated, keyword):
-    value = {"la4": 244.0 if keyword == "nominal" else (239, 249)}
-    refused(
-        f"{keyword}: unknown parameter 'la4'; did you mean 'la",
-        lambda: full11.from_readings(simulated.readings, **{keyword: value}),
-    )
-
-
-@pytest.mark.parametrize("at_home", [[1.0, 2.0], [1.0, 2.0, 3.0, 4.0], []])
-def test_at_home_are_three_readings(simulated, at_home):
-    refused(r"at_home=.*three readings", lambda: full11.from_readings(simulated.readings, at_home=at_home))
-
-
-def test_an_unknown_option_is_refused_before_the_file_is_opened(tmp_path):
-    refused(
-        "full11 has no option 'eror'; did you mean 'error'",
-        lambda: full11.from_readings(tmp_path / "nowhere.csv", eror="J2"),
-    )
+def test_other_doors_refuse_in_our_words_too():
+    refused("readings: an array of numbers", lambda: orthoglide6.from_readings(["0,1"] * 12, "paper"))
+    refused("at_home", lambda: problems.make("full11", at_home=[0.0, 0.0, 0.0]))
 
 
 @pytest.mark.parametrize("header", ["enc_1,enc_2,enc_3", None])
@@ -351,50 +309,6 @@ def test_a_csv_as_spreadsheets_write_it_is_read(tmp_path, simulated, header):
     path = write(tmp_path / "mine.csv", simulated.readings.tolist(), header)
     path.write_text(path.read_text(encoding="utf-8"), encoding="utf-8-sig")
     assert full11.from_readings(path).data_id == simulated.data_id
-
-
-@pytest.mark.parametrize("text", ['1,2,3\n"a\nb",2,3\n', '"a\nb",2,3\n'])
-def test_a_line_break_in_a_cell_does_not_break_the_message(tmp_path, text):
-    (tmp_path / "mine.csv").write_text(text)
-    refused("mine.csv", lambda: full11.from_readings(tmp_path / "mine.csv"))
-
-
-def test_a_file_that_is_one_huge_cell_is_refused(tmp_path):
-    (tmp_path / "mine.csv").write_text("1" * 200_000)
-    refused("mine.csv", lambda: full11.from_readings(tmp_path / "mine.csv"))
-
-
-def test_the_row_that_is_named_is_the_line_of_the_file(tmp_path):
-    (tmp_path / "mine.csv").write_text("# taken on Monday\n\nenc_1,enc_2,enc_3\n1,2,x\n")
-    refused("row 4 ", lambda: full11.from_readings(tmp_path / "mine.csv"))
-
-
-@pytest.mark.parametrize(
-    ("nominal", "at_home"), [({"la1": float("nan")}, None), ({"la1": 10.0}, [0.0] * 3), ({"la1": -244.0}, None)]
-)
-def test_a_nominal_machine_that_is_none_is_refused(simulated, nominal, at_home):
-    refused("la1", lambda: full11.from_readings(simulated.readings, nominal=nominal, at_home=at_home))
-
-
-def test_what_is_no_array_of_numbers_is_refused_in_our_words():
-    refused("readings: an array of numbers", lambda: full11.from_readings([["a", "b", "c"]]))
-
-
-def test_deviations_that_are_words_are_refused_in_our_words():
-    refused("readings: an array of numbers", lambda: orthoglide6.from_readings(["0,1"] * 12, "paper"))
-
-
-def test_an_array_without_rows_is_refused_in_our_words():
-    refused("readings", lambda: full11.from_readings(np.empty((0, 3))))
-
-
-@pytest.mark.parametrize("bounds", [(239, 244, 249), 5.0, ("low", "high")])
-def test_bounds_that_are_no_pair_of_numbers_are_refused_in_our_words(simulated, bounds):
-    refused("box", lambda: full11.from_readings(simulated.readings, box={"la1": bounds}))
-
-
-def test_at_home_without_readings_is_refused():
-    refused("at_home", lambda: problems.make("full11", at_home=[0.0, 0.0, 0.0]))
 
 
 def test_j3_gives_back_offsets_in_the_turn_of_their_box():

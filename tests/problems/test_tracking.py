@@ -93,25 +93,6 @@ def test_error_is_exactly_zero_at_the_truth_and_grows_away_from_it() -> None:
     assert (along[0] > 0).all()
 
 
-def test_value_is_the_sum_of_squares_and_batch_has_the_same_bits() -> None:
-    problem = small(noise=1e-4)
-    values = problem.batch(SOME)
-    assert values.tolist() == [problem(x) for x in SOME]
-    for x, value in zip(SOME, values):
-        r = problem.residuals(x)
-        assert r.shape == (3 * 12,)
-        assert value == pytest.approx(r @ r, rel=1e-14)
-
-
-@pytest.mark.parametrize("radius", [20.0, 80.0, 140.0])
-def test_jacobian_agrees_with_differences(radius: float) -> None:
-    problem, h = small(radius=radius), 1e-3
-    for x in np.vstack([SOME, [[0.0, 0.0]]]):
-        differences = [(problem.residuals(x + e) - problem.residuals(x - e)) / (2 * h) for e in h * np.eye(2)]
-        slope = problem.jacobian(x)
-        assert np.abs(slope - np.transpose(differences)).max() < 1e-7 * np.abs(slope).max()
-
-
 def test_settled_pose_balances_the_motors() -> None:
     problem = small()
     for x in SOME:

@@ -182,9 +182,7 @@ def test_what_a_machine_raises_is_told_in_one_line() -> None:
         def formulate(self, data):
             raise ZeroDivisionError("division by zero\nin my code")
 
-    with pytest.raises(
-        AssertionError, match="found ZeroDivisionError: division by zero in my code; it was raised in test_broken"
-    ) as broken:
+    with pytest.raises(AssertionError, match=r"ZeroDivisionError: .* test_broken") as broken:
         testing.check_machine(Broken(), DATA)
     assert isinstance(broken.value.__context__, ZeroDivisionError)
 

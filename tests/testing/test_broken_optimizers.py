@@ -223,5 +223,5 @@ def test_what_a_run_knows_of_itself_is_there_to_be_read():
 
 
 def test_a_point_of_a_wrong_shape_is_told_as_such():
-    with pytest.raises(AssertionError, match=r"takes a point of shape \(12,\), and was given \(13,\)"):
+    with pytest.raises(AssertionError, match=r"\(12,\).*\(13,\)"):
         testing.check_optimizer(OneMore)

@@ -53,7 +53,7 @@ class Endless:
 
 
 def test_an_optimiser_that_hangs_is_told_too():
-    with pytest.raises(AssertionError, match="the laws are tried within 2 s; found budget_is_a_wall not at its end"):
+    with pytest.raises(AssertionError, match="within 2 s; found budget_is_a_wall"):
         testing.check_optimizer(Endless, time_limit=2)
 
 

@@ -1,17 +1,17 @@
 """The drawings of a search for a missing effect, each with its numbers, in plain arrays, units and words.
 
-Where the disagreement is (target by covariate, and over the workspace); the candidates by what they explain; the
-residuals before and after over what the effect depends on; the error on unseen readings, and the best possible one.
-Findings that blame the noise move no mean: of them the outlying readings, the steps, the tails are drawn. Nothing is
-fitted here; `discovery.implied` computes the implied errors of a quantity.
+A whitened residual has no direct meaning for an engineer, and its sign depends on the pose. So the residuals of each
+reading are shown as the error of the one quantity that an effect changes (an encoder's angle, a link's length) which
+would cause them: with the whitened slopes s of that quantity, s . r / s . s, of weight s . s.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import compress
 from textwrap import fill
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 import pandas as pd
@@ -20,19 +20,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import erfc
 
-from calibench.bench.discovery.implied import Implied, error_of, implied_errors
 from calibench.bench.discovery.page.words import compared, floor_holds_the_gap, in_small_units, largest, noise_words
-from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
+from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, axes_in, figure_of
 from calibench.core.tables.cells import between
 from calibench.core.words import plain
 from calibench.discrepancy.diagnostics.noise import outliers_under
-from calibench.discrepancy.fitting.fit import Fit
+from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.labels import NO_WORDS, effect_label, quantity_label, quantity_of
-from calibench.discrepancy.model.effect import name_of
-from calibench.discrepancy.model.machine import WORKSPACE, Formulation
+from calibench.discrepancy.model.effect import Effect, name_of
+from calibench.discrepancy.model.machine import WORKSPACE
 from calibench.discrepancy.model.measured import sensor_of
+from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, words_of
 from calibench.discrepancy.report import Finding, Gap, Place, Report
+from calibench.discrepancy.search.form import Modulated, forms_of
 from calibench.problems.base import Array
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
@@ -66,17 +67,19 @@ def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = N
     """Draw the strength of the disagreement, -log10 p: a column for each target, a row for each covariate."""
     table = pd.DataFrame([asdict(place) for place in where])
     table["strength"] = 0.0 - np.log10(np.clip(table["p"], 1e-16, 1.0))
-    table["over"] = [_own(machine, str(t), str(c), words) for t, c in zip(table["target"], table["covariate"])]
+    table["over"] = [quantity_label(machine, str(covariate), words) for covariate in table["covariate"]]
+    for k, (target, covariate) in enumerate(zip(table["target"], table["covariate"])):
+        known = quantity_of(machine, str(covariate))
+        if known.own and known.own == target:  # what each target has of its own, as a velocity, is one row for all
+            table.loc[k, "over"] = f"its own {known.label.partition(' of ')[0]}"
     targets = sorted(dict.fromkeys(table["target"]))
     overs = list(table.groupby("over", sort=False)["strength"].max().sort_values(ascending=False).index)
     grid = np.full((len(overs), len(targets)), np.nan)
     for target, over, strength in zip(table["target"], table["over"], table["strength"]):
         grid[overs.index(over), targets.index(target)] = strength
     top = max(4.0, float(np.nanmax(grid)))
-    with rc_context(STYLE | {"axes.grid": False}):
-        size = (2.8 + 0.62 * len(targets), 1.5 + 0.25 * len(overs))
-        figure = Figure(figsize=size, layout="constrained")
-        axes = figure.subplots()
+    size = (2.8 + 0.62 * len(targets), 1.5 + 0.25 * len(overs))
+    with axes_in(None, *size, STYLE | {"axes.grid": False}) as axes:
         image = axes.imshow(grid, aspect="auto", cmap="cividis_r", vmin=0, vmax=top)
         for (y, x), value in np.ndenumerate(grid):
             if np.isfinite(value):
@@ -90,22 +93,10 @@ def where_map(machine: str, where: Sequence[Place], words: Mapping[str, str] = N
         axes.xaxis.set_label_position("top")
         axes.set_xlabel("residual of", fontsize=8)
         axes.set_ylabel("over", fontsize=8)
-        for spine in axes.spines.values():
-            spine.set_visible(False)
-        bar = figure.colorbar(image, ax=axes, shrink=0.9, aspect=22)
+        axes.spines[:].set_visible(False)
+        bar = figure_of(axes).colorbar(image, ax=axes, shrink=0.9, aspect=22)
         bar.set_label("−log10 p (bold: p < .01)", fontsize=8)
-    return figure, table[["target", "covariate", "p", "strength"]]
-
-
-def _own(machine: str, target: str, covariate: str, words: Mapping[str, str]) -> str:
-    """Return a covariate in words.
-
-    A covariate that each target has of its own, such as a velocity, is one row for all.
-    """
-    known = quantity_of(machine, covariate)
-    if known.own and known.own == target:
-        return f"its own {known.label.partition(' of ')[0]}"
-    return quantity_label(machine, covariate, words)
+    return figure_of(axes), table[["target", "covariate", "p", "strength"]]
 
 
 def workspace_map(workspace: Workspace) -> Drawing:
@@ -146,9 +137,7 @@ def candidate_chart(machine: str, candidates: pd.DataFrame) -> Drawing:
     shown = table.head(_SHOWN).iloc[::-1].reset_index(drop=True)
     names = [fill(effect_label(machine, f, t), _NAME) for f, t in zip(shown["family"], shown["target"])]
     row = max(0.25, _LINE * max(name.count("\n") + 1 for name in names) + 0.06)  # inches
-    with rc_context(STYLE):
-        figure = Figure(figsize=(4.9, 0.8 + row * len(shown)), layout="constrained")
-        axes = figure.subplots()
+    with axes_in(None, 4.9, 0.8 + row * len(shown)) as axes:
         colours = [_AFTER if inside else "0.72" for inside in shown["in_set"]]
         axes.barh(range(len(shown)), shown["gain"], color=colours, height=0.66)
         axes.axvline(0, color="0.4", lw=0.8)
@@ -161,7 +150,7 @@ def candidate_chart(machine: str, candidates: pd.DataFrame) -> Drawing:
         if shown["gain"].abs().max() < 0.5:  # all are told as 0: no scale of rounding errors
             axes.set_xlim(-1, 10)
         axes.grid(axis="y", visible=False)
-    return figure, table
+    return figure_of(axes), table
 
 
 def residual_chart(residuals: Residuals) -> Drawing:
@@ -181,20 +170,25 @@ def residual_chart(residuals: Residuals) -> Drawing:
 
 def draw_residuals(without: Axes, with_it: Axes, residuals: Residuals) -> pd.DataFrame:
     """Draw what is implied without the effect and with it, on two axes of one scale or on one; return the means."""
-    table = _known(residuals)
-    binned, few = means_of(residuals), _has_few(residuals)
+    table, few = _known(residuals)
+    binned = means_of(residuals)
     sure = table[table["weight"] >= table["weight"].quantile(0.25)]
     some = sure.iloc[:: max(1, len(sure) // _DOTS)]
     typical = float(1 / np.sqrt(table["weight"].median())) if len(table) else 1.0
     ends = binned[["before", "after"]].abs().add(2 * binned["standard_error"], axis=0)
-    reach = max(3 * typical, 1.1 * float(ends.max().max()), *_far(some))
+    dots = some[["before", "after"]].abs()
+    far = 1.1 * float(dots.quantile(0.98).max()) if len(some) else 0.0  # a tenth above all dots but the outer 2 %
+    reach = max(3 * typical, 1.1 * float(ends.max().max()), far)
     gap = float(np.diff(np.unique(table["value"])).min()) if few and table["value"].nunique() > 1 else 1.0
     spread = gap * 0.12 * np.sin(2.4 * np.arange(len(some)))  # so that dots at one value do not hide each other
     overlaid = without is with_it
+    ticks = binned["value"].to_numpy() if few else np.zeros(0)  # where all their labels have room in one panel of two
+    room = _PANEL * np.diff(ticks).min() / np.ptp(ticks) if len(ticks) > 1 else np.inf
+    longest = max((len(f"{value:.4g}") + 1 for value in ticks), default=0)
     for axes in dict.fromkeys((without, with_it)):
         axes.axhspan(-typical, typical, color="0.92", zorder=0)
         axes.set(xlabel=residuals.label, ylabel=residuals.error, ylim=(-reach, reach))
-        if few and _beside(binned["value"].to_numpy()):
+        if few and _LETTER * longest < room:
             axes.set_xticks(binned["value"])
     for axes, when, colour, edge in (
         (without, "before", _BEFORE, _BEFORE_DARK), (with_it, "after", _AFTER, _AFTER_DARK),
@@ -211,24 +205,16 @@ def draw_residuals(without: Axes, with_it: Axes, residuals: Residuals) -> pd.Dat
         errors, line = 2 * binned["standard_error"], mark if few else f"-{mark}"
         dark = edge if overlaid else "black"
         axes.errorbar(
-            binned["value"] + beside,
-            binned[when],
-            errors,
-            fmt=line,
-            color=dark,
-            ms=3.5,
-            lw=1.2,
-            elinewidth=1,
+            binned["value"] + beside, binned[when], errors, fmt=line, color=dark, ms=3.5, lw=1.2, elinewidth=1,
             label=when,
-        )
+        )  # fmt: skip
     return binned
 
 
 def means_of(residuals: Residuals) -> pd.DataFrame:
     """Return the means that are drawn: value, before, after, standard_error, readings."""
     # weighted means over bins of equal counts; a covariate of few values has a bin for each
-    table = _known(residuals)
-    few = _has_few(residuals)
+    table, few = _known(residuals)
     ranks = table["value"].rank(method="first")
     bins = np.minimum((ranks * 15 / (len(table) + 1)).to_numpy().astype(int), 14)
     label = table["value"].to_numpy() if few else bins
@@ -238,31 +224,22 @@ def means_of(residuals: Residuals) -> pd.DataFrame:
     return means.assign(standard_error=1 / np.sqrt(weight), readings=table.groupby(label).size()).reset_index(drop=True)
 
 
-def _all_known(residuals: Residuals) -> pd.DataFrame:
+def _known(residuals: Residuals) -> tuple[pd.DataFrame, bool]:
+    """Return the readings that know the quantity (rows of another kind hardly do), and whether all have few values."""
     table = pd.DataFrame(
         {"value": residuals.values, "before": residuals.before, "after": residuals.after, "weight": residuals.weight}
     )
-    known: pd.DataFrame = table[np.isfinite(table.to_numpy()).all(axis=1) & (table["weight"] > 0).to_numpy()]
-    return known
-
-
-def _known(residuals: Residuals) -> pd.DataFrame:
-    """Return the readings that know the quantity: rows of another kind hardly do."""
-    table = _all_known(residuals)
-    return table.loc[table["weight"] >= _KNOWING * table["weight"].quantile(0.9)]
-
-
-def _has_few(residuals: Residuals) -> bool:
-    return bool(_all_known(residuals)["value"].nunique() <= _FEW)
+    table = table[np.isfinite(table.to_numpy()).all(axis=1) & (table["weight"] > 0).to_numpy()]
+    few = bool(table["value"].nunique() <= _FEW)
+    return table.loc[table["weight"] >= _KNOWING * table["weight"].quantile(0.9)], few
 
 
 def gap_chart(gap: Gap, names: tuple[str, str], noise: str = "the stated noise", floor: bool = True) -> Drawing:
     """Draw the rms error on unseen readings, by `names`, in `noise`; with `floor`, what noise alone leaves."""
     table = gap_of(gap, names)
-    with rc_context(STYLE):
-        figure = Figure(figsize=(4.9, 1.05 + 0.42 * len(table)), layout="constrained")
-        draw_gap(figure.subplots(), table, noise, floor)
-    return figure, table
+    with axes_in(None, 4.9, 1.05 + 0.42 * len(table)) as axes:
+        draw_gap(axes, table, noise, floor)
+    return figure_of(axes), table
 
 
 def gap_of(gap: Gap, names: tuple[str, str]) -> pd.DataFrame:
@@ -297,18 +274,6 @@ def draw_gap(axes: Axes, table: pd.DataFrame, noise: str, floor: bool) -> None:
     axes.set(xlabel=f"rms error on unseen readings [{noise.removeprefix('the ')}]", xlim=(0, None))
     axes.margins(x=0.12)
     axes.grid(axis="y", visible=False)
-
-
-def _beside(values: Array) -> bool:
-    """Tell whether a tick at each of a few sorted values, of one panel of two, leaves room for all their labels."""
-    room = _PANEL * np.diff(values).min() / np.ptp(values) if len(values) > 1 else np.inf
-    return bool(_LETTER * max((len(f"{value:.4g}") + 1 for value in values), default=0) < room)
-
-
-def _far(dots: pd.DataFrame) -> tuple[float, float]:
-    """Return the limits of the axis before and after: a tenth above all dots but the outer 2 %."""
-    before, after = (1.1 * float(dots[when].abs().quantile(0.98)) if len(dots) else 0.0 for when in ("before", "after"))
-    return before, after
 
 
 CAPTIONS = {
@@ -349,9 +314,7 @@ def outliers_in_time(report: Report, finding: Finding) -> Drawing:
     table = pd.DataFrame({"t_s" if timed else "reading": at, f"error_{unit}".rstrip("_"): error, "outlying": outlying})
     known = weight if outlying.all() else weight[~outlying]
     sure = ~outlying & (weight >= np.quantile(known, 0.25))  # others hardly know this encoder
-    with rc_context(STYLE):
-        figure = Figure(figsize=_SIZE, layout="constrained")
-        axes = figure.subplots()
+    with axes_in(None, *_SIZE) as axes:
         two = f"two stated deviations, ±{plain(2 * stated, 3)} {unit}".rstrip()
         axes.axhspan(-2 * stated, 2 * stated, color="0.9", zorder=0, label=two)
         many = len(table) > _MANY
@@ -360,7 +323,7 @@ def outliers_in_time(report: Report, finding: Finding) -> Drawing:
                   label=f"{outlying.sum()} of {len(table)} readings taken for outlying")  # fmt: skip
         axes.set(xlabel="time [s]" if timed else "reading", ylabel=f"error of {label}" + (f" [{unit}]" if unit else ""))
         axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, borderaxespad=0.2, fontsize=8)
-    return figure, table
+    return figure_of(axes), table
 
 
 def steps_of_the_sensor(report: Report, finding: Finding) -> Drawing:
@@ -374,16 +337,14 @@ def steps_of_the_sensor(report: Report, finding: Finding) -> Drawing:
     off = (turns - origin + 0.5) % 1.0 - 0.5
     counts, edges = np.histogram(off, _BINS, (-0.5, 0.5))
     table = pd.DataFrame({"off_step": (edges[:-1] + edges[1:]) / 2, "readings": counts, "smooth": len(off) / _BINS})
-    with rc_context(STYLE):
-        figure = Figure(figsize=_SIZE, layout="constrained")
-        axes = figure.subplots()
+    with axes_in(None, *_SIZE) as axes:
         axes.bar(table["off_step"], counts, 0.9 / _BINS, color=COLOURS[1])
         axes.axhline(len(off) / _BINS, color="black", ls="--", lw=1.2, label="readings without steps")
         size = f"{plain(factor * step, 4)} {unit}".rstrip()
         axes.set(xlabel=f"distance of {label} from the nearest step of {size} [steps]", ylabel="readings",
                  xlim=(-0.5, 0.5))  # fmt: skip
         axes.legend(loc="upper right", fontsize=8)
-    return figure, table
+    return figure_of(axes), table
 
 
 def tails_of_the_residuals(report: Report, finding: Finding) -> Drawing:
@@ -393,16 +354,14 @@ def tails_of_the_residuals(report: Report, finding: Finding) -> Drawing:
     table = pd.DataFrame({"size": size / core, "larger": np.arange(1, len(size) + 1)})
     reach = np.linspace(0, max(4.5, float(table["size"].max())), 200)
     gauss = len(size) * np.asarray(erfc(reach / np.sqrt(2)))
-    with rc_context(STYLE):
-        figure = Figure(figsize=_SIZE, layout="constrained")
-        axes = figure.subplots()
+    with axes_in(None, *_SIZE) as axes:
         axes.plot(table["size"], table["larger"], ".-", color=COLOURS[1], ms=4, lw=0.8, label="these residuals")
         seen = gauss > 0.2
         axes.plot(reach[seen], gauss[seen], "--", color="black", lw=1.2, label="Gaussian noise")
         axes.set(xlabel="size of a residual, in standard deviations of the middle half", ylabel="as large or larger",
                  yscale="log", ylim=(0.5, None), xlim=(0, None))  # fmt: skip
         axes.legend(loc="upper right", fontsize=8)
-    return figure, table
+    return figure_of(axes), table
 
 
 @final
@@ -444,109 +403,145 @@ class Series:
 
 
 def series_of(report: Report) -> Series:
-    """Return what the drawings of `report` show."""
+    """Return what the drawings of `report` show: a chart an effect, in the order of the findings."""
     chosen = {finding.effect for finding in report.findings}
     inside = {rival.effect for finding in report.findings for rival in finding.set} | chosen
-    table = pd.DataFrame(
-        {
-            "effect": [c.effect for c in report.candidates],
-            "family": [c.family for c in report.candidates],
-            "target": [c.target for c in report.candidates],
-            "gain": [c.gain for c in report.candidates],
-            "p": [c.p for c in report.candidates],
-            "visible_fraction": [c.visible_fraction for c in report.candidates],
-        }
-    )
-    return Series(
-        table.assign(in_set=table["effect"].isin(inside), chosen=table["effect"].isin(chosen)),
-        _residuals(report),
-        _workspace(report),
-    )
+    keys = ("effect", "family", "target", "gain", "p", "visible_fraction")
+    table = pd.DataFrame({key: [getattr(c, key) for c in report.candidates] for key in keys})
 
-
-def _residuals(report: Report) -> tuple[Residuals, ...]:
-    """Return a chart an effect, in the order of the findings; curves over the same axes are drawn once."""
     implied = implied_errors(report)
     periods = {finding.effect: finding.period for finding in report.findings}
-    drawn = [_drawn(each, periods.get(name_of(each.effect), 0.0)) for each in implied]
+    charts = [_residuals(each, periods.get(name_of(each.effect), 0.0)) for each in implied]
     if any(each.effect.family == "smooth" for each in implied):  # one correction, however many curves
-        return tuple({(residuals.label, residuals.error): residuals for residuals in reversed(drawn)}.values())[::-1]
-    return tuple(drawn)
+        charts = list({(chart.label, chart.error): chart for chart in reversed(charts)}.values())[::-1]
+
+    fit, workspace = report.before.fit, None
+    place = fit.model.formulation.covariates(fit.at.recorded).get(WORKSPACE, {})
+    if {"x", "y"} <= set(place):
+        n, c = fit.at.misclosure.shape
+        residual = fit.r.reshape(n, c).sum(axis=1) / (np.sqrt(c) * fit.noise.scale)
+        x, y = np.asarray(place["x"]), np.asarray(place["y"])
+        there = np.isfinite(x) & np.isfinite(y)  # readings of another kind, of two places, have none
+        workspace = Workspace(x[there], y[there], residual[there])
+    return Series(
+        table.assign(in_set=table["effect"].isin(inside), chosen=table["effect"].isin(chosen)),
+        tuple(charts),
+        workspace,
+    )
 
 
-def _drawn(implied: Implied, period: float) -> Residuals:
+def _residuals(implied: Implied, period: float) -> Residuals:
     """Return an implied error in the unit and words of a drawing, over one `period` of its column; 0 is without one.
 
     An effect that depends on no column is drawn over its own signature: what it changes, calibrated anew, of each
     reading.
     """
     effect, quantity, column = implied.effect, implied.quantity, implied.column
-    formulation = implied.without.model.formulation
-    data, machine = formulation.data, formulation.data.machine
-    factor, unit = _drawn_in(quantity, formulation, largest(implied.before))
+    at = implied.without
+    formulation = at.model.formulation
+    data, machine, roles = formulation.data, formulation.data.machine, roles_of(formulation)
+
+    def unit_of(name: str) -> str:
+        """Return the unit of a quantity as its sensor, parameter, joint, machine or file states it; "" for none."""
+        stated = {joint.reading: joint.unit for joint in roles.joints}
+        stated |= {p.name: p.unit for p in formulation.parameters}
+        stated |= {s.column: s.unit for s in formulation.sensors if s.unit}
+        return stated.get(name) or quantity_of(machine, name).unit or data.units.get(name, "")
+
+    def words(name: str) -> str:
+        """Return a quantity in words: those of its sensor, or what the machine declares."""
+        labels = {sensor.column: sensor.label for sensor in formulation.sensors if sensor.label}
+        return labels.get(name) or quantity_label(machine, name, words_of(roles))
+
+    joint = next((j for j in roles.joints if j.reading == quantity and j.told), None)
+    if joint is not None:  # it declares in what its errors are drawn
+        factor, unit = between(quantity, joint.unit, joint.told), joint.told
+    else:
+        factor, unit = in_small_units(unit_of(quantity), largest(implied.before))
     if column is None:
         values = factor * (implied.before - implied.after)
-        label = _with_unit("what the effect changes of it", unit)
+        label, own = "what the effect changes of it", unit
     elif period > 0:
-        own = quantity_of(machine, column).unit
         values = np.mod(data[column], period)
-        label = _with_unit(f"{_words(column, formulation)} within one period", own)
+        label, own = f"{words(column)} within one period", quantity_of(machine, column).unit
     else:
-        values, label = np.asarray(data[column], dtype=float), _axis_label(column, implied.without)
+        values, name = np.asarray(data[column], dtype=float), column
+        for target in formulation.covariates(at.at.recorded):
+            name = name.removeprefix(f"{target} ")  # of the rows of one target
+        label, own = words(name), unit_of(name)
     name = "a smooth correction" if effect.family == "smooth" else effect_label(machine, effect.family, effect.target)
-    error = _with_unit(f"error of {_words(quantity, formulation)}", unit)
-    before, after = factor * implied.before, factor * implied.after
-    return Residuals(name, label, error, values, before, after, factor**-2 * implied.weight)
+    return Residuals(
+        effect=name, label=f"{label} [{own}]" if own else label,
+        error=f"error of {words(quantity)}{f' [{unit}]' if unit else ''}", values=values,
+        before=factor * implied.before, after=factor * implied.after, weight=factor**-2 * implied.weight,
+    )  # fmt: skip
 
 
-def _drawn_in(quantity: str, formulation: Formulation, size: float) -> tuple[float, str]:
-    """Return the factor to the unit in which errors of a quantity are drawn, and its name; a joint may declare it.
+class Implied(NamedTuple):
+    """The error of `quantity` that each reading implies, (n,), in its own unit, `before` and `after` the effect.
 
-    `size` is the largest of the errors.
+    `column` is the data column that the effect depends on; None where there is none. `without` is the fit of all other
+    effects but this one. `weight`, (n,), is that of `before`.
     """
-    joint = next((j for j in roles_of(formulation).joints if j.reading == quantity and j.told), None)
-    if joint is not None:
-        return between(quantity, joint.unit, joint.told), joint.told
-    return in_small_units(_unit_of(quantity, formulation), size)
+
+    effect: Effect
+    quantity: str
+    column: str | None
+    without: Fit
+    before: Array
+    after: Array
+    weight: Array
 
 
-def _unit_of(quantity: str, formulation: Formulation) -> str:
-    """Return the unit of a quantity as its joint, sensor, parameter, machine or file states it; "" where none does."""
-    stated = {joint.reading: joint.unit for joint in roles_of(formulation).joints}
-    stated |= {p.name: p.unit for p in formulation.parameters}
-    stated |= {s.column: s.unit for s in formulation.sensors if s.unit}
-    unit = stated.get(quantity) or quantity_of(formulation.data.machine, quantity).unit
-    return unit or formulation.data.units.get(quantity, "")
+def implied_errors(report: Report) -> list[Implied]:
+    """Return one for each effect that changes a quantity, in the order of the findings.
+
+    Each is against the model with all others but without it and its forms, which is fitted anew. Curves of a smooth
+    correction are one correction, however many: they are against the model without any effect.
+    """
+    before, after = report.before.fit, report.model.fit
+    rank = {finding.effect: k for k, finding in enumerate(report.findings)}
+    whole = [effect for effect in after.model.effects if not isinstance(effect, Modulated)]
+    together = len(whole) == 1 or any(effect.family == "smooth" for effect in whole)
+    implied = []
+    for effect in sorted(whole, key=lambda effect: rank.get(name_of(effect), len(rank))):
+        without = before
+        if not together:  # the final model fitted again without one of its effects and its forms
+            out = [effect, *forms_of(effect, after.model.effects)]
+            kept = [all(other is not one for one in out) for other in after.model.effects]
+            ends = np.cumsum([len(other.coefficients) for other in after.model.effects])[:-1]
+            parts = np.split(after.x[len(after.model.formulation.parameters) :], ends)
+            x = np.concatenate([after.x[: len(after.model.formulation.parameters)], *compress(parts, kept)])
+            effects = tuple(compress(after.model.effects, kept))
+            without = fit(Model(after.model.formulation, effects), after.noise, x, near=False)
+        formulation = without.model.formulation
+        data = formulation.data
+        column = next((name for name in effect.columns if name in data and data[name].dtype.kind in "if"), None)
+        alone = column is None and len(formulation.readings) == 1  # no reading knows a quantity by itself
+        quantity = formulation.readings[0] if alone else None
+        if not alone:  # the quantity through which a unit of the effect moves the residuals most, if any
+            c, slopes = np.zeros(len(effect.coefficients)), without.at.slopes
+            basis = effect.basis(without.at.recorded, data, c)
+            if not len(c):  # what is fixed to the last has no slopes, only itself
+                shift = effect.shift(without.at.recorded, data, c)
+                basis = {name: change[:, None] for name, change in shift.items()}
+            moves = {
+                name: float(np.sum((slopes[name][:, :, None] * change[:, None, :]) ** 2))
+                for name, change in basis.items()
+                if name in slopes
+            }
+            if moves and max(moves.values()) > 0:
+                quantity = max(moves, key=moves.__getitem__)
+        if quantity is not None:
+            error, weight = error_of(quantity, without)
+            implied.append(Implied(effect, quantity, column, without, error, error_of(quantity, after)[0], weight))
+    return implied
 
 
-def _words(quantity: str, formulation: Formulation) -> str:
-    """Return a quantity in words: those of its sensor, or what the machine declares."""
-    labels = {sensor.column: sensor.label for sensor in formulation.sensors if sensor.label}
-    words = words_of(roles_of(formulation))
-    return labels.get(quantity) or quantity_label(formulation.data.machine, quantity, words)
-
-
-def _with_unit(words: str, unit: str) -> str:
-    return f"{words} [{unit}]" if unit else words
-
-
-def _axis_label(column: str, at: Fit) -> str:
-    """Return a column, or a covariate that a machine made of several, in words with its unit."""
-    formulation = at.model.formulation
-    name = column
-    for target in formulation.covariates(at.at.recorded):
-        name = name.removeprefix(f"{target} ")  # of the rows of one target
-    return _with_unit(_words(name, formulation), _unit_of(name, formulation))
-
-
-def _workspace(report: Report) -> Workspace | None:
-    """Return the place of each reading that has one, and the mean of its residuals; None where no place is told."""
-    fit = report.before.fit
-    place = fit.model.formulation.covariates(fit.at.recorded).get(WORKSPACE, {})
-    if not {"x", "y"} <= set(place):
-        return None
+def error_of(quantity: str, fit: Fit) -> tuple[Array, Array]:
+    """Return the error of `quantity` that each reading implies, and the weight of that, (n,) each."""
     n, c = fit.at.misclosure.shape
-    residual = fit.r.reshape(n, c).sum(axis=1) / (np.sqrt(c) * fit.noise.scale)
-    x, y = np.asarray(place["x"]), np.asarray(place["y"])
-    there = np.isfinite(x) & np.isfinite(y)  # readings of another kind, of two places, have none
-    return Workspace(x[there], y[there], residual[there])
+    r = fit.r.reshape(n, c)
+    s = fit.at.whiten(fit.at.slopes[quantity][:, :, None]).reshape(n, c)
+    weight = (s**2).sum(axis=1)
+    return -(s * r).sum(axis=1) / np.maximum(weight, 1e-300), weight / fit.noise.scale**2

@@ -8,9 +8,8 @@ allows, and degrees beside radians. Which notes stand first is decided by their 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil, degrees, floor, isfinite, isnan, log10, pi
-from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, part_label, quantity_label, quantity_of
 from calibench.discrepancy.model.effect import IN_ROWS
 from calibench.discrepancy.remarks import NOISE_UNSTATED
-from calibench.discrepancy.report import Amplitude, Finding, OtherNoise, Place, ReadingNoise, Report, Rival, Unnamed
+from calibench.discrepancy.report import Amplitude, Finding, Place, Report, Rival
 from calibench.discrepancy.search.finding import BEGINS, FREE_PERIOD
 from calibench.discrepancy.search.smoother import NEAR
 
@@ -33,6 +32,7 @@ _TURN = {"rad": 2 * pi, "deg": 360.0}
 FEW_NAMES = 3  # at most: more are told without intervals, or by what they share, and not one by one again
 _NTH = ("second", "third")
 _HALF = 0.5  # of the weight of a set: what its likeliest names are to hold together
+_SHOWS = 0.01  # p below which a place is reported
 _LESS = 0.8  # of the weight of the last name told: a next one above it is as likely
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
@@ -50,11 +50,10 @@ def headline(report: Report) -> str:
         which = f": {_join([_claim(machine, f) for f in findings])}" if findings else ""
         return f"Something is missing, but it is too small to matter against the noise{which}."
     if report.verdict == "unknown":
-        where = (
-            f"; the clearest sign is at {_where(report, place.target)}, {_over(report, place)}"
-            if (place := clearest_place(report))
-            else ""
-        )
+        place = clearest_place(report)
+        where = ""
+        if place:
+            where = f"; the clearest sign is at {_where(report, place.target)}, {_over(report, place.covariate)}"
         beside = f" beside {_join([_claim(machine, f) for f in findings])}" if findings else ""
         if not families(machine) and not findings:
             return f"Something is missing{where}. No effect is entered for {machine}, so none can be named."
@@ -69,15 +68,13 @@ def headline(report: Report) -> str:
 
 
 def left_sentence(report: Report) -> str:
-    """Return the error that remains without a name, in times the noise, and its place; "" without such an error.
-
-    Where no repeats tell the noise, the size may have no meaning because too little of it remains; the sentence then
-    says only that something depends on a covariate.
-    """
+    """Return the error that remains without a name, in times the noise, and its place; "" without such an error."""
     left = report.left
     if left is None or not isfinite(left.times):
         return ""
-    at = f": clearest at {_where(report, left.place.target)}, {_over(report, left.place)}" if left.place else ""
+    at = ""
+    if left.place:
+        at = f": clearest at {_where(report, left.place.target)}, {_over(report, left.place.covariate)}"
     if left.times < _NO_MORE:
         return f"What is left is no larger than the noise, but it is not random{at}."
     return f"{left.times:.1f} times the noise is left, unnamed{at}."
@@ -87,9 +84,12 @@ def unnamed_sentences(report: Report) -> list[str]:
     """Return sentences on an error without a name: which number errs, over what, how much, the nearest formula."""
     if report.verdict != "unknown":
         return []
-    said = [f"{_where(report, one.quantity)} errs {_over_itself(report, one)} by {amount(one.size, one.unit)} from "
-            f"its least to its largest{f': {one.course}' if one.course else ''}."
-            for one in report.unnamed if not report.gap.excess_shrink < _TAKES]  # fmt: skip
+    said = []
+    for one in report.unnamed if not report.gap.excess_shrink < _TAKES else ():
+        over = "over its own range" if one.covariate == one.quantity else _over(report, one.covariate)
+        course = f": {one.course}" if one.course else ""
+        size = amount(one.size, one.unit)
+        said.append(f"{_where(report, one.quantity)} errs {over} by {size} from its least to its largest{course}.")
     if (near := report.nearest) is not None and near.share >= NEAR:
         name = effect_label(report.machine, near.family, near.target)
         enough = near.share >= _ALL
@@ -103,15 +103,10 @@ def unnamed_sentences(report: Report) -> list[str]:
 
 def shortest_words(report: Report) -> str:
     """Return the shortest waves that were looked for; "" where none were."""
-    waves = [
-        f"{amount(one.period, one.unit).partition(' (')[0]} over {_where(report, one.column)}"
-        for one in report.shortest
-    ]
-    return (
-        f"Waves shorter than {_join(waves, 'or')} were not looked for: that takes readings closer together"
-        if waves
-        else ""
-    )
+    waves = [f"{_bare(one.period, one.unit)} over {_where(report, one.column)}" for one in report.shortest]
+    if not waves:
+        return ""
+    return f"Waves shorter than {_join(waves, 'or')} were not looked for: that takes readings closer together"
 
 
 def _where(report: Report, column: str) -> str:
@@ -120,48 +115,32 @@ def _where(report: Report, column: str) -> str:
     return column if label == column.replace("_", " ") else f"{column} ({label})"
 
 
-def _over_itself(report: Report, one: Unnamed) -> str:
-    if one.covariate == one.quantity:
-        return "over its own range"
-    return _over(report, Place(one.quantity, one.covariate, 0.0))
-
-
 def doubt_sentences(report: Report) -> list[str]:
     """Return the doubts on the names, and which names hold if the noise is not as stated."""
-    doubted = [(_label(report.machine, f), "," if f.form else "", f.caution) for f in report.findings if f.caution]
-    said = [f"{label}{comma} {caution}." for label, comma, caution in doubted]
-    said = [f"{line[:1].upper()}{line[1:]}" for line in said]
-    if report.other_noise:
-        known = {f.effect for f in report.findings}  # the headline has their full words
-        noises = [
-            f"at {_times(o.factor)} {noise_words(report)}, {_standing(report, o, known)}" for o in report.other_noise
-        ]
+    machine = report.machine
+    doubted = [f"{_label(machine, f)}{',' if f.form else ''} {f.caution}." for f in report.findings if f.caution]
+    said = [f"{line[:1].upper()}{line[1:]}" for line in doubted]
+    names = [f for f in report.findings if not is_noise(f)]
+    known = {f.effect for f in report.findings}  # the headline has their full words
+    noises = []
+    for other in report.other_noise:
+        others = [effect_label(machine, *e.partition(" ")[::2], again=e in known) for e in other.effects]
+        held, lost = (
+            [_label(machine, f) for f in names if (f.effect in other.effects) is kept] for kept in (True, False)
+        )
+        partly = ", with something left that has no name" if other.verdict == "partly" else ""
+        if not names:
+            known |= set(other.effects)
+            which = f"{_join(others)} would be named" if others else "nothing would be named either"
+        elif len(names) > FEW_NAMES and len(lost) < len(held):
+            which = f"all of these names{f' but {_join(lost)}' if lost else ''} would be found{partly}"
+        else:
+            which = f"{_join(held)} would be named{partly}" if held else "none of these names would be found"
+        times = {0.5: "half", 2.0: "twice"}.get(other.factor, f"{other.factor:g} times")
+        noises.append(f"at {times} {noise_words(report)}, {which}")
+    if noises:
         said.append(f"Repeats do not tell the noise. A{'; '.join(noises)[1:]}.")
     return said
-
-
-def _times(factor: float) -> str:
-    return {0.5: "half", 2.0: "twice"}.get(factor, f"{factor:g} times")
-
-
-def _standing(report: Report, other: OtherNoise, known: set[str]) -> str:
-    """Return which of the names hold at another noise; names returned here are added to `known`."""
-    names = [f for f in report.findings if not is_noise(f)]
-    held = [_label(report.machine, f) for f in names if f.effect in other.effects]
-    if not names:
-        others = [_named(report.machine, name, name in known) for name in other.effects]
-        known |= set(other.effects)
-        return f"{_join(others)} would be named" if others else "nothing would be named either"
-    partly = ", with something left that has no name" if other.verdict == "partly" else ""
-    lost = [_label(report.machine, f) for f in names if f.effect not in other.effects]
-    if len(names) > FEW_NAMES and len(lost) < len(held):
-        return f"all of these names{f' but {_join(lost)}' if lost else ''} would be found{partly}"
-    return f"{_join(held)} would be named{partly}" if held else "none of these names would be found"
-
-
-def _named(machine: str, effect: str, again: bool) -> str:
-    family, _, target = effect.partition(" ")
-    return effect_label(machine, family, target, again)
 
 
 def _label(machine: str, finding: Finding) -> str:
@@ -170,25 +149,19 @@ def _label(machine: str, finding: Finding) -> str:
     return f"{words}, or what is like it" if finding.form else words
 
 
-FIRST = frozenset(  # codes of notes that stand before the verdict, because they could make it worthless
-    {
-        Code.ONE_READING, Code.OUTSIDE_BOUNDS, Code.EXACT_READINGS, Code.FAR_FROM_MODEL, Code.FEW_EQUATIONS,
-        Code.ROWS_COPIED, Code.ROWS_EQUAL, Code.COLUMN_STILL,
-    }
-)  # fmt: skip
-SIZES = frozenset(  # and of those that say what the sizes of the findings, or the error that they leave, are worth
-    {Code.AGAINST_EACH_OTHER, Code.MOSTLY_UNSEEN, Code.ONE_UNSEEN, Code.NEGATIVE_SIZE}
-)
+# codes of notes that stand before the verdict, because they could make it worthless
+FIRST = frozenset({
+    Code.ONE_READING, Code.OUTSIDE_BOUNDS, Code.EXACT_READINGS, Code.FAR_FROM_MODEL, Code.FEW_EQUATIONS,
+    Code.ROWS_COPIED, Code.ROWS_EQUAL, Code.COLUMN_STILL,
+})  # fmt: skip
+# and of those that say what the sizes of the findings, or the error that they leave, are worth
+SIZES = frozenset({Code.AGAINST_EACH_OTHER, Code.MOSTLY_UNSEEN, Code.ONE_UNSEEN, Code.NEGATIVE_SIZE})
+LAST = frozenset(Code) - FIRST - SIZES
 
 
 def notes_among(notes: Iterable[Note], codes: Collection[Code]) -> list[str]:
     """Return the texts of the notes with one of these codes."""
     return [note.text for note in notes if note.code in codes]
-
-
-def other_notes(notes: Iterable[Note]) -> list[str]:
-    """Return the texts of the notes that stand last: none that is `FIRST`, and none of `SIZES`."""
-    return [note.text for note in notes if note.code not in FIRST | SIZES]
 
 
 def as_sentence(text: str, names: Collection[str] = ()) -> str:
@@ -200,21 +173,16 @@ def as_sentence(text: str, names: Collection[str] = ()) -> str:
 
 def noise_words(report: Report) -> str:
     """Return the words for the noise of a reading: stated, or estimated from the data."""
-    return "the noise" if _unstated(report) else "the stated noise"
-
-
-def _unstated(report: Report) -> bool:
-    return any(note.code in NOISE_UNSTATED for note in report.notes)
+    return "the noise" if any(note.code in NOISE_UNSTATED for note in report.notes) else "the stated noise"
 
 
 def floor_holds_the_gap(report: Report) -> bool:
     """Tell whether the noise estimate contains the gap as well, so that it does not bound what a model could reach."""
     gap = report.gap
     after = gap.held_out_after if isfinite(gap.held_out_before) else gap.train_after
-    learned = any(
-        note.code is Code.NOISE_LEARNED for note in report.notes
-    )  # from the very rest that is compared with it
-    return _unstated(report) and (learned or after < _BELOW * gap.noise_floor)
+    learned = any(note.code is Code.NOISE_LEARNED for note in report.notes)  # from the rest that is compared with it
+    unstated = any(note.code in NOISE_UNSTATED for note in report.notes)
+    return unstated and (learned or after < _BELOW * gap.noise_floor)
 
 
 def is_noise(finding: Finding) -> bool:
@@ -233,14 +201,18 @@ def gap_sentence(report: Report) -> str:
     left_out = "On readings left out of the fit in turn" if gap.cross_validated else "On readings that were not fitted"
     where = left_out if unseen else "On the fitted readings (none were held out)"
     low, high = gap.held_out_ci95
-    ends = _interval(low, high)
-    said = f"{where} the error is {before:.2f} times {noise_words(report)}{_of_one_size(report)}"
+    ends = f" (95 %: {low:.2f} to {high:.2f})" if isfinite(low) and isfinite(high) else ""
+    noises = report.reading_noise  # of one size for all readings, or none is told
+    alike = len(noises) == 1 and noises[0].size > 0 and noises[0].unit not in ("", "1")
+    size = f" of {_bare(noises[0].size, noises[0].unit)}" if alike else ""
+    said = f"{where} the error is {before:.2f} times {noise_words(report)}{size}"
     if report.verdict == "none" or isnan(after) or after == before:
         return f"{said}{ends}; noise alone leaves {gap.noise_floor:.2f}."
     if floor_holds_the_gap(report):
-        share = f"{after / before:.2f} times what it was{_interval(low / before, high / before)}"
+        least, most = low / before, high / before
+        ends = f" (95 %: {least:.2f} to {most:.2f})" if isfinite(least) and isfinite(most) else ""
         return (
-            f"{where} what was added brings the error to {share}; "
+            f"{where} what was added brings the error to {after / before:.2f} times what it was{ends}; "
             "nobody stated the noise, and nothing tells how much of the rest is noise."
         )
     without, with_it = compared(report)
@@ -250,24 +222,9 @@ def gap_sentence(report: Report) -> str:
     return f"{said} {without} and {after:.2f}{ends} {with_it}; noise alone leaves {gap.noise_floor:.2f}{share}."
 
 
-def reading_noise_words(report: Report) -> str:
-    """Return the standard deviation of each kind of reading, in words."""
-    return "; ".join(f"{_size(noise)} ({', '.join(noise.columns)})" for noise in report.reading_noise)
-
-
-def _of_one_size(report: Report) -> str:
-    """Return how large the noise is, where that is one size for all readings and has a unit."""
-    noises = report.reading_noise
-    alike = len(noises) == 1 and noises[0].size > 0 and noises[0].unit not in ("", "1")
-    return f" of {_size(noises[0])}" if alike else ""
-
-
-def _size(noise: ReadingNoise) -> str:
-    return amount(noise.size, noise.unit).partition(" (")[0]
-
-
-def _interval(low: float, high: float) -> str:
-    return f" (95 %: {low:.2f} to {high:.2f})" if isfinite(low) and isfinite(high) else ""
+def _bare(value: float, unit: str) -> str:
+    """Return an amount without what stands in brackets behind it."""
+    return amount(value, unit).partition(" (")[0]
 
 
 def compared(report: Report) -> tuple[str, str]:
@@ -293,7 +250,7 @@ def moved_sentence(report: Report, units: Mapping[str, str]) -> str:
     in_sd, moved = moves[name]
     if abs(in_sd) < 0.05:
         return ""
-    size = amount(moved, units.get(name, "1")).split(" (")[0]
+    size = _bare(moved, units.get(name, "1"))
     which = f"{name} ({words})" if (words := quantity_of(report.machine, name).label) else name
     return f"Of the calibrated parameters, {which} moves furthest: by {size}, {abs(in_sd):.1f} standard errors."
 
@@ -331,7 +288,7 @@ def coefficients_of(finding: Finding) -> str:
     many = numbers if len(numbers) > 1 else []
     free = _free_period(finding)
     many = many[:-1] if free else many
-    parts = [f"{c.name} {amount(c.value, c.unit).partition(' (')[0]}" for c in many if isfinite(c.value)]
+    parts = [f"{c.name} {_bare(c.value, c.unit)}" for c in many if isfinite(c.value)]
     if free:
         parts.append(free)
     elif isfinite(finding.period) and finding.period > 0:
@@ -350,10 +307,7 @@ def _begins(finding: Finding) -> str:
 
 
 def _free_period(finding: Finding, brief: bool = False) -> str:
-    """Return a period that was fitted, in the unit of its column, with its interval; "" for any other finding.
-
-    For an angle it also tells the number of periods in a turn; where `brief`, only that, without an interval.
-    """
+    """Return a period that was fitted, in the unit of its column, with its interval; "" for any other finding."""
     last = finding.coefficients[-1] if finding.coefficients else None
     if last is None or last.name != FREE_PERIOD or not finding.period > 0:
         return ""
@@ -368,13 +322,14 @@ def _free_period(finding: Finding, brief: bool = False) -> str:
 
 def next_sentences(report: Report) -> list[str]:
     """Return what to measure next, once each."""
-    step = next_step(report)
-    said = [f"{what}." for what in step.separating]
-    if step.unnamed:
+    parting = [finding.separated_by for finding in report.findings if finding.separated_by]
+    said = [f"{what}." for what in (*parting, *report.parted_by)]
+    if report.verdict in ("unknown", "partly"):
+        place = clearest_place(report)
         said.append(
-            f"readings with repeats, spread evenly {_over(report, step.place)}, would show the shape of what "
+            f"readings with repeats, spread evenly {_over(report, place.covariate)}, would show the shape of what "
             "is missing."
-            if step.place
+            if place
             else "more poses, each with repeats: these readings do not tell where it sits."
         )
         if columns := column_sentence(report):
@@ -383,133 +338,76 @@ def next_sentences(report: Report) -> list[str]:
 
 
 def column_sentence(report: Report) -> str:
-    """Return which columns would let more effects be tested; empty where none is missing."""
-    asked = missing_columns(report)
-    columns_asked = [f"{', '.join(columns)} ({_join(_widest(labels))})" for columns, labels in asked.items()]
-    return f"columns that would let more effects be tested: {'; '.join(columns_asked)}." if columns_asked else ""
+    """Return which columns would let more effects be tested; empty where none is missing.
 
-
-def _widest(names: Sequence[str]) -> list[str]:
-    """Return the names without those that repeat another one more narrowly."""
-    return [name for name in names if not any(name.startswith(f"{other} ") for other in names)]
+    Columns that the same effects need are together; of names one that repeats another more narrowly is left out.
+    """
+    by_column: dict[str, list[str]] = {}
+    for item in report.not_testable:
+        for column in item.columns if item.missing else ():
+            by_column.setdefault(column, []).append(effect_label(report.machine, item.family, ""))
+    by_labels: dict[tuple[str, ...], list[str]] = {}
+    for column, of_column in by_column.items():
+        by_labels.setdefault(tuple(dict.fromkeys(of_column)), []).append(column)
+    groups = []
+    for labels, columns in by_labels.items():
+        widest = [one for one in labels if not any(one.startswith(f"{other} ") for other in labels)]
+        groups.append(f"{', '.join(columns)} ({_join(widest)})")
+    return f"columns that would let more effects be tested: {'; '.join(groups)}." if groups else ""
 
 
 def _claim(machine: str, finding: Finding, brief: bool = False) -> str:
-    """Return a finding with its size: one name, or the set that the data cannot tell apart; `brief`: no intervals.
-
-    Of more than three names it tells how many there are, what they share, and the likeliest with their weights.
-    """
+    """Return a finding with its size: one name, or the set that the data cannot tell apart; `brief`: no intervals."""
     rivals = finding.set or (Rival(finding.effect, finding.family, finding.target, 1.0),)
+    own = (finding.family, finding.target)  # the name whose size is told
     size = size_of(finding, brief)
     about = f", {_NOISE.get(finding.family, '')} {size}".replace("  ", " ") if size else ""
     about += "".join(f", {words}" for words in (_free_period(finding, brief), _begins(finding)) if words)
+
+    def member(rival: Rival) -> str:
+        """Return a member of a set in words; one of another form is "like" its name."""
+        name = effect_label(machine, rival.family, rival.target)
+        is_form = finding.form and (rival.family, rival.target) == own
+        return f"something like {name}, whose {finding.form}" if is_form else name
+
     if len(rivals) == 1:
-        return f"{_member(machine, finding, rivals[0])}{about}"
+        return f"{member(rivals[0])}{about}"
+    first, others = rivals[0], ""
     if len(rivals) <= FEW_NAMES:
-        first = rivals[0]
-        which = f"{_join([_member(machine, finding, r) for r in rivals], 'or')} (these data cannot tell which)"
+        which = f"{_join([member(r) for r in rivals], 'or')} (these data cannot tell which)"
+        sizes = [(r.amplitude and amplitude_words(r.amplitude, brief=True), nth) for r, nth in zip(rivals[1:], _NTH)]
+        others = "".join(f", {size} if the {nth}" for size, nth in sizes if size)  # the page has their intervals
     else:
         # the likeliest members: two, or three where two hold no more than half of the weight
-        ranked = by_weight(rivals)
-        two = sum(rival.weight for rival in ranked[:2])
-        likeliest = ranked[: 2 if two > _HALF else 3]
+        ranked = sorted(rivals, key=lambda rival: -rival.weight if isfinite(rival.weight) else 0.0)
+        likeliest = ranked[: 2 if sum(rival.weight for rival in ranked[:2]) > _HALF else 3]
         first = likeliest[0]
-        names = [_member(machine, finding, r) + (f" ({_percent(r.weight)})" if isfinite(r.weight) else "")
-                 for r in likeliest]  # fmt: skip
-        next_weight = by_weight(rivals)[len(likeliest)].weight
-        ahead = "most likely" if next_weight < _LESS * likeliest[-1].weight else "such as"
-        which = f"one of {_shared(machine, rivals)} (these data cannot tell which), {ahead} {_join(names, 'or')}"
-    its = "the first" if _is_first(finding, first) else _label(machine, finding)
-    others = _sizes_of_others(rivals) if len(rivals) <= FEW_NAMES and its == "the first" else ""
-    return which + (f": {about.removeprefix(', ')} if it is {its}{others}" if about else "")
+        names = []
+        for rival in likeliest:
+            percent = "below 1 %" if rival.weight < 0.005 else f"{100 * rival.weight:.0f} %"
+            names.append(f"{member(rival)} ({percent})" if isfinite(rival.weight) else member(rival))
+        ahead = "most likely" if ranked[len(likeliest)].weight < _LESS * likeliest[-1].weight else "such as"
+        # the family or the parts of the machine that they share; one of the whole machine is of no part
+        many, kinds = f"{len(rivals)} effects", {rival.family for rival in rivals}
+        parts = list(dict.fromkeys(part_label(machine, rival.target) for rival in ranked))
+        if len(kinds) == 1:
+            many = f"{many} of one kind, {effect_label(machine, kinds.pop(), '')}"
+        elif all(parts):
+            many = f"{many} of {_join(parts, 'or') if len(parts) <= FEW_NAMES else f'{len(parts)} parts'}"
+        which = f"one of {many} (these data cannot tell which), {ahead} {_join(names, 'or')}"
+    is_first = (first.family, first.target) == own
+    its = f"the first{others}" if is_first else _label(machine, finding)
+    return which + (f": {about.removeprefix(', ')} if it is {its}" if about else "")
 
 
-def _sizes_of_others(rivals: Sequence[Rival]) -> str:
-    """Return the sizes of the second and the third of a short set, without intervals; the page has these."""
-    sizes = [(r.amplitude and amplitude_words(r.amplitude, brief=True), nth) for r, nth in zip(rivals[1:], _NTH)]
-    return "".join(f", {size} if the {nth}" for size, nth in sizes if size)
-
-
-def _member(machine: str, finding: Finding, rival: Rival) -> str:
-    """Return a member of a set in words; the one whose size is told is "like" its name where it has another form."""
-    name = effect_label(machine, rival.family, rival.target)
-    return f"something like {name}, whose {finding.form}" if finding.form and _is_first(finding, rival) else name
-
-
-def _is_first(finding: Finding, rival: Rival) -> bool:
-    return (rival.family, rival.target) == (finding.family, finding.target)
-
-
-def by_weight(rivals: Sequence[Rival]) -> list[Rival]:
-    """Return the members of a set, the most likely first; those without a weight come last."""
-    return sorted(rivals, key=lambda rival: -rival.weight if isfinite(rival.weight) else 0.0)
-
-
-def _percent(weight: float) -> str:
-    return "below 1 %" if weight < 0.005 else f"{100 * weight:.0f} %"
-
-
-def _shared(machine: str, rivals: Sequence[Rival]) -> str:
-    """Return how many members a set has, and the family or the parts of the machine that they share, if any.
-
-    A member that is of the whole machine is of no part.
-    """
-    many = f"{len(rivals)} effects"
-    families_of = {rival.family for rival in rivals}
-    if len(families_of) == 1:
-        return f"{many} of one kind, {effect_label(machine, families_of.pop(), '')}"
-    parts = list(dict.fromkeys(part_label(machine, rival.target) for rival in by_weight(rivals)))
-    if not all(parts):
-        return many
-    return f"{many} of {_join(parts, 'or') if len(parts) <= FEW_NAMES else f'{len(parts)} parts'}"
-
-
-def _over(report: Report, place: Place) -> str:
-    """Return what the disagreement at a place depends on, in words."""
-    label = quantity_label(report.machine, place.covariate, report.words)
-    bare = label in (
-        "time",
-        place.covariate.replace("_", " "),
-    )  # what has no words is a name, and a name has no article
+def _over(report: Report, covariate: str) -> str:
+    label = quantity_label(report.machine, covariate, report.words)
+    bare = label in ("time", covariate.replace("_", " "))  # what has no words is a name, and a name has no article
     return f"over {label}" if bare else f"over the {label}"
 
 
 def _join(parts: Sequence[str], last: str = "and") -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} {last} {parts[-1]}"
-
-
-_SHOWS = 0.01  # p below which a place is reported
-
-
-@final
-@dataclass(frozen=True)
-class NextStep:
-    """The advice of a report.
-
-    `separating` are the measurements, in words, that would tell the rivals of a finding apart, or, where nothing is
-    named, the names that came nearest. `unnamed` tells that
-    something is missing which no effect explains: then `place` is where to take readings with repeats, None where these
-    readings do not tell it. `columns` are columns of data -> labels of the effects that could be tested with them, each
-    label once.
-    """
-
-    separating: tuple[str, ...]
-    unnamed: bool
-    place: Place | None
-    columns: Mapping[tuple[str, ...], tuple[str, ...]]
-
-
-def next_step(report: Report) -> NextStep:
-    """Return what to measure next after the search of `report`."""
-    return NextStep(
-        separating=(
-            *(finding.separated_by for finding in report.findings if finding.separated_by),
-            *report.parted_by,
-        ),
-        unnamed=report.verdict in ("unknown", "partly"),
-        place=clearest_place(report),
-        columns=missing_columns(report),
-    )
 
 
 def clearest_place(report: Report) -> Place | None:
@@ -518,34 +416,13 @@ def clearest_place(report: Report) -> Place | None:
     return places[0] if places and places[0].p <= _SHOWS else None
 
 
-def missing_columns(report: Report) -> dict[tuple[str, ...], tuple[str, ...]]:
-    """Return the columns that would let more effects be tested -> labels of these effects.
-
-    Columns that the same effects need are together.
-    """
-    by_column: dict[str, list[str]] = {}
-    for item in report.not_testable:
-        for column in item.columns if item.missing else ():
-            by_column.setdefault(column, []).append(effect_label(report.machine, item.family, ""))
-    asked: dict[tuple[str, ...], list[str]] = {}
-    for column, labels in by_column.items():
-        asked.setdefault(tuple(dict.fromkeys(labels)), []).append(column)
-    return {tuple(columns): labels for labels, columns in asked.items()}
-
-
 _STEPS = {
-    "rad": ((1e-3, "mrad"), (1e-6, "µrad")),
-    "mm": ((1.0, "mm"), (1e-3, "µm")),
-    "s": ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")),
-    "1": ((1e-2, "%"), (1e-6, "ppm")),
-    "1/K": ((1e-6, "ppm/K"),),
-    "rad/K": ((1e-3, "mrad/K"), (1e-6, "µrad/K")),
-    "mm/K": ((1e-3, "µm/K"),),
-    "mm/N": ((1e-3, "µm/N"),),
-    "rad/(N mm)": ((1e-6, "mrad/(N m)"), (1e-9, "µrad/(N m)")),
-    "rad/s": ((1e-3, "mrad/s"), (1e-6, "µrad/s")),
+    "rad": ((1e-3, "mrad"), (1e-6, "µrad")), "mm": ((1.0, "mm"), (1e-3, "µm")),
+    "s": ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")), "1": ((1e-2, "%"), (1e-6, "ppm")), "1/K": ((1e-6, "ppm/K"),),
+    "rad/K": ((1e-3, "mrad/K"), (1e-6, "µrad/K")), "mm/K": ((1e-3, "µm/K"),), "mm/N": ((1e-3, "µm/N"),),
+    "rad/(N mm)": ((1e-6, "mrad/(N m)"), (1e-9, "µrad/(N m)")), "rad/s": ((1e-3, "mrad/s"), (1e-6, "µrad/s")),
     "mm/s": ((1.0, "mm/s"), (1e-3, "µm/s"), (1e-6, "nm/s")),
-}
+}  # fmt: skip
 _DASH = "–"
 _DRAWN = {  # units in which errors are drawn, the usual one first
     "rad": ((1e3, "mrad"), (1e6, "µrad"), (1e9, "nrad")),
@@ -569,7 +446,9 @@ def amount(value: float, unit: str, interval: tuple[float, float] | None = None)
     """
     if value is None or not isfinite(value):
         return _DASH
-    scale, name = _scaled(abs(value), unit)
+    steps = _STEPS.get(unit, ((1.0, "" if unit == "1" else unit),))
+    # the largest step of the unit that leaves at least a tenth before the point
+    scale, name = next((step for step in steps if abs(value) >= 0.1 * step[0]), steps[-1])
     if interval is not None and not all(end is not None and isfinite(end) for end in interval):
         interval = None
     spread = None if interval is None else (interval[1] - interval[0]) / 2
@@ -615,12 +494,6 @@ def share(fraction: float) -> str:
     """
     fraction = min(fraction, 1.0)
     return f"{100 * fraction:.0f} %" if fraction >= 0.0995 or fraction < 1e-6 else f"{plain(100 * fraction, 2)} %"
-
-
-def _scaled(size: float, unit: str) -> tuple[float, str]:
-    """Return the largest step of the unit that leaves at least a tenth before the point, and its name."""
-    steps = _STEPS.get(unit, ((1.0, "" if unit == "1" else unit),))
-    return next(((scale, name) for scale, name in steps if size >= 0.1 * scale), steps[-1])
 
 
 def _places(value: float, spread: float | None) -> int:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from calibench.bench.papers.published import Printed
-
-if TYPE_CHECKING:
-    from calibench.bench.papers.row import Evidence, Row
+from calibench.bench.papers.row import Evidence, Row
 
 KEY = "cong2008"
 STUDIES = ("cong2008", "cong2008_plans", "cong2008_readings", "cong2008_circle")
@@ -16,14 +13,8 @@ STUDIES = ("cong2008", "cong2008_plans", "cong2008_readings", "cong2008_circle")
 
 def rows(evidence: Evidence) -> Iterator[Row]:
     """Yield every row: a printed number, a claim or an erratum each."""
-    from calibench.bench.papers.cong2008 import (
-        actual,
-        errata,
-        machine,
-        search,
-        stopping,
-        tracking,
-    )  # no report needs it
+    # no report needs these
+    from calibench.bench.papers.cong2008 import actual, errata, machine, search, stopping, tracking
 
     for topic in (
         machine.machine_rows, tracking.rows, actual.column_rows, actual.claim_rows, stopping.rows, machine.gauge_rows,

@@ -1,14 +1,13 @@
 """What Cong et al. 2008 adds to a report: Tables 2 to 7 beside ours, Figs 3 to 5, the gauge curve, and the plans.
 
-Figs 3, 4 and 5 are drawn as they are printed: log10 of J over evaluations, of GA, PSO and DE. The curves of the print
-cannot be read from its text; what the text and Table 6 say of them, where each ends, can. That is a dotted line in the
-method's colour. One panel is of the runs at hand, the other of the kept run at the paper's own budget
-(``results/reference/``), where there is one and the runs at hand are shorter.
+Figs 3 to 5 are log10 of J over evaluations, dotted where a printed curve ends, beside the kept run at the paper's own
+budget (``results/reference/``). The plans are not published, so values agree in kind (ranking, decades), not in digits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,34 +15,176 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib import rc_context
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibench import problems
-from calibench.bench.papers.cong2008.tables import TABLES, runs_of
 from calibench.bench.papers.files import kept
 from calibench.bench.papers.row import Evidence
+from calibench.bench.provenance.run_id import canonical, options_of
 from calibench.bench.report.shared.drawing import COLOURS, DASHES, STYLE, Drawing, entitle, look_of, put_legend, save
 from calibench.bench.report.study.additions import AddedFigure, Addition, Mark, PrintedTable, TableSection
 from calibench.bench.report.study.figures import convergence_bands, spread_text
+from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.names import options_seen
-from calibench.bench.statistics.summary import problem_name
+from calibench.bench.statistics.summary import QUARTILES, goal_hits, median_of_reached, problem_name, quantiles
 from calibench.bench.store.runs import ResultStore
 from calibench.problems import constants
 
-_PLANS = (("line", 80.0), ("circle", 80.0), ("two_circles", 120.0), ("disc", 100.0))
+FIGURES = {"cong2008_fig3": "J1", "cong2008_fig4": "J2", "cong2008_fig5": "J3"}
+_PAPER = "cong2008"
+_METHODS = ("ga", "pso", "de")
+_RED = "#C00000"
+_SCALE = 4 * 244.0**2  # near zero J1 is J2 / (4 l_b^2) where all l_b are 244 mm
+_Cells = Sequence[tuple[str, str, dict[str, Any]]]  # key of the printed column, problem, options
+_TABLE2: _Cells = [
+    (f"table2.{e.lower()}_n{n}", "sensor_zero", {"error": e, "n": n}) for e in ("J1", "J2") for n in (3, 9)
+]
+_TABLE3: _Cells = [(f"table3.{error.lower()}", "link_length", {"error": error}) for error in ("J1", "J2", "J3")]
+_TABLE4: _Cells = [  # the 12 end millimetres off, on the gauge curve; the 11 precise
+    ("table4.j3_12", "full12", {"error": "J3", "gauge": "ya2"}),
+    ("table4.j3_11", "full11", {"error": "J3", "paper_section": 3}),
+]
+_TABLE7: _Cells = [("table7.de_j3", "full12", {"error": "J3", "gauge": "xa2"})]  # by DE alone
 
 
-def gauge() -> Drawing:
-    """Draw Table 4's and Table 7's printed 12-parameter results on the gauge curve through the true machine.
+def _table6(runs: pd.DataFrame) -> pd.DataFrame:
+    rows = []
+    for method in ("ga", "pso", "de"):
+        column = constants.column(_PAPER, f"table6.{method}")
+        for error in ("J1", "J2", "J3"):
+            mine = runs_of(runs[runs["optimizer"] == method], "full12", {"error": error, "gauge": "xa2"})
+            printed = column.entries[error.lower()]
+            quantities = [(1.0, error, printed.unit), (_SCALE, "J1 x 4 l_b^2", "mm^4")][: 2 if error == "J1" else 1]
+            for _, cell in mine.groupby(CELL, sort=False, dropna=False):
+                rows += [
+                    {
+                        "table": column.key, **_asked(cell), "quantity": quantity, "unit": unit,
+                        "printed": printed.printed * scale, "read": printed.value * scale,
+                        "why": printed.why or printed.doubt, **_spread(scale * cell["best_value"]), **_course(cell),
+                    }
+                    for scale, quantity, unit in quantities
+                ]  # fmt: skip
+    return pd.DataFrame(rows)
 
-    Each line is how far a parameter moves when the machine is turned by phi and scaled so that no reading changes.
-    """
+
+def _calibrations(cells: _Cells, runs: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of calibrated values by every method that ran them; with the gauge also moved onto the truth."""
+    rows = []
+    for key, problem, options in cells:
+        column = constants.column(_PAPER, key)
+        actual = constants.column(_PAPER, f"{key.partition('.')[0]}.actual")
+        for _, cell in runs_of(runs, problem, options).groupby(CELL, sort=False, dropna=False):
+            ours = {"kmrmse": cell["kmrmse"]}  # of the quantities in print: a row holds no such thing as iterations
+            answered = cell[cell["parameter_values"].notna()]
+            if not answered.empty:
+                names = answered["parameter_names"].iloc[0]
+                values = pd.DataFrame([list(each) for each in answered["parameter_values"]], columns=names)
+                ours = {str(name): values[name] for name in values} | ours
+            lines = [
+                (quantity, entry.unit, actual.get(quantity), entry.printed, entry.value, entry.why or entry.doubt,
+                 ours[quantity])
+                for quantity, entry in column.entries.items() if quantity in ours
+            ]  # fmt: skip
+            scale = _SCALE if options["error"] == "J1" else 1.0
+            extra = [("best J as mm^4", "mm^4", "not in print: J1 as J1 x 4 l_b^2", scale * cell["best_value"])]
+            if problem == "full12":
+                extra += [
+                    ("kmrmse_aligned", "mm", "not in print: what is left after the gauge is taken out",
+                     cell["kmrmse_aligned"]),
+                    ("gauge_phi", "rad", "not in print: where on the gauge curve it ended", cell["gauge_phi"]),
+                ]  # fmt: skip
+            lines += [(quantity, unit, 0.0, np.nan, np.nan, why, values) for quantity, unit, why, values in extra]
+            asked, course = _asked(cell), _course(cell)
+            rows += [
+                {
+                    "table": key, **asked, "quantity": quantity, "unit": unit, "true": true, "printed": printed,
+                    "read": read, "why": why, **_spread(values), **course,
+                }
+                for quantity, unit, true, printed, read, why, values in lines
+            ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+TABLES: Mapping[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
+    "table2": partial(_calibrations, _TABLE2), "table3": partial(_calibrations, _TABLE3),
+    "table4": partial(_calibrations, _TABLE4), "table6": _table6,
+    "table7": lambda runs: _calibrations(_TABLE7, runs[runs["optimizer"] == "de"]),
+}  # fmt: skip
+
+
+def runs_of(runs: pd.DataFrame, problem: str, options: Mapping[str, Any]) -> pd.DataFrame:
+    """Return the runs of `problem` with these options and all others as they are by default: no noise, its own plan."""
+    wanted = json.loads(canonical(options_of(problems.make(problem, **options))))
+    mine = runs[runs["problem"] == problem]
+    have = [json.loads(text) for text in mine["problem_options"]]
+    return mine[np.array([all(h.get(key, v) == v for key, v in wanted.items()) for h in have], dtype=bool)]
+
+
+def _asked(cell: pd.DataFrame) -> dict[str, Any]:
+    """Return the columns that say which runs a row is of; `_course` has the budget."""
+    names = {"method": "optimizer", "options": "optimizer_options", "start": "start", "target": "target"}
+    return {name: cell[column].iloc[0] for name, column in names.items()}
+
+
+def _spread(values: pd.Series) -> dict[str, float]:
+    """Return median and quartiles over the runs that have the quantity; a best value that was not found is infinite."""
+    numbers = values.to_numpy(dtype=float)
+    numbers = numbers[~np.isnan(numbers)]
+    if not numbers.size:
+        return {"median": np.nan, "q1": np.nan, "q3": np.nan, "n": 0}
+    q1, median, q3 = quantiles(numbers, QUARTILES)
+    return {"median": float(median), "q1": float(q1), "q3": float(q3), "n": int(numbers.size)}
+
+
+def _course(cell: pd.DataFrame) -> dict[str, Any]:
+    reached = goal_hits(cell)
+    return {
+        "budget": int(cell["budget"].iloc[0]), "failed": int((cell["status"] == "failed").sum()),
+        "restarts": int(cell["restarts"].sum()), "reached": int(np.isfinite(reached).sum()),
+        "charged_to_target": median_of_reached(reached),
+    }  # fmt: skip
+
+
+def gauge(*_: pd.DataFrame) -> Drawing:
+    """Draw Table 4's and Table 7's printed 12-parameter results on the gauge curve through the true machine."""
     points = gauge_points()
     with rc_context(STYLE):
         figure = Figure(figsize=(10.2, 4.9), layout="constrained")
         for axes, (key, table) in zip(figure.subplots(1, 2), points.groupby("table", sort=False), strict=True):
-            _gauge_curves(axes, str(key), table)
+            held, fitted, scale = (table[name].iloc[0] for name in ("held", "phi", "scale"))
+            problem = problems.full12(gauge=str(held))
+            phi = np.linspace(-0.15 * fitted, 1.25 * fitted, 200)
+            names = [p.name for p in problem.parameters]
+            moved = np.array([problem.gauge_curve(angle) for angle in phi]) - problem.gauge_curve(0.0)
+            true = dict(zip(names, problem.gauge_curve(0.0), strict=True))
+            groups = {name: [name] for name in names if name[0] in "xy"}
+            groups |= {"six link lengths": [n for n in names if n[0] == "l"]}
+            groups |= {"offsets z x 244 mm": [n for n in names if n[0] == "z"]}
+            for (label, members), colour, dashes in zip(groups.items(), COLOURS, DASHES):
+                arm = 244.0 if members[0].startswith("z") else 1.0
+                line = arm * moved[:, [names.index(n) for n in members]].mean(axis=1)
+                axes.plot(1e3 * phi, line, color=colour, linestyle=dashes, lw=1.4, label=label)
+                for row in table[table["parameter"].isin(members)].to_dict("records"):
+                    wrong = row["misprint"]
+                    axes.plot(
+                        1e3 * fitted, arm * (row["printed"] - true[row["parameter"]]), marker="x" if wrong else "o",
+                        ms=6, mfc=colour, mec=_RED if wrong else "white", mew=1.2 if wrong else 0.8,
+                    )  # fmt: skip
+            sound = table[~table["misprint"] & ~table["parameter"].str.startswith("z")]
+            place: Any = {"xytext": (3, 4), "xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+            axes.axvline(0, color="0.35", lw=0.8)
+            axes.annotate("truth", (0, 0), fontsize=8, **place)
+            number = str(key).partition(".")[0].removeprefix("table")
+            where = {"ya2": "section 3, y_a2 held", "xa2": "section 4, x_a2 held"}[held]
+            axes.set(xlabel="gauge angle phi [mrad]", ylabel="parameter minus truth [mm]")
+            axes.set_title(
+                f"Table {number} ({where}): phi = {1e3 * fitted:.4g} mrad, scale {scale:.6f}\n"
+                f"{len(sound)} lengths printed right lie within {sound['misfit_mm'].abs().max():.1g} mm of the curve",
+                fontsize=9,
+            )
+            axes.plot([], [], "o", color="0.4", label="printed")
+            axes.plot([], [], "x", color=_RED, label="printed wrong (errata)")
+            axes.legend(fontsize=7.5, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
         figure.suptitle(
             "The 12-parameter results of Cong et al. 2008 are points of a curve along which no reading changes",
             fontsize=10,
@@ -51,72 +192,53 @@ def gauge() -> Drawing:
     return figure, points
 
 
-def _gauge_curves(axes: Any, key: str, table: pd.DataFrame) -> None:
-    held = str(table["held"].iloc[0])
-    problem = problems.full12(gauge=held)
-    fitted = float(table["phi"].iloc[0])
-    phi = np.linspace(-0.15 * fitted, 1.25 * fitted, 200)
-    names = [p.name for p in problem.parameters]
-    moved = np.array([problem.gauge_curve(angle) for angle in phi]) - problem.gauge_curve(0.0)
-    true = dict(zip(names, problem.gauge_curve(0.0), strict=True))
-    groups = {name: [name] for name in names if name[0] in "xy"}
-    groups |= {"six link lengths": [n for n in names if n[0] == "l"]}
-    groups |= {"offsets z x 244 mm": [n for n in names if n[0] == "z"]}
-    for i, (label, members) in enumerate(groups.items()):
-        colour = COLOURS[i]
-        columns = [names.index(n) for n in members]
-        arm = 244.0 if members[0].startswith("z") else 1.0
-        axes.plot(
-            1e3 * phi, arm * moved[:, columns].mean(axis=1), color=colour, linestyle=DASHES[i], lw=1.4, label=label
-        )
-        for _, row in table[table["parameter"].isin(members)].iterrows():
-            axes.plot(
-                1e3 * fitted, arm * (row["printed"] - true[row["parameter"]]), marker="x" if row["misprint"] else "o",
-                ms=6, mfc=colour, mec="#C00000" if row["misprint"] else "white", mew=1.2 if row["misprint"] else 0.8,
+def gauge_points() -> pd.DataFrame:
+    """Return the printed 12-parameter columns of Tables 4 and 7 on their gauge curve, a row for each parameter."""
+    from scipy.optimize import least_squares
+
+    rows = []
+    for key, held in (("table4.j3_12", "ya2"), ("table7.de_j3", "xa2")):
+        column, problem = constants.column(_PAPER, key), problems.full12(gauge=held)
+        names = [p.name for p in problem.parameters]
+        arms = np.array([244.0 if p.unit == "rad" else 1.0 for p in problem.parameters])
+        read = np.array([column[name] for name in names])
+        fit = np.array([not column.entries[name].is_misprint for name in names]) & (arms == 1.0)  # angles: 1e-4 only
+
+        def misfit(phi: Any, curve: Any = problem.gauge_curve, read: Any = read, fit: Any = fit) -> Any:
+            return (curve(float(phi[0])) - read)[fit]
+
+        phi = float(least_squares(misfit, [0.0], method="lm", xtol=1e-15, ftol=1e-15).x[0])
+        on_curve, at = problem.gauge_curve(phi), names.index("lb1")
+        scale = float(on_curve[at] / problem.gauge_curve(0.0)[at])
+        for i, name in enumerate(names):
+            entry = column.entries[name]
+            rows.append(
+                {
+                    "table": key, "held": held, "phi": phi, "scale": scale, "parameter": name,
+                    "printed": entry.printed, "read": entry.value, "curve": float(on_curve[i]),
+                    "misfit_mm": float((read[i] - on_curve[i]) * arms[i]), "misprint": entry.is_misprint,
+                }
             )  # fmt: skip
-    sound = table[~table["misprint"] & ~table["parameter"].str.startswith("z")]
-    axes.axvline(0, color="0.35", lw=0.8)
-    axes.annotate("truth", (0, 0), (3, 4), xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=8)
-    number = key.partition(".")[0].removeprefix("table")
-    where = {"ya2": "section 3, y_a2 held", "xa2": "section 4, x_a2 held"}[held]
-    axes.set(xlabel="gauge angle phi [mrad]", ylabel="parameter minus truth [mm]")
-    axes.set_title(
-        f"Table {number} ({where}): phi = {1e3 * fitted:.4g} mrad, scale {table['scale'].iloc[0]:.6f}\n"
-        f"{len(sound)} lengths printed right lie within {sound['misfit_mm'].abs().max():.1g} mm of the curve",
-        fontsize=9,
-    )
-    axes.plot([], [], "o", color="0.4", label="printed")
-    axes.plot([], [], "x", color="#C00000", label="printed wrong (errata)")
-    axes.legend(fontsize=7.5, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
+    return pd.DataFrame(rows)
 
 
-def plans(noise: float = 1e-4) -> Drawing:
-    """Draw the singular values of `full11` for readings on a line, a circle, two circles and a disc (section 4.5).
-
-    50 configurations each; the standard errors in the legend are the worst of a length at `noise` [rad a reading].
-    """
-    numbers = []
+def plans(*_: pd.DataFrame) -> Drawing:
+    """Draw the singular values of `full11` for readings on a line, a circle, two circles and a disc (section 4.5)."""
+    noise, numbers = 1e-4, []
+    sampled = (("line", 80.0), ("circle", 80.0), ("two_circles", 120.0), ("disc", 100.0))
     with rc_context(STYLE):
         figure = Figure(figsize=(7.6, 3.9), layout="constrained")
         axes = figure.subplots()
-        for i, (plan, radius) in enumerate(_PLANS):
+        for (plan, radius), colour, dashes in zip(sampled, COLOURS, DASHES):
             known = problems.identify(problems.make("full11", plan=plan, radius=radius), noise=noise)
-            lengths = [float(e) for e, unit in zip(known.standard_errors, known.units, strict=True) if unit == "mm"]
+            worst = max(float(e) for e, unit in zip(known.standard_errors, known.units, strict=True) if unit == "mm")
             values = known.singular_values / known.singular_values[0]
-            label = (
-                f"{plan.replace('_', ' ')} R{radius:g}: condition {known.condition:.1e}, worst {max(lengths):.2g} mm"
-            )
-            axes.plot(
-                range(1, len(values) + 1), values, marker="o", ms=4, color=COLOURS[i], linestyle=DASHES[i], label=label
-            )
-            numbers.append(
-                pd.DataFrame(
-                    {
-                        "plan": plan, "radius": radius, "index": range(1, len(values) + 1), "singular_value": values,
-                        "condition": known.condition, "worst_length_error_mm": max(lengths), "noise_rad": noise,
-                    }
-                )
-            )  # fmt: skip
+            label = f"{plan.replace('_', ' ')} R{radius:g}: condition {known.condition:.1e}, worst {worst:.2g} mm"
+            index = range(1, len(values) + 1)
+            axes.plot(index, values, marker="o", ms=4, color=colour, linestyle=dashes, label=label)
+            line = {"plan": plan, "radius": radius, "index": index, "singular_value": values}
+            line |= {"condition": known.condition, "worst_length_error_mm": worst, "noise_rad": noise}
+            numbers.append(pd.DataFrame(line))
         axes.set(
             yscale="log", xlabel="singular value", ylabel="relative to the largest", xticks=range(1, 12),
             title="What 50 readings can tell of 11 parameters: on a circle rather than a line, but not on one circle",
@@ -127,48 +249,6 @@ def plans(noise: float = 1e-4) -> Drawing:
             title=f"condition, and worst standard error of a length at {noise:g} rad",
         )  # fmt: skip
     return figure, pd.concat(numbers, ignore_index=True)
-
-
-def gauge_points() -> pd.DataFrame:
-    """Return the printed 12-parameter columns of Tables 4 and 7 on their gauge curve, a row for each parameter.
-
-    phi is fitted over the cells that are printed right; columns: table, held, phi, scale, parameter, printed, read,
-    curve, misfit_mm (angles times a link length), misprint.
-    """
-    from scipy.optimize import least_squares
-
-    rows = []
-    cases = (("table4.j3_12", problems.full12(gauge="ya2")), ("table7.de_j3", problems.full12(gauge="xa2")))
-    for key, problem in cases:
-        column = constants.column("cong2008", key)
-        names = [p.name for p in problem.parameters]
-        arms = np.array([244.0 if p.unit == "rad" else 1.0 for p in problem.parameters])
-        read = np.array([column[name] for name in names])
-        sound = np.array([not column.entries[name].is_misprint for name in names])
-        fit = sound & np.array([p.unit == "mm" for p in problem.parameters])  # angles are printed to 1e-4 only
-        curve = problem.gauge_curve
-
-        def misfit(phi: Any, curve: Any = curve, read: Any = read, fit: Any = fit) -> Any:
-            return (curve(float(phi[0])) - read)[fit]
-
-        phi = float(least_squares(misfit, [0.0], method="lm", xtol=1e-15, ftol=1e-15).x[0])
-        on_curve = curve(phi)
-        scale = float(on_curve[names.index("lb1")] / curve(0.0)[names.index("lb1")])
-        for i, name in enumerate(names):
-            entry = column.entries[name]
-            rows.append(
-                {
-                    "table": key, "held": problem.options["gauge"], "phi": phi, "scale": scale, "parameter": name,
-                    "printed": entry.printed, "read": entry.value, "curve": float(on_curve[i]),
-                    "misfit_mm": float((read[i] - on_curve[i]) * arms[i]), "misprint": entry.is_misprint,
-                }
-            )  # fmt: skip
-    return pd.DataFrame(rows)
-
-
-FIGURES = {"cong2008_fig3": "J1", "cong2008_fig4": "J2", "cong2008_fig5": "J3"}
-_STUDY = "cong2008"
-_METHODS = ("ga", "pso", "de")
 
 
 def caption(error: str) -> str:
@@ -185,20 +265,30 @@ def applies(error: str, runs: pd.DataFrame) -> bool:
 
 
 def draw(error: str, runs: pd.DataFrame, traces: pd.DataFrame) -> Drawing:
-    """Draw the figure of an error function, beside it at the paper's budget."""
+    """Draw the figure of an error function, beside it at the paper's budget: medians and quartiles over evaluations."""
     panels = [(_of(error, runs), traces)]
-    store = kept(_STUDY)
+    store = kept(_PAPER)
     if store is not None:
         longer = _of(error, ResultStore(store).runs())
         if len(longer) and longer["budget"].max() > panels[0][0]["budget"].max():
             panels.append((longer, ResultStore(store).traces()))
-    printed = {method: constants.column("cong2008", f"table6.{method}").entries[error.lower()] for method in _METHODS}
+    printed = {method: constants.column(_PAPER, f"table6.{method}").entries[error.lower()] for method in _METHODS}
     numbers = []
     with rc_context(STYLE):
         figure = Figure(figsize=(1.9 + 4.0 * len(panels), 3.9), layout="constrained")
         both = list(np.atleast_1d(figure.subplots(1, len(panels), sharey=True)))
         for axes, (mine, points) in zip(both, panels, strict=True):
-            numbers.append(_draw_panel(axes, mine, points))
+            budget = int(mine["budget"].max())
+            drawn = convergence_bands(mine.assign(method=mine["optimizer"]), points).assign(budget=budget)
+            numbers.append(drawn)
+            for i, method in enumerate(_METHODS):
+                band = drawn[drawn["method"] == method]
+                low, middle, high = (np.log10(band[name].clip(lower=1e-300)) for name in ("q1", "median", "q3"))
+                axes.fill_between(band["charged"], low, high, color=look_of(i)["color"], alpha=0.18, linewidth=0)
+                axes.plot(band["charged"], middle, label=f"{method.upper()}, ours", **look_of(i))
+            axes.set(xlim=(0, budget), xlabel="evaluations")
+            axes.locator_params(axis="x", nbins=5)
+            axes.set_title(f"{budget:,} evaluations: {spread_text(mine)}".replace(",", "\u202f"), fontsize=9)
             for i, (method, end) in enumerate(printed.items()):
                 label = f"{method.upper()}, printed end {end.printed:g}"
                 axes.axhline(np.log10(end.printed), color=look_of(i)["color"], lw=1.1, linestyle=":", label=label)
@@ -210,39 +300,13 @@ def draw(error: str, runs: pd.DataFrame, traces: pd.DataFrame) -> Drawing:
 
 def write(evidence: Evidence, folder: Path) -> list[Path]:
     """Write the figures that the runs of the paper's own study fill; return their SVG files."""
-    mine = evidence.runs[evidence.runs["study"] == _STUDY]
-    return [
-        save(name, draw(error, mine, evidence.traces), folder)[0]
-        for name, error in FIGURES.items()
-        if applies(error, mine)
-    ]
-
-
-def _draw_panel(axes: Axes, runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
-    """Draw medians and quartiles over the evaluations, which the print has on a linear axis."""
-    budget = int(runs["budget"].max())
-    drawn = convergence_bands(runs.assign(method=runs["optimizer"]), traces).assign(budget=budget)
-    for i, method in enumerate(_METHODS):
-        band = drawn[drawn["method"] == method]
-        low, middle, high = (np.log10(band[name].clip(lower=1e-300)) for name in ("q1", "median", "q3"))
-        axes.fill_between(band["charged"], low, high, color=look_of(i)["color"], alpha=0.18, linewidth=0)
-        axes.plot(band["charged"], middle, label=f"{method.upper()}, ours", **look_of(i))
-    axes.set(xlim=(0, budget), xlabel="evaluations")
-    axes.locator_params(axis="x", nbins=5)
-    axes.set_title(f"{budget:,} evaluations: {spread_text(runs)}".replace(",", "\u202f"), fontsize=9)
-    return drawn
+    mine = evidence.runs[evidence.runs["study"] == _PAPER]
+    fill = {name: error for name, error in FIGURES.items() if applies(error, mine)}
+    return [save(name, draw(error, mine, evidence.traces), folder)[0] for name, error in fill.items()]
 
 
 def _of(error: str, runs: pd.DataFrame) -> pd.DataFrame:
     return runs_of(runs[runs["optimizer"].isin(_METHODS)], "full12", {"error": error, "gauge": "xa2"})
-
-
-_PAPER = "cong2008"
-_NOTE = (
-    "Ours are medians, quartiles below where there is more than one run, at this study's budget. A printed number that "
-    "is wrong is crossed out, and what to read stands beside it. The sampling plans are not published, so values agree "
-    "in kind, not in digits."
-)
 
 
 def _column_title(key: str) -> str:
@@ -290,10 +354,10 @@ def where_searches_stopped(runs: pd.DataFrame) -> tuple[Mark, ...]:
 ADDITION = Addition(
     sections=(
         TableSection(
-            anchor="papers",
-            link="the papers' tables",
-            heading="The paper's tables beside ours",
-            note=_NOTE,
+            anchor="papers", link="the papers' tables", heading="The paper's tables beside ours",
+            note="Ours are medians, quartiles below where there is more than one run, at this study's budget. A "
+            "printed number that is wrong is crossed out, and what to read stands beside it. The sampling plans are "
+            "not published, so values agree in kind, not in digits.",
             tables=tuple(
                 PrintedTable(name, f"Table {name.removeprefix('table')} of Cong et al. 2008", build, _column_title)
                 for name, build in TABLES.items()
@@ -306,18 +370,13 @@ ADDITION = Addition(
             for name, error in FIGURES.items()
         ),
         AddedFigure(
-            "gauge",
-            "The printed 12-parameter results on the curve along which no reading changes",
-            lambda runs: bool(runs["problem"].eq("full12").any()),
-            lambda runs, traces: gauge(),
+            "gauge", "The printed 12-parameter results on the curve along which no reading changes",
+            lambda runs: bool(runs["problem"].eq("full12").any()), gauge,
         ),
         AddedFigure(
-            "plans",
-            "What sampling plans can tell of 11 parameters",
-            lambda runs: len(options_seen(runs, "full11", "plan")) > 1,
-            lambda runs, traces: plans(),
+            "plans", "What sampling plans can tell of 11 parameters",
+            lambda runs: len(options_seen(runs, "full11", "plan")) > 1, plans,
         ),
     ),
-    printed_values=printed_values,
-    marks=where_searches_stopped,
-)
+    printed_values=printed_values, marks=where_searches_stopped,
+)  # fmt: skip

@@ -1,13 +1,7 @@
 """Section 3.3 of Cong et al. 2008 under each variant of `fmincon`, because the paper does not print its release.
 
-A variant is a rule of the difference step with a stopping test and its place (`optimizers.fmincon.options`). Some
-variants were a release of MATLAB, others never were. SciPy's SLSQP searches in the user's units, as MATLAB did. Two
-variants that differ in the stopping test alone pass the same points. So one search goes on until every stopping test
-has been met (or MATLAB's 100 n evaluations are spent), and the end of each variant is read off its path. A test
-compares these ends with searches that have the options of each variant.
-
-Each sentence about which J is more precise is a ratio of two printed numbers, judged in each variant: ours is the
-median over the plans, which are not printed either, and `verdict_of` makes the verdicts of the variants into one.
+A variant is a rule of the difference step, a stopping test and its place (`optimizers.fmincon.options`); those that
+differ in the test alone pass the same points, so one search that goes on until all tests are met gives their ends.
 """
 
 from __future__ import annotations
@@ -41,16 +35,12 @@ _RELEASES: dict[tuple[str, Stop], str] = {
 }  # fmt: skip
 
 COLUMNS: dict[str, tuple[str, dict[str, Any]]] = {
-    "table2.j1_n3": ("sensor_zero", {"error": "J1", "n": 3}),
-    "table2.j1_n9": ("sensor_zero", {"error": "J1", "n": 9}),
-    "table2.j2_n3": ("sensor_zero", {"error": "J2", "n": 3}),
-    "table2.j2_n9": ("sensor_zero", {"error": "J2", "n": 9}),
-    "table3.j1": ("link_length", {"error": "J1"}),
-    "table3.j2": ("link_length", {"error": "J2"}),
-    "table3.j3": ("link_length", {"error": "J3"}),
-    "table4.j3_12": ("full12", {"error": "J3", "gauge": "ya2"}),
+    "table2.j1_n3": ("sensor_zero", {"error": "J1", "n": 3}), "table2.j1_n9": ("sensor_zero", {"error": "J1", "n": 9}),
+    "table2.j2_n3": ("sensor_zero", {"error": "J2", "n": 3}), "table2.j2_n9": ("sensor_zero", {"error": "J2", "n": 9}),
+    "table3.j1": ("link_length", {"error": "J1"}), "table3.j2": ("link_length", {"error": "J2"}),
+    "table3.j3": ("link_length", {"error": "J3"}), "table4.j3_12": ("full12", {"error": "J3", "gauge": "ya2"}),
     "table4.j3_11": ("full11", {"error": "J3", "paper_section": 3}),
-}
+}  # fmt: skip
 
 
 @final
@@ -65,11 +55,6 @@ class Variant:
     def release(self) -> str:
         """Return the years of the releases that were built so; empty where none was."""
         return _RELEASES.get((self.step, self.stop), "")
-
-    @property
-    def words(self) -> str:
-        """Return the variant as the rows' reasons name it."""
-        return f"{self.step} {self.stop}"
 
 
 MATLAB = Variant("gradient", "next_gradient")  # what the preset fmincon_matlab is
@@ -98,7 +83,6 @@ class Judged:
 
     @property
     def median(self) -> float:
-        """Return the median of the ratios."""
         return float(np.median(self.ratios))
 
     @property
@@ -121,12 +105,10 @@ class Judged:
 
 
 def verdict_of(judged: Sequence[Judged]) -> Verdict:
-    """Return the verdict on a claim from its states under the variants.
+    """Return the verdict on a claim from its states under the variants: releases judge, relative stops are controls.
 
-    Judges are the variants that a release was, all with an absolute stop, and the controls with a relative one. False
-    in every release: not reproduced. False in some and true in others: it depends on plan or release. True in some
-    release and false in none: an artefact of the stopping tolerance where a control is false; else reproduced, in kind
-    where any of the states is in kind or open. Else the plans decide, and it is not checkable.
+    False in every release: not reproduced; in some and true in others: it depends on plan or release; in none and true
+    in some: an artefact of the stopping tolerance where a control is false, else reproduced (in kind where any is).
     """
     releases = [j.state for j in judged if j.variant.release]
     controls = [j.state for j in judged if j.variant.stop == "relative"]
@@ -144,8 +126,35 @@ def verdict_of(judged: Sequence[Judged]) -> Verdict:
 @cache
 def ends(problem: str, options: tuple[tuple[str, Any], ...], step: str) -> Mapping[Stop, End]:
     """Return where each stop ends the search on a problem with these options from its printed start."""
-    built = _problem(problem, options)
-    watch = _Watch()
+    built = make_problem(problem, **dict(options))
+    points: list[tuple[float, Array, Array]] = []  # value, place, and gradient of each iterate
+    met: dict[Stop, tuple[Array, int]] = {}
+
+    def end(stop: Stop, iterations: int) -> None:
+        # at the point of the lowest value so far: all are feasible, as there are bounds and nothing else
+        met.setdefault(stop, (min(points, key=lambda point: point[0])[1], iterations))
+
+    def watch(x: Array, now: OptimValues, state: str) -> bool:
+        """Follow the search past every stop, note which are met at the iterate x, and tell whether all have been."""
+        if state == "done":
+            return False
+        d, g, before = now.searchdirection, now.gradient, points[-1][2] if points else None
+        if d is not None and before is not None:
+            shortest = now.lssteplength * float(before @ d)  # of the steps that the line search tried
+            if absolute_stop(d, shortest, _TOLERANCE, _TOLERANCE):
+                end("before_step", now.iteration - 1)
+        points.append((now.fval, x, g))
+        if d is not None and before is not None and absolute_stop(d, float(before @ d), _TOLERANCE, 2 * _TOLERANCE):
+            end("after_step", now.iteration)
+        if now.firstorderopt <= _TOLERANCE:
+            for stop in ("relative", "next_gradient", "before_step"):
+                met.setdefault(stop, (x, now.iteration))
+        if d is not None and absolute_stop(d, float(g @ d), _TOLERANCE, 2 * _TOLERANCE):
+            end("next_gradient", now.iteration)
+        if len(points) > 1 and float(np.max(np.abs(x - points[-2][1]) / (1.0 + np.abs(x)))) <= _TOLERANCE:
+            end("relative", now.iteration)
+        return len(met) == len(STOPS)
+
     fmincon(
         built, built.start, lb=built.lower, ub=built.upper,
         options={
@@ -154,15 +163,13 @@ def ends(problem: str, options: tuple[tuple[str, Any], ...], step: str) -> Mappi
         },
     )  # fmt: skip  # the changes are MATLAB's defaults until 2010
     names = [p.name for p in built.parameters]
-    return {
-        stop: End(built.merit(x)["kmrmse"], iterations, dict(zip(names, map(float, built.physical(x)), strict=True)))
-        for stop, (x, iterations) in watch.answers().items()
-    }
-
-
-@cache
-def _problem(name: str, options: tuple[tuple[str, Any], ...]) -> Any:
-    return make_problem(name, **dict(options))
+    answers = {}
+    for stop in STOPS:
+        end(stop, len(points) - 1)  # one that was not met ends where the search did
+        x, iterations = met[stop]
+        values = dict(zip(names, map(float, built.physical(x)), strict=True))
+        answers[stop] = End(built.merit(x)["kmrmse"], iterations, values)
+    return answers
 
 
 def plan(problem: str, number: int) -> dict[str, Any]:
@@ -172,60 +179,11 @@ def plan(problem: str, number: int) -> dict[str, Any]:
     return {"plan": "disc", "data_seed": number} | ({"radius": 60.0} if problem == "sensor_zero" else {})
 
 
-def column(key: str, variant: Variant, most: int = 1000) -> list[End]:
-    """Return the ends of a column of Tables 2 to 4 under a variant, one for each plan, of which at most `most`."""
+def column(key: str, variant: Variant) -> list[End]:
+    """Return the ends of a column of Tables 2 to 4 under a variant, one for each plan."""
     problem, options = COLUMNS[key]
-    plans = min(PLANS[problem], most)
-    asked = [tuple(sorted((options | plan(problem, number)).items())) for number in range(-1, plans - 1)]
+    asked = [tuple(sorted((options | plan(problem, number)).items())) for number in range(-1, PLANS[problem] - 1)]
     return [ends(problem, one, variant.step)[variant.stop] for one in asked]
-
-
-@final
-class _Watch:
-    """An OutputFcn that follows a search past every stop, and remembers where each would have ended it."""
-
-    def __init__(self) -> None:
-        self._points: list[tuple[float, Array]] = []
-        self._gradient: Array | None = None
-        self._met: dict[Stop, tuple[Array, int]] = {}
-
-    def __call__(self, x: Array, now: OptimValues, state: str) -> bool:
-        """Note which stops are met at the iterate x; tell whether all have been."""
-        if state == "done":
-            return False
-        d, g, before = now.searchdirection, now.gradient, self._gradient
-        if d is not None and before is not None:
-            shortest = now.lssteplength * float(before @ d)  # of the steps that the line search tried
-            if absolute_stop(d, shortest, _TOLERANCE, _TOLERANCE):
-                self._end("before_step", now.iteration - 1)
-            self._points.append((now.fval, x))
-            if absolute_stop(d, float(before @ d), _TOLERANCE, 2 * _TOLERANCE):
-                self._end("after_step", now.iteration)
-        else:
-            self._points.append((now.fval, x))
-        if now.firstorderopt <= _TOLERANCE:
-            for stop in ("relative", "next_gradient", "before_step"):
-                self._met.setdefault(stop, (x, now.iteration))
-        if d is not None and absolute_stop(d, float(g @ d), _TOLERANCE, 2 * _TOLERANCE):
-            self._end("next_gradient", now.iteration)
-        if len(self._points) > 1:
-            change = float(np.max(np.abs(x - self._points[-2][1]) / (1.0 + np.abs(x))))
-            if change <= _TOLERANCE:
-                self._end("relative", now.iteration)
-        self._gradient = g
-        return len(self._met) == len(STOPS)
-
-    def answers(self) -> dict[Stop, tuple[Array, int]]:
-        """Return the answer and the iterations of each stop; one that was not met ends where the search did."""
-        last = (self._best(), len(self._points) - 1)
-        return {stop: self._met.get(stop, last) for stop in STOPS}
-
-    def _end(self, stop: Stop, iterations: int) -> None:
-        self._met.setdefault(stop, (self._best(), iterations))
-
-    def _best(self) -> Array:
-        """Return the point of the lowest value so far: all are feasible, as there are bounds and nothing else."""
-        return min(self._points, key=lambda point: point[0])[1]
 
 
 _OVER_VARIANTS = (
@@ -254,7 +212,6 @@ class Claim:
     limits: tuple[float, float] = (0.5, 0.75)
 
     def printed(self, printed: Printed) -> float:
-        """Return the printed ratio."""
         return printed.column(self.above)[self.quantity] / printed.column(self.below)[self.quantity]
 
 
@@ -267,9 +224,7 @@ CLAIMS = (
         for e in ("J1", "J2")
     ),
     *(
-        Claim(
-            f"j2_beats_j1_{key}", place, f"J2 gives more precise results than J1 ({key})", above, below, _UNITS,
-        )
+        Claim(f"j2_beats_j1_{key}", place, f"J2 gives more precise results than J1 ({key})", above, below, _UNITS)
         for key, place, above, below in (
             ("table2_n3", "Section 3.3 A", "table2.j2_n3", "table2.j1_n3"),
             ("table2_n9", "Section 3.3 A", "table2.j2_n9", "table2.j1_n9"),
@@ -292,65 +247,50 @@ def rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     """Yield the claims; `ours` are the medians of the releases."""
     for claim in CLAIMS:
         judged = judge_claim(claim)
+        releases = [f"{j.variant.release} {_cell(j)}" for j in judged if j.variant.release]
+        controls = [f"{j.variant.step} {_cell(j)}" for j in judged if j.variant.stop == "relative"]
+        told = f"releases: {', '.join(releases)}; with a relative stop: {', '.join(controls)}"
         ours = Ours.of([j.median for j in judged if j.variant.release])
-        ruling = Ruling(verdict_of(judged), ours.median, "at most, in every release", *claim.limits)
         yield printed.claim(
-            claim.key, claim.place, claim.sentence,
-            ours=ours, ruling=ruling,
+            claim.key, claim.place, claim.sentence, ours=ours,
+            ruling=Ruling(verdict_of(judged), ours.median, "at most, in every release", *claim.limits),
             rule=f"in a variant true below {claim.limits[0]:g}, in kind below {claim.limits[1]:g}, {_OVER_VARIANTS}",
             method=f"{claim.quantity} of {claim.above} over {claim.below}, the median of {len(judged[0].ratios)} "
             "plans, in four releases of fmincon",
-            reason="; ".join(text for text in (_sentence(judged), claim.why) if text), printed=claim.printed(printed),
+            reason="; ".join(text for text in (told, claim.why) if text), printed=claim.printed(printed),
         )  # fmt: skip
 
 
-def _sentence(judged: Sequence[Judged]) -> str:
-    releases = [f"{j.variant.release} {_cell(j)}" for j in judged if j.variant.release]
-    controls = [f"{j.variant.step} {_cell(j)}" for j in judged if j.variant.stop == "relative"]
-    return f"releases: {', '.join(releases)}; with a relative stop: {', '.join(controls)}"
-
-
 @cache
-def judge_claim(claim: Claim, variants: tuple[Variant, ...] = VARIANTS, most: int = 1000) -> tuple[Judged, ...]:
-    """Return the claim under each variant, over its plans, of which at most `most`."""
+def judge_claim(claim: Claim) -> tuple[Judged, ...]:
+    """Return the claim under each variant, over its plans."""
     judged = []
-    for variant in variants:
-        above, below = (column(key, variant, most) for key in (claim.above, claim.below))
-        if claim.quantity == "iterations":
-            ratios = tuple(a.iterations / b.iterations for a, b in zip(above, below, strict=True))
-        else:
-            ratios = tuple(a.kmrmse / b.kmrmse for a, b in zip(above, below, strict=True))
+    for variant in VARIANTS:
+        pairs = zip(column(claim.above, variant), column(claim.below, variant), strict=True)
+        ratios = tuple(getattr(a, claim.quantity) / getattr(b, claim.quantity) for a, b in pairs)
         judged.append(Judged(variant, ratios, claim.limits))
     return tuple(judged)
 
 
-def table(variants: tuple[Variant, ...] = VARIANTS, most: int = 1000) -> str:
-    """Return claims by variants in Markdown: median and its interval over the plans, beside the printed one."""
-    printed = Printed("cong2008")
-    judged = {claim: judge_claim(claim, variants, most) for claim in CLAIMS}
-    heads = ["step", "stop", "MATLAB of", *(claim.key for claim in CLAIMS)]
-    lines = [heads, ["---"] * len(heads), ["printed", "", "", *(_short(c.printed(printed)) for c in CLAIMS)]]
-    for number, variant in enumerate(variants):
-        cells = [variant.step, variant.stop, variant.release]
-        lines.append([*cells, *(_cell(judged[claim][number]) for claim in CLAIMS)])
-    lines.append(["**verdict**", "", "", *(verdict_of(judged[claim]) for claim in CLAIMS)])
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
-
-
 def write_table(path: Path) -> Path:
-    """Write the table as a page and return its path."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Write the claims by variants as a page, median and its interval over the plans, beside the printed one."""
+    printed = Printed("cong2008")
+    judged = {claim: judge_claim(claim) for claim in CLAIMS}
+    heads = ["step", "stop", "MATLAB of", *(claim.key for claim in CLAIMS)]
+    lines = [heads, ["---"] * len(heads), ["printed", "", "", *(f"{c.printed(printed):.2g}" for c in CLAIMS)]]
+    for number, variant in enumerate(VARIANTS):
+        cells = [_cell(judged[claim][number]) for claim in CLAIMS]
+        lines.append([variant.step, variant.stop, variant.release, *cells])
+    lines.append(["**verdict**", "", "", *(verdict_of(judged[claim]) for claim in CLAIMS)])
+    table = "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
     asked = {COLUMNS[key][0] for claim in CLAIMS for key in (claim.above, claim.below)}
     counts = ", ".join(f"{count} plans of {problem}" for problem, count in PLANS.items() if problem in asked)
     head = f"# Section 3.3 of Cong et al. 2008 over the variants of fmincon\n\nMedians (95 %) of {counts}. "
-    path.write_text(head + "What they are: docs/fmincon.md, Releases.\n\n" + table(), encoding="utf-8")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(head + "What they are: docs/fmincon.md, Releases.\n\n" + table, encoding="utf-8")
     return path
 
 
 def _cell(judged: Judged) -> str:
     low, high = judged.interval
-    return f"{_MARK[judged.state]} {_short(judged.median)} ({_short(low)} .. {_short(high)})"
-
-
-def _short(number: float) -> str:
-    return f"{number:.2g}"
+    return f"{_MARK[judged.state]} {judged.median:.2g} ({low:.2g} .. {high:.2g})"

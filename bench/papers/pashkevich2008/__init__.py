@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from calibench.bench.papers.published import Printed
-
-if TYPE_CHECKING:
-    from calibench.bench.papers.row import Evidence, Row
+from calibench.bench.papers.row import Evidence, Row
 
 KEY = "pashkevich2008"
 STUDIES: tuple[str, ...] = ()

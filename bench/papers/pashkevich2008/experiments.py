@@ -13,26 +13,51 @@ from pathlib import Path
 import numpy as np
 
 from calibench.bench.report.shared.page import bullets, table, text
-from calibench.discrepancy.fitting.small_sample import SmallSample, Supported
-from calibench.discrepancy.machines.orthoglide.experiments import (
-    ADDED_LATER,
-    HANDED,
-    MODELS,
-    ORIENTATION,
-    PLANS,
-    RIVALS,
-    WHOLE,
-    Experiments,
-    Prediction,
-    experiments,
-)
+from calibench.discrepancy.fitting.small_sample import Supported
+from calibench.discrepancy.machines.orthoglide import experiments as fits
+from calibench.discrepancy.machines.orthoglide.experiments import ADDED_LATER, HANDED, ORIENTATION, WHOLE, Experiments
 from calibench.problems import constants
 from calibench.problems.orthoglide.kinematics import PAPER
 from calibench.problems.orthoglide.plans import named_plan
 
+SETS = ("exp1", "exp2", "exp2_t1", "exp3_t1", "exp3_t2")
+WEIGHTING = {False: "least squares", True: "weighted, eq. (14)"}
+LEAN, LONE = "guide_lean cyclic", "guide_lean axis z"
+_SHOWN = 3  # candidates of a set in the table
+_COMMANDS = """```text
+bench paper                                                  # writes this page to results/paper/, beside the ledger
+python -m calibench.bench.papers.pashkevich2008.experiments orthoglide-experiments.md    # this page alone
+bench discover machine=orthoglide data=exp2                  # the verdict on one set
+```"""
 
-def in_short(results: Experiments) -> Iterable[str]:
-    """Yield the claims, each with the numbers it rests on."""
+
+def write_page(path: Path) -> Path:
+    """Write the page and return its path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page(fits.experiments()), encoding="utf-8")
+    return path
+
+
+def page(results: Experiments) -> str:
+    """Return the page in Markdown."""
+    parts = [
+        "# What the Orthoglide's experiments support",
+        _COMMANDS,
+        text(
+            """Pashkevich et al. 2008, Tables 1 and 2: six or twelve deviations a set, mm. Experiment 1 is before the
+            drives were re-tuned, 2 after it, 3 after the joint offsets of 2 went into the control software. All numbers
+            below come from the command. What the candidates mean: `bench list effects`."""
+        ),
+        *_in_short(results),
+        *_each_set(results),
+        *_added_later(results),
+        *_pattern(results),
+        *_verdicts(results),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _in_short(results: Experiments) -> Iterable[str]:
     two, weighted = results.sets["exp2", False], results.sets["exp2", True]
     best, turned, lone = two[HANDED], two[ORIENTATION], two[LONE]
     one, other = results.predictions["exp3_t1", False], results.predictions["exp3_t2", False]
@@ -81,81 +106,41 @@ def in_short(results: Experiments) -> Iterable[str]:
     )
 
 
-def against_the_chapter(results: Experiments) -> Iterable[str]:
-    """Yield what the chapter says beside what its numbers say."""
-    two, weighted = results.sets["exp2", False], results.sets["exp2", True]
-    three, lengths = results.likenesses["exp2_t1", "exp3_t1"], results.lengths
-    yield "## Against the chapter, and the tables against each other"
-    yield bullets(
-        f"""*Orientation of the axes* (section 4.2 on Experiment 1, and the Resume): axes that lean and still meet
-        explain {two[ORIENTATION].share:.0%} of Experiment 2 (p = {two[ORIENTATION].p:.2f}; weighted
-        {weighted[ORIENTATION].share:.0%}, {weighted[ORIENTATION].p:.2f}). That they *intersect in a single point* is
-        the assumption the data put in doubt.""",
-        f"""*Bounded by the manufacturing errors and non-geometric reasons* (Experiment 3): in Table 1 what 3 leaves
-        follows what 2 left, cosine {three.cosine:.3f}, slope {three.slope:.2f}. What repeats like this is geometry
-        that a model can hold. In Table 2 it does not repeat along z.""",
-        f"""*Identifies simultaneously* offsets and lengths: the lengths beside the offsets have F =
-        {lengths.statistic:.2f}, p = {lengths.p_value:.2f} on Experiment 2.""",
-        """Tables 1 and 2 print Experiment 3 differently: z_x and z_y have opposite signs. Table 1 agrees with
-        Experiment 2, Table 2 does not, and the chapter computed with Table 2. Nothing here decides which of the two is
-        the machine.""",
-    )
-
-
-def what_would_decide(results: Experiments) -> Iterable[str]:
-    """Yield how far further readings would separate the rivals, and which to take."""
-    sample = results.sets["exp2", False]
-    residual = sample.rms * (1 - sample[HANDED].share) ** 0.5
-    yield "## What would decide"
+def _each_set(results: Experiments) -> Iterable[str]:
+    yield "## Each set alone"
     yield text(
-        f"""How far each rival, fitted at its best, stays from the handed pattern at its size in Experiment 2: root of
-        chi2 in gauge noise of .01 mm, all six parameters calibrated. 3 is a hint, 6 decides, if nothing else is
-        wrong; the {residual:.2f} mm that the pattern itself leaves on Experiment 2 say that something else is. 0:
-        never."""
+        f"""Calibrated are the three joint offsets. F and p hold for few numbers and an unknown variance. "p of all" is
+        the chance that the best of all candidates tried does as well where nothing is missing ({results.draws} turns of
+        the misfit). AICc is relative to the joint offsets alone (below 0 is better). "loo" is the rms error of each
+        number predicted from the others [mm], empty where one cannot be. Sizes in mm, rad or mm a move, with standard
+        errors; *impossible* marks those beyond what such a machine can have. Gauges that lean or stand elsewhere are
+        not among those tried where the largest fault of a stand (.1 rad, 10 mm) would not show."""
     )
-    yield table(
-        ("plan", "readings", *RIVALS),
-        [(plan, str(len(named_plan(plan))), *(f"{results.rivals[plan, r]:.0f}" for r in RIVALS)) for plan in PLANS],
-    )
-    yield bullets(
-        """The twelve readings of Experiment 3 once more, every repeat printed: are the z rows of Table 2 the machine or
-        a slip?""",
-        """The gauge at four places of each leg, or the tool moved along the other two axes too: they separate
-        axes, guides and bars. More of the paper's readings never do, all three alike.""",
-        """Each posture from both sides, at two loads, with times and temperatures: backlash, gravity and thermal_legs
-        become testable; today they are not.""",
-    )
-
-
-SETS = ("exp1", "exp2", "exp2_t1", "exp3_t1", "exp3_t2")
-WEIGHTING = {False: "least squares", True: "weighted, eq. (14)"}
-LEAN, LONE = "guide_lean cyclic", "guide_lean axis z"
-_SHOWN = 3  # candidates of a set in the table
-
-
-def candidates_table(sample: SmallSample) -> str:
-    """Return the best candidates of a set, and those that are discussed."""
-    chosen = list(sample.candidates[:_SHOWN])
-    chosen += [c for c in sample.candidates[_SHOWN:] if c.name in (ORIENTATION, "axis_intersection all", LEAN)]
-    rows = []
-    for c in chosen:
-        numbers = (f"{c.share:.0%}", f"{c.F:.2f}", f"{c.p:.4f}", f"{c.p_tried:.2f}")
-        aicc, loo = "" if c.aicc is None else f"{c.aicc:+.1f}", f"{c.loo:.3f}" if np.isfinite(c.loo) else ""
-        rows.append((c.name, str(c.rank), *numbers, aicc, loo, size_of(c) + ("" if c.plausible else " *impossible*")))
-    return table(("candidate", "rank", "explains", "F", "p", "p of all", "AICc", "loo", "size"), rows)
-
-
-def errors_table(prediction: Prediction) -> str:
-    """Return the rms errors of each model's prediction, in all and by direction."""
-    rows = []
-    for model in (*MODELS, WHOLE):
-        rms = (f"{prediction.rms(model, where):.3f}" for where in ("", "xy", "z"))
-        like = prediction.like.get(model)
-        rows.append(
-            (model, *rms, f"{like.p:.4f}" if like else "", str(len(prediction.refusing(model))) if like else "")
-        )
-    return table(
-        ("model of Experiment 2", "rms [mm]", "along x, y", "along z", "p, one-sided", "rows that refuse"), rows
+    for name in SETS:
+        for weighted in [w for w in (False, True) if (name, w) in results.sets]:
+            sample = results.sets[name, weighted]
+            best = sample.candidates[0]
+            yield text(
+                f"""**{name}**, {WEIGHTING[weighted]}: {sample.rows} numbers, {sample.degrees} degrees of freedom,
+                {sample.tried} candidates; the joint offsets alone leave {sample.rms:.3f} mm, loo {sample.loo:.3f}.
+                Best: `{best.name}`, p {best.p:.4f}, p of all {best.p_tried:.2f}, loo {best.loo:.3f}."""
+            )
+            if sample.rows == 6:
+                continue
+            chosen = list(sample.candidates[:_SHOWN])
+            chosen += [c for c in sample.candidates[_SHOWN:] if c.name in (ORIENTATION, "axis_intersection all", LEAN)]
+            rows = []
+            for c in chosen:
+                numbers = (c.name, str(c.rank), f"{c.share:.0%}", f"{c.F:.2f}", f"{c.p:.4f}", f"{c.p_tried:.2f}")
+                aicc, loo = "" if c.aicc is None else f"{c.aicc:+.1f}", f"{c.loo:.3f}" if np.isfinite(c.loo) else ""
+                rows.append((*numbers, aicc, loo, size_of(c) + ("" if c.plausible else " *impossible*")))
+            yield table(("candidate", "rank", "explains", "F", "p", "p of all", "AICc", "loo", "size"), rows)
+    plain, weighted_ = (results.beyond[w].candidates[0] for w in (False, True))
+    yield text(
+        f"""Six numbers weighted by eq. (14) give the same tests: each has a pair of readings of its own. A second
+        effect beside the handed pattern is not supported on exp2: the best is `{plain.name}`, p of all
+        {plain.p_tried:.2f} ({WEIGHTING[False]}), or `{weighted_.name}`, {weighted_.p_tried:.2f} (weighted). Not
+        testable with these columns: gravity (one load) and thermal_legs (no temperatures)."""
     )
 
 
@@ -168,8 +153,7 @@ def size_of(candidate: Supported, scale: float = 1.0) -> str:
     return ", ".join(f"{c:+.{d}f} ± {s:.{d}f}" for (c, s), d in zip(pairs, digits))
 
 
-def added_later(results: Experiments) -> Iterable[str]:
-    """Yield when the family was added, and what that costs."""
+def _added_later(results: Experiments) -> Iterable[str]:
     late, _ = results.prices["exp2", False]
     yield f"## `{ADDED_LATER}` was added afterwards"
     yield text(
@@ -190,71 +174,6 @@ def added_later(results: Experiments) -> Iterable[str]:
         f"""No price makes a name: .01 is asked for, and the least is
         {min(one.right for pair in results.prices.values() for one in pair):.2f}. Only new readings can test
         `{ADDED_LATER}` at its plain p."""
-    )
-
-
-_COMMANDS = """```text
-bench paper                                                  # writes this page to results/paper/, beside the ledger
-python -m calibench.bench.papers.pashkevich2008.experiments orthoglide-experiments.md    # this page alone
-bench discover machine=orthoglide data=exp2                  # the verdict on one set
-```"""
-
-
-def write_page(path: Path, results: Experiments | None = None) -> Path:
-    """Write the page and return its path."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page(results or experiments()), encoding="utf-8")
-    return path
-
-
-def page(results: Experiments) -> str:
-    """Return the page in Markdown."""
-    parts = [
-        "# What the Orthoglide's experiments support",
-        _COMMANDS,
-        text(
-            """Pashkevich et al. 2008, Tables 1 and 2: six or twelve deviations a set, mm. Experiment 1 is before the
-            drives were re-tuned, 2 after it, 3 after the joint offsets of 2 went into the control software. All numbers
-            below come from the command. What the candidates mean: `bench list effects`."""
-        ),
-        *in_short(results),
-        *_each_set(results),
-        *added_later(results),
-        *_pattern(results),
-        *_third(results),
-        *against_the_chapter(results),
-        *what_would_decide(results),
-    ]
-    return "\n\n".join(parts) + "\n"
-
-
-def _each_set(results: Experiments) -> Iterable[str]:
-    yield "## Each set alone"
-    yield text(
-        f"""Calibrated are the three joint offsets. F and p hold for few numbers and an unknown variance. "p of all" is
-        the chance that the best of all candidates tried does as well where nothing is missing ({results.draws} turns of
-        the misfit). AICc is relative to the joint offsets alone (below 0 is better). "loo" is the rms error of each
-        number predicted from the others [mm], empty where one cannot be. Sizes in mm, rad or mm a move, with standard
-        errors; *impossible* marks those beyond what such a machine can have. Gauges that lean or stand elsewhere are
-        not among those tried where the largest fault of a stand (.1 rad, 10 mm) would not show."""
-    )
-    for name in SETS:
-        for weighted in [w for w in (False, True) if (name, w) in results.sets]:
-            sample = results.sets[name, weighted]
-            best = sample.candidates[0]
-            yield text(
-                f"""**{name}**, {WEIGHTING[weighted]}: {sample.rows} numbers, {sample.degrees} degrees of freedom,
-                {sample.tried} candidates; the joint offsets alone leave {sample.rms:.3f} mm, loo {sample.loo:.3f}.
-                Best: `{best.name}`, p {best.p:.4f}, p of all {best.p_tried:.2f}, loo {best.loo:.3f}."""
-            )
-            if sample.rows > 6:
-                yield candidates_table(sample)
-    plain, weighted_ = (results.beyond[w].candidates[0] for w in (False, True))
-    yield text(
-        f"""Six numbers weighted by eq. (14) give the same tests: each has a pair of readings of its own. A second
-        effect beside the handed pattern is not supported on exp2: the best is `{plain.name}`, p of all
-        {plain.p_tried:.2f} ({WEIGHTING[False]}), or `{weighted_.name}`, {weighted_.p_tried:.2f} (weighted). Not
-        testable with these columns: gravity (one load) and thermal_legs (no temperatures)."""
     )
 
 
@@ -292,9 +211,6 @@ def _pattern(results: Experiments) -> Iterable[str]:
         ("readings", *(name for name in SETS if (name, hows[0]) in results.mixed_up)),
         [(how, *(f"{v:.2f}" for (_, other), v in results.mixed_up.items() if other == how)) for how in hows],
     )
-
-
-def _third(results: Experiments) -> Iterable[str]:
     yield "## Experiment 3, predicted"
     yield text(
         """Fitted to Experiment 2 (least squares), moved by the printed update of the joint offsets, nothing fitted to
@@ -304,11 +220,60 @@ def _third(results: Experiments) -> Iterable[str]:
     )
     for name in ("exp3_t1", "exp3_t2"):
         yield f"**{name}** [mm]"
-        yield errors_table(results.predictions[name, False])
+        prediction, rows = results.predictions[name, False], []
+        for model in (*fits.MODELS, WHOLE):
+            rms = (f"{prediction.rms(model, where):.3f}" for where in ("", "xy", "z"))
+            like = prediction.like.get(model)
+            said = (f"{like.p:.4f}", str(len(prediction.refusing(model)))) if like else ("", "")
+            rows.append((model, *rms, *said))
+        heads = ("model of Experiment 2", "rms [mm]", "along x, y", "along z", "p, one-sided", "rows that refuse")
+        yield table(heads, rows)
     other = results.predictions["exp3_t2", True]
     yield text(
         f"""Weighted by eq. (14) the same: for exp3_t2 `{HANDED}` gives {other.rms(HANDED):.3f} mm,
         {other.rms(HANDED, "xy"):.3f} along x and y, {other.rms(HANDED, "z"):.3f} along z."""
+    )
+
+
+def _verdicts(results: Experiments) -> Iterable[str]:
+    """Yield what the chapter says beside what its numbers say, and which readings would separate the rivals."""
+    two, weighted = results.sets["exp2", False], results.sets["exp2", True]
+    three, lengths = results.likenesses["exp2_t1", "exp3_t1"], results.lengths
+    yield "## Against the chapter, and the tables against each other"
+    yield bullets(
+        f"""*Orientation of the axes* (section 4.2 on Experiment 1, and the Resume): axes that lean and still meet
+        explain {two[ORIENTATION].share:.0%} of Experiment 2 (p = {two[ORIENTATION].p:.2f}; weighted
+        {weighted[ORIENTATION].share:.0%}, {weighted[ORIENTATION].p:.2f}). That they *intersect in a single point* is
+        the assumption the data put in doubt.""",
+        f"""*Bounded by the manufacturing errors and non-geometric reasons* (Experiment 3): in Table 1 what 3 leaves
+        follows what 2 left, cosine {three.cosine:.3f}, slope {three.slope:.2f}. What repeats like this is geometry
+        that a model can hold. In Table 2 it does not repeat along z.""",
+        f"""*Identifies simultaneously* offsets and lengths: the lengths beside the offsets have F =
+        {lengths.statistic:.2f}, p = {lengths.p_value:.2f} on Experiment 2.""",
+        """Tables 1 and 2 print Experiment 3 differently: z_x and z_y have opposite signs. Table 1 agrees with
+        Experiment 2, Table 2 does not, and the chapter computed with Table 2. Nothing here decides which of the two is
+        the machine.""",
+    )
+    sample = results.sets["exp2", False]
+    residual = sample.rms * (1 - sample[HANDED].share) ** 0.5
+    yield "## What would decide"
+    yield text(
+        f"""How far each rival, fitted at its best, stays from the handed pattern at its size in Experiment 2: root of
+        chi2 in gauge noise of .01 mm, all six parameters calibrated. 3 is a hint, 6 decides, if nothing else is
+        wrong; the {residual:.2f} mm that the pattern itself leaves on Experiment 2 say that something else is. 0:
+        never."""
+    )
+    yield table(
+        ("plan", "readings", *fits.RIVALS),
+        [(p, str(len(named_plan(p))), *(f"{results.rivals[p, r]:.0f}" for r in fits.RIVALS)) for p in fits.PLANS],
+    )
+    yield bullets(
+        """The twelve readings of Experiment 3 once more, every repeat printed: are the z rows of Table 2 the machine or
+        a slip?""",
+        """The gauge at four places of each leg, or the tool moved along the other two axes too: they separate
+        axes, guides and bars. More of the paper's readings never do, all three alike.""",
+        """Each posture from both sides, at two loads, with times and temperatures: backlash, gravity and thermal_legs
+        become testable; today they are not.""",
     )
 
 

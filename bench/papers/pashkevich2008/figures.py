@@ -5,8 +5,7 @@ What was measured cannot be checked; what follows from it is recomputed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from math import nan
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -17,23 +16,24 @@ from matplotlib.figure import Figure
 from calibench import problems
 from calibench.bench.papers.pashkevich2008.machine import HALF, fitted, rms, rms_tolerance, table1, table2
 from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import NOTHING, Row, Tolerance
+from calibench.bench.papers.row import Row, Tolerance
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
 from calibench.bench.report.study.additions import AddedFigure, Addition
 from calibench.bench.statistics.names import options_seen
 from calibench.problems.orthoglide.kinematics import NAMES
 
 DATA = {"exp2": "Experiment 2", "exp3_t2": "Experiment 3 (Table 2)"}
+_FREE = ("full", "rho", "L")
+_MEASURED = "none: read off a gauge of a real machine"
 
 
-def orthoglide_residuals(data_sets: Sequence[str] = tuple(DATA)) -> Drawing:
-    """Draw the Orthoglide's measured deviations before and after calibration with three parameter sets, a panel a set.
-
-    Experiments 2 and 3 of Table 2 of Pashkevich et al. 2008; `left` is the deviation that the fitted model leaves.
-    """
+def orthoglide_residuals(runs: pd.DataFrame, _: pd.DataFrame) -> Drawing:
+    """Draw the Orthoglide's deviations of Experiments 2 and 3 before and after calibration, a panel a parameter set."""
+    seen = options_seen(runs, "orthoglide6", "data")
+    data_sets = [name for name in DATA if name in seen]
     rows = []
     for data in data_sets:
-        for free in ("full", "rho", "L"):
+        for free in _FREE:
             p: Any = problems.make("orthoglide6", data=data, free=free)
             before, residuals = p.deviations, -p.residuals(p.best)  # residuals are modelled minus measured
             for reading, old, new in zip(p.plan, before, residuals, strict=True):
@@ -45,15 +45,13 @@ def orthoglide_residuals(data_sets: Sequence[str] = tuple(DATA)) -> Drawing:
             mine = table[table["data"] == data]
             names = list(dict.fromkeys(mine["row"]))
             place = np.arange(len(names))
-            first = mine[mine["free"] == "full"]
-            bars = [("before", first["before"], "0.75", "")]
-            for colour, hatch, free in zip(COLOURS, ("", "////", "...."), ("full", "rho", "L"), strict=False):
+            bars = [("before", mine.loc[mine["free"] == "full", "before"], "0.75", "")]
+            for colour, hatch, free in zip(COLOURS, ("", "////", "...."), _FREE, strict=False):
                 bars.append((f"after {free}", mine.loc[mine["free"] == free, "left"], colour, hatch))
             for k, (label, values, colour, hatch) in enumerate(bars):
-                rms = float(np.sqrt((values**2).mean()))
                 axes.bar(
                     place + 0.2 * (k - 1.5), values, 0.2, color=colour, hatch=hatch, edgecolor="white", linewidth=0,
-                    label=f"{label}: rms {rms:.3f} mm",
+                    label=f"{label}: rms {float(np.sqrt((values**2).mean())):.3f} mm",
                 )  # fmt: skip
             axes.axhline(0, color="0.3", lw=0.6)
             axes.set_xticks(place, names, fontsize=8)
@@ -62,13 +60,9 @@ def orthoglide_residuals(data_sets: Sequence[str] = tuple(DATA)) -> Drawing:
     return figure, table
 
 
-_SETS = {"exp1": "exp1", "exp2": "exp2_t1", "exp3": "exp3_t1"}
-_FREE = ("full", "rho", "L")
-
-
 def rows(printed: Printed) -> Iterator[Row]:
     """Yield a row for each cell of Tables 1, 2 and 3."""
-    for key, data in _SETS.items():
+    for key, data in (("exp1", "exp1"), ("exp2", "exp2_t1"), ("exp3", "exp3_t1")):
         yield from _table1(printed, key, data)
     for key, data in (("exp2", "exp2"), ("exp3", "exp3_t2")):
         yield from _table2(printed, key, data)
@@ -76,56 +70,45 @@ def rows(printed: Printed) -> Iterator[Row]:
         yield from _table3(printed, free)
 
 
-def _measured(printed: Printed, key: str) -> Row:
-    return printed.cell(
-        key, NOTHING, Tolerance(nan, "nothing to compare with"), "none: read off a gauge of a real machine"
-    )
-
-
 def _table1(printed: Printed, key: str, data: str) -> Iterator[Row]:
     fit = fitted(data, "rho")
     for name in printed.column(f"table1.{key}"):
         if name != "rms":
-            yield _measured(printed, f"table1.{key}.{name}")
+            yield printed.unknown(f"table1.{key}.{name}", method=_MEASURED)
             continue
         values = table1(printed, key)
-        yield printed.cell(
-            f"table1.{key}.rms", rms(values), rms_tolerance(values, 1, fit.slip), "rms of the six deviations above"
-        )
+        tolerance = rms_tolerance(values, 1, fit.slip)
+        yield printed.cell(f"table1.{key}.rms", rms(values), tolerance, "rms of the six deviations above")
     residual_maker = np.eye(len(fit.data)) - fit.predictor
     for name in printed.column(f"table1.{key}_expected"):
-        cell = f"table1.{key}_expected.{name}"
         if name == "rms":
             values = residual_maker @ fit.data
+            ours, method = rms(values), "rms left by the {rho} fit of the six deviations"
             tolerance = rms_tolerance(values, 1, residual_maker @ fit.slip)
-            yield printed.cell(cell, rms(values), tolerance, "rms left by the {rho} fit of the six deviations")
-            continue
-        row = residual_maker[fit.labels.index(name)]
-        yield printed.cell(
-            cell, float(row @ fit.data), fit.tolerance(row, "the cell"), "residual of the {rho} fit, data - model"
-        )
+        else:
+            row = residual_maker[fit.labels.index(name)]
+            ours, method = float(row @ fit.data), "residual of the {rho} fit, data - model"
+            tolerance = fit.tolerance(row, "the cell")
+        yield printed.cell(f"table1.{key}_expected.{name}", ours, tolerance, method)
 
 
 def _table2(printed: Printed, key: str, data: str) -> Iterator[Row]:
     taken = table2(printed, key)
-    slip = fitted(data, "full").slip
     for name in printed.column(f"table2.{key}"):
         if name != "average":
-            yield _measured(printed, f"table2.{key}.{name}")
+            yield printed.unknown(f"table2.{key}.{name}", method=_MEASURED)
             continue
-        yield printed.cell(
-            f"table2.{key}.average", rms(taken), rms_tolerance(taken, 1, slip), "rms of the twelve deviations above"
-        )
+        tolerance = rms_tolerance(taken, 1, fitted(data, "full").slip)
+        yield printed.cell(f"table2.{key}.average", rms(taken), tolerance, "rms of the twelve deviations above")
     for free in _FREE:
         fit = fitted(data, free)
         for name in printed.column(f"table2.{key}_{free}"):
             cell = f"table2.{key}_{free}.{name}"
             if name == "average":
                 residuals = taken - table2(printed, f"{key}_{free}")
-                reason = f"the fit itself leaves {rms(fit.data - fit.predictor @ fit.data):.4f}"
                 yield printed.cell(
                     cell, rms(residuals), rms_tolerance(residuals, 2, fit.slip), "rms of data - column, as read",
-                    reason=reason, of_print=True,
+                    reason=f"the fit itself leaves {rms(fit.residuals):.4f}", of_print=True,
                 )  # fmt: skip
                 continue
             row = fit.predictor[fit.labels.index(name)]
@@ -136,50 +119,38 @@ def _table2(printed: Printed, key: str, data: str) -> Iterator[Row]:
 
 
 def _table3(printed: Printed, free: str) -> Iterator[Row]:
-    fit = fitted("exp2", free)
-    key = f"table3.exp2_{free}"
+    fit, key = fitted("exp2", free), f"table3.exp2_{free}"
     names = {"full": NAMES, "rho": NAMES[:3], "L": NAMES[3:]}[free]
     column = printed.column(key)
     for name in column:
         if name == "residual":
-            residuals = fit.data - fit.predictor @ fit.data
+            residuals = fit.residuals
             yield printed.cell(
                 f"{key}.residual", rms(residuals), rms_tolerance(residuals), "rms left by the linear fit"
             )
             continue
-        at = names.index(name)
-        method, reason = "parameter of the linear fit to Experiment 2", ""
-        if free != "full":
-            tolerance = Tolerance(0.01, "printed digits are cut off or rounded: one unit of the last")
-        else:
+        at, reason = names.index(name), ""
+        tolerance = Tolerance(0.01, "printed digits are cut off or rounded: one unit of the last")
+        if free == "full":
             # only rho - L is seen: each alone may be anywhere within what half a digit of the data does to it
-            carried = HALF + HALF * float(np.abs(fit.solver[at]).sum())
             tolerance = Tolerance(
-                HALF, "half a printed digit; in kind: and of each datum, as the fit carries it", carried
-            )
-            axis = name[-1]
-            rho, long = (names.index(f"{n}_{axis}") for n in ("drho", "dL"))
-            ours = float(fit.x[rho] - fit.x[long])
-            difference = column[f"drho_{axis}"] - column[f"dL_{axis}"]
+                HALF, "half a printed digit; in kind: and of each datum, as the fit carries it",
+                HALF + HALF * float(np.abs(fit.solver[at]).sum()),
+            )  # fmt: skip
+            rho, long = f"drho_{name[-1]}", f"dL_{name[-1]}"
+            ours, difference = float(fit.x[names.index(rho)] - fit.x[names.index(long)]), column[rho] - column[long]
             reason = (
                 f"only rho - L is determined: {difference:.2f} printed, {ours:.3f} ours, {ours - difference:+.3f} apart"
             )
+        method = "parameter of the linear fit to Experiment 2"
         yield printed.cell(f"{key}.{name}", float(fit.x[at]), tolerance, method, reason=reason)
-
-
-def _experiments(runs: pd.DataFrame) -> list[str]:
-    """Return the experiments with measured deviations that these runs fitted, in the order of the paper."""
-    seen = options_seen(runs, "orthoglide6", "data")
-    return [name for name in DATA if name in seen]
 
 
 ADDITION = Addition(
     figures=(
         AddedFigure(
-            "orthoglide_residuals",
-            "The Orthoglide's measured deviations before and after calibration",
-            lambda runs: bool(_experiments(runs)),
-            lambda runs, traces: orthoglide_residuals(_experiments(runs)),
+            "orthoglide_residuals", "The Orthoglide's measured deviations before and after calibration",
+            lambda runs: not options_seen(runs, "orthoglide6", "data").isdisjoint(DATA), orthoglide_residuals,
         ),
     )
-)
+)  # fmt: skip

@@ -1,8 +1,7 @@
 """What all drawings share: colours, line styles, and how a drawing and its numbers are written side by side.
 
-Colours are Okabe and Ito's, then four of Tol's muted ones, told apart by colour-blind readers too; line styles differ
-as well. The minor ticks of a logarithmic axis are one artist: Matplotlib makes five a tick, forty ticks an axis.
-`Drawings` are made beside the rest of a report: a figure takes half a second, and no figure waits for another.
+Colours are Okabe and Ito's, then four of Tol's muted ones; line styles differ as well. `Drawings` are made beside the
+rest of a report: a figure takes half a second, and no figure waits for another.
 """
 
 from __future__ import annotations
@@ -32,6 +31,7 @@ from matplotlib.ticker import LogFormatterSciNotation, NullLocator
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool
 
 Drawing = tuple[Figure, pd.DataFrame]
+Drawable = tuple[str, Callable[[], Drawing]]  # its name, and what draws it
 
 COLOURS = (
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F6A00",
@@ -45,9 +45,12 @@ STYLE: Any = {
     "grid.alpha": 0.25, "grid.linewidth": 0.6, "legend.frameon": False, "svg.hashsalt": "calibench",
     "svg.fonttype": "none",
 }  # fmt: skip
-
 _DPI = 160  # of the PNG
 _PACKED = 3  # of 9: 6, which is usual, makes files 7 % smaller in three times the time
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SAME = 1e-5  # of the axis' length: Matplotlib draws no minor tick so near to a major one
+_MOST = 4  # processes: each holds what it changes of the runs
+_WORTH = 3  # figures: fewer are drawn before the processes are there
 
 
 def entitle(figure: Figure, text: str) -> None:
@@ -59,14 +62,8 @@ def entitle(figure: Figure, text: str) -> None:
 def look_of(number: int) -> dict[str, Any]:
     """Return colour and line style of the method of this number; the styles differ where the colours come again."""
     return {
-        "color": COLOURS[number % len(COLOURS)],
-        "linestyle": DASHES[(number + number // len(COLOURS)) % len(DASHES)],
-    }
-
-
-def others(count: int) -> str:
-    """Return the name of the methods without a colour."""
-    return f"{count} other{'s' if count > 1 else ''}"
+        "color": COLOURS[number % len(COLOURS)], "linestyle": DASHES[(number + number // len(COLOURS)) % len(DASHES)],
+    }  # fmt: skip
 
 
 def put_legend(figure: Figure, panels: Iterable[Axes]) -> None:
@@ -79,7 +76,6 @@ def put_legend(figure: Figure, panels: Iterable[Axes]) -> None:
 
 
 def figure_of(axes: Axes) -> Figure:
-    """Return the figure that the axes are in."""
     figure = axes.get_figure(root=True)
     assert figure is not None
     return figure
@@ -115,7 +111,14 @@ def axes_in(ax: Axes | None, width: float, height: float, style: Any = STYLE) ->
 def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
     """Write ``name.svg``, ``name.png`` and ``name.csv`` into `folder`; return the three paths."""
     figure, numbers = drawing
-    _write_powers_as_text(figure)
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        scale: Any = axis.get_transform()  # which has a base where it is logarithmic
+        for of, put in (
+            (axis.get_major_formatter(), axis.set_major_formatter),
+            (axis.get_minor_formatter(), axis.set_minor_formatter),
+        ):
+            if type(of) is LogFormatterSciNotation:
+                put(_Powers(scale.base, of.labelOnlyBase))
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}.{ending}" for ending in ("svg", "png", "csv")]
     with rc_context(STYLE):
@@ -132,40 +135,13 @@ def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
     return paths
 
 
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
 @final
 class _Powers(LogFormatterSciNotation):
-    """The labels of a logarithmic axis as plain text, 10⁻³: as Matplotlib's formulas each costs a parser's run."""
+    """The labels of a logarithmic axis as plain text, −2×10⁻¹²: as Matplotlib's formulas each costs a parser's run."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
-        return _as_text(super().__call__(x, pos))
-
-
-def _as_text(formula: str) -> str:
-    """Return a label of Matplotlib's logarithmic axes as plain text.
-
-    >>> _as_text(r"$\\mathdefault{-2\\times10^{-12}}$"), _as_text("")
-    ('−2×10⁻¹²', '')
-    """
-    inside = re.sub(r"^\$\\mathdefault\{(.*)\}\$$", r"\1", formula).replace(r"\times", "×")
-    return re.sub(r"\^\{(-?\d+)\}", lambda power: power[1].translate(_RAISED), inside).replace("-", "−")
-
-
-def _write_powers_as_text(figure: Figure) -> None:
-    for axes in figure.axes:
-        for axis in (axes.xaxis, axes.yaxis):
-            scale: Any = axis.get_transform()  # which has a base where it is logarithmic
-            for of, put in (
-                (axis.get_major_formatter(), axis.set_major_formatter),
-                (axis.get_minor_formatter(), axis.set_minor_formatter),
-            ):
-                if type(of) is LogFormatterSciNotation:
-                    put(_Powers(scale.base, of.labelOnlyBase))
-
-
-_SAME = 1e-5  # of the axis' length: Matplotlib draws no minor tick so near to a major one
+        inside = re.sub(r"^\$\\mathdefault\{(.*)\}\$$", r"\1", super().__call__(x, pos)).replace(r"\times", "×")
+        return re.sub(r"\^\{(-?\d+)\}", lambda power: power[1].translate(_RAISED), inside).replace("-", "−")
 
 
 @final
@@ -204,10 +180,7 @@ class _MinorTicks(Line2D):
 
 
 def join_minor_ticks(figure: Figure) -> None:
-    """Let each logarithmic axis of `figure` draw its minor ticks as one artist; where they have labels nothing changes.
-
-    The view of the axes must be final.
-    """
+    """Let each logarithmic axis of `figure`, its view final, draw its minor ticks without labels as one artist."""
     plain: list[tuple[Any, Any]] = []  # all before the first is changed: panels of one axis share their locator
     for axes in figure.axes:
         axis: Any
@@ -222,19 +195,10 @@ def join_minor_ticks(figure: Figure) -> None:
         axis.set_minor_locator(NullLocator())
 
 
-Drawable = tuple[str, Callable[[], Drawing]]  # its name, and what draws it
-_MOST = 4  # processes: each holds what it changes of the runs
-_WORTH = 3  # figures: fewer are drawn before the processes are there
-
-
 @final
 class Drawings(Mapping[str, Path]):
-    """Drawings by name, as a context: the path of an SVG, which is there when it is asked for.
-
-    They are drawn in forked processes, as many as there are cores, the last first: those of the whole field come last
-    and take the longest. Where there is one core or the system cannot fork, they are drawn in this process, as the
-    context begins. `tell(name)` is called before the wait for each. Asking for a drawing raises what it raised.
-    """
+    """Drawings by name, as a context: the path of an SVG, there when it is asked for. They are drawn in forked
+    processes, the last first: those of the whole field take the longest. `tell(name)` is called before each wait."""
 
     def __init__(self, drawable: Sequence[Drawable], folder: Path, tell: Callable[[str], None]) -> None:
         self._drawable, self._folder, self._tell = drawable, folder, tell

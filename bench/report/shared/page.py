@@ -1,8 +1,7 @@
 """The parts of pages of any kind: tables that scroll by themselves, drawings that stand inside, and Markdown.
 
-One Jinja2 environment makes all pages: text is escaped wherever it stands, and a value that is missing is an error. A
-template is named by its path below the package ``calibench.bench``. `render` makes a whole page; `macros` gives the
-macros of a template to who builds the cells of a table. No HTML is put together anywhere else.
+One Jinja2 environment makes all pages: text is escaped, and a value that is missing is an error. A template is named by
+its path below ``calibench.bench``; `macros` gives its macros to who builds the cells of a table.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 _HEAVY = 450_000  # characters from which on an SVG goes in as its PNG, where that is smaller
+_WIDTH = 118
 
 
 @final
@@ -35,11 +35,8 @@ class Head:
 @final
 @dataclass(frozen=True)
 class Table:
-    """A table: a cell is text, or `Markup` that a macro made. A row of one cell is a heading across all columns.
-
-    `kind` is the class of the table. With `blocks` a row becomes a block of lines on a small screen; a `tall` table
-    scrolls in a box of its own height.
-    """
+    """A table: a cell is text or a macro's `Markup`, a row of one cell a heading; `kind` is its class. With `blocks` a
+    row becomes a block of lines on a small screen; a `tall` table scrolls in a box of its own height."""
 
     heads: Sequence[Head]
     rows: Sequence[Sequence[str]]
@@ -51,10 +48,7 @@ class Table:
 @final
 @dataclass(frozen=True)
 class Inline:
-    """A drawing inside a page: `svg` is its element from the attributes on, or `png` its coded bytes.
-
-    `width` is in points.
-    """
+    """A drawing inside a page, `width` points wide: `svg` is its element from the attributes on, or `png` bytes."""
 
     name: str
     width: float
@@ -63,7 +57,6 @@ class Inline:
 
     @property
     def pixels(self) -> int:
-        """Return the width in pixels."""
         return round(self.width * 4 / 3)
 
 
@@ -91,11 +84,8 @@ def drawing_inside(path: Path, name: str) -> Inline:
     """Return the drawing of an SVG file for use inside a page; a heavy one as the PNG beside it, where that is less."""
     drawing = inline_svg(rounded(path.read_text(encoding="utf-8")), name)
     png, size = path.with_suffix(".png"), len(drawing.svg or "")
-    if size > _HEAVY and png.exists():
-        coded = base64.b64encode(png.read_bytes()).decode()
-        if len(coded) < size:
-            return Inline(name, drawing.width, png=coded)
-    return drawing
+    coded = base64.b64encode(png.read_bytes()).decode() if size > _HEAVY and png.exists() else ""
+    return Inline(name, drawing.width, png=coded) if coded and len(coded) < size else drawing
 
 
 def render(template: str, **values: Any) -> str:
@@ -111,24 +101,19 @@ class Macros(Protocol):
 
 @cache
 def macros(template: str) -> Macros:
-    """Return the macros of `template`."""
     return cast(Macros, _environment().get_template(template).module)
 
 
 @cache
 def _environment() -> Environment:
+    def source(name: str) -> str:
+        return files("calibench.bench").joinpath(*name.split("/")).read_text(encoding="utf-8")
+
     environment = Environment(
-        loader=FunctionLoader(_source), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=FunctionLoader(source), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.globals["css"] = lambda name: Markup(_source(name))  # a style sheet of ours as it is
+    environment.globals["css"] = lambda name: Markup(source(name))  # a style sheet of ours as it is
     return environment
-
-
-def _source(name: str) -> str:
-    return files("calibench.bench").joinpath(*name.split("/")).read_text(encoding="utf-8")
-
-
-_WIDTH = 118
 
 
 def text(paragraph: str, first: str = "", rest: str = "") -> str:
@@ -146,5 +131,4 @@ def bullets(*items: str) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a table of cells that are Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return "\n".join("| " + " | ".join(line) + " |" for line in [head, ["---"] * len(head), *rows])

@@ -1,8 +1,6 @@
 """Additions of others to the report of a study: printed tables beside ours, figures, marks in a figure, links.
 
-The report itself knows no paper. A package with published numbers of a problem describes them as an `Addition`, the
-command passes the additions to `bench.report.study.write.write_report`, and each decides by the runs whether it
-applies.
+The report knows no paper: the command passes `Addition`s to `write_report`, and each decides by the runs if it applies.
 """
 
 from __future__ import annotations
@@ -20,11 +18,10 @@ from calibench.bench.report.shared.drawing import Drawing
 @final
 @dataclass(frozen=True)
 class PrintedTable:
-    """A printed table, which the runs fill with values beside the printed ones.
+    """A printed table: `build(runs)` returns a row for each printed number and method, none where runs have no part.
 
-    `build` takes the runs and returns a row for each printed number and method, none where the runs have no part in it.
-    Columns: table (the key of a printed column), method, options, start, target, budget, quantity, unit, printed (NaN
-    where nothing is), read (what to read where the print is wrong), why, median, q1, q3, n; true, where it is known.
+    Columns: table (key of a printed column), method, options, start, target, budget, quantity, unit, printed (NaN:
+    nothing is), read (where the print is wrong), why, median, q1, q3, n; true, where it is known.
     """
 
     name: str  # of the file: tables/NAME.csv
@@ -68,12 +65,8 @@ class Mark:
 @final
 @dataclass(frozen=True)
 class Addition:
-    """All that one source adds; what it leaves out adds nothing.
-
-    `printed_values(name, problem)` are the printed results of a problem, parameter -> value, beside which the table of
-    calibrated values sets ours. `marks(runs)` are those of one problem's chart, under all its error functions.
-    `links(folder)` are other pages for the study in `folder`: words -> address, relative to the folder.
-    """
+    """All that one source adds: `printed_values(name, problem)` (parameter -> value), `marks(runs)` of a problem's
+    chart, `links(folder)` to other pages of a study (words -> address). What it leaves out adds nothing."""
 
     sections: tuple[TableSection, ...] = ()
     figures: tuple[AddedFigure, ...] = ()

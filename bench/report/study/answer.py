@@ -1,8 +1,7 @@
 """The answer of a study in three sentences: which method is best, how sure that is and by how much, what was compared.
 
-The best over all tasks is who reaches the goal in most runs, then who stands first in the mean (`ranking.methods`);
-only a method that was run on every task can be it. Against each other one it is compared on the tasks that both have
-(`bench.statistics.best`).
+The best is who reaches the goal in most runs, then who stands first in the mean (`ranking.methods`), of those run on
+every task. Against each other one it is compared on the tasks that both have (`bench.statistics.best`).
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import pandas as pd
 from calibench.bench.report.study.html_tables import lost_of
 from calibench.bench.statistics import ranking
 from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics.best import MANY, Method, Ratio, Rival, against_each
+from calibench.bench.statistics.best import MANY, Method, Rival, against_each
 from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.summary import outside_box, success_interval
 from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
@@ -33,10 +32,7 @@ Verdict = Literal["decided", "undecided", "alone"]
 @final
 @dataclass(frozen=True)
 class Answer:
-    """The three sentences, and whether the first is `decided`; ``alone`` where there is nothing to compare.
-
-    `method` is the best method that the first sentence names, "" where it names none.
-    """
+    """The three sentences, and whether the first is `decided`; ``alone`` where there is nothing to compare."""
 
     verdict: Verdict
     best: str
@@ -53,18 +49,11 @@ class Answer:
 
 
 def answer_of(
-    runs: pd.DataFrame,
-    traces: pd.DataFrame,
-    manifest: Mapping[str, Any] | None = None,
-    names: pd.Series | None = None,
+    runs: pd.DataFrame, traces: pd.DataFrame, manifest: Mapping[str, Any] | None = None, names: pd.Series | None = None,
     cells: pd.DataFrame | None = None,
-) -> Answer:
-    """Return the answer of a study as its page and its command line have it.
-
-    Of a problem without targets the goal is the lowest value seen. Runs that the `manifest` calls abandoned have no
-    part in it, and what it plans and is not done is waited for. `names` are what each run's method is called, and
-    `cells` is the summary of the runs, where they are made already.
-    """
+) -> Answer:  # fmt: skip
+    """Return the answer of a study as its page and command line have it: without the runs that the `manifest` calls
+    abandoned; of a problem without targets the goal is the lowest value seen."""
     manifest = manifest or {}
     names = stats.method_names(runs) if names is None else names
     planned = runs[~runs["run_id"].isin(manifest.get("abandoned", ()))]
@@ -77,12 +66,8 @@ def answer_of(
 def answer(
     runs: pd.DataFrame, cells: pd.DataFrame, names: pd.Series, remaining: Mapping[int, int] | None = None
 ) -> Answer:
-    """Return the answer of these runs; `cells` is their summary, `names` what each run's method is called.
-
-    `remaining` counts the runs that are planned and not done, by budget. The answer is at the largest budget at which
-    none is, or where there is no such budget, at the largest of all, and then it decides nothing. Published runs
-    tell no budget, and are answered where there are no others.
-    """
+    """Return the answer at the largest budget of which no planned run is `remaining`, else undecided at the largest;
+    `cells` is the summary of the runs, `names` what each run's method is called."""
     compared = _compared(runs)
     remaining = {budget: count for budget, count in (remaining or {}).items() if count}
     budgets = sorted(set(runs["budget"].dropna()))
@@ -92,104 +77,83 @@ def answer(
     runs, cells = (table[(table["budget"] == most) if budgets else table["budget"].isna()] for table in (runs, cells))
     within = f"Within {_spaced(most)} evaluations a run" if budgets else "Of published runs, which tell no budget"
     called = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
-    order = _order(cells)
-    first, others = order[0], order[1:]
+    # methods, best first; places are among those that were run on every task, where there are some
+    ranked = ranking.methods(cells)
+    whole = ranked.loc[ranked["tasks"] == ranked["of_tasks"], METHOD]
+    among = ranking.methods(cells.merge(whole, on=METHOD)) if 0 < len(whole) < len(ranked) else ranked
+    pairs = (tuple(pair) for table in (among, ranked) for pair in table[METHOD].itertuples(index=False))
+    first, *others = dict.fromkeys(pairs)
     if (runs["status"] == "failed").all():
-        return Answer(
-            "undecided", f"{within}, no run ended well: {_spaced(len(runs))} failed.", "Nothing is compared.", compared
-        )
+        best = f"{within}, no run ended well: {_spaced(len(runs))} failed."
+        return Answer("undecided", best, "Nothing is compared.", compared)
     seen = runs[COLUMN][np.isfinite(stats.goals_of(runs))] if COLUMN in runs else pd.Series(dtype=bool)
     goal = "the goal (or else the lowest value seen)" if seen.any() else "the goal"
     goal = "the lowest value seen (to rounding)" if seen.any() and seen.all() else goal
-    best = _best(cells, called, first, within, goal) + _outside(runs, first)
+    best = _best(cells, called, first, within, goal)
+    by_first = (runs["optimizer"] == first[0]) & (runs["optimizer_options"] == first[1])
+    mine = runs[by_first & (runs["status"] != "failed")]
+    if outside := int(outside_box(mine).sum()):  # which others may have kept
+        lie = "lies" if outside == 1 else "lie"
+        best += f" {_spaced(outside)} of its {counted(len(mine), 'answer')} {lie} outside the box."
     if cut and not others:
         best = f"{within}, one method has runs so far: {called[first]}."
     if cut:
         done = len(runs)
         share = f"{_spaced(done)} of {_spaced(done + cut)} planned runs are done"
-        return Answer(
-            "undecided", best, f"The sweep is not finished ({share}): nothing is decided yet.", compared, called[first]
-        )
+        sure = f"The sweep is not finished ({share}): nothing is decided yet."
+        return Answer("undecided", best, sure, compared, called[first])
     if not others:
         return Answer("alone", best, "There is one method: nothing is compared with it.", compared, called[first])
     if not np.isfinite(cells["best_median"]).any() and not cells["reached"].sum():
-        return Answer(
-            "undecided", best, "No method found a value in most of its runs: they are not compared.", compared
-        )
+        sure = "No method found a value in most of its runs: they are not compared."
+        return Answer("undecided", best, sure, compared)
     rivals = against_each(runs, cells, first, others)
     verdict, sure = _sure(rivals, called)
     return Answer(verdict, best, sure, compared, called[first])
 
 
-def _order(cells: pd.DataFrame) -> list[Method]:
-    """Return the methods, best first; places are among those that were run on every task, where there are some."""
-    ranked = ranking.methods(cells)
-    whole = ranked.loc[ranked["tasks"] == ranked["of_tasks"], METHOD]
-    among = ranking.methods(cells.merge(whole, on=METHOD)) if 0 < len(whole) < len(ranked) else ranked
-    listed = [tuple(pair) for table in (among, ranked) for pair in table[METHOD].itertuples(index=False)]
-    return list(dict.fromkeys(listed))
-
-
 def _sure(rivals: Sequence[Rival], called: Mapping[Method, str]) -> tuple[Literal["decided", "undecided"], str]:
-    worse = [rival for rival in rivals if rival.verdict == "worse"]
-    somewhere = [called[rival.method] for rival in rivals if rival.verdict == "better somewhere"]
-    apart = [called[rival.method] for rival in rivals if rival.verdict == "not compared"]
-    open_ = [called[rival.method] for rival in rivals if rival.verdict == "open"]
-    how = _how(rivals)
+    """Return whether the best is better than each rival, and a sentence on it, with how much the next is behind."""
+    named: dict[str, list[str]] = {}
+    for rival in rivals:
+        named.setdefault(rival.verdict, []).append(called[rival.method])
+    worse, somewhere, apart, open_ = (
+        named.get(verdict, []) for verdict in ("worse", "better somewhere", "not compared", "open")
+    )
+    tasks = max(rival.tasks for rival in rivals)
+    tested, facts = (sum(getattr(rival, name) for rival in rivals) for name in ("chance", "fact"))
+    how = "no chance has a part in these runs: what differs, differs"
+    if facts != len(rivals):
+        how = f"signed-rank tests over {tasks} problems" if tasks >= MANY else "exact tests of the runs"
+        how += f", {facts} of them by facts without chance" if facts else ""
+        if tested:
+            how += f", corrected for {counted(tested, 'comparison')} and for choosing the best, 5 % level"
+    lead = ""
+    if known := [rival for rival in rivals if rival.ratio.tasks]:  # both reach goals
+        ratio = known[0].ratio
+        pooled = f", pooled over {ratio.tasks} problems" if ratio.tasks > 1 else ""
+        never = f", and never reaches the goal of {counted(ratio.never, 'other problem')}" if ratio.never else ""
+        low, high = ratio.low > 0, bool(np.isfinite(ratio.high))  # runs may bound one side alone
+        ends = f"at least {_times(ratio.low)}" if low else f"at most {_times(ratio.high)}"
+        ends = f"{_times(ratio.low)} to {_times(ratio.high)}" if low and high else ends
+        interval = "" if not (low or high) or ratio.low == ratio.high else f" (95 % interval {ends})"
+        lead = (
+            f" The next, {called[known[0].method]}, needs {_times(ratio.value)} times the evaluations to the goal"
+            f"{interval}{pooled}{never}."
+        )
     if len(worse) == len(rivals):
         others = "the other method" if len(rivals) == 1 else f"each of the {len(rivals)} others"
-        return "decided", f"It is better than {others} ({how}).{_lead(rivals, called)}"
+        return "decided", f"It is better than {others} ({how}).{lead}"
     reasons = [f"{_listed(open_)} {'is' if len(open_) == 1 else 'are'} not told apart from it"] if open_ else []
-    where = (
-        "on some problem" if max(rival.tasks for rival in rivals) > 1 else "in the order of the runs (goal, then cost)"
-    )
+    where = "on some problem" if tasks > 1 else "in the order of the runs (goal, then cost)"
     reasons += [f"{_listed(somewhere)} {'is' if len(somewhere) == 1 else 'are'} better {where}"] if somewhere else []
     reasons += [f"{_listed(apart)} {'shares' if len(apart) == 1 else 'share'} no problem with it"] if apart else []
     enough = max((rival.enough for rival in rivals if rival.verdict == "open"), default=0)
-    what = "problems" if max(rival.tasks for rival in rivals) >= MANY else "seeds"
+    what = "problems" if tasks >= MANY else "seeds"
     more = f" So few runs cannot decide, whatever they hold: it takes {enough} {what} or more." if enough else ""
     better = f"It is better than {len(worse)} of {counted(len(rivals), 'other method')}"
     better = better if worse else "No other method is shown to be worse"
-    return "undecided", f"{better}; {'; '.join(reasons)} ({how}).{more}{_lead(rivals, called)}"
-
-
-def _how(rivals: Sequence[Rival]) -> str:
-    """Return how the best was compared: by tests, or by facts alone."""
-    tested, facts = (sum(getattr(rival, name) for rival in rivals) for name in ("chance", "fact"))
-    if facts == len(rivals):
-        return "no chance has a part in these runs: what differs, differs"
-    tasks = max(rival.tasks for rival in rivals)
-    test = f"signed-rank tests over {tasks} problems" if tasks >= MANY else "exact tests of the runs"
-    beside = f", {facts} of them by facts without chance" if facts else ""
-    corrected = (
-        f", corrected for {counted(tested, 'comparison')} and for choosing the best, 5 % level" if tested else ""
-    )
-    return f"{test}{beside}{corrected}"
-
-
-def _lead(rivals: Sequence[Rival], called: Mapping[Method, str]) -> str:
-    """Return a sentence on how much the next method is behind, where both reach goals."""
-    known = [rival for rival in rivals if rival.ratio.tasks]
-    if not known:
-        return ""
-    next_ = known[0]
-    ratio = next_.ratio
-    pooled = f", pooled over {ratio.tasks} problems" if ratio.tasks > 1 else ""
-    never = f", and never reaches the goal of {counted(ratio.never, 'other problem')}" if ratio.never else ""
-    return (
-        f" The next, {called[next_.method]}, needs {_times(ratio.value)} times the evaluations to the goal"
-        f"{_interval(ratio)}{pooled}{never}."
-    )
-
-
-def _interval(ratio: Ratio) -> str:
-    """Return the interval of a ratio as text, of one whose runs bound one side alone that; "" where they bound none."""
-    low, high = ratio.low > 0, bool(np.isfinite(ratio.high))
-    if not (low or high) or ratio.low == ratio.high:
-        return ""
-    ends = f"at least {_times(ratio.low)}" if low else f"at most {_times(ratio.high)}"
-    ends = f"{_times(ratio.low)} to {_times(ratio.high)}" if low and high else ends
-    return f" (95 % interval {ends})"
+    return "undecided", f"{better}; {'; '.join(reasons)} ({how}).{more}{lead}"
 
 
 def _times(value: float) -> str:
@@ -199,28 +163,6 @@ def _times(value: float) -> str:
     ['0.0012', '0.12', '1.0', '2.3', '17', '12345']
     """
     return f"{value:.2g}" if value < 1 else f"{value:.1f}" if value < 10 else f"{value:.0f}"
-
-
-def _better_on_fewer(every: pd.DataFrame, called: dict[Method, str], problems: int, share: float) -> str:
-    """Return a sentence on methods that reach the goal in a larger share of their runs, on fewer problems."""
-    better = []
-    for pair, mine in every.groupby(METHOD, sort=False):
-        won, total, here = int(mine["reached"].sum()), int(mine["runs"].sum()), len(mine[PROBLEM].drop_duplicates())
-        if here < problems and won > share * total:
-            name = called[(str(pair[0]), str(pair[1]))]
-            better.append(f"{name} in {_spaced(won)} of {counted(total, 'run')} on the {here} that it was run on")
-    more = f", and {len(better) - _FEW} more" if len(better) > _FEW else ""
-    return f" On fewer problems a larger share reaches it: {'; '.join(better[:_FEW])}{more}." if better else ""
-
-
-def _outside(runs: pd.DataFrame, first: Method) -> str:
-    """Return a sentence where answers of the best method lie outside the box, which others may have kept."""
-    mine = runs[
-        (runs["optimizer"] == first[0]) & (runs["optimizer_options"] == first[1]) & (runs["status"] != "failed")
-    ]
-    outside = int(outside_box(mine).sum())
-    lie = "lies" if outside == 1 else "lie"
-    return f" {_spaced(outside)} of its {counted(len(mine), 'answer')} {lie} outside the box." if outside else ""
 
 
 def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within: str, aim: str) -> str:
@@ -248,12 +190,20 @@ def _best(cells: pd.DataFrame, called: dict[Method, str], first: Method, within:
     low, high = success_interval(won, total)
     cost = known["charged_to_target"].dropna()
     problems = len(known[PROBLEM].drop_duplicates())
+    better = []  # who reaches the goal in a larger share of their runs, on fewer problems
+    for pair, some in every.groupby(METHOD, sort=False):
+        hits, tries, here = int(some["reached"].sum()), int(some["runs"].sum()), len(some[PROBLEM].drop_duplicates())
+        if here < problems and hits > won / total * tries:
+            name = called[str(pair[0]), str(pair[1])]
+            better.append(f"{name} in {_spaced(hits)} of {counted(tries, 'run')} on the {here} that it was run on")
+    more = f", and {len(better) - _FEW} more" if len(better) > _FEW else ""
+    fewer = f" On fewer problems a larger share reaches it: {'; '.join(better[:_FEW])}{more}." if better else ""
     soonest = f", after {_spaced(float(cost.median()))} evaluations (median over the problems)" if len(cost) else ""
     interval = f"; 95 % interval {_percent(low)} to {_percent(high)}" if known["success_low"].notna().any() else ""
     return (
         f"{within}, {called[first]} reaches {aim} most: in {_spaced(won)} of {counted(total, 'run')} "
         f"({_percent(won / total)}{interval}) on "
-        f"{counted(problems, 'problem')}{soonest}.{_better_on_fewer(every, called, problems, won / total)}"
+        f"{counted(problems, 'problem')}{soonest}.{fewer}"
     )
 
 

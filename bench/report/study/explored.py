@@ -1,13 +1,7 @@
 """What the page of a study draws by itself, on demand: its numbers as one compact block, and the scripts that draw.
 
-A page of ten thousand runs is to stay below three megabytes, whether these are ten cells or ten thousand: numbers are
-rounded to what an eye can see, and what is drawn of each cell gets so many points as there is room for. The numbers
-behind it are in ``runs.parquet`` and ``traces.parquet``, and no statistic is computed from what is rounded here.
-Expected running times and shares are those of `fixed_target.ert` and `ecdf`, cell by cell, so that the page can put any
-methods and problems together.
-
-The plotting library is uPlot (MIT, see ``static/uPlot-LICENSE.txt``), our scripts are the files of `_OURS`, in this
-order; the page's policy lets only these run.
+Numbers are rounded to what an eye can see, and no statistic is computed from them: a page of ten thousand runs stays
+below three megabytes. The plotting library is uPlot (MIT, see ``static/uPlot-LICENSE.txt``).
 """
 
 from __future__ import annotations
@@ -78,11 +72,7 @@ class Panel:
 def explored(
     panels: Sequence[Panel], traces: pd.DataFrame, hits: pd.DataFrame, summary: pd.DataFrame, study: str
 ) -> dict[str, Any]:
-    """Return the numbers of a study as plain values, for `as_json`.
-
-    `panels` hold all runs; `hits` are those of `bench.statistics.targets.hits_of`; `summary` is
-    `bench.statistics.summary.summary` of the runs. Lists by cell are in the order of ``cells``.
-    """
+    """Return the numbers of a study as plain values, for `as_json`."""
     panel_of = np.repeat(np.arange(len(panels)), [len(panel.runs) for panel in panels])
     needed = [name for name in panels[0].runs if name in _NEEDED]  # few columns are cheap to join and to cut
     runs = pd.concat([panel.runs[needed] for panel in panels], ignore_index=True).assign(panel=panel_of)
@@ -111,36 +101,43 @@ def explored(
             curves[cell] = [_row(band[k]) for k in ((1, 0, 2) if counts[cell] > 1 else (1,))]  # median, quartiles
     goals = dict(zip(numbers["cell"].tolist(), numbers["goal"].tolist(), strict=True))
     quantities = reached_targets(runs, hits, goals, costs)
+    methods = []  # what each is called, in tables too (``plain``), and all its options
+    for name in names:
+        row = first[first["method"] == name].iloc[0]
+        options = parts(json.loads(row["optimizer_options"]), classes=False).items()
+        said = ", ".join([str(row["optimizer"]), *(option_text(*option) for option in options)])
+        methods.append({"name": name, "plain": row["plain"], "options": said})
+
+    def drawn(i: int) -> Array:
+        """Return the values of the curves of a panel, medians and beside each its quartiles."""
+        points = (point for cell in cells_of[i] for point in zip(*curves[cell], strict=True) if point[0] is not None)
+        return np.array([value for point in points for value in point if value is not None], dtype=float)
+
+    def above(name: str) -> list[float | None]:
+        pairs = zip(numbers["panel"], numbers[f"best_{name}"])
+        return [_short(float(panels[p].optimum.above(v))) if np.isfinite(v) else None for p, v in pairs]
+
     return {
-        "study": study,
-        "methods": [_method(first[first["method"] == name].iloc[0]) for name in names],
-        "groups": group_names if 1 < len(group_names) < len(panels) else [],
+        "study": study, "methods": methods, "groups": group_names if 1 < len(group_names) < len(panels) else [],
         "problems": [
             {
-                "title": f"{panel.title} {panel.error}".strip(),
-                "anchor": panel.anchor,
+                "title": f"{panel.title} {panel.error}".strip(), "anchor": panel.anchor,
                 "group": group_names.index(str(groups.iloc[by_panel.first[i]])),
                 "parameters": int(panel.runs["dimension"].iloc[0]),
-                "axis": panel.optimum.axis,
-                "scale": panel.optimum.scale(np.array(_drawn(curves, cells_of[i]), dtype=float)),
+                "axis": panel.optimum.axis, "scale": panel.optimum.scale(drawn(i)),
                 "floor": _short(panel.optimum.floor) if panel.optimum.floor else None,
             }
             for i, panel in enumerate(panels)
         ],
         "cells": {
-            "problem": numbers["panel"].tolist(),
-            "method": [names.index(name) for name in numbers["method"]],
+            "problem": numbers["panel"].tolist(), "method": [names.index(name) for name in numbers["method"]],
             "runs": numbers["runs"].tolist(),
             "failed": (numbers["failed"] + numbers["timeouts"]).tolist(),  # or out of time: both are lost
             "spent": _row(runs.groupby("cell")["charged"].sum().reindex(numbers["cell"])),
             "seconds": _row(numbers["wall_s_median"]),
-            "median": [_short(_above(panels, p, v)) for p, v in zip(numbers["panel"], numbers["best_median"])],
-            "q1": [_short(_above(panels, p, v)) for p, v in zip(numbers["panel"], numbers["best_q1"])],
-            "q3": [_short(_above(panels, p, v)) for p, v in zip(numbers["panel"], numbers["best_q3"])],
+            **{name: above(name) for name in ("median", "q1", "q3")},
         },
-        "at": at.tolist(),
-        "curves": curves,
-        "costs": costs.tolist(),
+        "at": at.tolist(), "curves": curves, "costs": costs.tolist(),
         "quantities": [_quantity(one, count) for one in quantities],
         "intervals": _intervals(numbers["runs"].to_numpy(), quantities),
     }  # fmt: skip
@@ -156,60 +153,32 @@ def as_json(values: Any) -> Markup:
     return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
 
 
-def _above(panels: Sequence[Panel], panel: int, value: float) -> float:
-    return float(panels[panel].optimum.above(value)) if np.isfinite(value) else float("nan")
-
-
-def _method(row: pd.Series) -> dict[str, str]:
-    """Return what a method is called, in tables too (``plain``), and all its options."""
-    options = [option_text(*option) for option in parts(json.loads(row["optimizer_options"]), classes=False).items()]
-    return {"name": row["method"], "plain": row["plain"], "options": ", ".join([str(row["optimizer"]), *options])}
-
-
 def _grid(most: float, room: int, points: int) -> Array:
     """Return counts from 1 to `most`, evenly apart on a logarithmic axis: `points`, or fewer where there is no room."""
     whole = np.unique(np.round(np.geomspace(1, max(most, 2.0), int(np.clip(room, 8, points)))))
     return np.asarray(whole, dtype=float).astype(np.int64).astype(float)
 
 
-def _drawn(curves: Sequence[Any], cells: Sequence[int]) -> list[float]:
-    """Return the values of the curves of these cells, medians and beside each its quartiles."""
-    points = (point for cell in cells for point in zip(*curves[cell], strict=True) if point[0] is not None)
-    return [value for point in points for value in point if value is not None]
-
-
 def _quantity(one: Reached, cells: int) -> dict[str, Any]:
-    """Return what a quantity is called, its targets, and the lists of each cell, ended after the last target reached.
-
-    ``reached`` is null of a problem that has no such target.
-    """
+    """Return what a quantity is called, its targets, and lists of each cell, ended after the last target reached."""
     name, unit, what = _QUANTITIES.get(one.quantity, (one.quantity, "", ""))
     every = max(1, -(-cells * len(one.targets) // _TARGETS))
     chosen = np.unique([*range(0, len(one.targets), every), len(one.targets) - 1])
     reached = one.reached[:, chosen]
     last = [int(np.flatnonzero(row > 0)[-1]) + 1 if (row > 0).any() else 0 for row in reached]
-
-    def rows(values: Array) -> list[Any]:
-        return [_row(row[chosen][:end]) for row, end in zip(values, last, strict=True)]
-
-    return {
-        "key": one.quantity,
-        "name": name,
-        "unit": unit,
-        "what": what,
-        "targets": _row(one.targets[chosen]),
-        "reached": [
-            None if np.isnan(row).all() else [0 if v != v else int(v) for v in row[:end]]
-            for row, end in zip(reached, last, strict=True)
-        ],
-        "ert": rows(one.ert),
-        "low": rows(one.low),
-        "high": rows(one.high),
-        # in thousandths, which is as fine as a line is drawn; None of a problem that has no such targets
-        "share": None
-        if one.share is None
-        else [None if np.isnan(row).any() else [int(v) for v in np.round(1000 * row)] for row in one.share],
+    bounds = {
+        key: [_row(row[chosen][:end]) for row, end in zip(values, last, strict=True)]
+        for key, values in (("ert", one.ert), ("low", one.low), ("high", one.high))
     }
+    counts = [
+        None if np.isnan(row).all() else [0 if v != v else int(v) for v in row[:end]]
+        for row, end in zip(reached, last, strict=True)
+    ]
+    share: list[list[int] | None] | None = None
+    if one.share is not None:  # in thousandths, as fine as a line is drawn; None of a problem without such targets
+        share = [None if np.isnan(row).any() else [int(v) for v in np.round(1000 * row)] for row in one.share]
+    named = {"key": one.quantity, "name": name, "unit": unit, "what": what, "targets": _row(one.targets[chosen])}
+    return {**named, "reached": counts, **bounds, "share": share}
 
 
 def _intervals(counts: Array, quantities: Sequence[Reached]) -> Mapping[str, list[float | None]]:
@@ -249,12 +218,8 @@ def _short(value: float | None) -> float | None:
 @final
 @dataclass(frozen=True, kw_only=True)
 class Reached:
-    """The cells against the targets of one quantity: arrays of shape (cells, targets), NaN where a problem has none.
-
-    `reached` runs of the cell, `ert` [charged evaluations, infinite where none reached it] with `low` and `high`, its
-    95 % interval. `share`, shape (cells, costs), are the shares of (run, target)
-    pairs reached within each cost; None of a quantity with one target.
-    """
+    """Cells against the targets of a quantity, shape (cells, targets), NaN where there is none: `ert` with its 95 %
+    interval [charged evaluations]; `share`, shape (cells, costs), of (run, target) pairs, None of a single target."""
 
     quantity: str
     targets: Array
@@ -266,17 +231,26 @@ class Reached:
 
 
 def reached_targets(runs: pd.DataFrame, hits: pd.DataFrame, goals: Mapping[int, float], costs: Array) -> list[Reached]:
-    """Return what is known of each quantity in `hits`, the goal first.
-
-    `runs` have the column `cell`, numbers from 0; `goals` are the levels that count as success by cell; `costs` are
-    charged evaluations, shape (costs,).
-    """
+    """Return what is known of each quantity in `hits`, the goal first."""
     cells = int(runs["cell"].max()) + 1
     table = ert(hits, runs)
     if table.empty:
         return []
-    table["cell"] = _numbers(table, runs)
-    shares = _shares(hits, runs, cells, costs)
+    # the number of the cell of each row, in which the run's own target is ``target_value``
+    keys = [column for column in CELL if column != "target"]
+    known = runs.drop_duplicates("cell")
+    numbers = known[[*keys, "cell"]].assign(own=known["target"].astype(float).fillna(-np.inf))
+    rows = table[keys].assign(own=table["target_value"].astype(float).fillna(-np.inf))
+    table["cell"] = np.asarray(rows.merge(numbers, on=[*keys, "own"], how="left")["cell"])
+    shares: dict[str, Array] = {}
+    for one in runtimes(hits, runs[["run_id", *PROBLEM, "cell", "charged", "evaluations"]]):
+        cell_of, names = one.all_runs["cell"].to_numpy()[one.at], one.all_targets["quantity"].to_numpy()[one.level]
+        for quantity in dict.fromkeys(names.tolist()):
+            whole = shares.setdefault(str(quantity), np.full((cells, len(costs)), np.nan))
+            times = one.time[:, names == quantity]
+            for cell in dict.fromkeys(cell_of.tolist()):
+                mine = np.sort(times[cell_of == cell].ravel())
+                whole[cell] = np.searchsorted(mine, costs, side="right") / len(mine)
     tables = []
     value = table[table["quantity"] == "value"]
     goal = value["cell"].map(goals).to_numpy(dtype=float)
@@ -293,50 +267,21 @@ def reached_targets(runs: pd.DataFrame, hits: pd.DataFrame, goals: Mapping[int, 
     return tables
 
 
-def _numbers(table: pd.DataFrame, runs: pd.DataFrame) -> Array:
-    """Return the number of the cell of each row of `table`, in which the run's own target is ``target_value``."""
-    keys = [column for column in CELL if column != "target"]
-    known = runs.drop_duplicates("cell")
-    cells = known[[*keys, "cell"]].assign(own=known["target"].astype(float).fillna(-np.inf))
-    rows = table[keys].assign(own=table["target_value"].astype(float).fillna(-np.inf))
-    return np.asarray(rows.merge(cells, on=[*keys, "own"], how="left")["cell"])
-
-
 def _table(quantity: str, rows: pd.DataFrame, cells: int, targets: Array, share: Array | None) -> Reached:
     column = np.searchsorted(-targets, -rows["target"].to_numpy(dtype=float))
-    place = rows["cell"].to_numpy(dtype=np.int64), column
-
-    def filled(name: str) -> Array:
-        whole = np.full((cells, len(targets)), np.nan)
-        whole[place] = rows[name].to_numpy(dtype=float)
-        return whole
-
+    filled = {}
+    for name in ("reached", "ert", "ert_low", "ert_high"):
+        filled[name] = np.full((cells, len(targets)), np.nan)
+        filled[name][rows["cell"].to_numpy(dtype=np.int64), column] = rows[name].to_numpy(dtype=float)
     return Reached(
-        quantity=quantity, targets=targets, reached=filled("reached"), ert=filled("ert"), low=filled("ert_low"),
-        high=filled("ert_high"), share=share,
+        quantity=quantity, targets=targets, reached=filled["reached"], ert=filled["ert"], low=filled["ert_low"],
+        high=filled["ert_high"], share=share,
     )  # fmt: skip
 
 
-def _shares(hits: pd.DataFrame, runs: pd.DataFrame, cells: int, costs: Array) -> dict[str, Array]:
-    """Return quantity -> the shares of (run, target) pairs reached within `costs`, shape (cells, costs)."""
-    shares: dict[str, Array] = {}
-    for one in runtimes(hits, runs[["run_id", *PROBLEM, "cell", "charged", "evaluations"]]):
-        numbers, names = one.all_runs["cell"].to_numpy()[one.at], one.all_targets["quantity"].to_numpy()[one.level]
-        for quantity in dict.fromkeys(names.tolist()):
-            whole = shares.setdefault(str(quantity), np.full((cells, len(costs)), np.nan))
-            times = one.time[:, names == quantity]
-            for cell in dict.fromkeys(numbers.tolist()):
-                mine = np.sort(times[numbers == cell].ravel())
-                whole[cell] = np.searchsorted(mine, costs, side="right") / len(mine)
-    return shares
-
-
 def bands(runs: pd.DataFrame, traces: pd.DataFrame, at: Array) -> Mapping[int, Array]:
-    """Return for each number in the column `cell` of `runs` an array of shape (3, counts): q1, median, q3.
-
-    They are the best values after `at` charged evaluations, shape (counts,). A run that has ended keeps its last value;
-    before all runs of a cell have begun the quartiles are NaN; where too few of them have a value, infinite.
-    """
+    """Return q1, median, q3 after `at` charged evaluations, shape (3, counts), for each number in the column `cell`:
+    NaN before all its runs have begun, infinite where too few have a value. A run that has ended keeps its last."""
     ids = pa.array(runs["run_id"], pa.string())
     row = index_in(pa.array(traces["run_id"], pa.string()), ids).to_numpy(zero_copy_only=False)
     known = ~np.isnan(row.astype(float))
@@ -374,8 +319,8 @@ def groups_of(runs: pd.DataFrame) -> pd.Series:
 @cache
 def scripts() -> Sequence[Markup]:
     """Return the texts of the page's scripts: the library, then ours as one."""
-    ours = "\n".join(_read(name) for name in _OURS)
-    return Markup(_read(LIBRARY)), Markup(f'(function () {{\n"use strict";\n{ours}}})();\n')
+    ours = "\n".join(read_static(name) for name in _OURS)
+    return Markup(read_static(LIBRARY)), Markup(f'(function () {{\n"use strict";\n{ours}}})();\n')
 
 
 @cache
@@ -389,10 +334,5 @@ def policy() -> str:
     )
 
 
-def licence() -> str:
-    """Return the licence of the library."""
-    return _read("uPlot-LICENSE.txt").strip()
-
-
-def _read(name: str) -> str:
+def read_static(name: str) -> str:
     return files("calibench.bench").joinpath("report", "study", "static", name).read_text(encoding="utf-8")

@@ -1,6 +1,5 @@
 """Figures from runs: convergence, evaluations to target, a field at a glance, runtime ECDF, profiles, mean ranks.
 
-A function that draws on given axes serves the page and `calibench.plot`; one that returns the numbers stands beside it.
 The critical-difference diagram has the mean ranks of methods on a line, those that no test tells apart joined by a bar:
 Demsar, J. Machine Learning Research 7 (2006), figure 1.
 """
@@ -10,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -21,16 +20,7 @@ from matplotlib.image import AxesImage
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
-from calibench.bench.report.shared.drawing import (
-    COLOURS,
-    STYLE,
-    Drawing,
-    entitle,
-    figure_of,
-    look_of,
-    others,
-    put_legend,
-)
+from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, entitle, figure_of, look_of, put_legend
 from calibench.bench.report.study.additions import Additions, Mark
 from calibench.bench.report.study.explored import bands
 from calibench.bench.statistics import ranking, tables
@@ -73,16 +63,10 @@ def study_figures(
 
 
 def drawable(
-    runs: pd.DataFrame,
-    traces: pd.DataFrame,
-    additions: Additions,
-    problems: int | None = None,
+    runs: pd.DataFrame, traces: pd.DataFrame, additions: Additions, problems: int | None = None,
     ranked: Ranked | None = None,
-) -> Iterator[tuple[str, Drawable]]:
-    """Yield (name, how it is drawn) of every figure that these results can fill, of the first `problems` at most.
-
-    `ranked` is `ranked_over_tasks` of the runs, where it is made already.
-    """
+) -> Iterator[tuple[str, Drawable]]:  # fmt: skip
+    """Yield (name, how it is drawn) of every figure that these results can fill, of the first `problems` at most."""
     panels = panels_of(runs)
     of_run = {run_id: i for i, mine in enumerate(panels.values()) for run_id in mine["run_id"]}
     by_panel = traces.groupby(traces["run_id"].map(of_run).to_numpy(), sort=False)
@@ -120,12 +104,7 @@ def panels_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 
 def convergence(runs: pd.DataFrame, traces: pd.DataFrame, title: str = "") -> Drawing:
-    """Draw the best error over charged evaluations, a panel for each error function.
-
-    Median over runs with the quartile band; dotted, what the true parameters themselves give: the rounding floor where
-    it is that. Where the least value f* is declared and not zero (measured data), f - f* is drawn, down to half a
-    rounding of f*; `bench.statistics.optimum` decides what is drawn and what the axis is.
-    """
+    """Draw the best error over charged evaluations, median and quartiles, a panel for each error function."""
     errors = sorted(set(errors_of(runs)))
     runs = runs.assign(method=method_labels(runs))
     named = named_methods(runs)
@@ -158,10 +137,7 @@ def named_methods(runs: pd.DataFrame) -> list[str]:
 
 
 def convergence_bands(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
-    """Return the band of each method (column `method`) on one problem: method, charged, q1, median, q3, runs.
-
-    Values are above f* where `optimum_of` says so. A method of whose runs no trace is there has no row.
-    """
+    """Return the band of each method (column `method`) on one problem: method, charged, q1, median, q3, runs."""
     known = optimum_of(runs)
     at = np.unique(np.round(np.geomspace(1, max(10.0, float(runs["charged"].max())), 240)))
     methods = list(dict.fromkeys(runs["method"]))
@@ -179,18 +155,15 @@ def convergence_bands(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
 
 
 def draw_convergence(
-    axes: Axes, drawn: pd.DataFrame, known: Optimum, named: Sequence[str], looks: Mapping[str, int]
+    axes: Any, drawn: pd.DataFrame, known: Optimum, named: Sequence[str], looks: Mapping[str, int]
 ) -> None:
-    """Draw the bands of `convergence_bands`: those of the `named` methods in their looks, the others grey.
-
-    A best value holds until a better one is found: lines are steps.
-    """
+    """Draw the bands of `convergence_bands`: those of the `named` methods in their looks, the others grey."""
     methods = list(dict.fromkeys(drawn["method"]))
     below: list[NDArray[np.float64]] = []  # lower quartiles
     for method in sorted(methods, key=lambda m: m in named):
         band = drawn[drawn["method"] == method]
         if method not in named:
-            label = others(len(methods) - len(named))
+            label = _others(len(methods) - len(named))
             axes.step(band["charged"], band["median"], where="post", color="0.75", lw=0.7, label=label)
             continue
         look = look_of(looks[method])
@@ -204,16 +177,11 @@ def draw_convergence(
             known.floor_text, (0.02, known.floor), (0, 3), xycoords=("axes fraction", "data"),
             textcoords="offset points", **_NOTE,
         )  # fmt: skip
-    _scale_axes(axes, known, below, max([10.0, *drawn["charged"]]))
-
-
-def _scale_axes(axes: Any, known: Optimum, below: Sequence[NDArray[np.float64]], last: float) -> None:
-    """Set the scales and labels of a panel; `below` are lower quartiles, `last` is the most that was charged."""
-    drawn = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
-    seen = drawn[np.isfinite(drawn)]
-    scale = known.scale(np.concatenate([drawn, *below]))
+    lines = np.concatenate([line.get_ydata() for line in axes.get_lines()] or [np.ones(1)])
+    seen = lines[np.isfinite(lines)]
+    scale = known.scale(np.concatenate([lines, *below]))
     if not seen.size:  # nothing found a value
-        axes.set_xlim(1, last)
+        axes.set_xlim(1, max([10.0, *drawn["charged"]]))
     axes.set(xscale="log", xlabel="charged evaluations")
     _set_scale(axes, scale)
     if scale == "log" and not seen.all():  # zero has no place on such an axis: the line leaves at the bottom
@@ -222,11 +190,12 @@ def _scale_axes(axes: Any, known: Optimum, below: Sequence[NDArray[np.float64]],
     axes.set_ylabel(known.axis)
 
 
-def _set_scale(axes: Any, scale: str) -> None:
-    """Set the scale of the value axis, and where values come near the largest or least double also limits and ticks.
+def _others(count: int) -> str:
+    return f"{count} other{'s' if count > 1 else ''}"
 
-    Matplotlib's margin and its ticks would end beyond the doubles there: it shows 1 .. 10, or raises.
-    """
+
+def _set_scale(axes: Any, scale: str) -> None:
+    """Set the scale of the value axis, and where values come near the largest or least double also limits and ticks."""
     low, high = axes.dataLim.intervaly
     low = max(axes.dataLim.minposy, _LEAST) if scale == "log" else low
     is_far = max(-low, high) > _HUGE or (scale == "log" and low < 1 / _HUGE)
@@ -253,10 +222,8 @@ def spread_text(runs: pd.DataFrame) -> str:
 
 
 def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()) -> Drawing:
-    """Draw what each method paid to the last target: a dot a run, a panel an error function, `marks` as lines in each.
-
-    Hollow triangles are runs that never got there, at what they had spent; the share that did stands beside the name.
-    """
+    """Draw what each method paid to the last target: a dot a run, a hollow triangle where it never got there, a panel
+    an error function with `marks` as lines; the share that got there stands beside the name."""
     errors = sorted(set(errors_of(runs)))
     table = runs.assign(error=errors_of(runs), method=method_labels(runs), hit=stats.goal_hits(runs))
     table = table[["error", "method", "run_id", "hit", "charged", "status"]]
@@ -302,33 +269,26 @@ def target_chart(runs: pd.DataFrame, title: str = "", marks: Sequence[Mark] = ()
 
 
 def overview(runs: pd.DataFrame) -> Drawing:
-    """Draw a field at a glance: a row a method, best first, a column a problem, colour for the place on that problem.
-
-    Each cell says how many runs reached the goal, where one is known. Where a method has cells under several starts,
-    budgets or targets, each is a row of its own. "stops": may end by its own test with budget left; "restarts": begins
-    again there.
-    """
+    """Draw a field at a glance: a row a method, best first, a column a problem, colour for the place, runs at the goal.
+    "stops": may end by its own test with budget left; "restarts": begins again there."""
     table = field_of(runs)
     order, columns = list(dict.fromkeys(table["label"])), columns_of(table)
     halves = 1 if len(order) <= 40 or len(columns) > _FIELD else 2
     rows = -(-len(order) // halves)
-    width, height = field_size(order, columns, rows)
+    width, height, inches = field_size(order, columns, rows)
     with rc_context(STYLE | FIELD_STYLE):
         figure = Figure(figsize=(0.9 + halves * width, height), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, halves))
         for i, axes in enumerate(panels):
             mine = order[i * rows : (i + 1) * rows]
-            image = draw_field(axes, table, mine, columns, rows, inches=column_width(columns))
+            image = draw_field(axes, table, mine, columns, rows, inches)
         put_scale(image, panels, rows)
         entitle(figure, field_title(table))
     return figure, table
 
 
 def field_of(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return `tables.overview` of these runs, and of what is drawn of it: method, ends, column, and label, its row.
-
-    The label is the method and how it ends, "stops" or "restarts", which `ends` says by itself.
-    """
+    """Return `tables.overview` of these runs, and of what is drawn of it: method, ends, column, and label, its row."""
     table = tables.overview(runs)
     named = table.rename(columns={"options": "optimizer_options"})
     ends, spoken = endings(named), {"": "", "stops": " · stops", "restarts": " · restarts"}
@@ -336,12 +296,9 @@ def field_of(runs: pd.DataFrame) -> pd.DataFrame:
     plain = method.str.replace(r" \(restarts=True\)|restarts=True, |, restarts=True", "", regex=True)
     # for each row the problem it is on, its error function last
     titles = problem_titles(named, but=("error",))
-    return table.assign(
-        method=method,
-        ends=ends,
-        column=pd.Series([f"{t} {e}".strip() for t, e in zip(titles, named["error"], strict=True)], index=named.index),
-        label=plain + ends.map(spoken),
-    )
+    columns = [f"{t} {e}".strip() for t, e in zip(titles, named["error"], strict=True)]
+    column = pd.Series(columns, index=named.index)
+    return table.assign(method=method, ends=ends, column=column, label=plain + ends.map(spoken))
 
 
 def columns_of(table: pd.DataFrame) -> list[str]:
@@ -358,30 +315,22 @@ def field_title(table: pd.DataFrame) -> str:
     return f"{counted(table['method'].nunique(), 'method')}, {budgets} evaluations: {known}"
 
 
-def column_width(columns: Sequence[str]) -> float:
-    """Return the width of a column in a figure of its own [inches]: less where they are many, or their names long."""
-    return 0.36 if len(columns) > _FIELD or _is_upright(columns, 0.85) else 0.85
-
-
 def _is_upright(columns: Sequence[str], inches: float) -> bool:
     return _LETTER * max(len(word) for name in columns for word in name.split()) > inches
 
 
-def field_size(order: Sequence[str], columns: Sequence[str], rows: int) -> tuple[float, float]:
-    """Return width and height of a panel of `rows` methods [inches]."""
-    wide = column_width(columns)
+def field_size(order: Sequence[str], columns: Sequence[str], rows: int) -> tuple[float, float, float]:
+    """Return width and height of a panel of `rows` methods, and the width of a column [inches]."""
+    wide = 0.36 if len(columns) > _FIELD or _is_upright(columns, 0.85) else 0.85
     tall = _LETTER * max(map(len, columns)) if _is_upright(columns, wide) else 0.0
     beside = max(2.1, 0.3 + 0.054 * max(map(len, order)))  # names of methods
-    return beside + wide * len(columns), 1.4 + max(0.185 * rows, 1.2) + tall
+    return beside + wide * len(columns), 1.4 + max(0.185 * rows, 1.2) + tall, wide
 
 
 def draw_field(
     axes: Axes, table: pd.DataFrame, labels: Sequence[str], columns: Sequence[str], rows: int, inches: float
 ) -> AxesImage:
-    """Draw a row for each of the `labels` of `field_of`, in the height of `rows`; return the image of the places.
-
-    `inches` is the width of a column: in narrow ones names stand upright, and long words are small.
-    """
+    """Draw a row for each of the `labels` of `field_of`, in the height of `rows`; return the image of the places."""
     cells = {(row["label"], row["column"]): row for row in table.to_dict("records")}
     most = table.groupby("column")["place"].max()
     grid = np.full((rows, len(columns)), np.nan)
@@ -408,15 +357,6 @@ def draw_field(
     return image
 
 
-def room_of_columns(axes: Axes, order: Sequence[str], columns: Sequence[str]) -> float:
-    """Return how wide a column is in axes that were given [inches], beside the names of methods and the scale."""
-    across = axes.get_position().width * figure_of(axes).get_figwidth()
-    if figure_of(axes).get_layout_engine() is None:
-        return 0.8 * across / len(columns)  # names stand outside, and the scale takes its part
-    across /= 0.775  # a layout uses the margins too, and has all inside
-    return max(across - 0.8 - 0.054 * max(map(len, order)), 0.3 * across) / len(columns)
-
-
 def put_scale(image: AxesImage, panels: Any, rows: int) -> None:
     """Put the scale of colours of `draw_field` beside its panels."""
     bar = figure_of(image.axes).colorbar(image, ax=panels, shrink=0.8 if rows < 12 else 0.4, aspect=30)
@@ -433,11 +373,7 @@ def errors_of(runs: pd.DataFrame) -> pd.Series:
 
 
 def file_name(title: str) -> str:
-    """Return what the files of a figure of this title end in.
-
-    >>> file_name("sphere shift=0.5")
-    'sphere_shift0.5'
-    """
+    """Return what the files of a figure of this title end in."""
     text = title.replace("=", "").replace(" ", "_")
     plain = "".join(c if c.isalnum() or c in "._-" else "-" for c in text)
     short = plain.encode()[:_LONGEST].decode(errors="ignore")  # no half of a character
@@ -445,10 +381,7 @@ def file_name(title: str) -> str:
 
 
 def ecdf_figures(runs: pd.DataFrame, hits: pd.DataFrame, groups: pd.Series) -> Iterator[tuple[str, str, Drawable]]:
-    """Yield (name, caption, how it is drawn) of the whole study and of each of several `groups`, by index of `runs`.
-
-    Nothing where no gap to a best value is known. With one problem a group there is only the whole.
-    """
+    """Yield (name, caption, how it is drawn) of the whole study and of each of several `groups`, by index of `runs`."""
     targets = hits[hits["quantity"] == _QUANTITY]
     if targets.empty:
         return
@@ -465,15 +398,12 @@ def ecdf_figures(runs: pd.DataFrame, hits: pd.DataFrame, groups: pd.Series) -> I
 
 
 def runtime_ecdf(runs: pd.DataFrame, hits: pd.DataFrame, title: str = "") -> Drawing:
-    """Draw the share of (run, target) pairs that each method reached, over charged evaluations; the numbers beside it.
-
-    `hits` are of one quantity. A problem counts as much as any other.
-    """
+    """Draw the share of (run, target) pairs that each method reached, over charged evaluations."""
     numbers = ecdf_of(runs, hits)
     with rc_context(STYLE):
         figure = Figure(figsize=(share_width(numbers), 3.7), layout="constrained")
         axes = figure.subplots()
-        draw_ecdf(axes, numbers, runs)
+        draw_shares(axes, numbers, runs.assign(method=method_labels(runs)), "cost")
         put_legend(figure, [axes])
         count = hits["target"].nunique()
         entitle(figure, f"{title}: {counted(count, 'target')} above the best value" if title else "")
@@ -495,13 +425,6 @@ def ecdf_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
     return numbers.assign(share=np.asarray(numbers["share"], dtype=float))
 
 
-def draw_ecdf(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame) -> None:
-    """Draw the lines of `ecdf_of`."""
-    looks = looks_of(runs.assign(method=method_labels(runs)), _methods_best_first(numbers, "cost"))
-    _draw_shares(axes, numbers, "cost", looks)
-    axes.set(xlabel="charged evaluations", ylabel=f"share of (run, target) pairs{_over(numbers, 'problem')}")
-
-
 def profile_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
     """Return `performance_profile` of hits of one quantity, with the name of each row's method."""
     steps = performance_profile(ert(hits, runs, intervals=False))
@@ -509,49 +432,40 @@ def profile_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
     return steps.assign(method=[called[pair] for pair in zip(*(steps[key] for key in METHOD))])
 
 
-def draw_profile(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame) -> None:
-    """Draw the lines of `profile_of`."""
-    looks = looks_of(runs.assign(method=method_names(runs)), _methods_best_first(numbers, "ratio"))
-    _draw_shares(axes, numbers, "ratio", looks)
-    shares = f"share of (problem, target) pairs{_over(numbers, 'task')}"
-    axes.set(xlabel="expected running time over the least of any method", ylabel=shares)
-    axes.set_xlim(left=1)
-
-
-def _over(numbers: pd.DataFrame, what: str) -> str:
-    """Return a line on which problems or tasks the shares are of; "" where all methods were run on all."""
-    parts, whole = numbers[f"{what}s"], numbers[f"of_{what}s"]
-    if (parts == whole).all():
-        return ""
-    if parts.nunique() == 1:
-        return f"\non the {parts.iloc[0]} of {counted(int(whole.iloc[0]), what)} that all methods were run on"
-    return f"\nof each method on its own {what}s: none has all methods"
-
-
 def share_width(numbers: pd.DataFrame) -> float:
     """Return the width of a figure of these methods' shares with their names beside it [inches]."""
     return 4.4 + 0.068 * max(map(len, numbers["method"]), default=0)
 
 
-def _methods_best_first(numbers: pd.DataFrame, over: str) -> list[str]:
-    """Return the methods by the share at which they end, of equal ones first what has half of it earliest."""
+def draw_shares(axes: Axes, numbers: pd.DataFrame, runs: pd.DataFrame, over: Literal["cost", "ratio"]) -> None:
+    """Draw the share of each method (column `method` of `runs`) as steps over the cost (`ecdf_of`), or over the ratio
+    (`profile_of`), the best in colour and in order: by the share at the end, then by who has half of it first."""
     ends = numbers.groupby("method", sort=False)["share"].max()
     half = numbers[numbers["share"] >= numbers["method"].map(ends) / 2].groupby("method", sort=False)[over].min()
-    order = pd.DataFrame({"share": -ends, "half": half}).sort_values(["share", "half"], kind="stable")
-    return [str(method) for method in order.index]
-
-
-def _draw_shares(axes: Axes, numbers: pd.DataFrame, over: str, looks: Mapping[str, int]) -> None:
-    """Draw the share of each method over a column, as steps; the best have a colour, and are named in their order."""
-    order = _methods_best_first(numbers, over)
+    best_first = pd.DataFrame({"share": -ends, "half": half}).sort_values(["share", "half"], kind="stable")
+    order = [str(method) for method in best_first.index]
+    looks = looks_of(runs, order)
     most = float(numbers[over][np.isfinite(numbers[over])].max())  # where all lines end
     for i, method in enumerate(order):
         mine, named = numbers[(numbers["method"] == method) & np.isfinite(numbers[over])], i < _NAMED
         look = look_of(looks[method]) if named else {"color": "0.8", "lw": 0.7}
-        label = method if named else others(len(order) - _NAMED) if i == _NAMED else None
+        label = method if named else _others(len(order) - _NAMED) if i == _NAMED else None
         at, share = [1.0, *mine[over], most], [0.0, *mine["share"], mine["share"].max() if len(mine) else 0.0]
         axes.step(at, share, where="post", label=label, zorder=2.5 - 0.001 * i, **look)
     axes.set(xscale="log", ylim=(0, 1.02))
+    if over == "ratio":
+        axes.set_xlim(left=1)
+    pairs, what, across = {
+        "cost": ("(run, target)", "problem", "charged evaluations"),
+        "ratio": ("(problem, target)", "task", "expected running time over the least of any method"),
+    }[over]
+    parts, whole = numbers[f"{what}s"], numbers[f"of_{what}s"]
+    of_which = ""  # where all methods were run on all
+    if parts.nunique() == 1 and (parts != whole).any():
+        of_which = f"\non the {parts.iloc[0]} of {counted(int(whole.iloc[0]), what)} that all methods were run on"
+    elif (parts != whole).any():
+        of_which = f"\nof each method on its own {what}s: none has all methods"
+    axes.set(xlabel=across, ylabel=f"share of {pairs} pairs{of_which}")
 
 
 def critical_difference(ranked: Ranked) -> Drawing:
@@ -609,11 +523,8 @@ def draw_ranks(axes: Axes, ranked: Ranked) -> None:
     axes.xaxis.tick_top()
     axes.grid(False)
     chance = f"= {ranked.p:.2g}" if ranked.p > _LEAST_P else f"< {_LEAST_P:g}"
-    axes.set_title(
-        f"mean rank over {ranked.blocks} blocks, 1 is best; Friedman p {chance}\njoined: not told apart at "
-        f"{ranked.level:g} (Nemenyi)",
-        fontsize=8,
-    )
+    title = f"mean rank over {ranked.blocks} blocks, 1 is best; Friedman p {chance}"
+    axes.set_title(f"{title}\njoined: not told apart at {ranked.level:g} (Nemenyi)", fontsize=8)
 
 
 def ranks_of(ranked: Ranked) -> pd.DataFrame:
@@ -622,12 +533,8 @@ def ranks_of(ranked: Ranked) -> pd.DataFrame:
         raise ValueError(ranked.refused)
     return pd.DataFrame(
         {
-            "method": ranked.methods,
-            "mean_rank": ranked.mean_ranks,
-            "p_against_best_holm": ranked.against_best,
-            "p_against_best_nemenyi": ranked.nemenyi[0],
-            "blocks": ranked.blocks,
-            "critical_difference": ranked.critical_difference,
-            "friedman_p": ranked.p,
+            "method": ranked.methods, "mean_rank": ranked.mean_ranks, "p_against_best_holm": ranked.against_best,
+            "p_against_best_nemenyi": ranked.nemenyi[0], "blocks": ranked.blocks,
+            "critical_difference": ranked.critical_difference, "friedman_p": ranked.p,
         }
-    )
+    )  # fmt: skip

@@ -32,6 +32,11 @@ from calibench.core.words import counted, listed
 Costs = Sequence[Mapping[str, Any]]  # records of `bench.sweep.costs`
 _SHOWN = 8  # names in a cell, beyond which they are counted
 _TALL = 48  # rows from which on a table scrolls in a box of its own height
+_CALLS = {
+    "value_s": "a value", "batch_s": "a candidate in a batch of 100", "residuals_s": "residuals",
+    "jacobian_s": "a Jacobian", "gradient_s": "a gradient", "joint_s": "a value with its gradient",
+}  # fmt: skip
+_SLOPES = ("jacobian_s", "gradient_s")
 
 
 def number(value: float, digits: int = 2) -> str:
@@ -58,17 +63,13 @@ def table(heads: Sequence[tuple[str, str]], rows: Sequence[Sequence[str]]) -> Ta
 
 
 def cell_macros() -> Macros:
-    """Return the macros of cells that are more than text."""
     return macros("report/study/templates/cells.html.j2")
 
 
 def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.DataFrame | None = None) -> Table:
-    """Return the methods on one problem, under each error function the best first; `names` are by index of `runs`.
-
-    With `costs` (`bench.sweep.costs`) also the seconds that the objective took. `cells` is a summary that holds these
-    runs, where there is one.
-    """
-    cells = summary_of(runs, costs, cells)
+    """Return the methods on one problem, under each error function the best first; `names` are by index of `runs`."""
+    # out of `cells` where those hold it: to make the summary anew costs ten times as much
+    cells = stats.summary(runs, costs) if cells is None else runs[CELL].drop_duplicates().merge(cells, on=CELL)
     rows: list[list[str]] = []
     settings = several(runs)
     measured = runs["kmrmse_aligned"].notna().any()
@@ -87,14 +88,23 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.D
         known = optimum_of(mine)
         goal = goal_text(mine, known)
         rows.append([f"{known.heading} · {f'goal {goal}' if goal else 'no goal is known'}"])
-        mine_cells = ranked(mine, names, summary_of(mine, cells=cells))
+        mine_cells = ranked(mine, names, mine[CELL].drop_duplicates().merge(cells, on=CELL))
         late = mine[mine["status"] == "timeout"].groupby(CELL, dropna=False).size().rename("late").reset_index()
         for cell in mine_cells.merge(late, on=CELL, how="left").fillna({"late": 0}).to_dict("records"):
-            low, middle, high = (known.text(cell[f"best_{key}"]) for key in _QUARTILES)
+            low, middle, high = (known.text(cell[f"best_{key}"]) for key in ("q1", "median", "q3"))
             options = parts(json.loads(cell["optimizer_options"]), classes=False).items()
             row = [cell_macros().hint(cell["method"], ", ".join(stats.option_text(*option) for option in options))]
-            row += [*(_setting(column, cell[column]) for column in settings), _reached(cell)]
-            row += [_interval(cell), count(cell["charged_to_target"])] if goals else []
+            for column in settings:
+                value = cell[column]
+                row.append(count(value) if column == "budget" else str(value) if column == "start" else number(value))
+            row.append(_reached(cell))
+            if goals:  # the share of runs at the goal with its interval, as a drawing with the numbers beside it
+                share = "–"
+                if isfinite(cell["goal"]):
+                    ends = (cell[name] for name in ("success_low", "success", "success_high"))
+                    certain = not isfinite(cell["success_low"])
+                    share = cell_macros().small("no chance in it") if certain else cell_macros().share(*ends)
+                row += [share, count(cell["charged_to_target"])]
             row += [cell_macros().strong(middle), f"{low} .. {high}" if cell["runs"] > 1 else ""]
             row += [count(cell["charged_median"]), number(cell["wall_s_median"])]
             row += [number(cell["objective_s_median"])] if priced else []
@@ -105,49 +115,26 @@ def methods(runs: pd.DataFrame, names: pd.Series, costs: Costs = (), cells: pd.D
     return table(heads, rows)
 
 
-def _setting(column: str, value: Any) -> str:
-    return count(value) if column == "budget" else str(value) if column == "start" else number(value)
-
-
 def prices(runs: Sequence[tuple[str, pd.DataFrame]], known: Mapping[tuple[Any, ...], Mapping[str, Any]]) -> list[str]:
-    """Return what a call of this problem takes, in words, under each error function; none where it is not known.
-
-    `runs` are those of `by_error`, `known` the costs by problem (`bench.statistics.summary.key_of_costs`).
-    """
+    """Return what a call of this problem takes, in words, under each error function; none where it is not known."""
     sentences = []
     for error, mine in runs if known else ():
         record = known.get(tuple(mine[name].iloc[0] for name in PROBLEM), {})
         value, parts = record.get("value_s"), []
         for kind, words in _CALLS.items():
-            if seconds := record.get(kind):
-                parts.append(f"{words} {_seconds(seconds)}")
-                if value and kind in _SLOPES:
-                    charged = int(mine["dimension"].iloc[0])
-                    parts[-1] += f", as long as {number(seconds / value)} values (it is charged {charged})"
+            seconds = record.get(kind)
+            if not seconds:
+                continue
+            units = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
+            scale, unit = next(((s, u) for s, u in units if seconds >= s), (1e-9, "ns"))
+            as_long = ""
+            if value and kind in _SLOPES:
+                charged = int(mine["dimension"].iloc[0])
+                as_long = f", as long as {number(seconds / value)} values (it is charged {charged})"
+            parts.append(f"{words} {number(seconds / scale, 3)} {unit}{as_long}")
         if parts:
             sentences.append(f"{error + ': one' if error else 'One'} call takes: {'; '.join(parts)}.")
     return sentences
-
-
-_CALLS = {
-    "value_s": "a value", "batch_s": "a candidate in a batch of 100", "residuals_s": "residuals",
-    "jacobian_s": "a Jacobian", "gradient_s": "a gradient", "joint_s": "a value with its gradient",
-}  # fmt: skip
-_SLOPES = ("jacobian_s", "gradient_s")
-
-
-def _seconds(value: float) -> str:
-    """Return a time in the unit that suits it.
-
-    >>> _seconds(1.934e-6), _seconds(0.25), _seconds(3.0)
-    ('1.93 µs', '250 ms', '3 s')
-    """
-    units = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
-    scale, unit = next(((s, u) for s, u in units if value >= s), (1e-9, "ns"))
-    return f"{number(value / scale, 3)} {unit}"
-
-
-_QUARTILES = ("q1", "median", "q3")
 
 
 def by_error(runs: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
@@ -155,11 +142,6 @@ def by_error(runs: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
     error = figures.errors_of(runs)
     names = sorted(set(error))
     return [(name, runs[error == name] if len(names) > 1 else runs) for name in names]
-
-
-def summary_of(runs: pd.DataFrame, costs: Costs = (), cells: pd.DataFrame | None = None) -> pd.DataFrame:
-    """Return the summary of these runs, out of `cells` where those hold it: to make it anew costs ten times as much."""
-    return stats.summary(runs, costs) if cells is None else runs[CELL].drop_duplicates().merge(cells, on=CELL)
 
 
 def ranked(runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame | None = None) -> pd.DataFrame:
@@ -171,17 +153,27 @@ def ranked(runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame | None = No
 
 
 def printed_table(rows: pd.DataFrame, names: pd.Series, column_title: Callable[[str], str]) -> Table:
-    """Return a printed table beside ours (`bench.report.study.additions`): a row a quantity, a column a method.
+    """Return a printed table beside ours: a row a quantity, a column a method; without true values a row is both."""
 
-    Where no true value is known, each printed column is one method's own, and a row is a method and quantity instead.
-    `names` of the methods are by index of `rows`.
-    """
+    def cells(row: pd.Series) -> tuple[str, str, str, str]:
+        """Return the quantity, what is printed (where it is wrong, crossed out, and what to read), ours, and why."""
+        unit = "" if row["unit"] in ("1", "") else f" [{row['unit']}]"
+        quantity = row["quantity"].removesuffix(f" as {row['unit']}") + unit
+        printed = number(row["printed"], 7)
+        if isfinite(row["printed"]) and isfinite(row["read"]) and row["read"] != row["printed"]:
+            printed = cell_macros().misprint(printed, number(row["read"], 7))
+        digits = 7 if isfinite(row.get("true", float("nan"))) and row["true"] else 3
+        spread = f"{number(row['q1'], 4)} .. {number(row['q3'], 4)}" if row["n"] > 1 else ""
+        ours = cell_macros().over(number(row["median"], digits), spread)
+        why = cell_macros().small(_raised(row["why"])) if isinstance(row["why"], str) else ""
+        return _raised(quantity), printed, ours, why
+
     if "true" not in rows:
         heads = [("method", ""), ("quantity", ""), ("printed", "n"), ("ours", "n"), ("n", "n"), ("why", "why")]
-        lines = [
-            [name, _quantity(row), _printed(row), _ours(row), str(row["n"]), _why(row)]
-            for name, (_, row) in zip(names, rows.iterrows(), strict=True)
-        ]
+        lines = []
+        for name, (_, row) in zip(names, rows.iterrows(), strict=True):
+            quantity, printed, ours, why = cells(row)
+            lines.append([name, quantity, printed, ours, str(row["n"]), why])
         return table(heads, lines)
     methods = list(dict.fromkeys(names))
     heads = [("quantity", ""), ("true", "n"), ("printed", "n"), *((name, "n") for name in methods), ("why", "why")]
@@ -189,26 +181,26 @@ def printed_table(rows: pd.DataFrame, names: pd.Series, column_title: Callable[[
     for key, part in rows.groupby("table", sort=False):
         lines.append([column_title(str(key))])
         for _, same in part.groupby("quantity", sort=False):
-            first = same.iloc[0]
-            ours = {name: _ours(row) for name, (_, row) in zip(names[same.index], same.iterrows(), strict=True)}
-            cells = [ours.get(name, "–") for name in methods]
-            lines.append([_quantity(first), number(first["true"], 7), _printed(first), *cells, _why(first)])
+            by_method = {name: cells(row)[2] for name, (_, row) in zip(names[same.index], same.iterrows(), strict=True)}
+            quantity, printed, _, why = cells(same.iloc[0])
+            true = number(same["true"].iloc[0], 7)
+            lines.append([quantity, true, printed, *(by_method.get(name, "–") for name in methods), why])
     return table(heads, lines)
 
 
-def failures(runs: pd.DataFrame) -> Table:
-    """Return what failed: a row for each problem, method and reason, with its repetitions.
+def _raised(text: str) -> str:
+    return text.replace("^2", "²").replace("^4", "⁴")
 
-    Errors that differ in their numbers are one reason, told as the first repetition has it.
-    """
+
+def failures(runs: pd.DataFrame) -> Table:
+    """Return what failed, a row for each problem, method and reason; errors alike but for numbers are one reason."""
     failed = runs[runs["status"] != "ok"]
+    errors = failed["error"].fillna("")
     failed = failed.assign(
-        method=method_titles(runs)[failed.index],
-        name=problem_titles(runs)[failed.index],
-        reason=failed["error"].fillna("").map(lambda text: " ".join(text.split())),
-        alike=failed["error"].fillna("").map(without_numbers),
+        method=method_titles(runs)[failed.index], name=problem_titles(runs)[failed.index],
+        reason=errors.map(lambda text: " ".join(text.split())), alike=errors.map(without_numbers),
         kind=failed["error_type"].fillna(""),
-    )
+    )  # fmt: skip
     rows = []
     settings = several(runs)
     keys = ["name", "method", "status", "kind", "alike", *settings]
@@ -217,16 +209,10 @@ def failures(runs: pd.DataFrame) -> Table:
         reason = str(same.sort_values("repetition")["reason"].iloc[0])
         under = ", ".join(setting_text(column, value) for column, value in zip(settings, key[5:], strict=True))
         again = ", ".join(str(r) for r in sorted(same["repetition"]))
-        rows.append(
-            [
-                name, cell_macros().over(method, under), cell_macros().tag(f"✗ {status}", "no"),
-                cell_macros().reason(reason, kind), again, count(same["charged"].max()),
-            ]
-        )  # fmt: skip
-    return table(
-        [("problem", ""), ("optimiser", ""), ("status", ""), ("reason", "why"), ("repetitions", ""), ("spent", "n")],
-        rows,
-    )
+        cells = [cell_macros().over(method, under), cell_macros().tag(f"✗ {status}", "no")]
+        rows.append([name, *cells, cell_macros().reason(reason, kind), again, count(same["charged"].max())])
+    heads = [("problem", ""), ("optimiser", ""), ("status", ""), ("reason", "why"), ("repetitions", ""), ("spent", "n")]
+    return table(heads, rows)
 
 
 def goal_text(runs: pd.DataFrame, known: Optimum) -> str:
@@ -241,7 +227,6 @@ def goal_text(runs: pd.DataFrame, known: Optimum) -> str:
 
 
 def _reached(cell: Mapping[Any, Any]) -> str:
-    """Return how many runs reached the goal, with a mark besides its colour, how many were lost or left the box."""
     total, won, late, outside = cell["runs"], cell["reached"], int(cell["late"]), cell["outside_box"]
     lost = [(f"✗ {n} {what}", "no") for n, what in ((cell["failed"], "failed"), (late, "ended by the time limit")) if n]
     if cell["failed"] == total:
@@ -253,47 +238,6 @@ def _reached(cell: Mapping[Any, Any]) -> str:
         tags = [(f"{mark} {won}/{total}", style), *lost]
     tags += [(f"◇ {outside} outside the box", "misprint")] if outside else []
     return cell_macros().tags(tags)
-
-
-def _interval(cell: Mapping[Any, Any]) -> str:
-    """Return the share of runs at the goal and its interval as a drawing with the numbers beside it."""
-    if not isfinite(cell["goal"]):
-        return "–"
-    if not isfinite(cell["success_low"]):
-        return cell_macros().small("no chance in it")
-    return cell_macros().share(cell["success_low"], cell["success"], cell["success_high"])
-
-
-def _quantity(row: pd.Series) -> str:
-    unit = "" if row["unit"] in ("1", "") else f" [{row['unit']}]"
-    return _raised(row["quantity"].removesuffix(f" as {row['unit']}") + unit)
-
-
-def _printed(row: pd.Series) -> str:
-    """Return the printed number; where it is wrong, crossed out, and what to read."""
-    printed, read = row["printed"], row["read"]
-    if not isfinite(printed):
-        return "–"
-    if isfinite(read) and read != printed:
-        return cell_macros().misprint(number(printed, 7), number(read, 7))
-    return number(printed, 7)
-
-
-def _ours(row: pd.Series) -> str:
-    true = row.get("true", float("nan"))
-    digits = 7 if isfinite(true) and true else 3
-    spread = f"{number(row['q1'], 4)} .. {number(row['q3'], 4)}" if row["n"] > 1 else ""
-    return cell_macros().over(number(row["median"], digits), spread)
-
-
-def _why(row: pd.Series) -> str:
-    if not isinstance(row["why"], str):
-        return ""
-    return cell_macros().small(_raised(row["why"]))
-
-
-def _raised(text: str) -> str:
-    return text.replace("^2", "²").replace("^4", "⁴")
 
 
 @final
@@ -327,22 +271,14 @@ def differing(ranked: Ranked) -> Differing:
         ("method", ""), ("mean rank", "n"), ("p against the first, Holm", "n"), ("p against the first, Nemenyi", "n"),
         ("differs from", "why"), ("not told apart from", "why"),
     ]  # fmt: skip
-
-    def named(at: list[int]) -> str:
-        if len(at) == len(ranked.methods) - 1 and len(at) > 1:
-            return "all others"
-        return listed([ranked.methods[j] for j in at], _SHOWN) or "none"
-
-    rows = []
+    others, rows = len(ranked.methods) - 1, []
     for i, name in enumerate(ranked.methods):
-        others = [j for j in range(len(ranked.methods)) if j != i]
-        rows.append(
-            [
-                name, f"{ranked.mean_ranks[i]:.2f}", number(ranked.against_best[i]),
-                number(ranked.nemenyi[0, i]) if i else "–",
-                *(named([j for j in others if alike[i, j] == same]) for same in (False, True)),
-            ]
-        )  # fmt: skip
+        which = []
+        for same in (False, True):
+            at = [other for j, other in enumerate(ranked.methods) if j != i and alike[i, j] == same]
+            which.append("all others" if len(at) == others > 1 else listed(at, _SHOWN) or "none")
+        against = number(ranked.nemenyi[0, i]) if i else "–"
+        rows.append([name, f"{ranked.mean_ranks[i]:.2f}", number(ranked.against_best[i]), against, *which])
     return Differing(sentence, table(heads, rows))
 
 
@@ -378,31 +314,21 @@ def lost_of(runs: pd.DataFrame) -> Lost:
     return Lost(int((runs["status"] != "ok").sum()) - late, late)
 
 
-def versions(runs: pd.DataFrame) -> dict[str, list[str]]:
-    """Return the versions that the runs were made with; of a package more than one where they differ."""
-    versions: dict[str, list[str]] = {}
+def origin(runs: pd.DataFrame) -> dict[str, str]:
+    """Return where the runs come from: commits, Python, machines, begun (to the minute), and versions of packages."""
+    found: dict[str, list[str]] = {}
     for text in runs["versions"].dropna().unique():
         for package, version in json.loads(text).items():
-            if version and version not in versions.setdefault(package, []):
-                versions[package].append(version)
-    return {package: several for package, several in versions.items() if several}
-
-
-def commits(runs: pd.DataFrame) -> str:
-    """Return the commits, and whether something stood uncommitted beside them."""
+            if version and version not in found.setdefault(package, []):
+                found[package].append(version)
+    versions = {package: " / ".join(several) for package, several in found.items() if several}
     commits = runs[["git_commit", "git_dirty"]].drop_duplicates().to_numpy().tolist()
-    return ", ".join(f"{c[:10]}{' with uncommitted changes' if d is True else ''}" for c, d in commits if c)
-
-
-def machines(runs: pd.DataFrame) -> str:
-    """Return the platforms."""
-    return ", ".join(runs["platform"].dropna().unique())
-
-
-def began(runs: pd.DataFrame) -> str:
-    """Return when the first and the last run were begun, to the minute."""
-    began = runs["started_at"].dropna()
-    if began.empty:
-        return ""
-    first, last = f"{began.min():%Y-%m-%d %H:%M}", f"{began.max():%Y-%m-%d %H:%M}"
-    return f"{first} UTC" if first == last else f"{first} to {last} UTC"
+    began, begun = runs["started_at"].dropna(), ""
+    if not began.empty:
+        first, last = f"{began.min():%Y-%m-%d %H:%M}", f"{began.max():%Y-%m-%d %H:%M}"
+        begun = f"{first} UTC" if first == last else f"{first} to {last} UTC"
+    return {
+        "commits": ", ".join(f"{c[:10]}{' with uncommitted changes' if d is True else ''}" for c, d in commits if c),
+        "python": versions.get("python", ""), "machines": ", ".join(runs["platform"].dropna().unique()), "begun": begun,
+        "versions": ", ".join(f"{package} {several}" for package, several in versions.items()),
+    }  # fmt: skip

@@ -1,8 +1,7 @@
 """``report.html``: one study as a page that a researcher reads alone, offline: what was compared, and what came out.
 
-The answer first, then all problems together, then a section a problem with its tables and charts, printed tables beside
-ours where somebody adds them (`bench.report.study.additions`), what failed, how to do it again. Nothing is fetched:
-what is drawn, and the scripts that draw it, are inside. Without scripts the tables and drawings stand in their place.
+The answer first, then all problems together, a section a problem, printed tables beside ours where somebody adds them
+(`bench.report.study.additions`), what failed, how to do it again. Nothing is fetched: what draws is inside.
 """
 
 from __future__ import annotations
@@ -24,8 +23,8 @@ from calibench.bench.report.shared.page import Inline, Table, drawing_inside, re
 from calibench.bench.report.study import figures, html_tables
 from calibench.bench.report.study.additions import FilledSection, PrintedTable
 from calibench.bench.report.study.answer import Answer, answer_of
-from calibench.bench.report.study.explored import Panel, as_json, explored, licence, policy, scripts
-from calibench.bench.report.study.html_tables import count, differing, lost_of, number
+from calibench.bench.report.study.explored import Panel, as_json, explored, policy, read_static, scripts
+from calibench.bench.report.study.html_tables import count, lost_of, number
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, mixed_code
 from calibench.bench.statistics.names import in_order, method_labels, setting_text
@@ -47,20 +46,13 @@ _UNUSED = [
     "parameter_truths", "hits", "hits_charged", "error", "error_type", "traceback", "versions", "platform",
     "git_commit", "git_dirty", "code_digest", "library", "library_version", "seed",
 ]  # fmt: skip  # columns of which the section of a problem says nothing, and of which thousands of slices are dear
-_OVERVIEW = "Every method on every problem"
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class StudyPage:
-    """What a page is made of: the runs, printed tables beside ours, drawings as (name, SVG path), and the manifest.
-
-    `identifiability` is `bench.statistics.tables.identifiability(runs)`, `about` a sentence on a prepared study,
-    `beside` links to other pages: words -> address, `captions` those of added figures: name -> caption. `traces` and
-    `hits` (`bench.statistics.targets.hits_of`) are what is drawn on demand, `summary` that of the runs (made here where
-    it is not given), `together` the drawings of all problems: name -> caption, `ranked` is
-    Friedman's test of the methods, where there are blocks enough.
-    """
+    """What a page is made of; `drawings` are name -> SVG path, `about` a sentence on a prepared study, `beside` words
+    -> address of other pages, `captions` of added figures and `together`, of all problems, name -> caption."""
 
     folder: Path
     runs: pd.DataFrame
@@ -78,65 +70,67 @@ class StudyPage:
     ranked: Ranked | None = None
 
     def html(self) -> str:
-        """Return the page."""
-        name = self.folder.resolve().name
-        names = stats.method_names(self.runs)
-        groups = problems_of(self.runs.drop(columns=_UNUSED, errors="ignore"))
-        money = bool(priced(self.runs, self._costs).notna().any())
-        cells = stats.summary(self.runs, self._costs) if self.summary.empty else self.summary
-        first = answer_of(self.runs, self.traces, self.manifest, names, cells)
-        panels = [
-            Panel(title, error, anchor(title), mine, optimum_of(mine))
-            for title, group in groups.items()
-            for error, mine in html_tables.by_error(group)
-        ]
-        numbers: dict[str, list[int]] = {}
-        for i, panel in enumerate(panels):
-            numbers.setdefault(panel.title, []).append(i)
+        runs, name = self.runs, self.folder.resolve().name
+        costs: Sequence[Mapping[str, Any]] = list(self.manifest.get("costs", []))
+        by_problem = {key_of_costs(record): record for record in costs}
+        names = stats.method_names(runs)
+        groups = problems_of(runs.drop(columns=_UNUSED, errors="ignore"))
+        cells = stats.summary(runs, costs) if self.summary.empty else self.summary
+        panels: list[Panel] = []
+        sections = []
         described = {
             name: about(problems.registry.factories()[name]).replace("`", "")
-            for name in set(self.runs["problem"]) & set(problems.registry.names())
+            for name in set(runs["problem"]) & set(problems.registry.names())
         }
-        costs = {key_of_costs(record): record for record in self._costs}
+        for title, group in groups.items():
+            by_error = html_tables.by_error(group)
+            mine = [Panel(title, error, anchor(title), some, optimum_of(some)) for error, some in by_error]
+            remarks = [
+                described.get(str(group["problem"].iloc[0]), ""), *self._visible(group),
+                *(panel.optimum.remark() for panel in mine),
+                *html_tables.prices([(panel.error, panel.runs) for panel in mine], by_problem),
+            ]  # fmt: skip
+            sections.append(
+                {
+                    "title": title, "anchor": anchor(title),
+                    "label": figures.file_name(title),  # what the names of its figures end in
+                    "size": f"{things(len(group), 'run')}, {things(int(group['dimension'].iloc[0]), 'parameter')}",
+                    "remarks": [remark for remark in remarks if remark],
+                    # of its panels among what the script draws, which also makes the table where there is none
+                    "numbers": range(len(panels), len(panels) + len(mine)),
+                    "methods": html_tables.methods(group, names, costs, cells) if len(cells) <= _TABLED else None,
+                }
+            )  # fmt: skip
+            panels += mine
         # the runs of this sweep that other shards have and this study has not
-        others = in_other_shards(self.manifest, set(self.runs["run_id"])) if self.manifest else set()
+        others = in_other_shards(self.manifest, set(runs["run_id"])) if self.manifest else set()
+        beside = {name: caption for name, caption in self.captions.items() if name in self.drawings}
+        links = {"all problems together": "#suite", "each problem": "#contents"}
+        links |= {section.link: f"#{section.anchor}" for section, _ in self.sections}
+        links |= {"figures beside the runs": "#beside"} if beside else {}
+        links |= {"failures": "#failures", "how to do it again": "#again", "where this comes from": "#provenance"}
+        origin = html_tables.origin(runs)
         page = partial(
-            render,
-            "report/study/templates/study.html.j2",
-            title=name,
-            policy=policy(),
-            scripts=scripts(),
-            licence=licence(),
+            render, "report/study/templates/study.html.j2", title=name, policy=policy(), scripts=scripts(),
+            licence=read_static("uPlot-LICENSE.txt").strip(),
             numbers=as_json(explored(panels, self.traces, self.hits, cells, name)),
             head=headline(
-                self.runs, self.manifest.get("planned", {}), others,
-                self.about, first, condition=not self.identifiability.empty, money=money,
+                runs, self.manifest.get("planned", {}), others, self.about,
+                answer_of(runs, self.traces, self.manifest, names, cells),
+                condition=not self.identifiability.empty, money=bool(priced(runs, costs).notna().any()),
             ),
-            contents=contents(panels, names, cells),
-            links=self._links(),
-            overview=_OVERVIEW,
-            problems=[
-                _Problem(
-                    title=title,
-                    anchor=anchor(title),
-                    label=figures.file_name(title),
-                    size=f"{things(len(group), 'run')}, {things(int(group['dimension'].iloc[0]), 'parameter')}",
-                    remarks=self._remarks(group, [panels[i] for i in numbers[title]], described, costs),
-                    numbers=numbers[title],
-                    methods=html_tables.methods(group, names, self._costs, cells) if len(cells) <= _TABLED else None,
-                )
-                for title, group in groups.items()
-            ],
-            opened=_OPENED,
-            differ=None if self.ranked is None or self.ranked.refused else differing(self.ranked),
-            together=self.together,
+            contents=contents(panels, names, cells), links={**links, **self.beside},
+            overview="Every method on every problem", problems=sections, opened=_OPENED,
+            differ=None if self.ranked is None or self.ranked.refused else html_tables.differing(self.ranked),
             sections=[(section, [_printed(*one) for one in filled]) for section, filled in self.sections],
-            beside=self._beside(),
-            failures=html_tables.failures(self.runs),
+            together=self.together, beside=beside, broad=_BROAD, failures=html_tables.failures(runs),
             commands=[str(command) for command in self.manifest.get("commands", [])],
             report=shlex.join(["bench", "report", str(self.folder)]),
-            provenance=self._provenance(),
-            broad=_BROAD,
+            provenance={
+                "git commit": origin["commits"], "machine": origin["machines"], "versions": origin["versions"],
+                "begun": origin["begun"],
+                "computing time": f"{number(runs['cpu_s'].sum(), 3)} s of processor, all runs together",
+            },
         )  # fmt: skip
         text = self._with_drawings(page, _ROOM)
         return text if len(text) <= _LARGEST else self._with_drawings(page, _ROOM - (len(text) - _LARGEST))
@@ -155,32 +149,6 @@ class StudyPage:
                 linked[name] = f"{path.parent.name}/{path.name}"
         return page(drawings=inside, linked=linked)
 
-    @property
-    def _costs(self) -> Sequence[Mapping[str, Any]]:
-        return list(self.manifest.get("costs", []))
-
-    def _links(self) -> Mapping[str, str]:
-        links = {"all problems together": "#suite", "each problem": "#contents"}
-        links |= {section.link: f"#{section.anchor}" for section, _ in self.sections}
-        links |= {"figures beside the runs": "#beside"} if self._beside() else {}
-        links |= {"failures": "#failures", "how to do it again": "#again", "where this comes from": "#provenance"}
-        return {**links, **self.beside}
-
-    def _remarks(
-        self,
-        runs: pd.DataFrame,
-        panels: Sequence[Panel],
-        described: Mapping[str, str],
-        costs: Mapping[tuple[Any, ...], Mapping[str, Any]],
-    ) -> list[str]:
-        remarks = [
-            described.get(str(runs["problem"].iloc[0]), ""),
-            *self._visible(runs),
-            *(panel.optimum.remark() for panel in panels),
-            *html_tables.prices([(panel.error, panel.runs) for panel in panels], costs),
-        ]
-        return [remark for remark in remarks if remark]
-
     def _visible(self, runs: pd.DataFrame) -> list[str]:
         """Return what the data of this problem can tell, once for each error function where they differ."""
         if self.identifiability.empty:
@@ -195,37 +163,6 @@ class StudyPage:
             for finding, errors in errors_of.items()
         ]
 
-    def _beside(self) -> Mapping[str, str]:
-        """Return the figures that belong to no problem: name -> caption."""
-        return {name: caption for name, caption in self.captions.items() if name in self.drawings}
-
-    def _provenance(self) -> Mapping[str, str]:
-        versions = html_tables.versions(self.runs)
-        return {
-            "git commit": html_tables.commits(self.runs),
-            "machine": html_tables.machines(self.runs),
-            "versions": ", ".join(f"{package} {' / '.join(several)}" for package, several in versions.items()),
-            "begun": html_tables.began(self.runs),
-            "computing time": f"{number(self.runs['cpu_s'].sum(), 3)} s of processor, all runs together",
-        }
-
-
-@final
-@dataclass(frozen=True, kw_only=True)
-class _Problem:
-    """The section of a problem; `label` is what the names of its figures end in.
-
-    `numbers` are those of its panels among what the script draws; `methods` is None where the script makes the table.
-    """
-
-    title: str
-    anchor: str
-    label: str
-    size: str
-    remarks: Sequence[str]
-    numbers: Sequence[int]
-    methods: Table | None
-
 
 def _printed(printed: PrintedTable, rows: pd.DataFrame) -> tuple[str, Table]:
     named = rows.rename(columns={"method": "optimizer", "options": "optimizer_options"})
@@ -238,106 +175,48 @@ def problems_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
     return dict(sorted(groups.items(), key=lambda item: (int(item[1]["dimension"].iloc[0]), in_order(item[0]))))
 
 
-@final
-@dataclass(frozen=True)
-class Fact:
-    """A number at the head of the page, and what it counts; a `bad` one has a mark."""
-
-    value: str
-    what: str
-    kind: str = ""
-
-
-@final
-@dataclass(frozen=True)
-class Headline:
-    """The values of the head of a study's page, in words; `lost` is empty where every run ended well.
-
-    `merit`, `condition` and `money` tell whether the page says anything of these.
-    """
-
-    about: str
-    answer: Answer
-    facts: Sequence[Fact]
-    made: str
-    cells: str
-    runs: str
-    starts: str
-    budgets: Sequence[str]
-    without_budget: bool  # whether there are published runs, which tell no budget
-    lost: str
-    mixed: str
-    merit: bool
-    condition: bool
-    money: bool
-
-
 def headline(
-    runs: pd.DataFrame,
-    planned: Collection[str],
-    in_other_shards: Collection[str],
-    about: str,
-    answer: Answer,
-    condition: bool = False,
-    money: bool = False,
-) -> Headline:
-    """Return the head of the page: the counts, where the runs come from, and what was compared.
-
-    `planned` are the ids of the runs that the study is to have, `in_other_shards` of those that other shards of the
-    same sweep have and this study has not, `about` is a sentence on a prepared one, `answer` the
-    three sentences. `condition` and `money` tell whether the page says anything of the one and the other.
-    """
+    runs: pd.DataFrame, planned: Collection[str], in_other_shards: Collection[str], about: str, answer: Answer,
+    condition: bool = False, money: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    """Return the values of the head of the page: the counts, where the runs come from, and what was compared."""
     lost = lost_of(runs)
     budgets = [count(b) for b in sorted(set(runs["budget"].dropna()))]
     cells = runs.groupby(CELL, dropna=False).size()
     seeds = str(cells.max()) if cells.min() == cells.max() else f"{cells.min()} to {cells.max()}"
-    to_do = len(set(planned) - set(runs["run_id"]))
+    to_do, away = len(set(planned) - set(runs["run_id"])), len(in_other_shards)
     methods, problems = (len(runs[columns].drop_duplicates()) for columns in (METHOD, PROBLEM))
-    facts = [
-        Fact(count(len(runs)), plural("run", len(runs))),
-        Fact(count(lost.failed), "failed", "bad" if lost.failed else ""),
-        *([Fact(count(lost.late), "ended by the time limit", "bad")] if lost.late else []),
-        *([Fact(" / ".join(budgets), "evaluations a run, at most")] if budgets else []),
-        Fact(seeds, f"{plural('seed', cells.max())} a cell"), Fact(str(problems), plural("problem", problems)),
-        Fact(str(methods), plural("optimiser", methods)),
-        Fact(str(len(cells)), plural("cell", len(cells))),
-    ]  # fmt: skip
-    facts += [Fact(count(to_do), "planned, not done yet", "bad")] if to_do else []
-    away = len(in_other_shards)
-    facts += [Fact(count(away), "of other shards, not here", "bad")] if away else []
-    made = {
-        "commit": html_tables.commits(runs),
-        "Python": " / ".join(html_tables.versions(runs).get("python", [])),
-        "on": html_tables.machines(runs),
-        "begun": html_tables.began(runs),
-    }
+    facts = [  # a number, what it counts, and "bad" where it has a mark
+        (count(len(runs)), plural("run", len(runs)), ""),
+        (count(lost.failed), "failed", "bad" if lost.failed else ""),
+        *([(count(lost.late), "ended by the time limit", "bad")] if lost.late else []),
+        *([(" / ".join(budgets), "evaluations a run, at most", "")] if budgets else []),
+        (seeds, f"{plural('seed', cells.max())} a cell", ""),
+        (str(problems), plural("problem", problems), ""),
+        (str(methods), plural("optimiser", methods), ""),
+        (str(len(cells)), plural("cell", len(cells)), ""),
+        *([(count(to_do), "planned, not done yet", "bad")] if to_do else []),
+        *([(count(away), "of other shards, not here", "bad")] if away else []),
+    ]
+    origin = html_tables.origin(runs)
+    made = {"commit": "commits", "Python": "python", "on": "machines", "begun": "begun"}
     starts = " and ".join(f"the {s}" for s in sorted(set(runs["start"].dropna().astype(str))))
     starts = f"{starts} start{'s' if ' and ' in starts else ''}" if starts else ""
     no_start = "starts that are not told" if runs["start"].isna().any() else ""  # of published runs
-    return Headline(
-        about=about,
-        answer=answer,
-        facts=facts,
-        made=" · ".join(f"{key} {value}" for key, value in made.items() if value),
-        cells=things(len(cells), "cell"),
-        runs=things(len(runs), "run"),
-        starts=" and ".join(filter(None, (starts, no_start))),
-        budgets=budgets,
-        without_budget=bool(runs["budget"].isna().any()),
-        lost=lost.sentence(len(runs)),
-        mixed=mixed_code(runs),
-        merit=bool(runs["kmrmse_aligned"].notna().any()),
-        condition=condition,
-        money=money,
-    )
+    return {
+        "about": about, "answer": answer, "facts": facts,
+        "made": " · ".join(f"{word} {origin[name]}" for word, name in made.items() if origin[name]),
+        "cells": things(len(cells), "cell"), "runs": things(len(runs), "run"),
+        "starts": " and ".join(filter(None, (starts, no_start))), "budgets": budgets,
+        "without_budget": bool(runs["budget"].isna().any()),  # of published runs, which tell none
+        "lost": lost.sentence(len(runs)),  # empty where every run ended well
+        "mixed": mixed_code(runs), "merit": bool(runs["kmrmse_aligned"].notna().any()), "condition": condition,
+        "money": money,
+    }  # fmt: skip
 
 
 def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -> Table:
-    """Return a row a problem and error, linked to its section.
-
-    `names` of the methods are by index of the runs, `summary` is that of all runs
-    (`bench.statistics.summary.summary`).
-    """
+    """Return a row a problem and error, linked to its section; `names` of the methods are by index of the runs."""
     rows, macros = [], html_tables.cell_macros()
     goals = bool(summary["goal"].notna().any())
     errors = any(panel.error for panel in panels)  # functions of the error, of which a problem may have several
@@ -388,10 +267,8 @@ def contents(panels: Sequence[Panel], names: pd.Series, summary: pd.DataFrame) -
 
 
 def anchor(title: str) -> str:
-    """Return the name of a problem's section."""
     return f"problem-{figures.file_name(title)}"
 
 
 def things(n: int, what: str) -> str:
-    """Return a count with what is counted."""
     return f"{count(n)} {plural(what, n)}"

@@ -66,25 +66,14 @@ def finished_runs(store: ResultStore) -> FinishedRuns:
     return FinishedRuns(runs=runs, traces=traces, summary=summary)
 
 
-def nobody(done: int, of: int, what: str) -> None:
-    """Tell nobody how far a report is."""
-
-
+@tables.problems_made_once()
 def write_report(
-    store: ResultStore, additions: Additions = (), tell: Tell = nobody, finished: FinishedRuns | None = None
-) -> list[Path]:
-    """Write tables, figures and page of `store` into its folder; return their paths, the page's last.
-
-    `additions` are what others set beside the runs: printed tables, figures, links. `tell(done, of, what)` is called
-    before each step. `finished` is `finished_runs(store)`, where it is made already.
-    """
+    store: ResultStore, additions: Additions = (), tell: Tell = lambda done, of, what: None,
+    finished: FinishedRuns | None = None,
+) -> list[Path]:  # fmt: skip
+    """Write tables, figures and page of `store` into its folder; return their paths, the page's last."""
     tell(0, _STEPS, "the runs")
     finished = finished_runs(store) if finished is None else finished
-    with tables.problems_made_once():
-        return _write_all(store, additions, tell, finished)
-
-
-def _write_all(store: ResultStore, additions: Additions, tell: Tell, finished: FinishedRuns) -> list[Path]:
     runs, traces, summary = finished.runs, finished.traces, finished.summary
     manifest = store.manifest()
     tell(1, _STEPS, "when each run reached each target")
@@ -103,52 +92,46 @@ def _write_all(store: ResultStore, additions: Additions, tell: Tell, finished: F
         identifiability = tables.identifiability(runs)
         several = len(runs[METHOD].drop_duplicates()) > 1
         named = {
-            "summary": summary,
-            "calibrated": tables.calibrated(runs, partial(printed_values, additions)),
+            "summary": summary, "calibrated": tables.calibrated(runs, partial(printed_values, additions)),
             "identifiability": identifiability,
             "overview": tables.overview(runs, manifest.get("costs", []), summary) if several else pd.DataFrame(),
-        }
+        }  # fmt: skip
         sections = filled_sections(additions, runs)
         printed = [(f"tables/{table.name}", rows) for _, filled in sections for table, rows in filled]
         for name, table in [*named.items(), *printed]:
-            written += _write(table, store.folder / f"{name}.csv")
+            path = store.folder / f"{name}.csv"
+            if table.empty:  # there is no file, nor one from an earlier report
+                path.unlink(missing_ok=True)
+                continue
+            path.parent.mkdir(exist_ok=True)
+            table.to_csv(path, index=False)
+            written.append(path)
         page = StudyPage(
-            folder=store.folder,
-            runs=runs,
-            sections=sections,
-            identifiability=identifiability,
-            drawings=drawings,
-            manifest=manifest,
-            about=(study_preset(store.study) or {}).get("description", ""),
+            folder=store.folder, runs=runs, sections=sections, identifiability=identifiability, drawings=drawings,
+            manifest=manifest, about=(study_preset(store.study) or {}).get("description", ""), traces=traces, hits=hits,
             beside={words: address for one in additions for words, address in one.links(store.folder).items()},
-            captions={figure.name: figure.caption for one in additions for figure in one.figures},
-            traces=traces,
-            hits=hits,
-            summary=summary,
-            together={name: caption for name, caption, _ in together},
-            ranked=ranked,
-        ).html()
+            captions={figure.name: figure.caption for one in additions for figure in one.figures}, summary=summary,
+            together={name: caption for name, caption, _ in together}, ranked=ranked,
+        ).html()  # fmt: skip
         written += drawings.files()
     tell(steps - 1, steps, "the page")
     written.append(write_whole(store.folder / "report.html", lambda file: file.write(page.encode())))
     return written
 
 
-def _write(table: pd.DataFrame, path: Path) -> list[Path]:
-    """Write a table and return its path; of one without rows there is no file, nor one from an earlier report."""
-    if table.empty:
-        path.unlink(missing_ok=True)
-        return []
-    path.parent.mkdir(exist_ok=True)
-    table.to_csv(path, index=False)
-    return [path]
-
-
 @contextmanager
 def report_progress() -> Iterator[Tell]:
     """Yield a tell(done, of, what) to call before each step of a report."""
     if not sys.stderr.isatty():
-        yield _lines()
+        last = time.monotonic() + _SOON - _EVERY
+
+        def tell(done: int, of: int, what: str) -> None:
+            nonlocal last
+            if time.monotonic() - last >= _EVERY:
+                last = time.monotonic()
+                print(f"  report: step {done + 1} of {of}, {what}", file=sys.stderr, flush=True)
+
+        yield tell
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -157,15 +140,3 @@ def report_progress() -> Iterator[Tell]:
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("")
         yield lambda done, of, what: bar.update(task, completed=done, total=of, description=printable(what[:60]))
-
-
-def _lines() -> Tell:
-    last = time.monotonic() + _SOON - _EVERY
-
-    def tell(done: int, of: int, what: str) -> None:
-        nonlocal last
-        if time.monotonic() - last >= _EVERY:
-            last = time.monotonic()
-            print(f"  report: step {done + 1} of {of}, {what}", file=sys.stderr, flush=True)
-
-    return tell

@@ -50,9 +50,8 @@ def _count_batches(work: Mapping[str, Any]) -> dict[str, Any]:
 
 def _gate(problem: Any) -> Any:
     """Return what an optimiser gets, of a gate that has seen a good point, as it has in nearly all calls."""
-    from calibench.bench.gate.box import doors_of
     from calibench.bench.gate.evaluator import Evaluator
-    from calibench.bench.gate.face import face_of
+    from calibench.bench.gate.face import doors_of, face_of
 
     gate = Evaluator(problem, 10**15)
     gate(problem.truth)

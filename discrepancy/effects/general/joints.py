@@ -10,14 +10,7 @@ import numpy as np
 
 from calibench.core.tables.cells import between
 from calibench.discrepancy.effects.general.lengths import reference_of, time_constants, warmth
-from calibench.discrepancy.effects.general.recipe import (
-    Built,
-    declared,
-    each_joint,
-    each_joint_and_all,
-    joints_of,
-    recipe,
-)
+from calibench.discrepancy.effects.general.recipe import Built, declared, each, named, recipe
 from calibench.discrepancy.model.effect import EffectFamily, LinearEffect, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
@@ -35,11 +28,7 @@ def largest_error(joint: Joint) -> float:
 
 
 def largest_slope(joint: Joint, column: Array, one: float) -> float:
-    """Return the coefficient of a column, (n,), at which the error of the joint is as large as errors may be.
-
-    It is in the unit that is `one` in that of the reading. The error is taken where the column is furthest from 0; a
-    cell without a number counts as 0.
-    """
+    """Return the coefficient of a column, (n,), at which the error of the joint is as large as errors may be."""
     furthest = float(np.max(np.abs(np.nan_to_num(np.asarray(column, dtype=float))), initial=0.0))
     return largest_error(joint) / one / furthest if furthest > 0 else np.inf
 
@@ -50,28 +39,25 @@ def told_in(joint: Joint) -> tuple[str, float]:
 
 
 def unstated(joint: Joint, what: str, option: str, formulation: Formulation, unit: str = "") -> NotTestable:
-    """Return the error for a number of a joint that nobody states; its message names the way to state it.
-
-    The user of a machine that lists the keys beside a file writes no `Joint`, but may have an option.
-    """
+    """Return the error for a number of a joint that nobody states; its message names the way to state it."""
     options = [stated.key for stated in description_of(formulation.data.machine).stated]
-    way = f": Joint({option}=...){f', in {unit}' if unit else ''}" if not options else ""
-    way = f"; {option}= states it" if option in options else way
+    way, of_unit = f"; {option}= states it" if option in options else "", f", in {unit}" if unit else ""
+    way = way if options else f": Joint({option}=...){of_unit}"
     return NotTestable(f"nobody states the {what} of {joint.name}{way}", (), missing=True)
 
 
 def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    [joint] = joints_of(formulation, target)
+    [joint] = named(roles_of(formulation).joints, target)
     needs(formulation.data, joint.reading)
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {joint.reading: np.asarray(q[joint.reading])[:, None]}
-
-    return (family.linear(target, (joint.reading,), {"k": "1"}, changes, largest=thresholds().largest_scale),)
+    effect = family.linear(
+        target, (joint.reading,), {"k": "1"}, lambda q, data: {joint.reading: np.asarray(q[joint.reading])[:, None]},
+        largest=thresholds().largest_scale,
+    )  # fmt: skip
+    return (effect,)
 
 
 def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    [joint] = joints_of(formulation, target)
+    [joint] = named(roles_of(formulation).joints, target)
     direction = declared(joint.direction, joint.name, "direction")
     needs(formulation.data, direction)
     unit, one = told_in(joint)
@@ -83,92 +69,81 @@ def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Bu
             return {joint.reading: one * np.stack(columns[: len(names)], axis=-1)}
 
         return family.linear(
-            target,
-            (direction,),
-            dict.fromkeys(names, unit),
-            changes,
-            largest=largest_error(joint) / one,
-            measure=_first,
-        )
+            target, (direction,), dict.fromkeys(names, unit), changes, largest=largest_error(joint) / one,
+            measure=lambda c: float(c[0]),
+        )  # fmt: skip
 
     still = int((np.asarray(formulation.data[direction]) == 0).sum())  # rows whose side of the play is not known
     return tuple(form(("play", "before its first move")[:k]) for k in ((1, 2) if still > 1 else (1,)))
 
 
-def _first(c: Array) -> float:
-    return float(c[0])
-
-
 def _compliance(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    [joint] = joints_of(formulation, target)
+    [joint] = named(roles_of(formulation).joints, target)
     torque = declared(joint.torque, joint.name, "torque" if joint.kind == "rotary" else "force")
     needs(formulation.data, torque)
     name, one = told_in(joint)
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {joint.reading: -one * data[torque][:, None]}
-
-    unit = f"{name}/{'(N mm)' if joint.kind == 'rotary' else 'N'}"
-    return (
-        family.linear(
-            target, (torque,), {"kappa": unit}, changes, largest=largest_slope(joint, formulation.data[torque], one)
-        ),
-    )
+    effect = family.linear(
+        target, (torque,), {"kappa": f"{name}/{'(N mm)' if joint.kind == 'rotary' else 'N'}"},
+        lambda q, data: {joint.reading: -one * data[torque][:, None]},
+        largest=largest_slope(joint, formulation.data[torque], one),
+    )  # fmt: skip
+    return (effect,)
 
 
 def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    joints = joints_of(formulation, target)
+    joints = named(roles_of(formulation).joints, target)
     columns = tuple(declared(joint.velocity, joint.name, "velocity") for joint in joints)
     needs(formulation.data, *columns)
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {joint.reading: data[joint.velocity][:, None] for joint in joints}
-
     most = min(largest_slope(joint, formulation.data[joint.velocity], 1.0) for joint in joints)
-    return (family.linear(target, columns, {"tau": "s"}, changes, largest=most),)
+    effect = family.linear(
+        target, columns, {"tau": "s"},
+        lambda q, data: {joint.reading: data[joint.velocity][:, None] for joint in joints}, largest=most,
+    )  # fmt: skip
+    return (effect,)
 
 
 def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    [joint] = joints_of(formulation, target)
-    roles = roles_of(formulation)
+    [joint] = named(roles_of(formulation).joints, target)
+    roles, run = roles_of(formulation), formulation.data
     column = declared(joint.temperature or roles.temperature, joint.name, "temperature")
-    needs(formulation.data, column)
+    needs(run, column)
     name, one = told_in(joint)
-    unit, run = f"{name}/K", formulation.data
     zero_at = reference_of(formulation, column, joint.reading)
 
     def form(late: float) -> LinearEffect:
-        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-            return {joint.reading: one * (warmth(data, late, column, roles.time, run) - zero_at)[:, None]}
+        def warm(data: MeasuredData) -> Array:
+            return warmth(data, late, column, roles.time, run) - zero_at
 
-        most = largest_slope(joint, warmth(run, late, column, roles.time, run) - zero_at, one)
-        return family.linear(target, (column,), {"a": unit}, changes, largest=most)
+        return family.linear(
+            target, (column,), {"a": f"{name}/K"}, lambda q, data: {joint.reading: one * warm(data)[:, None]},
+            largest=largest_slope(joint, warm(run), one),
+        )  # fmt: skip
 
-    return tuple(form(late) for late in time_constants(formulation.data, roles.time))
+    return tuple(form(late) for late in time_constants(run, roles.time))
 
 
 scale = recipe(
     "gear", "A gear ratio, the pitch of a screw, or the scale of an encoder is not the stated one",
     "reading_i += k reading_i", channel="reading", columns=("the reading",), unit="1", targets="each joint",
-    targets_in=each_joint, make=_scale, label="scale error", resolved_by=LONGER_ARC,
+    targets_in=each("joints"), make=_scale, label="scale error", resolved_by=LONGER_ARC,
 )  # fmt: skip
 backlash = recipe(
     "backlash", "A drive has play", "reading_i -= play / 2 * direction_i", channel="reading",
-    columns=("the direction",), unit="that of the joint", targets="each joint", targets_in=each_joint, make=_backlash,
-    never_negative="play",
+    columns=("the direction",), unit="that of the joint", targets="each joint", targets_in=each("joints"),
+    make=_backlash, never_negative="play",
 )  # fmt: skip
 compliance = recipe(
     "compliance", "A drive gives way to its torque, or its force", "reading_i -= kappa torque_i", channel="reading",
-    columns=("the torque",), unit="that of the joint by N mm, or by N", targets="each joint", targets_in=each_joint,
+    columns=("the torque",), unit="that of the joint by N mm, or by N", targets="each joint", targets_in=each("joints"),
     make=_compliance, never_negative="compliance",
 )  # fmt: skip
 lag = recipe(
     "lag", "A joint, or all of them, are read too early or too late", "reading_i += tau velocity_i",
-    channel="reading", columns=("the velocity",), unit="s", targets="each joint, all", targets_in=each_joint_and_all,
-    make=_lag, label="timing lag", label_of_all="timing lag of all joints",
+    channel="reading", columns=("the velocity",), unit="s", targets="each joint, all",
+    targets_in=each("joints", and_all=True), make=_lag, label="timing lag", label_of_all="timing lag of all joints",
 )  # fmt: skip
 zero = recipe(
     "thermal_zero", "The zero of a joint moves with temperature", "reading_i += a T, T follows the temperature",
     channel="reading", columns=("the temperature",), unit="that of the joint by K", targets="each joint",
-    targets_in=each_joint, make=_zero, label="thermal shift of the zero",
+    targets_in=each("joints"), make=_zero, label="thermal shift of the zero",
 )  # fmt: skip

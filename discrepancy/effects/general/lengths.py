@@ -1,36 +1,20 @@
-"""Errors of any member: growth with temperature, compliance under the force along it, play along it; held numbers.
+"""Errors of a member: growth with temperature, compliance and play under the force along it; held numbers; instruments.
 
-A number that is held may have another value than the stated one.
-
-The temperature of members: they follow a thermometer with an unknown lag, so causes have one form for each lag.
-
-The temperature at which an effect of temperature is zero: the thermometer's own zero, or the mean of the run.
-
-A column in degrees Celsius is far from its zero. The calibrated zero of a joint, or a length, would then be that of the
-machine at 0 °C, which nobody has seen and which its bounds do not allow for. Counted from the mean of the run the model
-is the same, and the calibrated value is that of the machine at that mean temperature. A number that is held is known
-for one temperature, so its column must be relative to that temperature, and stays as it is.
-
-Errors of an instrument that measures from outside: its scale, and readings that come late.
+Members follow a thermometer with an unknown lag, so causes have one form for each lag. A column in degrees Celsius is
+far from its zero: the calibrated zero of a joint, or a length, would be that of the machine at 0 °C, which nobody has
+seen. Counted from the mean of the run the model is the same, and the calibrated value is that at this mean. A number
+that is held is known for one temperature, so its column must be relative to that, and stays as it is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
-from calibench.discrepancy.effects.general.recipe import (
-    Built,
-    declared,
-    each_instrument,
-    each_length,
-    each_length_and_all,
-    instrument_of,
-    lengths_of,
-    recipe,
-)
+from calibench.discrepancy.effects.general.recipe import Built, declared, each, named, recipe
 from calibench.discrepancy.model.effect import Effect, EffectFamily, LinearEffect, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
@@ -77,11 +61,7 @@ def warmth(data: MeasuredData, late: float, column: str, clock: str, run: Measur
 
 
 def _record(data: MeasuredData, column: str, clock: str, run: MeasuredData) -> tuple[Array, Array]:
-    """Return the times, (k,), and the thermometer's readings, of `run` and of the rows of `data` from the same run.
-
-    Rows belong to another run where the thermometer showed something else at the same time. They are then returned
-    without those of `run`.
-    """
+    """Return the times, (k,), and the thermometer's readings, of `run` and of the rows of `data` from the same run."""
     t, shown = (np.asarray(data[name], dtype=float) for name in (clock, column))
     known, then = (np.asarray(run[name], dtype=float) for name in (clock, column))
     if np.array_equal(t, known):
@@ -100,24 +80,16 @@ _SAME = 1e-8  # part of a signature: what is left of one that calibration absorb
 
 
 def reference_of(formulation: Formulation, column: str, quantity: str) -> float:
-    """Return the temperature in `column` that counts as zero for `quantity`: the mean of the run, or 0.
-
-    It is the mean where no reading is near 0 and calibration finds a constant error of the quantity by itself.
-    """
+    """Return the temperature in `column` that counts as zero for `quantity`: the mean of the run, or 0."""
     values = np.asarray(formulation.data[column], dtype=float)
-    if values.min() <= 0.0 <= values.max() or not _is_absorbed(formulation, quantity):
+    if values.min() <= 0.0 <= values.max():
         return 0.0
-    return float(values.mean())
-
-
-def _is_absorbed(formulation: Formulation, quantity: str) -> bool:
-    """Tell whether the calibrated parameters can imitate a constant error of `quantity` in all rows."""
+    mean, count, some = float(values.mean()), len(values), formulation
     if quantity in {p.name for p in formulation.parameters}:
-        return True
-    count = len(formulation.data)
-    some = formulation
+        return mean
     if count > _ROWS:
         some = formulation.on(formulation.data.rows(np.linspace(0, count - 1, _ROWS).astype(int)))
+    # whether the calibrated parameters can imitate a constant error in all rows
     model = Model(some)
     slopes = some.slopes(model.quantities(model.start)[0])
     error = np.asarray(slopes[quantity], dtype=float).ravel()
@@ -125,19 +97,18 @@ def _is_absorbed(formulation: Formulation, quantity: str) -> bool:
     length = np.linalg.norm(own, axis=0)
     own = own[:, length > 0] / length[length > 0]
     rest = error - own @ np.linalg.lstsq(own, error, rcond=1e-12)[0]
-    return bool(np.linalg.norm(rest) <= _SAME * np.linalg.norm(error))
-
-
-NOWHERE: Mapping[str, float] = {}
+    return mean if np.linalg.norm(rest) <= _SAME * np.linalg.norm(error) else 0.0
 
 
 def _growth(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    lengths = lengths_of(formulation, target)
-    roles = roles_of(formulation)
+    lengths, roles = named(roles_of(formulation).lengths, target), roles_of(formulation)
     heat = {one.quantity: declared(one.temperature or roles.temperature, one.name, "temperature") for one in lengths}
     needs(formulation.data, *dict.fromkeys(heat.values()))
     own_at = {name: reference_of(formulation, column, name) for name, column in heat.items()}
     return grown(family, target, heat, formulation.data, roles.time, own_at)
+
+
+NOWHERE: Mapping[str, float] = {}
 
 
 def grown(
@@ -160,112 +131,87 @@ def grown(
     return tuple(form(late) for late in time_constants(run, clock))
 
 
-def _stretch(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    [length] = lengths_of(formulation, target)
+def _forced(
+    coefficient: str, per: str, turns: bool, form: Callable[[Array], Array], family: EffectFamily,
+    formulation: Formulation, target: str,
+) -> Built:  # fmt: skip
+    """Return the change of a length by a `form` of the force along it, which must change its sign where it `turns`."""
+    [length] = named(roles_of(formulation).lengths, target)
     force = declared(length.force, length.name, "force")
     needs(formulation.data, force)
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {length.quantity: data[force][:, None]}
-
-    unit = f"{length.unit}/N"
-    return (family.linear(target, (force,), {"k": unit}, changes),)
-
-
-def _clearance(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    [length] = lengths_of(formulation, target)
-    force = declared(length.force, length.name, "force")
-    needs(formulation.data, force)
-    if not np.ptp(np.sign(formulation.data[force])) > 0:
+    if turns and not np.ptp(np.sign(formulation.data[force])) > 0:
         raise NotTestable(f"column {force} never changes its sign", (force,))
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {length.quantity: 0.5 * np.sign(data[force])[:, None]}
-
-    unit = length.unit
-    return (family.linear(target, (force,), {"play": unit}, changes),)
-
-
-def _freed(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    units = {one.quantity: one.unit for one in roles_of(formulation).lengths}
-    return (freed(family, target, (target,), units.get(target, "")),)
-
-
-def freed(family: EffectFamily, target: str, names: tuple[str, ...], unit: str) -> LinearEffect:
-    """Return held numbers as coefficients: the difference of each from the number it is held at."""
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        each = np.eye(len(names))
-        return {name: np.tile(each[k], (len(data), 1)) for k, name in enumerate(names)}
-
-    return family.linear(target, (), dict.fromkeys(names, unit), changes)
+    return (
+        family.linear(
+            target, (force,), {coefficient: f"{length.unit}{per}"},
+            lambda q, data: {length.quantity: form(data[force])[:, None]},
+        ),
+    )  # fmt: skip
 
 
 growth = recipe(
     "thermal_length", "A member, or all of them, grow with temperature", ("length_i *= 1 + alpha T, T follows the "
         "temperature"), channel="link", columns=("the temperature",), unit="1/K", targets="each length, all",
-    targets_in=each_length_and_all, make=_growth, label="thermal growth",
+    targets_in=each("lengths", and_all=True), make=_growth, label="thermal growth",
     label_of_all="thermal growth of all members",
 )  # fmt: skip
 stretch = recipe(
     "axial_compliance", "A member gives way to the force along it", "length_i += k force_i", channel="link",
-    columns=("the force",), unit="mm/N", targets="each length", targets_in=each_length, make=_stretch,
+    columns=("the force",), unit="mm/N", targets="each length", targets_in=each("lengths"),
+    make=partial(_forced, "k", "/N", False, lambda force: force),
 )  # fmt: skip
 clearance = recipe(
     "clearance", "The joints of a member have play along it", "length_i += play / 2 * sign(force_i)", channel="link",
-    columns=("the force",), unit="mm", targets="each length", targets_in=each_length, make=_clearance,
+    columns=("the force",), unit="mm", targets="each length", targets_in=each("lengths"),
+    make=partial(_forced, "play", "", True, lambda force: 0.5 * np.sign(force)),
 )  # fmt: skip
 free_number = recipe(
     "free_number", "A number that is held is not the stated one", "number += c", channel="link", columns=(),
     unit="that of the number", targets="each held number", targets_in=lambda formulation: tuple(formulation.fixed),
-    make=_freed, label="another value",
+    make=lambda family, formulation, target: (
+        family.linear(
+            target, (), {target: {one.quantity: one.unit for one in roles_of(formulation).lengths}.get(target, "")},
+            lambda q, data: {target: np.ones((len(data), 1))},
+        ),
+    ), label="another value",
 )  # fmt: skip
 
 
 def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    columns = instrument_of(formulation, target).columns
-    needs(formulation.data, *columns)
-    if _own_noise(formulation, columns) > 1:
+    [instrument], data = named(roles_of(formulation).instruments, target), formulation.data
+    columns = instrument.columns
+    needs(data, *columns)
+    # the noise is in the reading and in its error, so the two correlate: n values whose rms is R sigma gain n / R^2 in
+    # twice the log-likelihood where nothing is wrong
+    squares = sum(float(np.mean((np.asarray(data[c]) / np.asarray(formulation.sigma[c])) ** 2)) for c in columns)
+    if not squares > 0 or len(data) * len(columns) * len(columns) / squares > 1:
         raise NotTestable("what it measures is too near to its noise: each error would be explained by itself", columns)
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {name: -np.asarray(q[name])[:, None] for name in columns}
-
-    return (family.linear(target, columns, {"k": "1"}, changes, largest=thresholds().largest_scale),)
-
-
-def _own_noise(formulation: Formulation, columns: tuple[str, ...]) -> float:
-    """Return the gain, in twice the log-likelihood, that noise alone gives to the scale of noisy readings.
-
-    The noise is in the reading and in its error, so the two correlate: n values whose rms is R sigma gain n / R^2 where
-    nothing is wrong.
-    """
-    n = len(formulation.data) * len(columns)
-    size = sum(
-        float(np.mean((np.asarray(formulation.data[c]) / np.asarray(formulation.sigma[c])) ** 2)) for c in columns
-    )
-    return n * len(columns) / size if size > 0 else np.inf
+    effect = family.linear(
+        target, columns, {"k": "1"}, lambda q, data: {name: -np.asarray(q[name])[:, None] for name in columns},
+        largest=thresholds().largest_scale,
+    )  # fmt: skip
+    return (effect,)
 
 
 def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    instrument = instrument_of(formulation, target)
+    [instrument] = named(roles_of(formulation).instruments, target)
     declared("".join(instrument.velocity[:1]), target, "velocity of what it measures")
     needs(formulation.data, *instrument.velocity)
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {name: data[v][:, None] for name, v in zip(instrument.columns, instrument.velocity)}
-
-    columns = instrument.velocity
-    return (family.linear(target, columns, {"tau": "s"}, changes),)
+    pairs = dict(zip(instrument.columns, instrument.velocity))
+    effect = family.linear(
+        target, instrument.velocity, {"tau": "s"},
+        lambda q, data: {name: data[velocity][:, None] for name, velocity in pairs.items()},
+    )  # fmt: skip
+    return (effect,)
 
 
 scale = recipe(
     "instrument_scale", "An instrument reads too large or too small", "measured -= k measured", channel="prediction",
-    columns=("what it measures",), unit="1", targets="each instrument", targets_in=each_instrument, make=_scale,
+    columns=("what it measures",), unit="1", targets="each instrument", targets_in=each("instruments"), make=_scale,
     label="scale error",
 )  # fmt: skip
 lag = recipe(
     "instrument_lag", "An instrument is read too early or too late", "measured_i += tau velocity_i",
     channel="prediction", columns=("the velocity of what it measures",), unit="s", targets="each instrument",
-    targets_in=each_instrument, make=_lag, label="timing lag",
+    targets_in=each("instruments"), make=_lag, label="timing lag",
 )  # fmt: skip

@@ -1,16 +1,14 @@
 """`Recipe`: a general cause, made into a family for all machines, and into families of machines with their own words.
 
 The changes of the quantities are stated once. A machine that has names, formulas or twins of its own enters the same
-physics under them (`recipe.enter("gpm2002", targets, ...)`). All others get the general family, as far as their roles
-allow it.
+physics under them (`recipe.enter("gpm2002", targets, ...)`). All others get the general family, as their roles allow.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, final
+from typing import Any, Literal, TypeVar, final
 
 from calibench.discrepancy.model.effect import Effect, EffectFamily, HeldBack, NotTestable
 from calibench.discrepancy.model.machine import Formulation
@@ -20,6 +18,7 @@ from calibench.discrepancy.registries import GENERAL
 Built = tuple[Effect, ...] | HeldBack
 Make = Callable[[EffectFamily, Formulation, str], Built]
 Twins = Callable[[Formulation, str], tuple[str, ...]]
+_Part = TypeVar("_Part", Joint, Length, Instrument)
 
 
 @final
@@ -34,29 +33,22 @@ class Recipe:
         self, machine: str = GENERAL, targets: tuple[str, ...] | None = None, twins_of: Twins | None = None,
         **words: Any,
     ) -> EffectFamily:  # fmt: skip
-        """Enter the family of one machine, or the general one, and return it.
+        """Enter the family of one machine, or the general one, and return it; `words` are fields that differ.
 
-        `words` are fields of `EffectFamily` that differ. `twins_of(formulation, target)` are the twins by the machine's
-        physics.
+        `twins_of(formulation, target)` are the twins by the machine's physics.
         """
-
         if targets is not None:
             words |= {"targets": targets, "targets_in": None}
         family = replace(self.words, machine=machine, **words)
-        make = self.make if twins_of is None else _twinned(self.make, twins_of)
-        family = replace(family, build=partial(make, family))
-        return family.enter()
 
+        def build(formulation: Formulation, target: str) -> Built:
+            built = self.make(family, formulation, target)
+            if twins_of is None or isinstance(built, HeldBack):
+                return built
+            twins = twins_of(formulation, target)
+            return tuple(replace(effect, twins=twins) for effect in built)  # type: ignore[type-var]
 
-def _twinned(make: Make, twins_of: Twins) -> Make:
-    def twinned(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-        built = make(family, formulation, target)
-        if isinstance(built, HeldBack):
-            return built
-        twins = twins_of(formulation, target)
-        return tuple(replace(effect, twins=twins) for effect in built)  # type: ignore[type-var]
-
-    return twinned
+        return replace(family, build=build).enter()
 
 
 def recipe(
@@ -64,64 +56,31 @@ def recipe(
     targets_in: Callable[[Formulation], tuple[str, ...]], make: Make, **more: Any,
 ) -> Recipe:  # fmt: skip
     """Return a recipe; `targets` are words for what `targets_in` finds in the roles of a formulation."""
-
-    def build(formulation: Formulation, target: str) -> Built:
-        raise NotImplementedError(name)
-
     words = EffectFamily(
-        name,
-        GENERAL,
-        cause,
-        formula=formula,
-        channel=channel,
-        columns=columns,
-        unit=unit,
-        targets=(targets,),
-        build=build,
-        targets_in=targets_in,
-        **more,
-    )
+        name=name, machine=GENERAL, cause=cause, formula=formula, channel=channel, columns=columns, unit=unit,
+        targets=(targets,), build=lambda formulation, target: (), targets_in=targets_in, **more,
+    )  # fmt: skip
     return Recipe(words, make)
 
 
-def each_joint(formulation: Formulation) -> tuple[str, ...]:
-    """Return the names of the joints."""
-    return tuple(joint.name for joint in roles_of(formulation).joints)
+def each(
+    role: Literal["joints", "lengths", "instruments"], kind: str = "", *, and_all: bool = False
+) -> Callable[[Formulation], tuple[str, ...]]:
+    """Return the function that finds the targets of a role: its parts, those of a `kind`, and of several `all`."""
+
+    def targets_in(formulation: Formulation) -> tuple[str, ...]:
+        parts = getattr(roles_of(formulation), role)
+        names = tuple(part.name for part in parts if not kind or part.kind == kind)
+        return (*names, ALL) if and_all and len(names) > 1 else names
+
+    return targets_in
 
 
-def each_joint_and_all(formulation: Formulation) -> tuple[str, ...]:
-    """Return the names of the joints, and of several `all`."""
-    return (*each_joint(formulation), *(ALL,) * (len(roles_of(formulation).joints) > 1))
-
-
-def each_length(formulation: Formulation) -> tuple[str, ...]:
-    """Return the names of the lengths."""
-    return tuple(length.name for length in roles_of(formulation).lengths)
-
-
-def each_length_and_all(formulation: Formulation) -> tuple[str, ...]:
-    """Return the names of the lengths, and of several `all`."""
-    return (*each_length(formulation), *(ALL,) * (len(roles_of(formulation).lengths) > 1))
-
-
-def each_instrument(formulation: Formulation) -> tuple[str, ...]:
-    """Return the names of the instruments."""
-    return tuple(instrument.name for instrument in roles_of(formulation).instruments)
-
-
-def joints_of(formulation: Formulation, target: str) -> tuple[Joint, ...]:
-    """Return the joint that a target is, or all of them; `LookupError` where there is none of that name."""
-    return tuple(j for j in roles_of(formulation).joints if target in (j.name, ALL)) or _none(target)
-
-
-def lengths_of(formulation: Formulation, target: str) -> tuple[Length, ...]:
-    """Return the length that a target is, or all of them."""
-    return tuple(one for one in roles_of(formulation).lengths if target in (one.name, ALL)) or _none(target)
-
-
-def instrument_of(formulation: Formulation, target: str) -> Instrument:
-    """Return the instrument that a target is."""
-    return next((one for one in roles_of(formulation).instruments if one.name == target), None) or _none(target)
+def named(parts: tuple[_Part, ...], target: str) -> tuple[_Part, ...]:
+    """Return the joint, length or instrument that a target is, or all; `LookupError` where none has that name."""
+    if found := tuple(part for part in parts if target in (part.name, ALL)):
+        return found
+    raise LookupError(f"no part is called {target!r}")
 
 
 def unit_of(formulation: Formulation, *columns: str) -> str:
@@ -135,7 +94,3 @@ def declared(column: str, part: str, what: str) -> str:
     if not column:
         raise NotTestable(f"{part} declares no {what}: with a column of it this could be tested", (), missing=True)
     return column
-
-
-def _none(target: str) -> Any:
-    raise LookupError(f"no part is called {target!r}")

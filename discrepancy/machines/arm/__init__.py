@@ -1,14 +1,11 @@
-"""A serial arm from its URDF; a tracker sees its target, or its ball sits in sockets.
+"""A serial arm from its URDF or its table; a tracker sees its target, or its ball sits in sockets.
 
-`geometry` is the arm with its imperfections, `start` finds base and tool, `rank` finds which parameters the readings
-determine, `loads` computes the moments of gravity, `turns` handles measured orientations, `sockets` measurements
-without a tracker, `validate` checks files, `wild` leaves out unusable readings, `formulation` states what is measured
-and predicted, `effects` has the arm's own effects, `description` declares columns, units and words.
+`readings` reads what was measured and computes the moments of gravity, `formulation` states what is predicted, and
+declares columns, units and words, `sockets` does so without a tracker, `effects` has the arm's own effects.
 """
 
 from __future__ import annotations
 
-from calibench.discrepancy.machines.arm import description as description
 from calibench.discrepancy.machines.arm import effects as effects
 from calibench.discrepancy.machines.arm.formulation import Arm
 

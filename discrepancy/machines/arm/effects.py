@@ -6,7 +6,6 @@ Base and tool move as rigid bodies, all coordinates at once: evenly during the r
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -15,60 +14,51 @@ from calibench.calibration.walk import BASE, TOOL, TURNS
 from calibench.discrepancy.effects.general.columns import run_terms
 from calibench.discrepancy.effects.general.recipe import Built, declared
 from calibench.discrepancy.machines.arm.formulation import TOOL_TURNS, loads_in
-from calibench.discrepancy.model.effect import ChangePoint, EffectFamily, LinearEffect, NotTestable, change_times, needs
+from calibench.discrepancy.model.effect import ChangePoint, EffectFamily, NotTestable, change_times, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-_MILLI = 1e-3
 
-
-def _numbers(formulation: Formulation, part: str) -> tuple[str, ...]:
-    """Return the numbers that give the place of a part; raise `NotTestable` where no outside measurement sees it."""
-    if part == "base":
-        if not any(p.name == BASE[0] for p in formulation.parameters):
-            raise NotTestable("nothing outside the arm was measured that the base could move against")
-        return BASE
-    return (
-        *TOOL,
-        *(name for name in TOOL_TURNS if name in {*formulation.fixed, *(p.name for p in formulation.parameters)}),
-    )
-
-
-def _clock(formulation: Formulation) -> str:
+def _moved(formulation: Formulation, part: str) -> tuple[tuple[str, ...], str]:
+    """Return the numbers that give the place of a part, and the clock; raise `NotTestable` where nothing sees it."""
+    known = {p.name for p in formulation.parameters}
+    if part == "base" and BASE[0] not in known:
+        raise NotTestable("nothing outside the arm was measured that the base could move against")
+    turns = (name for name in TOOL_TURNS if name in {*formulation.fixed, *known})
     clock = declared(roles_of(formulation).time, "the arm", "time")
     needs(formulation.data, clock)
-    return clock
+    return BASE if part == "base" else (*TOOL, *turns), clock
 
 
 def _drifts(formulation: Formulation, target: str, *, name: str) -> Built:
-    names, clock = _numbers(formulation, target), _clock(formulation)
+    names, clock = _moved(formulation, target)
     t = formulation.data[clock]
     origin, span = float(t.min()), float(np.ptp(t))
 
-    def form(moved: tuple[str, ...]) -> LinearEffect:
-        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-            s = run_terms((data[clock] - origin) / span)[:, :1]
-            return {one: _scale(one) * s * np.eye(len(moved))[k] for k, one in enumerate(moved)}
+    def changes(moved: tuple[str, ...], q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        s = run_terms((data[clock] - origin) / span)[:, :1]
+        return {one: _kind(one)[1] * s * np.eye(len(moved))[k] for k, one in enumerate(moved)}
 
-        units = tuple(map(_unit, moved))
-        return LinearEffect(
-            name, target, FAMILIES[name].formula, "base", (clock,), moved, units, "mm", changes, measure=_way
-        )  # fmt: skip
-
-    return tuple(form(moved) for moved in dict.fromkeys((names[:3], names)))
+    return tuple(
+        FAMILIES[name].linear(
+            target, (clock,), {one: _kind(one)[0] for one in moved}, partial(changes, moved), unit="mm",
+            measure=lambda c: float(np.linalg.norm(c[:3])),  # mm: its turns are reported separately
+        )
+        for moved in dict.fromkeys((names[:3], names))
+    )  # fmt: skip
 
 
 def _shifts(formulation: Formulation, target: str, *, name: str) -> Built:
-    names, clock = _numbers(formulation, target), _clock(formulation)
+    names, clock = _moved(formulation, target)
     times = change_times(formulation.data[clock])
     formula = FAMILIES[name].formula
     return tuple(
         ChangePoint(
-            name, target, formula, "base", moved, moved, "mm", float(at), len(times), (clock,), clock=clock,
-            kinds=tuple((_unit(one), _scale(one)) for one in moved),
+            name, target, formula, channel="base", quantities=moved, coefficients=moved, unit="mm", at=float(at),
+            positions=len(times), columns=(clock,), clock=clock, kinds=tuple(map(_kind, moved)),
         )
         for moved in dict.fromkeys((names[:3], names))
         for at in times
@@ -94,11 +84,7 @@ def _bends(formulation: Formulation, target: str) -> Built:
     if not np.ptp(across[names[0]]) + np.ptp(across[names[1]]) > 0:
         raise NotTestable(f"gravity asks the same of {target} across its axis in every pose")
     most = thresholds().largest_angle / max(float(np.max(np.abs(across[name]))) for name in names)
-    return (
-        LinearEffect(
-            "bending", target, bending.formula, "link", (), ("k",), ("rad/(N mm)",), "rad/(N mm)", changes, largest=most
-        ),
-    )  # fmt: skip
+    return (bending.linear(target, (), {"k": "rad/(N mm)"}, changes, largest=most),)
 
 
 def _joints(formulation: Formulation) -> tuple[str, ...]:
@@ -110,24 +96,8 @@ def _joints(formulation: Formulation) -> tuple[str, ...]:
     )
 
 
-def _unit(name: str) -> str:
-    return "mrad" if "_r" in name else "mm"
-
-
-def _scale(name: str) -> float:
-    return _MILLI if "_r" in name else 1.0
-
-
-def _way(c: Array) -> float:
-    """Return how far the part moved [mm]; its turns are reported separately."""
-    return float(np.linalg.norm(c[:3]))
-
-
-def _moving(name: str, part: str, cause: str, formula: str, label: str, built: Callable[..., Built]) -> EffectFamily:
-    return EffectFamily(
-        name, "arm", cause, formula, "base", ("the time",), "mm", (part,), partial(built, name=name), label_of_all="",
-        label=label,
-    ).enter()  # fmt: skip
+def _kind(name: str) -> tuple[str, float]:
+    return ("mrad", 1e-3) if "_r" in name else ("mm", 1.0)
 
 
 FAMILIES: dict[str, EffectFamily] = {}
@@ -141,9 +111,12 @@ for _name, _part, _cause, _formula, _label, _built in (
     ("tool_shift", "tool", "The tool, or the target, slips on the flange once during the run",
      "tool += d, and turns by r, from a time on", "slip", _shifts),
 ):  # fmt: skip
-    FAMILIES[_name] = _moving(_name, _part, _cause, _formula, _label, _built)
+    FAMILIES[_name] = EffectFamily(
+        _name, "arm", _cause, formula=_formula, channel="base", columns=("the time",), unit="mm", targets=(_part,),
+        build=partial(_built, name=_name), label=_label,
+    ).enter()  # fmt: skip
 bending = EffectFamily(
     "bending", "arm", "The bearing of a joint, and the link behind it, give way to gravity across the axis",
-    "the axis of joint i leans by k times the moment across it", "link", (), "rad/(N mm)", ("each joint",), _bends,
-    targets_in=_joints, label="bending across the axis",
+    formula="the axis of joint i leans by k times the moment across it", channel="link", columns=(),
+    unit="rad/(N mm)", targets=("each joint",), build=_bends, targets_in=_joints, label="bending across the axis",
 ).enter()  # fmt: skip

@@ -17,48 +17,26 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from calibench import calibration
+from calibench.calibration import walk
+from calibench.calibration.columns import ARM, PAYLOAD, QUATERNION, WARMTH, WAYS
 from calibench.calibration.determined import select_by_name
 from calibench.calibration.kinematics import Chain
 from calibench.calibration.rigid import Array, Numbers, beside, rotation_of, small_vector_of, vector_of
 from calibench.calibration.start import Start
-from calibench.calibration.walk import (
-    BASE,
-    PLACE,
-    READING,
-    TOOL,
-    TURNS,
-    Stand,
-    Walk,
-    of_joint,
-    quantities,
-    slopes,
-    turn_slopes,
-    walk,
-)
+from calibench.core.options import suggest
 from calibench.discrepancy.checks.wild import without_wild
-from calibench.discrepancy.machines.arm.loads import loads, torques, with_loads
-from calibench.discrepancy.machines.arm.readings import (
-    PAYLOAD,
-    QUATERNION,
-    ROW,
-    WARMTH,
-    accepted,
-    completed,
-    rotations,
-    stated_teeth,
-    table_of_data,
-)
+from calibench.discrepancy.machines.arm import readings
 from calibench.discrepancy.machines.arm.sockets import in_sockets, with_held
 from calibench.discrepancy.model.formulations import Predicted
-from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.machine import Description, Formulation, Quantities, Quantity, Stated
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive
 from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
-from calibench.discrepancy.registries import machines
+from calibench.discrepancy.registries import describe, machines
 from calibench.problems.base import Parameter
 
-TURNED = tuple(f"turn_{one}" for one in PLACE)  # mrad: how the target is turned beside the start, as measured
-AIM = tuple(f"aim_{one}" for one in PLACE)  # rad: how it is turned at the start
-TOOL_TURNS = tuple(f"tool_{one}" for one in TURNS)
+TURNED = tuple(f"turn_{one}" for one in walk.PLACE)  # mrad: how the target is turned beside the start, as measured
+AIM = tuple(f"aim_{one}" for one in walk.PLACE)  # rad: how it is turned at the start
+TOOL_TURNS = tuple(f"tool_{one}" for one in walk.TURNS)
 MILLI = 1e3
 DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "demo" / "arm"  # a URDF there is known by its stem
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
@@ -84,11 +62,8 @@ class Arm:
     observe: Literal["", "position", "pose", "sockets"] = ""
     name: str = field(default="arm", init=False)
 
-    def chain(self, data: MeasuredData) -> Chain:
-        """Return the chain of joints; raise `DataError` without a usable description."""
-        return self._described(data).chain
-
-    def _described(self, data: MeasuredData) -> calibration.Arm:
+    def formulate(self, data: MeasuredData) -> Predicted:
+        """Return the prediction of what was measured; raise `DataError` for data that this arm cannot give."""
         dh = self.dh or ("" if self.urdf else str(data.metadata.get("dh", "")))
         lost = next((key for key in ("urdf", "tip", "base") if getattr(self, key)), "") if dh else ""
         if lost:
@@ -102,19 +77,21 @@ class Arm:
             file = shipped
         convention = self.convention or str(data.metadata.get("convention", ""))
         try:
-            return calibration.read_arm(
-                file, table=bool(dh), convention=convention, base=self.base, tip=self.tip, data=table_of_data(data)
+            arm = calibration.read_arm(
+                file,
+                table=bool(dh),
+                convention=convention,
+                base=self.base,
+                tip=self.tip,
+                data=readings.table_of_data(data),
             )
         except (calibration.ChainError, OSError) as error:
             raise DataError(str(error)) from None
 
-    def formulate(self, data: MeasuredData) -> Predicted:
-        """Return the prediction of what was measured; raise `DataError` for data that this arm cannot give."""
-        arm = self._described(data)
-        data, start = accepted(data, arm, self.observe)
+        data, start = readings.accepted(data, arm, self.observe)
         if start.readings.observed == "sockets":
-            at = quantities(arm.chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
-            data = with_loads(arm.chain, Stand(np.eye(3)), at, data)
+            at = walk.quantities(arm.chain) | dict.fromkeys((*walk.BASE, *walk.TOOL), 0.0)
+            data = readings.with_loads(arm.chain, np.eye(3), at, data)
             return in_sockets(arm.chain, data, roles_for(arm.chain, data, ()), start)
         return tracked(arm.chain, data, start)
 
@@ -122,48 +99,45 @@ class Arm:
 def tracked(chain: Chain, data: MeasuredData, begin: Start) -> Predicted:
     """Return the prediction of a target that a tracker sees; a fit starts at `begin`."""
     fitted = np.asarray(data["split"]) != "hold" if "split" in data else np.ones(len(data), dtype=bool)
-    stand = Stand(begin.base[:3, :3])
-    numbers = quantities(chain)
-    start = dict(zip(BASE, (*begin.base[:3, 3], 0.0, 0.0, 0.0))) | numbers | dict(zip(TOOL, begin.tool[:3, 3]))
-    q = start | {READING + n: data[READING + n] for n in chain.driven}
-    tool, turned = begin.tool[:3, :3], rotations(data)
+    base = begin.base[:3, :3]
+    numbers = walk.quantities(chain)
+    start = (
+        dict(zip(walk.BASE, (*begin.base[:3, 3], 0.0, 0.0, 0.0))) | numbers | dict(zip(walk.TOOL, begin.tool[:3, 3]))
+    )
+    q = start | {walk.READING + n: data[walk.READING + n] for n in chain.driven}
+    tool, turned = begin.tool[:3, :3], readings.rotations(data)
     posed = turned is not None
     if posed:
         start |= dict.fromkeys(TOOL_TURNS, 0.0)
-        data = _aimed(data, walk(chain, stand, q).flange[0] @ tool, turned)
-    predict = _Target(chain, stand, tool if posed else None)
+        data = _aimed(data, walk.walk(chain, base, q).flange[0] @ tool, turned)
+    predict = _Target(chain, base, tool if posed else None)
     q |= start | ({name: data[name] for name in AIM} if posed else {})
-    seen, rest = predict.slopes(q), _measured(data) - predict.seen(q)
-    order = (*BASE, *TOOL, *(TOOL_TURNS if posed else ()), *(f"zero_{j.name}" for j in chain.joints))
-    order += tuple(name for k in (slice(3), slice(3, 6)) for j in chain.joints for name in of_joint(j.name)[k])
+    names = (*walk.PLACE, *TURNED) if data.has(*TURNED) else walk.PLACE
+    measured = np.stack([np.asarray(data[name], dtype=float) for name in names], axis=-1)
+    seen, rest = predict.slopes(q), measured - predict.seen(q)
+    order = (*walk.BASE, *walk.TOOL, *(TOOL_TURNS if posed else ()), *(f"zero_{j.name}" for j in chain.joints))
+    order += tuple(name for k in (slice(3), slice(3, 6)) for j in chain.joints for name in walk.of_joint(j.name)[k])
     known = fitted & np.isfinite(rest).all(axis=1)
     units = {name: parameter(chain, name, 0.0).unit for name in numbers}
     free, vague = select_by_name({name: np.asarray(seen[name])[known] for name in order}, order, rest[known], units)
-    data = with_held(with_loads(chain, stand, start, data), vague)
-    sigma = {name: _stated(data, "sigma_mm") for name in PLACE}
-    sigma |= {name: _stated(data, "sigma_mrad") for name in TURNED} if posed else {}
-    kinds = dict.fromkeys(PLACE, ("tracker", "mm")) | dict.fromkeys(TURNED, ("orientation", "mrad"))
+    data = with_held(readings.with_loads(chain, base, start, data), vague)
+    sigma = {
+        name: positive(data, key, data.metadata[key]) if key in data.metadata else None
+        for names, key in ((walk.PLACE, "sigma_mm"), (TURNED if posed else (), "sigma_mrad"))
+        for name in names
+    }
+    kinds = dict.fromkeys(walk.PLACE, ("tracker", "mm")) | dict.fromkeys(TURNED, ("orientation", "mrad"))
     formulation = Predicted(
-        data,
-        predict.seen,
-        tuple(parameter(chain, name, start[name]) for name in free),
-        measured=sigma,
-        inputs=(*(READING + name for name in chain.driven), *(AIM if posed else ())),
+        data, predict.seen, tuple(parameter(chain, name, start[name]) for name in free), measured=sigma,
+        inputs=(*(walk.READING + name for name in chain.driven), *(AIM if posed else ())),
         held={name: value for name, value in start.items() if name not in free},
         instruments=tuple(
             Sensor(name, kinds[name][0], kinds[name][1], part=name, label=f"the tracker's {name}") for name in sigma
         ),
-        roles=roles_for(chain, data, (Instrument("tracker", PLACE),)),
-        slopes=predict.slopes,
+        roles=roles_for(chain, data, (Instrument("tracker", walk.PLACE),)), slopes=predict.slopes,
         of_new=partial(_of_new, predict, start, begin),
-    )
+    )  # fmt: skip
     return formulation.on(without_wild(formulation, "arm"))
-
-
-def _measured(data: MeasuredData) -> Array:
-    """Return the place [mm] and, where it was measured, the turn from the start [mrad], (n, 3) or (n, 6)."""
-    names = (*PLACE, *TURNED) if data.has(*TURNED) else PLACE
-    return np.stack([np.asarray(data[name], dtype=float) for name in names], axis=-1)
 
 
 @final
@@ -172,9 +146,9 @@ class _Target:
     """What the tracker sees of the target: its place and, where `tool` (3, 3) is given, its rotation from the start."""
 
     chain: Chain
-    stand: Stand
+    base: Array
     tool: Array | None
-    _walked: list[tuple[Quantities, tuple[Any, ...], Walk]] = field(default_factory=list, repr=False)
+    _walked: list[tuple[Quantities, tuple[Any, ...], walk.Walk]] = field(default_factory=list, repr=False)
     _seats: list[tuple[tuple[Any, ...], Numbers]] = field(default_factory=list, repr=False)
 
     def seen(self, q: Quantities) -> Numbers:
@@ -183,13 +157,16 @@ class _Target:
         self._walked.clear()
         if self.tool is None:
             return way.target
-        return np.concatenate([way.target, MILLI * small_vector_of(self._beside(way.flange[0], q))], axis=1)
+        turned = way.flange[0]
+        for k in (2, 1, 0):
+            turned = turned @ _tool_turn(k, q[TOOL_TURNS[k]])
+        return np.concatenate([way.target, MILLI * small_vector_of(np.asarray(turned @ self._seat(q)))], axis=1)
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
         """Return the derivative of `seen` in each quantity."""
         way = self._walk(q)
         self._walked[:] = [(q, tuple(q.values()), way)]
-        places = slopes(self.chain, way)
+        places = walk.slopes(self.chain, way)
         if self.tool is None:
             return places
         tool_axes, turned = {}, way.flange[0]
@@ -197,7 +174,7 @@ class _Target:
             tool_axes[TOOL_TURNS[k]] = turned[..., :, k]
             turned = turned @ _tool_turn(k, q[TOOL_TURNS[k]])
         vectors, still = small_vector_of(turned @ self._seat(q)), np.zeros(way.target.shape)
-        turns = turn_slopes(self.chain, way, tool_axes, lambda axes: MILLI * beside(vectors, axes))
+        turns = walk.turn_slopes(self.chain, way, tool_axes, lambda axes: MILLI * beside(vectors, axes))
         for name in AIM:
             stepped = turned @ self._seat_of({**q, name: np.asarray(q[name]) + 1j * _TINY})
             turns[name] = MILLI * np.imag(small_vector_of(stepped)) / _TINY
@@ -206,18 +183,12 @@ class _Target:
             for name in (*places, *tool_axes, *AIM)
         }
 
-    def _walk(self, q: Quantities) -> Walk:
+    def _walk(self, q: Quantities) -> walk.Walk:
         """Return the kinematics at q; `seen` asks for the same numbers again after `slopes`."""
         for known, values, way in self._walked:
             if known is q and all(a is b for a, b in zip(values, q.values(), strict=True)):
                 return way
-        return walk(self.chain, self.stand, q)
-
-    def _beside(self, flange: Numbers, q: Quantities) -> Numbers:
-        turned = flange
-        for k in (2, 1, 0):
-            turned = turned @ _tool_turn(k, q[TOOL_TURNS[k]])
-        return np.asarray(turned @ self._seat(q))
+        return walk.walk(self.chain, self.base, q)
 
     def _seat(self, q: Quantities) -> Numbers:
         """Return `_seat_of`, cached: nearly all calls have the same start."""
@@ -241,12 +212,12 @@ def _tool_turn(axis: int, angle: Any) -> Numbers:
 
 def _of_new(target: _Target, start: Mapping[str, float], begin: Start, data: MeasuredData) -> MeasuredData:
     """Return rows that are only predicted, with all columns that the fit has."""
-    chain, stand = target.chain, target.stand
-    data = completed(data, chain, begin)
+    chain, base = target.chain, target.base
+    data = readings.completed(data, chain, begin)
     if target.tool is not None:
-        q: dict[str, Any] = dict(start) | {READING + n: data[READING + n] for n in chain.driven}
-        data = _aimed(data, walk(chain, stand, q).flange[0] @ target.tool, rotations(data))
-    return data.with_columns(torques(chain, stand, start, data))
+        q: dict[str, Any] = dict(start) | {walk.READING + n: data[walk.READING + n] for n in chain.driven}
+        data = _aimed(data, walk.walk(chain, base, q).flange[0] @ target.tool, readings.rotations(data))
+    return data.with_columns(readings.torques(chain, base, start, data))
 
 
 def _aimed(data: MeasuredData, aim: Array, turned: Array | None) -> MeasuredData:
@@ -255,7 +226,7 @@ def _aimed(data: MeasuredData, aim: Array, turned: Array | None) -> MeasuredData
     if turned is not None:
         beyond = MILLI * vector_of(turned @ np.swapaxes(aim, -1, -2))
         columns |= {name: beyond[:, k] for k, name in enumerate(TURNED)}
-    kept = {name: c for name, c in data.columns.items() if name not in (*TURNS, *QUATERNION)}
+    kept = {name: c for name, c in data.columns.items() if name not in (*walk.TURNS, *QUATERNION)}
     return replace(data, columns=kept | columns)
 
 
@@ -264,53 +235,31 @@ def parameter(chain: Chain, name: str, start: float) -> Parameter:
     kind, _, joint = name.partition("_")
     slides = any(j.name == joint and j.kind == "sliding" for j in chain.joints)
     last = name.rpartition("_")[2] if kind in ("base", "tool") else kind
-    mm = last in PLACE or (kind == "zero" and slides)
+    mm = last in walk.PLACE or (kind == "zero" and slides)
     wide = _WIDE["base" if kind in ("base", "tool") and mm else "mm" if mm else "rad"]
     return Parameter(name, "mm" if mm else "rad", float(start), float(start) - wide, float(start) + wide)
 
 
 def loads_in(formulation: Formulation, data: MeasuredData) -> tuple[Chain, Array] | None:
-    """Return the chain of an arm's formulation and the moments on its joints in each row of `data`, at the nominal arm.
-
-    Returns None for a formulation of another machine. Results are cached as long as the data live, also for data with
-    the same joints and payloads beside other readings.
-    """
+    """Return the chain of an arm's formulation and the moments on its joints in each row, at the nominal arm."""
     predict = getattr(getattr(formulation, "predict", None), "__self__", None)
     if predict is None:
         return None
     if data not in _HELD:
         start = dict(formulation.fixed) | {p.name: p.start for p in formulation.parameters}
-        read = [data[name] for name in (*(READING + n for n in predict.chain.driven), PAYLOAD) if name in data]
-        for known in _LAST:
-            if known.serves(predict, start, read, data.metadata):
-                _HELD[data] = known.held
+        read = [data[name] for name in (*(walk.READING + n for n in predict.chain.driven), PAYLOAD) if name in data]
+        for target, began, known, metadata, held in _LAST:
+            same = target is predict and metadata is data.metadata and len(known) == len(read)
+            if same and all(a is b for a, b in zip(known, read)) and began == start:
+                _HELD[data] = held
                 break
         else:
-            _HELD[data] = loads(predict.chain, predict.stand, start, data)
-            _LAST[:] = [_Loads(predict, start, read, data.metadata, _HELD[data])]
+            _HELD[data] = readings.loads(predict.chain, predict.base, start, data)
+            _LAST[:] = [(predict, start, read, data.metadata, _HELD[data])]
     return predict.chain, _HELD[data]
 
 
-@final
-@dataclass(frozen=True, eq=False)
-class _Loads:
-    """The moments on the joints, and the objects that they were computed from."""
-
-    target: _Target
-    start: Mapping[str, float]
-    read: list[Array]
-    metadata: Mapping[str, Any]
-    held: Array
-
-    def serves(
-        self, target: _Target, start: Mapping[str, float], read: list[Array], metadata: Mapping[str, Any]
-    ) -> bool:
-        """Return whether it was computed from these objects."""
-        same = self.target is target and self.metadata is metadata and len(self.read) == len(read)
-        return same and all(a is b for a, b in zip(self.read, read)) and self.start == start
-
-
-_LAST: list[_Loads] = []
+_LAST: list[tuple[_Target, Mapping[str, float], list[Array], Mapping[str, Any], Array]] = []  # what loads are of
 
 
 def roles_for(chain: Chain, data: MeasuredData, instruments: tuple[Instrument, ...]) -> Roles:
@@ -320,21 +269,55 @@ def roles_for(chain: Chain, data: MeasuredData, instruments: tuple[Instrument, .
         return column if column in data else ""
 
     kinds = {j.mimic.joint if j.mimic else j.name: j.kind for j in reversed(chain.joints)}
-    teeth = stated_teeth(data.metadata, chain.driven)
+    stated = data.metadata.get("teeth", {})  # one number for all, or one a joint; 0 where it states none
+    teeth = stated if isinstance(stated, Mapping) else dict.fromkeys(chain.driven, stated)
+    for name, value in teeth.items():
+        if name not in chain.driven:
+            raise DataError(f"teeth={stated}: {name!r} is no joint of this arm; {suggest(str(name), chain.driven)}")
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = float("nan")
+        if not 0 <= number < np.inf:
+            example = f"""teeth='{{"{chain.driven[0]}":101}}'"""
+            raise DataError(f"teeth={stated}: a number above 0 for all joints, or one a joint: teeth=101, {example}")
     joints = tuple(
         Joint(
-            name, READING + name, kinds[name], direction=there(f"direction_{name}"), velocity=there(f"velocity_{name}"),
-            torque=there(f"torque_{name}"),
-            teeth=teeth[name],
+            name, walk.READING + name, kinds[name], direction=there(f"direction_{name}"),
+            velocity=there(f"velocity_{name}"), torque=there(f"torque_{name}"), teeth=float(teeth.get(name, 0.0)),
         )
         for name in chain.driven
     )  # fmt: skip
-    known = quantities(chain)
+    known = walk.quantities(chain)
     links = tuple(Length(f"link to {j.name}", f"length_{j.name}") for j in chain.joints if f"length_{j.name}" in known)
-    return Roles(
-        joints, links, time=ROW if ROW in data else there("t_s"), temperature=there(WARMTH), instruments=instruments
-    )
+    time = readings.ROW if readings.ROW in data else there("t_s")
+    return Roles(joints, links, time=time, temperature=there(WARMTH), instruments=instruments)
 
 
-def _stated(data: MeasuredData, key: str) -> float | None:
-    return positive(data, key, data.metadata[key]) if key in data.metadata else None
+describe(
+    "arm",
+    Description(
+        columns=ARM.columns,
+        quantities=(
+            *(
+                Quantity(f"{body}_{one}", unit, f"{body}: {words}")
+                for body in ("base", "tool")
+                for one, (unit, words) in WAYS.items()
+            ),
+            *(Quantity(TURNED[k], "mrad", f"the tool's turn about {one}, as measured") for k, one in enumerate("xyz")),
+            *(Quantity(AIM[k], "rad", f"the tool's turn about {one}") for k, one in enumerate("xyz")),
+            Quantity(readings.ROW, "", "row"),
+        ),
+        stated=(
+            Stated("sigma_mm", "positive"), Stated("sigma_mrad", "positive"), Stated("teeth"),
+            Stated("gravity", "list", "gravity=[0,0,-9.81]"), Stated("rotation"),
+            Stated("socket_distance_mm", "positive"), Stated(PAYLOAD), Stated("urdf"), Stated("dh"),
+            Stated("convention"),
+        ),
+        targets={"base": "the base", "tool": "the tool"},
+        # held numbers are those that the readings do not tell from others; frames move as bodies
+        replaced=("free_number", "frame_drift", "frame_shift"),
+        demonstrations=DEMONSTRATIONS,
+        named=ARM.named,
+    ),
+)  # fmt: skip

@@ -1,13 +1,14 @@
 """What was measured of an arm: read as `bench calibrate` reads it, and completed for a search.
 
-`calibration` matches joints, finds units and the order of rotations, and refuses what is not this arm's. Added here are
-the order of time, directions, warmth and payloads. Without a clock the rows are taken in the order of time. Without a
-column of directions a joint came from where it stood one row before, and the first row is left out. Notes say both.
+Added are the order of time (that of the rows without a clock), directions (from where a joint stood one row before; the
+first row is left out), warmth, and the moments of gravity (n, 3) [N mm] on each joint, in its frame before it moves:
+the part along the axis loads the drive, the rest bends bearing and link. Masses are the URDF's, and the payload hangs
+at the target; where no mass is known each link is an even rod, so the moment's size is a guess.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -15,21 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.calibration.arm import Arm
-from calibench.calibration.columns import OF_A_JOINT, in_base_units, match_columns
+from calibench.calibration.columns import OF_A_JOINT, PAYLOAD, SITE, SOCKET, WARMTH, by_their_names, match_columns
 from calibench.calibration.kinematics import Chain
-from calibench.calibration.mistakes import UNITS
 from calibench.calibration.readings import Table, columns_of, read_readings
-from calibench.calibration.rigid import Array, rpy_of
-from calibench.calibration.start import HowRead, Start, rotations_by, rotations_of, start_of
-from calibench.calibration.walk import READING, TURNS
+from calibench.calibration.rigid import Array, cross, rpy_of
+from calibench.calibration.start import ANGLES, UNITS, HowRead, Start, meanings, rotations_of, start_of
+from calibench.calibration.walk import READING, TURNS, Walk, walk
 from calibench.core.notes import Code, Note, once
-from calibench.core.options import suggest
 from calibench.discrepancy.checks.validate import entered
 from calibench.discrepancy.model.measured import TO_PREDICT, DataError, MeasuredData
 
-ROW, WARMTH, PAYLOAD = "row", "temp_K", "payload_kg"
-SOCKET, SITE = "socket", "place"
-QUATERNION = ("qx", "qy", "qz", "qw")
+ROW = "row"
 MIDDLE = "temperature_middle"  # in the metadata: what `WARMTH` counts from
 _KEPT = ("pose_id", "visit_id", "split", SOCKET, SITE, PAYLOAD)  # as the file has them
 _OF_A_JOINT = tuple(f"{quantity}_" for quantity in OF_A_JOINT)
@@ -47,10 +44,7 @@ def table_of_data(data: MeasuredData) -> Table:
 
 
 def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredData, Start]:
-    """Return the readings with `q_J`, places, rotations, directions, a clock, temperatures; and where a fit starts.
-
-    Raise `DataError` for data that are not this arm's, with the change of its table that cures that, if one does.
-    """
+    """Return the readings with `q_J`, places, rotations, directions, a clock, temperatures; and where a fit starts."""
     if data.machine not in ("", "arm"):
         raise DataError(f"{data.name}: these are data of machine {data.machine!r}, not of an arm")
     data, chain = entered(data), arm.chain
@@ -65,8 +59,14 @@ def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredD
     read_notes = (note for note in start.readings.notes if note.code is not Code.COLUMNS_UNREAD)  # poses and visits are
     notes = [*whole.notes, *read_notes]
     full = whole.with_columns(columns)
-    clock = _clock(full, notes)
-    columns[clock] = full[clock] if clock != ROW else _rows(full)
+    times = np.asarray(full["t_s"], dtype=float) if "t_s" in full else np.full(len(full), np.nan)
+    clock = "t_s" if np.isfinite(times).all() and len(np.unique(times)) >= _TIMES * len(times) else ROW
+    if clock == ROW:
+        text = "no clock tells the time of each row: their order is taken as that of time"
+        notes.append(Note(Code.TIME_UNKNOWN, text))
+        columns[ROW] = np.asarray(full[ROW], dtype=float) if ROW in full else np.arange(len(full), dtype=float)
+    else:
+        columns[clock] = full[clock]
     unknown = [] if TO_PREDICT in data else [n for n in chain.driven if f"direction_{n}" not in full]
     order = np.argsort(columns[clock], kind="stable")
     columns |= _beside(full, chain, columns, order)
@@ -86,19 +86,21 @@ def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredD
 
 
 def completed(data: MeasuredData, chain: Chain, start: Start) -> MeasuredData:
-    """Return rows that are only predicted, all of them, under the names of a fit and read as its `start` was.
-
-    Raise `DataError` for a missing joint. Without directions a joint came from its position a row before; in the first
-    row it is in the middle of its play. Temperatures are relative to the median of the fitted ones.
-    """
+    """Return rows that are only predicted, all of them, under the names of a fit and read as its `start` was."""
     given = [name for name, column in data.columns.items() if column.dtype.kind in "iuf" and name not in _OURS]
     try:
         matched = match_columns(given, chain.driven, source=chain.source)
     except ValueError as error:
         raise DataError(f"{data.name}: {error}") from None
     parts = (matched.joints, matched.position, matched.rotation)
-    turned, _, _ = in_base_units(data.columns, [name for part in parts for name in part.values()], data.units)
-    units = {column: unit for column, unit in start.units.items() if column not in {**data.units, **turned}}
+    turned, _, _ = by_their_names(data.columns, [name for part in parts for name in part.values()], data.units)
+    units = {  # those that nothing states and the arm told
+        column: note.values["unit"]
+        for note in start.readings.notes
+        if note.code is Code.UNIT_FOUND
+        for column in note.columns
+        if column not in {**data.units, **turned}
+    }
     numbers = {
         column: np.asarray(turned.get(column, data[column]), dtype=float) * UNITS.get(units.get(column, "mm"), 1.0)
         for part in parts
@@ -110,8 +112,9 @@ def completed(data: MeasuredData, chain: Chain, start: Start) -> MeasuredData:
             raise DataError(f"{data.name}: column {column} of joint {name} is without a number in a row to predict")
     columns |= {axis: numbers[column] for axis, column in matched.position.items()}
     if start.meaning and matched.rotation:
-        rotations = rotations_by(start.meaning, np.column_stack([numbers[c] for c in matched.rotation.values()]))
-        columns |= dict(zip(TURNS, rpy_of(rotations).T, strict=True))
+        angles = np.column_stack([numbers[c] for c in matched.rotation.values()])
+        turns = meanings(angles, "", ANGLES, either_way=True)[start.meaning]
+        columns |= dict(zip(TURNS, rpy_of(turns).T, strict=True))
     columns |= {name: data[column] for name, column in matched.other.items() if name.startswith(_OF_A_JOINT)}
     data = data.with_columns(columns)
     clock = "t_s" if "t_s" in data and np.isfinite(np.asarray(data["t_s"], dtype=float)).all() else ""
@@ -126,43 +129,23 @@ def _beside(data: MeasuredData, chain: Chain, columns: Mapping[str, Any], order:
     """Return directions, velocities and torques of the joints in `columns`."""
     beside: dict[str, Any] = {}
     for name in chain.driven:
-        column = f"direction_{name}"
-        beside[column] = data[column] if column in data else _came_from(columns[READING + name], order)
+        column, q = f"direction_{name}", columns[READING + name]
+        if column in data:
+            beside[column] = data[column]
+        else:  # the sign of the last move, 0 before the first
+            moved = np.diff(q[order], prepend=q[order[0]])
+            sign = np.where(np.abs(moved) > _MOVED, np.sign(moved), 0.0)
+            last = np.maximum.accumulate(np.where(sign != 0, np.arange(len(sign)), 0))
+            beside[column] = np.empty(len(q))
+            beside[column][order] = sign[last]
         for other in ("velocity_", "torque_"):
             if other + name in data:
                 beside[other + name] = np.asarray(data[other + name], dtype=float)
     return beside
 
 
-def _clock(data: MeasuredData, notes: list[Note]) -> str:
-    if "t_s" in data:
-        times = np.asarray(data["t_s"], dtype=float)
-        if np.isfinite(times).all() and len(np.unique(times)) >= _TIMES * len(times):
-            return "t_s"
-    text = "no clock tells the time of each row: their order is taken as that of time"
-    notes.append(Note(Code.TIME_UNKNOWN, text))
-    return ROW
-
-
-def _rows(data: MeasuredData) -> Array:
-    return np.asarray(data[ROW], dtype=float) if ROW in data else np.arange(len(data), dtype=float)
-
-
-def _came_from(q: Array, order: NDArray[np.intp]) -> Array:
-    """Return the sign of the last move of a joint, (n,): 0 before the first."""
-    moved = np.diff(q[order], prepend=q[order[0]])
-    sign = np.where(np.abs(moved) > _MOVED, np.sign(moved), 0.0)
-    last = np.maximum.accumulate(np.where(sign != 0, np.arange(len(sign)), 0))
-    came = np.empty(len(q))
-    came[order] = sign[last]
-    return came
-
-
 def _warmth(data: MeasuredData) -> tuple[Array, float] | None:
-    """Return the temperature above its middle [K], (n,), with readings that are missing at the middle; and the middle.
-
-    The middle is the one that the metadata have from an earlier fit, if any. None where no temperature is told.
-    """
+    """Return the temperature above its middle [K], (n,), missing readings being at the middle; and the middle."""
     for name in (WARMTH, "temperature_C", "temperature_K"):
         if name in data:
             degrees = np.asarray(data[name], dtype=float)
@@ -173,40 +156,119 @@ def _warmth(data: MeasuredData) -> tuple[Array, float] | None:
     return None
 
 
-def stated_teeth(metadata: Mapping[str, Any], joints: Sequence[str]) -> dict[str, float]:
-    """Return joint -> the number of teeth that `teeth=` states, one for all or a joint each, 0 where it states none.
-
-    Raises `DataError` for what is no number above 0, or of no joint.
-    """
-    stated = metadata.get("teeth", {})
-    each = stated if isinstance(stated, Mapping) else dict.fromkeys(joints, stated)
-    for name, value in each.items():
-        if name not in joints:
-            raise DataError(f"teeth={stated}: {name!r} is no joint of this arm; {suggest(str(name), joints)}")
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = float("nan")
-        if not 0 <= number < np.inf:
-            example = f"""teeth='{{"{joints[0]}":101}}'"""
-            raise DataError(f"teeth={stated}: a number above 0 for all joints, or one a joint: teeth=101, {example}")
-    return {name: float(each.get(name, 0.0)) for name in joints}
-
-
-def stated_number(metadata: Mapping[str, Any], name: str, default: float) -> float:
-    """Return a number of the metadata, or `default`; raise `DataError` for anything else."""
-    value = metadata.get(name, default)
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = float("nan")
-    if not np.isfinite(number):
-        raise DataError(f"{name}={value}: a number is needed")
-    return number
-
-
 def rotations(data: MeasuredData) -> Array | None:
     """Return the measured rotations, (n, 3, 3), of accepted data; None where the place alone was read."""
     if not data.has(*TURNS):
         return None
     return rotations_of(np.stack([np.asarray(data[name], dtype=float) for name in TURNS], axis=-1), "rpy")
+
+
+GRAVITY = (0.0, 0.0, -9.81)  # m/s2
+ROD = 10.0  # kg a metre: what links of which no mass is told are taken to weigh
+_WEIGHTLESS = (
+    "the {source} tells no masses and the file no payload_kg: for what gravity bends each link is taken for a rod of "
+    f"{ROD:g} kg a metre, so the size of a compliance or a bending is a guess, and either may stand under an "
+    "eccentricity, a harmonic or an angle error of the same joint; {way_out}"
+)
+_WAY_OUT = {"URDF": "write masses into the URDF", "table": "a URDF has a place for masses"}
+
+
+def with_loads(chain: Chain, base: Array, start: Mapping[str, float], data: MeasuredData) -> MeasuredData:
+    """Return the data with the torques that vary, and a note where no mass is told."""
+    held = torques(chain, base, start, data)
+    if held and all(j.mass is None for j in chain.joints) and not payload_of(data).any():
+        text = _WEIGHTLESS.format(source=chain.source, way_out=_WAY_OUT[chain.source])
+        data = data.with_note(Code.MASSES_UNKNOWN, text)
+    rounding = 1e-9 * max((float(np.max(np.abs(c))) for c in held.values()), default=0.0)
+    vary = {name: c for name, c in held.items() if np.ptp(c) > rounding}
+    return replace(data.with_columns(vary), computed=data.computed | set(vary))
+
+
+def torques(chain: Chain, base: Array, start: Mapping[str, float], data: MeasuredData) -> dict[str, Array]:
+    """Return `torque_J` [N mm] of each driven joint that gravity asks of it, where none was measured."""
+    held = loads(chain, base, start, data)
+    gains, _ = chain.following
+    return {
+        f"torque_{name}": sum(
+            gains[k, i] * (held[:, k] @ joint.axis)
+            for k, joint in enumerate(chain.joints)
+            if gains[k, i] and joint.kind == "rotary"
+        )
+        + np.zeros(len(data))
+        for i, name in enumerate(chain.driven)
+        if f"torque_{name}" not in data
+    }
+
+
+def loads(chain: Chain, base: Array, start: Mapping[str, float], data: MeasuredData) -> Array:
+    """Return the moments on the joints, (n, J, 3) [N mm]."""
+    q: dict[str, Any] = dict(start) | {READING + n: data[READING + n] for n in chain.driven}
+    if all(j.mass is None for j in chain.joints) and not payload_of(data).any():
+        # each link is an even rod of `ROD`, from its joint to the next one, or to the tip
+        ways = [*(joint.origin for joint in chain.joints[1:]), chain.tail]
+        joints = tuple(
+            replace(joint, mass=ROD * float(np.linalg.norm(way[:3, 3])) / 1e3, centre=way[:3, 3] / 2)
+            for joint, way in zip(chain.joints, ways, strict=True)
+        )
+        chain = replace(chain, joints=joints)
+    return moments(chain, walk(chain, base, q), base, payload_of(data), gravity_of(data))
+
+
+def payload_of(data: MeasuredData) -> Array:
+    """Return the payload of each row, (n,) [kg]: its column, an empty cell being none, or what is stated."""
+    if PAYLOAD in data and PAYLOAD in data.stated:
+        raise DataError(f"{data.name}: {PAYLOAD}= is stated, and the file has a column of it; leave one out")
+    if PAYLOAD in data:
+        stated = data[PAYLOAD]
+    else:
+        value = data.metadata.get(PAYLOAD, 0.0)
+        try:
+            stated = np.full(len(data), float(value))
+        except (TypeError, ValueError):
+            stated = np.full(len(data), np.nan)
+        if not np.isfinite(stated).all():
+            raise DataError(f"{PAYLOAD}={value}: a number is needed")
+    payload = np.where(np.isnan(stated), 0.0, np.asarray(stated, dtype=float))
+    wrong = ~((payload >= 0) & (payload < np.inf))
+    if wrong.any():
+        raise DataError(f"{data.name}: {PAYLOAD} is {payload[wrong][0]:g}: 0 kg or more is needed")
+    return payload
+
+
+def gravity_of(data: MeasuredData) -> Array:
+    """Return gravity in the frame of the base, (3,) [m/s2]; raise `DataError` for a value that is not a direction."""
+    stated = data.metadata.get("gravity", GRAVITY)
+    try:
+        pull = np.asarray(stated, dtype=float)
+    except (TypeError, ValueError):
+        pull = np.zeros(0)
+    if pull.shape != (3,) or not 0 < np.linalg.norm(pull) < np.inf:
+        raise DataError(f"{data.name}: gravity={stated}: three numbers [m/s2] in the frame of the base are needed")
+    return pull
+
+
+def moments(chain: Chain, way: Walk, turned: Array, payload: Array, gravity: Array) -> Array:
+    """Return the moments on the joints, (n, J, 3) [N mm], in each joint's own frame."""
+    pull = turned @ gravity  # m/s2, in the tracker's frame
+    n = len(way.target)
+    weights: list[tuple[Array, Array]] = []  # of each moving body: mass (n,) and place (n, 3)
+    turns = [*way.frames[1:], way.flange]
+    for k, joint in enumerate(chain.joints):
+        if joint.mass is None or joint.centre is None:
+            weights.append((np.zeros(n), way.target))
+            continue
+        # the frame that moves with joint k, from that of the next joint before it moves, or of the flange
+        turn, place = turns[k]
+        fixed = chain.joints[k + 1].origin if k + 1 < len(chain.joints) else chain.tail
+        turn = turn @ fixed[:3, :3].T
+        place = place - turn @ fixed[:3, 3]
+        weights.append((np.full(n, joint.mass), place + turn @ joint.centre))
+    weights.append((payload, way.target))
+    on_joints = np.zeros((n, len(chain.joints), 3))
+    for k in range(len(chain.joints)):
+        turn, place = way.frames[k]
+        held = np.zeros((n, 3))
+        for mass, centre in weights[k:]:
+            held -= cross(centre - place, mass[:, None] * pull)
+        on_joints[:, k] = np.einsum("...ji,...j->...i", turn, held)
+    return on_joints

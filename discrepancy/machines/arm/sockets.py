@@ -9,20 +9,20 @@ predicted is where the ball is, less how far the point is from that guess.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any, final
 
 import numpy as np
 
+from calibench.calibration.columns import SITE, SOCKET
 from calibench.calibration.determined import WORST, select_by_name
 from calibench.calibration.kinematics import Chain
 from calibench.calibration.rigid import Numbers
 from calibench.calibration.start import Start
-from calibench.calibration.walk import BASE, PLACE, READING, TOOL, Stand, of_joint, quantities, slopes, walk
+from calibench.calibration.walk import BASE, PLACE, READING, TOOL, of_joint, quantities, slopes, walk
 from calibench.core.notes import Code
-from calibench.discrepancy.machines.arm.loads import torques
-from calibench.discrepancy.machines.arm.readings import SITE, SOCKET, completed
+from calibench.discrepancy.machines.arm.readings import completed, torques
 from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive
@@ -31,7 +31,7 @@ from calibench.problems.base import Array, Parameter
 
 INDEX = "socket_number"  # of all places, from 0
 _TINY = 1e-30
-_STAND = Stand(np.eye(3))
+_BASE = np.eye(3)  # as it stands: nothing is measured in another frame
 
 
 @final
@@ -59,22 +59,23 @@ class Sockets:
                 points[k] = self.guess[k] + np.array([q[f"socket{k}_{one}"] for one in PLACE])
         for k, (one, other) in enumerate(self.pairs):
             middle = (self.guess[one] + self.guess[other]) / 2 + np.array([q[f"pair{k}_{name}"] for name in PLACE])
-            along, first, second = self._frames[k]
+            along, first, second = self.frames[k]
             way = along + q[f"pair{k}_u"] * first + q[f"pair{k}_v"] * second
             way = way * (self.distance / 2 / np.sqrt(np.sum(way * way)))
             points[one], points[other] = middle - way, middle + way
         return points - self.guess
 
     @cached_property
-    def _frames(self) -> list[tuple[Array, Array, Array]]:
-        return [_frame(self.guess[other] - self.guess[one]) for one, other in self.pairs]
-
-
-def _frame(way: Array) -> tuple[Array, Array, Array]:
-    along = way / np.linalg.norm(way)
-    first = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
-    first /= np.linalg.norm(first)
-    return along, first, np.cross(along, first)
+    def frames(self) -> list[tuple[Array, Array, Array]]:
+        """Return the direction from one socket of each pair to the other, and two across it."""
+        frames = []
+        for one, other in self.pairs:
+            way = self.guess[other] - self.guess[one]
+            along = way / np.linalg.norm(way)
+            first = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+            first /= np.linalg.norm(first)
+            frames.append((along, first, np.cross(along, first)))
+        return frames
 
 
 @final
@@ -84,24 +85,22 @@ class _Ball:
 
     chain: Chain
     sockets: Sockets
-    stand: Stand = _STAND
+    base: Array = field(default_factory=lambda: _BASE)
 
     def seen(self, q: Quantities) -> Numbers:
         """Return this place, (n, 3) [mm]."""
-        return np.asarray(walk(self.chain, _STAND, q).target - self.sockets.moved(q)[_index(q)])
+        return np.asarray(
+            walk(self.chain, _BASE, q).target - self.sockets.moved(q)[np.rint(np.real(q[INDEX])).astype(int)]
+        )
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
         """Return its derivative in each quantity, name -> (n, 3)."""
-        by_name = slopes(self.chain, walk(self.chain, _STAND, q))
-        rows = _index(q)
+        by_name = slopes(self.chain, walk(self.chain, _BASE, q))
+        rows = np.rint(np.real(q[INDEX])).astype(int)
         for name in self.sockets.names:
             stepped = self.sockets.moved({**q, name: np.asarray(q[name]) + 1j * _TINY})
             by_name[name] = -np.imag(stepped)[rows] / _TINY
         return by_name | {INDEX: np.zeros((len(rows), 3))}
-
-
-def _index(q: Quantities) -> Any:
-    return np.rint(np.real(q[INDEX])).astype(int)
 
 
 def in_sockets(chain: Chain, data: MeasuredData, roles: Roles, begin: Start) -> Predicted:
@@ -114,9 +113,15 @@ def in_sockets(chain: Chain, data: MeasuredData, roles: Roles, begin: Start) -> 
             raise DataError(f"{data.name}: place {where}: fewer than two postures are fitted; nothing closes there")
     start: dict[str, Any] = dict.fromkeys(BASE, 0.0) | quantities(chain) | dict.fromkeys(TOOL, 0.0)
     readings = {READING + n: data[READING + n] for n in chain.driven}
-    ball = walk(chain, _STAND, start | readings).target
+    ball = walk(chain, _BASE, start | readings).target
     guess = np.stack([np.median(ball[fitted & (index == k)], axis=0) for k in range(index.max() + 1)])
-    sockets = _paired(data, guess, of_place)
+    by_place: dict[str, list[int]] = {}
+    for k, place, _ in of_place:
+        by_place.setdefault(place, []).append(k)
+    sockets = Sockets(guess, (), 0.0)
+    if "socket_distance_mm" in data.metadata:
+        distance = positive(data, "socket_distance_mm", data.metadata["socket_distance_mm"])
+        sockets = Sockets(guess, tuple((ks[0], ks[1]) for ks in by_place.values() if len(ks) == 2), distance)
     start |= dict.fromkeys(sockets.names, 0.0)
     data = data.with_columns({name: guess[index, k] for k, name in enumerate(PLACE)} | {INDEX: index.astype(float)})
     predict = _Ball(chain, sockets)
@@ -161,7 +166,7 @@ def _of_new(
     index = np.array([known[place, socket] for _, place, socket in there])[rows]
     columns = {name: guess[index, k] for k, name in enumerate(PLACE)} | {INDEX: index.astype(float)}
     start = quantities(chain) | dict.fromkeys((*BASE, *TOOL), 0.0)
-    return data.with_columns(columns | torques(chain, _STAND, start, data))
+    return data.with_columns(columns | torques(chain, _BASE, start, data))
 
 
 def _numbered(data: MeasuredData) -> tuple[Array, list[tuple[int, str, str]]]:
@@ -175,17 +180,6 @@ def _numbered(data: MeasuredData) -> tuple[Array, list[tuple[int, str, str]]]:
     return np.ravel(index), [(k, *str(name).split("\t")) for k, name in enumerate(names)]  # type: ignore[misc]
 
 
-def _paired(data: MeasuredData, guess: Array, of_place: list[tuple[int, str, str]]) -> Sockets:
-    if "socket_distance_mm" not in data.metadata:
-        return Sockets(guess, (), 0.0)
-    distance = positive(data, "socket_distance_mm", data.metadata["socket_distance_mm"])
-    by_place: dict[str, list[int]] = {}
-    for k, place, _ in of_place:
-        by_place.setdefault(place, []).append(k)
-    pairs = tuple((ks[0], ks[1]) for ks in by_place.values() if len(ks) == 2)
-    return Sockets(guess, pairs, distance)
-
-
 def with_held(data: MeasuredData, vague: Sequence[str]) -> MeasuredData:
     """Return the data with a remark on the numbers that are held since these readings tell them too badly."""
     if not vague:
@@ -193,16 +187,14 @@ def with_held(data: MeasuredData, vague: Sequence[str]) -> MeasuredData:
     many = len(vague) > 1
     kept, them = ("numbers keep their nominal values", "them") if many else ("a number keeps its nominal value", "it")
     best = f"{WORST:g} mm or {WORST:g} mrad"
+    words = [
+        f"zero of {joint}"
+        if kind == "zero"
+        else f"{'turn about' if kind[0] == 'r' else 'shift along'} {kind[-1]} of {joint}"
+        for kind, _, joint in (name.partition("_") for name in vague)
+    ]
     text = (
-        f"{kept}, as the poses tell {them} no better than to {best}: {', '.join(map(_in_words, vague))}; other "
-        "poses would (bench design)"
+        f"{kept}, as the poses tell {them} no better than to {best}: {', '.join(words)}; other poses would (bench "
+        "design)"
     )
     return data.with_note(Code.UNDETERMINED, text, parameters=list(vague))
-
-
-def _in_words(name: str) -> str:
-    """Return a number of a joint in words."""
-    kind, _, joint = name.partition("_")
-    if kind == "zero":
-        return f"zero of {joint}"
-    return f"{'turn about' if kind[0] == 'r' else 'shift along'} {kind[-1]} of {joint}"

@@ -1,7 +1,7 @@
 """A linear delta printer (three carriages on towers, three rods, one nozzle), measured by probe and caliper.
 
-`kinematics` is the machine with its imperfections, `formulation` predicts heights and distances, `validate` checks
-measured data, `description` declares columns and words, `effects` is the catalogue.
+`formulation` checks measured data and predicts heights and distances, `description` declares columns and words,
+`effects` is the catalogue.
 """
 
 from __future__ import annotations

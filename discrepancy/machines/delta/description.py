@@ -1,20 +1,10 @@
-"""What the delta declares for files, commands and pages: columns, words, what may be stated.
+"""What the delta declares for files, commands and pages: columns, words, what may be stated, plans, files.
 
-Plans of heights and distances, before anything is measured: what `bench design machine=delta plan=...` looks at.
-
-The correction in the form that the user of a printer enters: lines for printer.cfg, with Klipper's signs and zeros.
-
-Klipper's `position_endstop` is the height of the nozzle with all carriages at their switches, computed with the rods
-and the radius of the same file; so other rods or another radius change every endstop. Its angles are in degrees. Tower
-c keeps its angle, because all three together only turn the print. A comment tells what printer.cfg has no number for.
-
-Read a Klipper printer.cfg: the machine it describes, and what DELTA_CALIBRATE measured and saved at its end.
-
-Lines that begin with ``#*#`` are Klipper's own block, which SAVE_CONFIG writes; a line in the upper part that it
-replaced stands there with a ``#`` before it, and tells what the printer was designed or first set to. Read by
-`configparser` and by numbers alone: nothing in a file is ever run. Macros and sections of other hardware are skipped.
-
-Steps count down from each endstop. mm per step = rotation_distance / (full_steps_per_rotation * microsteps * gears).
+A correction is lines for printer.cfg with Klipper's signs: `position_endstop` is the nozzle's height with all carriages
+at their switches, computed with the rods and radius of the same file; tower c keeps its angle [deg], as all three only
+turn the print. A printer.cfg is read by numbers alone: lines with ``#*#`` are what SAVE_CONFIG wrote, and one that it
+replaced stands above with a ``#`` before it, and tells what the printer was first set to. Steps count down from each
+endstop; mm per step = rotation_distance / (full_steps_per_rotation * microsteps * gears).
 """
 
 from __future__ import annotations
@@ -29,12 +19,12 @@ from typing import Any, Literal
 import numpy as np
 
 from calibench.core.notes import Code, Note
+from calibench.core.tables.columns import Columns, Quantity
 from calibench.core.words import shortened
 from calibench.discrepancy.effects.general.harmonics import PERIODIC
 from calibench.discrepancy.labels import effect_label
-from calibench.discrepancy.machines.delta.formulation import NOMINAL
-from calibench.discrepancy.machines.delta.kinematics import IMPERFECTIONS, TOWERS
-from calibench.discrepancy.model.machine import Correction, Description, Foreign, Quantity, Stated
+from calibench.discrepancy.machines.delta.formulation import IMPERFECTIONS, NOMINAL, TOWERS
+from calibench.discrepancy.model.machine import Correction, Description, Stated
 from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.registries import describe
 from calibench.discrepancy.report import Report
@@ -47,19 +37,14 @@ _RINGS: dict[str, tuple[tuple[int, float], ...]] = {
     "rich": ((6, 0.33), (12, 0.67), (18, 1.0)),
 }
 _SIDES: dict[str, tuple[float, ...]] = {"heights": (), "object": (0.45,), "rings": (0.45,), "rich": (0.3, 0.6)}
-_TOWER_ANGLES = {"a": 210.0, "b": 330.0, "c": 90.0}  # degrees
+_DEGREES = {"a": 210.0, "b": 330.0, "c": 90.0}  # where towers stand, Klipper's defaults
 _MARGIN = 0.98  # of the rods' length, that a bed may reach
 
 
 def planned(
-    plan: PlanName = "object",
-    radius: float = 160.0,
-    arm: float = 340.0,
-    bed_radius: float = 140.0,
-    endstop: float = 400.0,
-    sigma_height: float = 0.02,
-    sigma_distance: float = 0.05,
-) -> MeasuredData:
+    plan: PlanName = "object", radius: float = 160.0, arm: float = 340.0, bed_radius: float = 140.0,
+    endstop: float = 400.0, sigma_height: float = 0.02, sigma_distance: float = 0.05,
+) -> MeasuredData:  # fmt: skip
     """Return the noiseless heights and distances of a nominal delta [mm].
 
     heights: 7 heights, as firmwares probe. object: these, and the twelve distances of a printed hexagon with spokes.
@@ -69,10 +54,13 @@ def planned(
         raise DataError(
             f"plan.bed_radius={bed_radius:g}: rods of {arm:g} mm at a radius of {radius:g} mm do not reach it"
         )
-    heights = [(0.0, 0.0), *(_at(share * bed_radius, k / n) for n, share in _RINGS[plan] for k in range(n))]
+
+    rings = [(share * bed_radius, 2 * np.pi * (k / n)) for n, share in _RINGS[plan] for k in range(n)]
+    heights = [(0.0, 0.0), *((out * float(np.cos(angle)), out * float(np.sin(angle))) for out, angle in rings)]
     pairs: list[tuple[tuple[float, float], tuple[float, float]]] = []
     for share in _SIDES[plan]:
-        corners = [_at(share * bed_radius, k / 6) for k in range(6)]
+        out, angles = share * bed_radius, [2 * np.pi * (k / 6) for k in range(6)]
+        corners = [(out * float(np.cos(angle)), out * float(np.sin(angle))) for angle in angles]
         pairs += [((0.0, 0.0), corner) for corner in corners]
         pairs += [(corners[k], corners[(k + 1) % 6]) for k in range(6)]
     n, m = len(heights), len(pairs)
@@ -85,18 +73,12 @@ def planned(
     }
     for end, places in (("", first), ("_2", second)):
         for tower in TOWERS:
-            angle = np.deg2rad(_TOWER_ANGLES[tower])
+            angle = np.deg2rad(_DEGREES[tower])
             x, y = places[:, 0] - radius * np.cos(angle), places[:, 1] - radius * np.sin(angle)
             columns[f"travel_{tower}{end}"] = endstop + np.sqrt(arm**2 - radius**2) - np.sqrt(arm**2 - x**2 - y**2)
-    printer: Mapping[str, float] = {"radius": radius, "arm": arm, "endstop": endstop, "bed_radius": bed_radius}
-    metadata = {
-        "machine": "delta", "nominal": dict(printer), "sigma_height": sigma_height, "sigma_distance": sigma_distance,
-    }  # fmt: skip
-    return MeasuredData(columns, "delta", metadata, plan)
-
-
-def _at(out: float, turn: float) -> tuple[float, float]:
-    return out * float(np.cos(2 * np.pi * turn)), out * float(np.sin(2 * np.pi * turn))
+    nominal = {"radius": radius, "arm": arm, "endstop": endstop, "bed_radius": bed_radius}
+    noise = {"sigma_height": sigma_height, "sigma_distance": sigma_distance}
+    return MeasuredData(columns, "delta", {"machine": "delta", "nominal": nominal, **noise}, plan)
 
 
 _HEAD = (
@@ -112,87 +94,95 @@ def corrected(report: Report) -> Correction | None:
         return None
     lines = [*_HEAD]
     if report.verdict == "unknown":
-        lines.append(
-            "# Something is missing that has no name: these endstops are the best that these numbers alone can do."
-        )
-    q = geometry(report)
-    lines += [f"# {_doubt(report, f.effect)}" for f in report.findings if len(f.set) > 1]
-    lines += ["", "[printer]", f"delta_radius = {q['delta_radius']:.6f}"]
-    for tower in TOWERS:
-        lines += ["", f"[stepper_{tower}]"]
-        lines += [f"{key} = {q[f'{key}_{tower}']:.6f}" for key in ("angle", "arm_length", "position_endstop")]
-        factor = q[f"belt_{tower}"]
-        if factor != 1 and f"rotation_distance_{tower}" in q:
-            lines.append(f"rotation_distance = {q[f'rotation_distance_{tower}'] * factor:.6f}")
+        doubt = "Something is missing that has no name: these endstops are the best that these numbers alone can do."
+        lines.append(f"# {doubt}")
+    for f in report.findings:
+        if len(f.set) > 1:
+            others = ", ".join(effect_label(report.machine, r.family, r.target) for r in f.set if r.effect != f.effect)
+            label = effect_label(report.machine, f.family, f.target)
+            lines.append(f"# {label} is taken; as likely by these data: {others}")
+
+    # the calibrated numbers; of a number that differs from reading to reading, that of the first
+    fitted = report.model
+    numbers = fitted.model.quantities(fitted.best)[1].items()
+    q = {name: float(np.ravel(value)[0]) for name, value in numbers if np.ndim(value) < 2}
+    stated = fitted.model.formulation.data.metadata.get("rotation_distance")
+    distances = stated if isinstance(stated, list | tuple) and len(stated) == len(TOWERS) else (None,) * len(TOWERS)
+    radius, turned = q["radius"] + q["d_radius"], q["d_angle_c"]
+    lines += ["", "[printer]", f"delta_radius = {radius:.6f}"]
+    for tower, distance in zip(TOWERS, distances, strict=True):
+        rod = q[f"arm_{tower}"] + q["d_rod"] + q[f"d_rod_{tower}"]
+        at_switch = q[f"endstop_{tower}"] + sqrt(q[f"arm_{tower}"] ** 2 - q["radius"] ** 2)
+        entries = {
+            "angle": degrees(q[f"angle_{tower}"] + q[f"d_angle_{tower}"] - turned),
+            "arm_length": rod,
+            "position_endstop": at_switch - sqrt(rod**2 - radius**2),
+        }
+        lines += ["", f"[stepper_{tower}]", *(f"{key} = {value:.6f}" for key, value in entries.items())]
+        factor = 1 + q["scale"] + q[f"scale_{tower}"]
+        if factor != 1 and distance is not None:
+            lines.append(f"rotation_distance = {float(distance) * factor:.6f}")
         elif factor != 1:
             lines.append(f"# rotation_distance: {factor:.6f} times what it is now")
+
     other = [f for f in report.findings if f.family not in _WRITTEN]
     lines += [""] if other else []
     lines += [f"# printer.cfg has no number for: {effect_label(report.machine, f.family, f.target)}" for f in other]
     return Correction(".cfg", "\n".join(lines) + "\n")
 
 
-def geometry(report: Report) -> dict[str, float]:
-    """Return the numbers of printer.cfg by key, mm and degrees; a tower's letter is at the end of its key.
-
-    `belt_a` is the factor for rotation_distance.
-    """
-    fitted = report.model
-    q = {name: _one(value) for name, value in fitted.model.quantities(fitted.best)[1].items() if np.ndim(value) < 2}
-    radius = q["radius"] + q["d_radius"]
-    found = {"delta_radius": radius}
-    stated = fitted.model.formulation.data.metadata.get("rotation_distance")
-    turned = q["d_angle_c"]
-    for i, tower in enumerate(TOWERS):
-        rod = q[f"arm_{tower}"] + q["d_rod"] + q[f"d_rod_{tower}"]
-        at_switch = q[f"endstop_{tower}"] + sqrt(q[f"arm_{tower}"] ** 2 - q["radius"] ** 2)
-        found[f"angle_{tower}"] = degrees(q[f"angle_{tower}"] + q[f"d_angle_{tower}"] - turned)
-        found[f"arm_length_{tower}"] = rod
-        found[f"position_endstop_{tower}"] = at_switch - sqrt(rod**2 - radius**2)
-        found[f"belt_{tower}"] = 1 + q["scale"] + q[f"scale_{tower}"]
-        if isinstance(stated, list | tuple) and len(stated) == len(TOWERS):
-            found[f"rotation_distance_{tower}"] = float(stated[i])
-    return found
-
-
-def _one(value: Any) -> float:
-    """Return a number that is the same in all rows; of a reading, that of the first."""
-    first = np.ravel(value)[0]
-    return float(first)
-
-
-def _doubt(report: Report, effect: str) -> str:
-    [found] = [f for f in report.findings if f.effect == effect]
-    others = ", ".join(effect_label(report.machine, r.family, r.target) for r in found.set if r.effect != effect)
-    return f"{effect_label(report.machine, found.family, found.target)} is taken; as likely by these data: {others}"
-
-
 _SAVED = re.compile(r"^#\*# ?")
 _COMMENTED_OUT = re.compile(r"^\s*#\s*([a-z_]+)\s*[:=]\s*([-+0-9.eE]+)\s*(?:[#;].*)?$")
 _SECTION = re.compile(r"^\s*\[\s*([^\]]+?)\s*\]")
 _GEOMETRY = ("delta_radius", "angle", "arm_length", "position_endstop")
-_KLIPPER_ANGLES = {"a": 210.0, "b": 330.0, "c": 90.0}  # Klipper's defaults [deg]
 _FULL_STEPS = 200.0
 _HUGE = 1e12  # steps, mm or degrees, of no printer
 
 Config = Mapping[str, Mapping[str, str]]
 
 
-def read_printer_cfg(text: str) -> Foreign:
-    """Return probe heights and distances of a printer.cfg, with its geometry as stated metadata.
-
-    Raises `DataError` for a file that describes no delta, or in which nothing was measured.
-    """
+def read_printer_cfg(text: str) -> Columns:
+    """Return probe heights and distances of a printer.cfg, with its geometry as stated metadata."""
     saved_lines = [_SAVED.sub("", line) for line in text.splitlines() if _SAVED.match(line)]
     opens = next((k for k, line in enumerate(saved_lines) if _SECTION.match(line)), len(saved_lines))
-    saved_lines = saved_lines[opens:]  # the lines before are a comment by Klipper
     upper_lines = [line for line in text.splitlines() if not _SAVED.match(line)]
-    upper, saved = _parsed("\n".join(upper_lines)), _parsed("\n".join(saved_lines))
+    upper, saved = _parsed(upper_lines), _parsed(saved_lines[opens:])  # the lines before are a comment by Klipper
     if upper.get("printer", {}).get("kinematics", "").strip().lower() != "delta":
         raise DataError("[printer] has no kinematics: delta; this machine reads a linear delta's printer.cfg")
-    replaced = _replaced(upper_lines)
-    now, first = _layered(upper, saved), _layered(_where_silent(saved, upper, replaced), upper, replaced)
-    columns = _measurements(now.get("delta_calibrate", {}))
+
+    # the numbers of the geometry that stand behind a `#`, which SAVE_CONFIG replaced
+    replaced: dict[str, dict[str, str]] = {}
+    section = ""
+    for line in upper_lines:
+        if opened := _SECTION.match(line):
+            section = opened[1]
+        elif (entry := _COMMENTED_OUT.match(line)) and entry[1] in _GEOMETRY:
+            replaced.setdefault(section, {})[entry[1]] = entry[2]
+
+    # what was saved of keys that no section said before: tower b was as tower a, where a said it alone
+    said = {key for layer in (upper, replaced) for values in layer.values() for key in values}
+    silent = {section: {k: v for k, v in values.items() if k not in said} for section, values in saved.items()}
+    now, first = _layered(upper, saved), _layered(silent, upper, replaced)
+
+    # a row a height and a row a distance, with their steps
+    block = now.get("delta_calibrate", {})
+    heights = [key for key in block if re.fullmatch(r"(manual_)?height\d+", key)]
+    distances = [key for key in block if re.fullmatch(r"distance\d+", key)]
+    if not heights and not distances:
+        raise DataError(
+            "[delta_calibrate] holds no height and no distance: run DELTA_CALIBRATE, or DELTA_ANALYZE with a printed "
+            "object, then SAVE_CONFIG"
+        )
+    kind = np.array(["height"] * len(heights) + ["distance"] * len(distances))
+    begins = [_steps(block, f"{key}_pos") for key in heights] + [_steps(block, f"{key}_pos1") for key in distances]
+    ends = [(np.nan,) * 3] * len(heights) + [_steps(block, f"{key}_pos2") for key in distances]
+    values = np.array([_real(block[key], f"[delta_calibrate] {key}") for key in (*heights, *distances)])
+    columns: dict[str, Any] = {"kind": kind}
+    columns |= {name: np.where(kind == name, values, np.nan) for name in ("height", "distance")}
+    for i, tower in enumerate(TOWERS):
+        columns[f"steps_{tower}"] = np.array([row[i] for row in begins])
+        columns[f"steps_{tower}_2"] = np.array([row[i] for row in ends])
+
     bed = _number(now, "delta_calibrate", "radius", _number(now, "printer", "print_radius", 0.0))
     of_bed = {"bed_radius": bed} if bed > 0 else {}
     metadata: dict[str, Any] = {
@@ -205,35 +195,17 @@ def read_printer_cfg(text: str) -> Foreign:
         metadata["rotation_distance"] = [_number(now, f"stepper_{tower}", "rotation_distance") for tower in TOWERS]
     included = sorted(name for name in upper if name.startswith("include "))
     notes = (Note(Code.FILE, f"{', '.join(included)}: included files are not read"),) if included else ()
-    return Foreign(columns, metadata, notes)
+    return Columns(columns, metadata, notes)
 
 
-def _parsed(text: str) -> dict[str, dict[str, str]]:
+def _parsed(lines: list[str]) -> dict[str, dict[str, str]]:
     parser = RawConfigParser(strict=False, inline_comment_prefixes=(";", "#"), interpolation=None, default_section="")
     try:
-        parser.read_string(text)
+        parser.read_string("\n".join(lines))
     except Error as error:
         reason = shortened(" ".join(str(error).split()))
         raise DataError(f"is no configuration that Klipper would read: {reason}") from None
     return {section: dict(parser.items(section)) for section in parser.sections()}
-
-
-def _replaced(lines: list[str]) -> dict[str, dict[str, str]]:
-    """Return the numbers of the geometry that stand behind a `#`, by section."""
-    found: dict[str, dict[str, str]] = {}
-    section = ""
-    for line in lines:
-        if opened := _SECTION.match(line):
-            section = opened[1]
-        elif (entry := _COMMENTED_OUT.match(line)) and entry[1] in _GEOMETRY:
-            found.setdefault(section, {})[entry[1]] = entry[2]
-    return found
-
-
-def _where_silent(saved: Config, *first: Config) -> dict[str, dict[str, str]]:
-    """Return what was saved of the keys that no section said before: tower b was as tower a, where a said it alone."""
-    said = {key for layer in first for values in layer.values() for key in values}
-    return {section: {k: v for k, v in values.items() if k not in said} for section, values in saved.items()}
 
 
 def _layered(*layers: Config) -> dict[str, dict[str, str]]:
@@ -250,19 +222,18 @@ def _geometry(config: Config) -> dict[str, float]:
     found = {"radius": _number(config, "printer", "delta_radius")}
     for tower in TOWERS:
         section = f"stepper_{tower}"
-        found[f"angle_{tower}"] = radians(_number(config, section, "angle", _KLIPPER_ANGLES[tower]))
+        found[f"angle_{tower}"] = radians(_number(config, section, "angle", _DEGREES[tower]))
         for name, key in (("arm", "arm_length"), ("endstop", "position_endstop")):
-            of_a = found.get(f"{name}_a")
-            found[f"{name}_{tower}"] = _number(config, section, key, of_a)
+            found[f"{name}_{tower}"] = _number(config, section, key, found.get(f"{name}_a"))
     return found
 
 
 def _steps_per_mm(config: Config, tower: str) -> float:
     section = f"stepper_{tower}"
     if "step_distance" in config.get(section, {}):  # the key of older files
-        return 1 / _above_zero(config, section, "step_distance")
-    steps = _number(config, section, "full_steps_per_rotation", _FULL_STEPS) * _above_zero(
-        config, section, "microsteps"
+        return 1 / _number(config, section, "step_distance", above_zero=True)
+    steps = _number(config, section, "full_steps_per_rotation", _FULL_STEPS) * _number(
+        config, section, "microsteps", above_zero=True
     )
     for pair in config[section].get("gear_ratio", "").split(","):
         if pair.strip():
@@ -271,29 +242,7 @@ def _steps_per_mm(config: Config, tower: str) -> float:
                 steps *= float(over) / float(under)
             except (ValueError, ZeroDivisionError):
                 raise DataError(f"[{section}] gear_ratio: {shortened(pair)!r}; such as 57:11 is needed") from None
-    return steps / _above_zero(config, section, "rotation_distance")
-
-
-def _measurements(block: Mapping[str, str]) -> dict[str, Any]:
-    """Return a row a height and a row a distance, with their steps."""
-    heights = [key for key in block if re.fullmatch(r"(manual_)?height\d+", key)]
-    distances = [key for key in block if re.fullmatch(r"distance\d+", key)]
-    if not heights and not distances:
-        raise DataError(
-            "[delta_calibrate] holds no height and no distance: run DELTA_CALIBRATE, or DELTA_ANALYZE with a printed "
-            "object, then SAVE_CONFIG"
-        )
-    keys = (*heights, *distances)
-    kind = np.array(["height"] * len(heights) + ["distance"] * len(distances))
-    first = [_steps(block, f"{key}_pos") for key in heights] + [_steps(block, f"{key}_pos1") for key in distances]
-    second = [(np.nan,) * 3] * len(heights) + [_steps(block, f"{key}_pos2") for key in distances]
-    values = np.array([_real(block[key], f"[delta_calibrate] {key}") for key in keys])
-    columns: dict[str, Any] = {"kind": kind}
-    columns |= {name: np.where(kind == name, values, np.nan) for name in ("height", "distance")}
-    for i, tower in enumerate(TOWERS):
-        columns[f"steps_{tower}"] = np.array([row[i] for row in first])
-        columns[f"steps_{tower}_2"] = np.array([row[i] for row in second])
-    return columns
+    return steps / _number(config, section, "rotation_distance", above_zero=True)
 
 
 def _steps(block: Mapping[str, str], key: str) -> tuple[float, ...]:
@@ -305,18 +254,14 @@ def _steps(block: Mapping[str, str], key: str) -> tuple[float, ...]:
     return tuple(_real(part, f"[delta_calibrate] {key}") for part in parts)
 
 
-def _number(config: Config, section: str, key: str, default: float | None = None) -> float:
+def _number(config: Config, section: str, key: str, default: float | None = None, above_zero: bool = False) -> float:
     text = config.get(section, {}).get(key)
     if text is None:
         if default is None:
             raise DataError(f"[{section}] {key} is missing")
         return default
-    return _real(text, f"[{section}] {key}")
-
-
-def _above_zero(config: Config, section: str, key: str) -> float:
-    value = _number(config, section, key)
-    if not value > 0:
+    value = _real(text, f"[{section}] {key}")
+    if above_zero and not value > 0:
         raise DataError(f"[{section}] {key}: {value:g}; a number above 0 is needed")
     return value
 
@@ -331,35 +276,23 @@ def _real(text: str, where: str) -> float:
     return value
 
 
-_ENDS = ("", "_2")
 _COLUMNS = (
     Quantity("kind", text=True),
     Quantity("height", "mm", "height at the probe's trigger"),
     Quantity("distance", "mm", "distance by caliper"),
-    *(Quantity(f"travel_{t}{end}", "mm", f"travel of tower {t}") for end in _ENDS for t in TOWERS),
-    *(Quantity(f"steps_{t}{end}", "1", f"steps of tower {t}") for end in _ENDS for t in TOWERS),
+    *(Quantity(f"travel_{t}{end}", "mm", f"travel of tower {t}") for end in ("", "_2") for t in TOWERS),
+    *(Quantity(f"steps_{t}{end}", "1", f"steps of tower {t}") for end in ("", "_2") for t in TOWERS),
     *(Quantity(f"direction_{t}", "", f"direction of tower {t}", f"tower {t}") for t in TOWERS),
     Quantity("t_s", "s", "time"),
     Quantity("temp_K", "K", "temperature above reference"),
 )
-_ANGLES = ("angle", "d_angle", "lean", "bed_x", "bed_y")
 # belt_scale, and of each number that is held a family of its own; a belt has no turn
-_REPLACED = (
-    "gear",
-    "free_number",
-    "eccentricity",
-    "screw_error",
-    "second_harmonic",
-    "angle_error",
-    "position_error",
-    "cyclic",
-    *PERIODIC,
-    "lag",
-    "compliance",
-)
-_SHARES = ("scale", "tilt", "shrink")
-
-
+_REPLACED = ("gear", "free_number", "eccentricity", "screw_error", "second_harmonic", "angle_error", "position_error",
+             "cyclic", *PERIODIC, "lag", "compliance")  # fmt: skip
+_UNITS = {  # by how a name begins
+    **dict.fromkeys(("angle", "d_angle", "lean", "bed_x", "bed_y"), "rad"),
+    **dict.fromkeys(("scale", "tilt", "shrink"), "1"),
+}
 _WORDS = {
     "radius": "delta radius", "arm": "rod length", "endstop": "endstop", "bed_radius": "radius of the bed",
     "angle": "angle", "d_radius": "delta radius", "d_rod": "rod length", "scale": "belt scale", "zero": "zero",
@@ -372,24 +305,21 @@ _OF_A_TOWER = {**_WORDS, "d_radius": "radius", "d_angle": "angle", "lean": "lean
 _WAYS = {"out": " outward", "side": " to the side"}
 
 
-def _words(name: str) -> str:
-    """Return a number of the printer in words: `angle of tower b`, `lean of tower a outward`."""
+def _quantity(name: str) -> Quantity:
+    """Return a number of the printer with its unit and words: `angle of tower b`, `lean of tower a outward`."""
+    unit = next((unit for begins, unit in _UNITS.items() if name.startswith(begins)), "mm")
     if name in _WORDS:
-        return _WORDS[name]
+        return Quantity(name, unit, _WORDS[name])
     head, _, way = name.rpartition("_") if name.endswith(tuple(_WAYS)) else (name, "", "")
     what, _, tower = head.rpartition("_")
-    return f"{_OF_A_TOWER[what]} of tower {tower}{_WAYS.get(way, '')}"
-
-
-def _unit(name: str) -> str:
-    return "rad" if name.startswith(_ANGLES) else "1" if name.startswith(_SHARES) else "mm"
+    return Quantity(name, unit, f"{_OF_A_TOWER[what]} of tower {tower}{_WAYS.get(way, '')}")
 
 
 describe(
     "delta",
     Description(
         columns=_COLUMNS,
-        quantities=tuple(Quantity(name, _unit(name), _words(name)) for name in (*NOMINAL, *IMPERFECTIONS)),
+        quantities=tuple(_quantity(name) for name in (*NOMINAL, *IMPERFECTIONS)),
         stated=(
             Stated("sigma_height", "positive"),
             Stated("sigma_distance", "positive"),

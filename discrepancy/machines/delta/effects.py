@@ -1,10 +1,6 @@
 """What may be wrong with a linear delta beside its endstops: towers, rods, belts, effector, bed, and the caliper.
 
-Errors of a printer that stay constant during the measurement: a constant added to the quantities of each target.
-
-What may be wrong with what a delta is measured against: its bed, the printed object, and the caliper.
-
-What may be wrong with a delta's towers, rods, belts and effector.
+All stay constant during the measurement: a constant is added to the quantities of each target.
 """
 
 from __future__ import annotations
@@ -13,10 +9,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calibench.discrepancy.model.effect import Effect, EffectFamily, LinearEffect, NotTestable
-from calibench.discrepancy.model.machine import Formulation, Quantities
-from calibench.discrepancy.model.measured import MeasuredData
-from calibench.problems.base import Array
+from calibench.discrepancy.model.effect import Effect, EffectFamily, NotTestable
+from calibench.discrepancy.model.machine import Formulation
 
 Spread = Mapping[str, Mapping[str, float]]  # coefficient -> quantity -> how much of it
 TOWERS = ("a", "b", "c")
@@ -42,51 +36,30 @@ def constant(
     """
 
     def build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
-        if of and not (np.asarray(formulation.data["kind"]) == of).any():
+        kind = np.asarray(formulation.data["kind"])
+        if of and not (kind == of).any():
             raise NotTestable(f"needs rows of kind {of}", ("kind",))
         coefficients = spread[target]
-        quantities = sorted({q for shares in coefficients.values() for q in shares})
-
-        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-            return {
-                quantity: np.tile([shares.get(quantity, 0.0) for shares in coefficients.values()], (len(data), 1))
-                for quantity in quantities
-            }
-
-        twins_of = (same or {}).get(target, ())
-        if target == "all" and same_by_heights and not (np.asarray(formulation.data["kind"]) == "distance").any():
-            twins_of = tuple(f"{twin} all" for twin in same_by_heights if twin != name)
-        units = (unit,) * len(coefficients)
+        rows = {
+            quantity: [shares.get(quantity, 0.0) for shares in coefficients.values()]
+            for quantity in sorted({q for shares in coefficients.values() for q in shares})
+        }
+        alike = (same or {}).get(target, ())
+        if target == "all" and same_by_heights and not (kind == "distance").any():
+            alike = tuple(f"{twin} all" for twin in same_by_heights if twin != name)
         return (
-            LinearEffect(
-                name,
-                target,
-                formula,
-                channel=channel,
-                columns=(),
-                coefficients=tuple(coefficients),
-                units=units,
-                unit=unit,
-                changes=changes,
-                twins=twins_of,
+            family.linear(
+                target, (), dict.fromkeys(coefficients, unit),
+                lambda q, data: {quantity: np.tile(row, (len(data), 1)) for quantity, row in rows.items()},
+                unit=unit, twins=alike,
             ),
-        )
+        )  # fmt: skip
 
-    return EffectFamily(
-        name,
-        "delta",
-        cause,
-        formula=formula,
-        channel=channel,
-        columns=(),
-        unit=unit,
-        targets=tuple(spread),
-        build=build,
-        twins=twins,
-        label=label,
-        label_of_all=label_of_all,
-        parted_by=parted_by,
-    ).enter()
+    family = EffectFamily(
+        name, "delta", cause, formula=formula, channel=channel, columns=(), unit=unit, targets=tuple(spread),
+        build=build, twins=twins, label=label, label_of_all=label_of_all, parted_by=parted_by,
+    )  # fmt: skip
+    return family.enter()
 
 
 bed_tilt = constant(

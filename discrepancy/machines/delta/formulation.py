@@ -1,16 +1,23 @@
 """A linear delta printer as a measured machine: probe heights and caliper distances, each with the carriages' travel.
 
-One constraint a row, mm: the modelled value minus the measured one. Rows are of two kinds: `height`, of the nozzle
-above the bed where the probe triggers, and `distance`, between two places of a printed object. The three endstops are
-free, because every user sets these first. Radius, rods, angles and belts are held at the configured values; an error of
-these must be found as an effect.
+One constraint a row, mm: the modelled `height` of the nozzle above the bed, or `distance` of two places of a print,
+minus the measured one. The three endstops are free, because every user sets these first; an error of what is held must
+be found as an effect. Carriage i stands at the height that endstop and steps say, and the nozzle is the lower point at
+a distance of its rod from each of the three; `radius` is the tower's less the effector's, as firmware has it.
 
-Check a delta's measured data, once, and turn motor steps into the travel of the carriages.
+Quantities, mm and rad; i is a, b or c. What the firmware knows: endstop_i, the height of the nozzle when all carriages
+stand at their switches in a printer whose three towers are alike; radius, angle_i, arm_i. What it does not know, zero
+where nothing is wrong: d_radius, d_radius_i, d_angle_i, d_rod, d_rod_i (added to what is nominal); scale, scale_i (a
+belt moves 1 + scale times the stated way); lean_i_out, lean_i_side (tower i leans away from the axis, or to the side of
+growing angles, about where its carriage stands with the nozzle on the middle of the bed); zero_i (what a carriage has
+gone down beside its way: play, drift); tilt_out, tilt_skew_x, tilt_skew_y (the nozzle goes further by that share as
+the effector goes outward); bed_x, bed_y, dome (the bed's slope, and how far its middle stands above its rim); caliper
+(added to every distance), shrink (share by which printed distances are too short).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import pi
@@ -21,21 +28,20 @@ from numpy.typing import NDArray
 
 from calibench.core.options import shown
 from calibench.discrepancy.checks.validate import entered
-from calibench.discrepancy.machines.delta.kinematics import IMPERFECTIONS, TOWERS, distance, height, lower_point, nozzle
-from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities
-from calibench.discrepancy.model.measured import (
-    DataError,
-    MeasuredData,
-    Sensor,
-    finite,
-    nominal_numbers,
-    positive,
-    with_numbers,
-)
+from calibench.discrepancy.model import measured
+from calibench.discrepancy.model.machine import WORKSPACE, Formulation, Numbers, Quantities, as_they_are
+from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor
 from calibench.discrepancy.model.roles import Joint, Roles
 from calibench.discrepancy.registries import machines
 from calibench.problems.base import Array, Parameter
 
+TOWERS = ("a", "b", "c")
+IMPERFECTIONS = (
+    "d_radius", *(f"d_radius_{i}" for i in TOWERS), *(f"d_angle_{i}" for i in TOWERS),
+    "d_rod", *(f"d_rod_{i}" for i in TOWERS), "scale", *(f"scale_{i}" for i in TOWERS),
+    *(f"lean_{i}_{way}" for i in TOWERS for way in ("out", "side")), *(f"zero_{i}" for i in TOWERS),
+    "tilt_out", "tilt_skew_x", "tilt_skew_y", "bed_x", "bed_y", "dome", "caliper", "shrink",
+)  # fmt: skip
 NOMINAL = (
     "radius", *(f"angle_{i}" for i in TOWERS), *(f"arm_{i}" for i in TOWERS), *(f"endstop_{i}" for i in TOWERS),
     "bed_radius",
@@ -43,180 +49,13 @@ NOMINAL = (
 _ANGLES = {"angle_a": 210 * pi / 180, "angle_b": 330 * pi / 180, "angle_c": 90 * pi / 180}  # where towers stand
 _CHECKED = "delta_checked"
 _KINDS = ("height", "distance")
-
-
-def accepted(data: MeasuredData) -> MeasuredData:
-    """Return the valid rows with travels in mm and one `height` and `distance` column each; raise `DataError`.
-
-    Steps, `steps_a`, are turned with `steps_per_mm`; travels, `travel_a`, are taken as they are. The second end of a
-    distance is `steps_a_2` or `travel_a_2`.
-    """
-    if data.machine.casefold() != "delta":
-        raise DataError(f"{data.name}: is data of machine {data.machine}; machine=delta reads a delta printer's")
-    data = entered(data)
-    kind = _kinds(data)
-    data = with_numbers(data.with_columns({"kind": kind}), _needed(data, kind))
-    kind = np.asarray(data["kind"])
-    columns: dict[str, Any] = {"kind": kind}
-    for tower in TOWERS:
-        columns[f"travel_{tower}"] = _travel(data, tower, "")
-        columns[f"travel_{tower}_2"] = (
-            _travel(data, tower, "_2", kind == "distance") if (kind == "distance").any() else np.zeros(len(data))
-        )
-    columns |= {name: _measured(data, name, kind == name) for name in _KINDS}
-    columns |= {name: _direction(data, name, kind == "height") for t in TOWERS if (name := f"direction_{t}") in data}
-    return _within_reach(replace(data.with_columns(columns), metadata={**data.metadata, _CHECKED: True}))
-
-
-def is_accepted(data: MeasuredData) -> bool:
-    """Tell whether the data went through `accepted`."""
-    return bool(data.metadata.get(_CHECKED)) and all(f"travel_{tower}_2" in data for tower in TOWERS)
-
-
-def nominal_machine(data: MeasuredData, start: str = "printer") -> dict[str, float]:
-    """Return the numbers of `NOMINAL`, mm and rad. Stated numbers override the printer's.
-
-    Towers stand at 210, 330, 90 degrees. `start` names the metadata with the printer's numbers: `printer`, as it was
-    designed, or `saved`. A single `arm` or `endstop` stands for all three. Raises `DataError` for one that is missing.
-    """
-    single = tuple(name for name in ("arm", "endstop"))
-    own = data.metadata.get(start) or data.metadata.get("printer") or {}
-    given = {**own, **nominal_numbers(data, (*NOMINAL, *single))}
-    for name in single:
-        if name in given:
-            given = {f"{name}_{tower}": given[name] for tower in TOWERS} | given
-    given = _ANGLES | given
-    for name in (*(f"arm_{t}" for t in TOWERS), "radius"):
-        if not given.get(name, 0.0) > 0:
-            raise DataError(
-                f'{data.name}: {name} is not stated; nominal={{"radius":160,"arm":345,"endstop":415}} states radius, '
-                "rod length and endstop position [mm]"
-            )
-    shortest = min(given[f"arm_{t}"] for t in TOWERS)
-    if shortest <= given["radius"]:
-        raise DataError(f"{data.name}: arm={shortest:g}: rods must be longer than the radius {given['radius']:g} mm")
-    for tower in TOWERS:
-        if f"endstop_{tower}" not in given:
-            raise DataError(f"{data.name}: endstop_{tower} is not stated; state endstop, as position_endstop has it")
-    apart = np.sort(np.mod([given[f"angle_{t}"] for t in TOWERS], 2 * pi))
-    if min(np.diff(apart, append=apart[0] + 2 * pi)) < 0.2:
-        raise DataError(f"{data.name}: two towers stand at nearly the same angle; angles are in rad here")
-    return {"bed_radius": given["radius"]} | {name: given[name] for name in given if name in NOMINAL}
-
-
-def _kinds(data: MeasuredData) -> Any:
-    """Return the kind of each row, (n,); without a column `kind`, a row that has a distance is one."""
-    if "kind" in data:
-        kind = np.char.lower(np.char.strip(np.asarray(data["kind"]).astype(str)))
-        for word in sorted(set(kind.tolist()) - set(_KINDS)):
-            raise DataError(f"{data.name}: column kind holds {word!r}; height or distance is needed")
-        return kind
-    if not any(name in data for name in _KINDS):
-        raise DataError(
-            f"{data.name}: column height is missing; a row needs height or distance, "
-            "and the ways of the carriages, travel_a, travel_b and travel_c"
-        )
-    known = np.isfinite(data["distance"]) if "distance" in data else np.zeros(len(data), dtype=bool)
-    return np.where(known, "distance", "height")
-
-
-def _needed(data: MeasuredData, kind: Any) -> dict[str, Any]:
-    """Return the columns that must hold numbers -> in which rows, (n,): those of the other kind have none."""
-    probed, printed = kind == "height", kind == "distance"
-    ends = {"": probed | printed, "_2": printed}
-    ways = {f"{what}_{t}{end}": rows for end, rows in ends.items() for t in TOWERS for what in ("travel", "steps")}
-    ways |= {f"direction_{t}": probed for t in TOWERS} | {"height": probed, "distance": printed}
-    for tower in TOWERS:
-        for end in ends:  # a travel column takes precedence over steps
-            ways.pop(f"steps_{tower}{end}" if f"travel_{tower}{end}" in data else "", None)
-    return {name: rows for name, rows in ways.items() if name in data and rows.any()}
-
-
-def _measured(data: MeasuredData, name: str, own: Any) -> Any:
-    """Return what was measured of one kind, (n,) [mm], zero in rows of the other."""
-    if not own.any():
-        return np.zeros(len(data))
-    column = np.where(own, np.asarray(data[name], dtype=float), 0.0)
-    _all_finite(data, name, column)
-    if name == "distance" and not (column[own] > 0).all():
-        raise DataError(f"{data.name}: column distance, row {_first(own & ~(column > 0))}: a length is above 0 mm")
-    return column
-
-
-def _direction(data: MeasuredData, name: str, probed: Any) -> Any:
-    """Return the direction in which a carriage came, (n,): -1 or 1; 0 in a row of a distance, which has two ends."""
-    column = np.asarray(data[name], dtype=float)
-    column = np.where(~probed & ~np.isfinite(column), 0.0, column)
-    _all_finite(data, name, column)
-    return column
-
-
-def _travel(data: MeasuredData, tower: str, end: str, own: Any = None) -> Any:
-    """Return the way of a carriage down from its endstop, (n,) [mm]; zero in rows that have no such end."""
-    way, steps = f"travel_{tower}{end}", f"steps_{tower}{end}"
-    if way in data:
-        name, column = way, np.asarray(data[way], dtype=float)
-    else:
-        name = steps if steps in data else way
-        column = np.asarray(data[name], dtype=float)
-        if "steps_per_mm" not in data.metadata:
-            raise DataError(f"{data.name}: column {steps} holds steps; state steps_per_mm, such as steps_per_mm=80")
-        # the stated steps per mm of the three belts; one number stands for all
-        stated = data.metadata["steps_per_mm"]
-        each = list(stated) if isinstance(stated, list | tuple | np.ndarray) else [stated] * 3
-        if len(each) != 3:
-            raise DataError(f"{data.name}: steps_per_mm={shown(stated)}: one number, or one for each tower, is needed")
-        column = column / [positive(data, "steps_per_mm", value) for value in each][TOWERS.index(tower)]
-    column = column if own is None else np.where(own, column, 0.0)
-    _all_finite(data, name, column)
-    return column
-
-
-def _within_reach(data: MeasuredData) -> MeasuredData:
-    """Return the data; raise `DataError` where the nominal rods cannot meet: steps or a unit are wrong."""
-    for end, own in (("", np.ones(len(data), dtype=bool)), ("_2", data["kind"] == "distance")):
-        met = _meet(data, end, own)
-        if not met.all():
-            row = int(np.flatnonzero(own)[_first(~met) - 1]) + 1
-            hint = "check steps_per_mm, arm and radius (steps and ways count down from the endstops)"
-            names = [f"travel_{t}{at}" for at in ("", "_2") for t in TOWERS if f"travel_{t}{at}" in data]
-            if not any(f"steps_{t}" in data for t in TOWERS) and _meet(data, end, own, 0.001).all():
-                hint = "they meet where the ways are in mm: units=" + ",".join(f"{name}:mm" for name in names)
-            raise DataError(f"{data.name}: row {row}: rods of this length cannot meet there; {hint}")
-    return data
-
-
-def _meet(data: MeasuredData, end: str, own: Any, size: float = 1.0) -> Any:
-    """Return whether the nominal rods meet at one end of rows `own`, with ways `size` times as long."""
-    q = nominal_machine(data)
-    x, y, h, rod = [], [], [], []
-    for t in TOWERS:
-        x.append(q["radius"] * np.cos(q[f"angle_{t}"]))
-        y.append(q["radius"] * np.sin(q[f"angle_{t}"]))
-        rise = np.sqrt(q[f"arm_{t}"] ** 2 - q["radius"] ** 2)
-        h.append(finite(data, "endstop", q[f"endstop_{t}"]) + rise - size * data[f"travel_{t}{end}"][own])
-        rod.append(np.asarray(q[f"arm_{t}"]))
-    with np.errstate(invalid="ignore"):
-        return np.isfinite(lower_point(x, y, h, rod)[2])
-
-
-def _all_finite(data: MeasuredData, name: str, column: Any) -> None:
-    if not np.isfinite(column).all():
-        row = _first(~np.isfinite(column))
-        raise DataError(f"{data.name}: column {name}, row {row}: no finite number; leave that row out")
-
-
-def _first(wrong: Any) -> int:
-    """Return the number of the first row that is wrong, from 1."""
-    return int(np.flatnonzero(wrong)[0]) + 1
-
-
-SIGMA_HEIGHT, SIGMA_DISTANCE = 0.02, 0.05  # mm: a switch probe, a caliper on plastic
+_SIGMA = {"height": 0.02, "distance": 0.05}  # mm: a switch probe, a caliper on plastic
 _WIDTH = 20.0  # mm: a switch stands within it
 _STEP = 1e-30
 _PLACES = 12  # heights from which on a disagreement over the bed is looked for: fewer draw no surface
 
 
+@machines.register("delta")
 @final
 @dataclass(frozen=True)
 class Delta:
@@ -232,13 +71,10 @@ class Delta:
         """Return the formulation of the rows; raise `DataError` for data that cannot be a delta's."""
         data = accepted(data)
         nominal = nominal_machine(data, "saved" if self.start == "saved" else "printer")
-        names = tuple(f"endstop_{tower}" for tower in TOWERS)
-        parameters = tuple(
-            Parameter(name, "mm", nominal[name], nominal[name] - _WIDTH, nominal[name] + _WIDTH) for name in names
-        )
-        held = {name: nominal[name] for name in NOMINAL if name not in names} | dict.fromkeys(IMPERFECTIONS, 0.0)
-        measured = Measured(data, parameters, held)
-        return replace(measured, surface=int(measured.probed.sum()) >= _PLACES)
+        ends = {name: nominal.pop(name) for name in (f"endstop_{tower}" for tower in TOWERS)}
+        parameters = tuple(Parameter(name, "mm", end, end - _WIDTH, end + _WIDTH) for name, end in ends.items())
+        held = {name: nominal[name] for name in NOMINAL if name in nominal} | dict.fromkeys(IMPERFECTIONS, 0.0)
+        return Measured(data, parameters, held, int((data["kind"] == "height").sum()) >= _PLACES)
 
 
 @final
@@ -274,11 +110,8 @@ class Measured:
     @cached_property
     def sigma(self) -> dict[str, float]:
         """Return the stated noise of a height and of a distance [mm]."""
-        stated = self.data.metadata
-        return {
-            "height": positive(self.data, "sigma_height", stated.get("sigma_height", SIGMA_HEIGHT)),
-            "distance": positive(self.data, "sigma_distance", stated.get("sigma_distance", SIGMA_DISTANCE)),
-        }
+        stated = {key: self.data.metadata.get(f"sigma_{key}", usual) for key, usual in _SIGMA.items()}
+        return {key: measured.positive(self.data, f"sigma_{key}", value) for key, value in stated.items()}
 
     @cached_property
     def probed(self) -> NDArray[np.bool_]:
@@ -292,17 +125,23 @@ class Measured:
     def constraints(self, q: Quantities) -> Numbers:
         """Return modelled minus measured heights and distances, shape (n, 1), mm."""
         probed, data = self.probed, self.data
-        first = tuple(data[f"travel_{tower}"] for tower in TOWERS)
-        second = tuple(data[f"travel_{tower}_2"] for tower in TOWERS)
+        first, second = ([data[f"travel_{tower}{end}"] for tower in TOWERS] for end in ("", "_2"))
         shape = np.broadcast_shapes(*(np.shape(value) for value in q.values()))
         rows = np.zeros(shape, dtype=np.result_type(float, *q.values()))
-        if probed.any():
-            own = _of(q, probed)
-            rows[..., probed] = height(own, [way[probed] for way in first]) - own["height"]
-        if not probed.all():
-            own = _of(q, ~probed)
-            ends = ([way[~probed] for way in first], [way[~probed] for way in second])
-            rows[..., ~probed] = distance(own, *ends) - own["distance"]
+        for at, name in ((probed, "height"), (~probed, "distance")):
+            if not at.any():
+                continue
+            # the quantities of these rows; those of the whole machine are the same for all
+            own = {key: value[..., at] if np.shape(value)[-1:] == at.shape else value for key, value in q.items()}
+            x, y, z = nozzle(own, [way[at] for way in first])
+            if name == "height":  # of the nozzle above the bed; the dome falls to zero at the radius `bed_radius`
+                dome = own["dome"] * (1 - (x**2 + y**2) / own["bed_radius"] ** 2)
+                modelled = z - np.asarray(own["bed_x"] * x + own["bed_y"] * y + dome)
+            else:  # what a caliper shows between two places of a printed object
+                other = nozzle(own, [way[at] for way in second])
+                apart = np.sqrt(sum((b - a) ** 2 for a, b in zip((x, y, z), other, strict=True)))
+                modelled = apart * (1 - own["shrink"]) + own["caliper"]
+            rows[..., at] = modelled - own[name]
         return rows[..., None]
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
@@ -318,9 +157,7 @@ class Measured:
         slopes = np.imag(self.constraints(stepped)) / _STEP
         return dict(zip(q, slopes, strict=True))
 
-    def decorrelate(self, rows: Array) -> Array:
-        """Return `rows` as they are: each reading has noise of its own."""
-        return rows
+    decorrelate = as_they_are
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
         """Return where the bed was probed, NaN in rows of distances; nothing where few places were."""
@@ -332,12 +169,174 @@ class Measured:
 
     def on(self, data: MeasuredData) -> Measured:
         """Return the same printer over other rows."""
-        return replace(self, data=data if is_accepted(data) else accepted(data))
+        checked = data.metadata.get(_CHECKED) and all(f"travel_{tower}_2" in data for tower in TOWERS)
+        return replace(self, data=data if checked else accepted(data))
 
 
-def _of(q: Quantities, rows: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return the quantities of some rows; those of the whole machine are the same for all."""
-    return {name: value[..., rows] if np.shape(value)[-1:] == rows.shape else value for name, value in q.items()}
+def nozzle(q: Quantities, travel: Sequence[Numbers]) -> tuple[Numbers, Numbers, Numbers]:
+    """Return x, y, z of the nozzle, (n,) each, mm, for `travel` of each carriage down from its endstop, likewise."""
+    carriages = []
+    for tower, way in zip(TOWERS, travel, strict=True):
+        middle = np.sqrt(q[f"arm_{tower}"] ** 2 - q["radius"] ** 2)
+        h = q[f"endstop_{tower}"] + middle - q[f"zero_{tower}"] - way * (1 + q["scale"] + q[f"scale_{tower}"])
+        angle = q[f"angle_{tower}"] + q[f"d_angle_{tower}"]
+        out = q["radius"] + q["d_radius"] + q[f"d_radius_{tower}"] + q[f"lean_{tower}_out"] * (h - middle)
+        side = q[f"lean_{tower}_side"] * (h - middle)
+        cos, sin = np.cos(angle), np.sin(angle)
+        rod = q[f"arm_{tower}"] + q["d_rod"] + q[f"d_rod_{tower}"]
+        carriages.append((out * cos - side * sin, out * sin + side * cos, h, rod + 0 * h))
+    x, y, z = lower_point(*zip(*carriages, strict=True))
+    out, skew_x, skew_y = q["tilt_out"], q["tilt_skew_x"], q["tilt_skew_y"]
+    return x + out * x + skew_x * x + skew_y * y, y + out * y + skew_y * x - skew_x * y, z
 
 
-machines.register("delta")(Delta)
+def lower_point(
+    x: Sequence[Numbers], y: Sequence[Numbers], h: Sequence[Numbers], rod: Sequence[Numbers]
+) -> tuple[Numbers, Numbers, Numbers]:
+    """Return the lower point where three spheres meet, about (x, y, h)_i with radii rod_i; NaN where they do not.
+
+    The differences of the spheres' equations are linear, so x and y follow from z; the first sphere then gives z.
+    """
+    rises, rows = [], []
+    for k in (1, 2):
+        dx, dy, dh = x[k] - x[0], y[k] - y[0], h[k] - h[0]
+        rows.append((dx, dy))
+        rises.append(((dx**2 + dy**2 + dh**2 + rod[0] ** 2 - rod[k] ** 2) / 2, dh))
+    (ax, ay), (bx, by) = rows
+    (ar, ah), (br, bh) = rises
+    area = ax * by - ay * bx
+    u0, u1 = (ar * by - ay * br) / area, (ah * by - ay * bh) / area  # from the first carriage: x = u0 - u1 z
+    v0, v1 = (ax * br - ar * bx) / area, (ax * bh - ah * bx) / area
+    a, b, c = 1 + u1**2 + v1**2, u0 * u1 + v0 * v1, u0**2 + v0**2 - rod[0] ** 2
+    z = (b - np.sqrt(b**2 - a * c)) / a
+    return x[0] + u0 - u1 * z, y[0] + v0 - v1 * z, h[0] + z
+
+
+def accepted(data: MeasuredData) -> MeasuredData:
+    """Return the valid rows with travels in mm and one `height` and `distance` column each; raise `DataError`."""
+    if data.machine.casefold() != "delta":
+        raise DataError(f"{data.name}: is data of machine {data.machine}; machine=delta reads a delta printer's")
+    data = entered(data)
+
+    # the kind of each row; without a column `kind`, a row that has a distance is one
+    if "kind" in data:
+        kind = np.char.lower(np.char.strip(np.asarray(data["kind"]).astype(str)))
+        for word in sorted(set(kind.tolist()) - set(_KINDS)):
+            raise DataError(f"{data.name}: column kind holds {word!r}; height or distance is needed")
+    elif not any(name in data for name in _KINDS):
+        raise DataError(
+            f"{data.name}: column height is missing; a row needs height or distance, "
+            "and the ways of the carriages, travel_a, travel_b and travel_c"
+        )
+    else:
+        known = np.isfinite(data["distance"]) if "distance" in data else np.zeros(len(data), dtype=bool)
+        kind = np.where(known, "distance", "height")
+
+    # the columns that must hold numbers, and in which rows: those of the other kind have none
+    probed, printed = kind == "height", kind == "distance"
+    needed = {}
+    for end, rows in {"": probed | printed, "_2": printed}.items():
+        for tower in TOWERS:  # a travel column takes precedence over steps
+            what = "travel" if f"travel_{tower}{end}" in data else "steps"
+            needed[f"{what}_{tower}{end}"] = rows
+    needed |= {f"direction_{t}": probed for t in TOWERS} | {"height": probed, "distance": printed}
+    needed = {name: rows for name, rows in needed.items() if name in data and rows.any()}
+    data = measured.with_numbers(data.with_columns({"kind": kind}), needed)
+
+    kind = np.asarray(data["kind"])
+    probed, printed = kind == "height", kind == "distance"
+    columns: dict[str, Any] = {"kind": kind}
+    for tower in TOWERS:
+        columns[f"travel_{tower}"] = _travel(data, tower, "")
+        columns[f"travel_{tower}_2"] = _travel(data, tower, "_2", printed) if printed.any() else np.zeros(len(data))
+    for name, own in (("height", probed), ("distance", printed)):  # zero in rows of the other kind
+        columns[name] = np.zeros(len(data))
+        if own.any():
+            columns[name] = _finite(data, name, np.where(own, np.asarray(data[name], dtype=float), 0.0))
+    short = np.flatnonzero(printed & ~(columns["distance"] > 0))
+    if len(short):
+        raise DataError(f"{data.name}: column distance, row {short[0] + 1}: a length is above 0 mm")
+    for name in (f"direction_{t}" for t in TOWERS):
+        if name in data:  # -1 or 1; 0 in a row of a distance, which has two ends
+            column = np.asarray(data[name], dtype=float)
+            columns[name] = _finite(data, name, np.where(~probed & ~np.isfinite(column), 0.0, column))
+    data = replace(data.with_columns(columns), metadata={**data.metadata, _CHECKED: True})
+
+    # refuse data at which the nominal rods cannot meet: steps or a unit are wrong
+    for end, own in (("", np.ones(len(data), dtype=bool)), ("_2", printed)):
+        met = _meet(data, end, own)
+        if not met.all():
+            row = int(np.flatnonzero(own)[np.flatnonzero(~met)[0]]) + 1
+            hint = "check steps_per_mm, arm and radius (steps and ways count down from the endstops)"
+            names = [f"travel_{t}{at}" for at in ("", "_2") for t in TOWERS if f"travel_{t}{at}" in data]
+            if not any(f"steps_{t}" in data for t in TOWERS) and _meet(data, end, own, 0.001).all():
+                hint = "they meet where the ways are in mm: units=" + ",".join(f"{name}:mm" for name in names)
+            raise DataError(f"{data.name}: row {row}: rods of this length cannot meet there; {hint}")
+    return data
+
+
+def nominal_machine(data: MeasuredData, start: str = "printer") -> dict[str, float]:
+    """Return the numbers of `NOMINAL`, mm and rad. Stated numbers override the printer's."""
+    single = ("arm", "endstop")
+    own = data.metadata.get(start) or data.metadata.get("printer") or {}
+    given = {**own, **measured.nominal_numbers(data, (*NOMINAL, *single))}
+    for name in single:
+        if name in given:
+            given = {f"{name}_{tower}": given[name] for tower in TOWERS} | given
+    given = _ANGLES | given
+    for name in (*(f"arm_{t}" for t in TOWERS), "radius"):
+        if not given.get(name, 0.0) > 0:
+            raise DataError(
+                f'{data.name}: {name} is not stated; nominal={{"radius":160,"arm":345,"endstop":415}} states radius, '
+                "rod length and endstop position [mm]"
+            )
+    shortest = min(given[f"arm_{t}"] for t in TOWERS)
+    if shortest <= given["radius"]:
+        raise DataError(f"{data.name}: arm={shortest:g}: rods must be longer than the radius {given['radius']:g} mm")
+    for tower in TOWERS:
+        if f"endstop_{tower}" not in given:
+            raise DataError(f"{data.name}: endstop_{tower} is not stated; state endstop, as position_endstop has it")
+    apart = np.sort(np.mod([given[f"angle_{t}"] for t in TOWERS], 2 * pi))
+    if min(np.diff(apart, append=apart[0] + 2 * pi)) < 0.2:
+        raise DataError(f"{data.name}: two towers stand at nearly the same angle; angles are in rad here")
+    return {"bed_radius": given["radius"]} | {name: given[name] for name in given if name in NOMINAL}
+
+
+def _travel(data: MeasuredData, tower: str, end: str, own: Any = None) -> Any:
+    """Return the way of a carriage down from its endstop, (n,) [mm]; zero in rows that have no such end."""
+    way, steps = f"travel_{tower}{end}", f"steps_{tower}{end}"
+    if way in data:
+        name, column = way, np.asarray(data[way], dtype=float)
+    else:
+        name = steps if steps in data else way
+        column = np.asarray(data[name], dtype=float)
+        if "steps_per_mm" not in data.metadata:
+            raise DataError(f"{data.name}: column {steps} holds steps; state steps_per_mm, such as steps_per_mm=80")
+        # the stated steps per mm of the three belts; one number stands for all
+        stated = data.metadata["steps_per_mm"]
+        each = list(stated) if isinstance(stated, list | tuple | np.ndarray) else [stated] * 3
+        if len(each) != 3:
+            raise DataError(f"{data.name}: steps_per_mm={shown(stated)}: one number, or one for each tower, is needed")
+        column = column / [measured.positive(data, "steps_per_mm", value) for value in each][TOWERS.index(tower)]
+    return _finite(data, name, column if own is None else np.where(own, column, 0.0))
+
+
+def _meet(data: MeasuredData, end: str, own: Any, size: float = 1.0) -> Any:
+    """Return whether the nominal rods meet at one end of rows `own`, with ways `size` times as long."""
+    q = nominal_machine(data)
+    x, y, h, rod = [], [], [], []
+    for t in TOWERS:
+        x.append(q["radius"] * np.cos(q[f"angle_{t}"]))
+        y.append(q["radius"] * np.sin(q[f"angle_{t}"]))
+        rise = np.sqrt(q[f"arm_{t}"] ** 2 - q["radius"] ** 2)
+        h.append(measured.finite(data, "endstop", q[f"endstop_{t}"]) + rise - size * data[f"travel_{t}{end}"][own])
+        rod.append(np.asarray(q[f"arm_{t}"]))
+    with np.errstate(invalid="ignore"):
+        return np.isfinite(lower_point(x, y, h, rod)[2])
+
+
+def _finite(data: MeasuredData, name: str, column: Array) -> Array:
+    bad = np.flatnonzero(~np.isfinite(column))
+    if len(bad):
+        raise DataError(f"{data.name}: column {name}, row {bad[0] + 1}: no finite number; leave that row out")
+    return column

@@ -1,8 +1,7 @@
 """The GPM2002 (Cong et al. 2008): three legs that meet in one point, read by encoders and perhaps by a tracker.
 
-`formulation` states the constraints, `validate` checks measured data, `start` finds the encoder offsets to begin from,
-`plan` makes up readings that were not measured yet, `description` declares columns and words, `effects` is the
-catalogue.
+`formulation` checks measured data, finds the encoder offsets to begin from and states the constraints, `description`
+declares columns, words and plans, `effects` is the catalogue.
 """
 
 from __future__ import annotations

@@ -1,11 +1,8 @@
 """What the GPM2002 declares for files, commands and pages: columns, words, what may be stated, plans, what ships.
 
-The readings that a plan would give, before anything is measured: positions, and loads and speeds there.
-
-The positions are those of a plan about the home point. What happens on the way is stated here, not known: each pose is
-approached from the one before, at 50 mm/s, in the order of the visits; a force of 20 N pulls the end-effector towards a
-direction that differs from pose to pose, and the legs share it by least squares; the machine warms by 6 K, and halfway
-to that in a quarter of the run.
+What happens on the way of a plan is stated here, not known: each pose is approached from the one before, at 50 mm/s; a
+force of 20 N pulls towards a direction that differs from pose to pose, and the legs share it by least squares; the
+machine warms by 6 K, and halfway to that in a quarter of the run.
 """
 
 from __future__ import annotations
@@ -18,15 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.discrepancy.model.machine import (
-    WORKSPACE,
-    Completed,
-    Description,
-    Formulation,
-    Quantities,
-    Quantity,
-    Stated,
-)
+from calibench.discrepancy.machines.gpm2002.formulation import LEGS
+from calibench.discrepancy.model.machine import Completed, Description, Formulation, Quantities, Quantity, Stated
 from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.registries import describe
@@ -35,25 +25,15 @@ from calibench.problems.planar.gpm2002 import NAMES, PlanName, home, makers_mach
 
 _MOST_READINGS = 100_000  # of a plan: each is a row of every matrix of the search
 _FARTHEST = 1e6  # mm
-LEGS = (1, 2, 3)
 _SPEED, _FORCE, _WARMING, _PAUSE = 50.0, 20.0, 6.0, 4.0  # mm/s, N, K, s
 
 
 def planned(
-    plan: PlanName = "disc",
-    n: int = 60,
-    radius: float = 120.0,
-    seed: int = 0,
-    visits: int = 2,
-    repeats: int = 2,
-    tracked: bool = False,
-    without: Sequence[str] = (),
-    sigma_enc: float = 5e-5,
-    sigma_xy: float = 0.02,
-    machine: Mapping[str, float] | None = None,
-    tooth_numbers: Sequence[int] = (40, 48, 56),
+    plan: PlanName = "disc", n: int = 60, radius: float = 120.0, seed: int = 0, visits: int = 2, repeats: int = 2,
+    tracked: bool = False, without: Sequence[str] = (), sigma_enc: float = 5e-5, sigma_xy: float = 0.02,
+    machine: Mapping[str, float] | None = None, tooth_numbers: Sequence[int] = (40, 48, 56),
     branches: Sequence[float] = (1.0, 1.0, 1.0),
-) -> MeasuredData:
+) -> MeasuredData:  # fmt: skip
     """Return the noiseless readings of `n` poses, each visited `visits` times and read `repeats` times.
 
     `without` leaves columns out, by name or by kind (`vel` for `vel_1..3`); `machine` changes numbers of the maker's;
@@ -77,7 +57,7 @@ def planned(
     q: dict[str, Any] = dict(zip(NAMES, makers_machine().tolist())) | dict(machine or {})
     points = plan_points(plan, home(), radius, n, rng)
     order = np.concatenate([rng.permutation(n) for _ in range(visits)])
-    columns = {**met(q, points[order], branches, rng), "pose_id": order, "visit_id": np.arange(visits * n)}
+    columns = {**_met(q, points[order], branches, rng), "pose_id": order, "visit_id": np.arange(visits * n)}
     bad = np.flatnonzero(~np.isfinite(columns["enc_1"] + columns["enc_2"] + columns["enc_3"]))
     if len(bad):
         x, y = points[order][bad[0]]
@@ -93,13 +73,10 @@ def planned(
     return MeasuredData(kept, "gpm2002", metadata, f"{plan} of {n} poses")
 
 
-def met(
+def _met(
     q: Mapping[str, Any], points: Array, branches: Sequence[float], rng: np.random.Generator
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of one reading at each of `points`, (n, 2), mm, visited in that order by the machine `q`.
-
-    `branches` are the signs of the legs' elbows. Angles out of reach are NaN.
-    """
+    """Return the columns of one reading at each of `points`, (n, 2), mm, visited in that order by the machine `q`."""
     n = len(points)
     way = np.diff(points, axis=0, prepend=home()[None])
     heading = np.arctan2(way[:, 1], way[:, 0])
@@ -108,7 +85,11 @@ def met(
     force = _FORCE * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     angle, along, arm = np.empty((n, 3)), np.empty((n, 3, 2)), np.empty((n, 3, 2))
     for k, i in enumerate(LEGS):
-        theta = _angle(q, i, points, branches[k])
+        dx, dy, la, lb = points[:, 0] - q[f"xa{i}"], points[:, 1] - q[f"ya{i}"], q[f"la{i}"], q[f"lb{i}"]
+        reach = np.hypot(dx, dy)
+        with np.errstate(invalid="ignore"):
+            cosine = (la**2 + reach**2 - lb**2) / (2 * la * reach)
+            theta = np.asarray(np.arctan2(dy, dx) + branches[k] * np.arccos(cosine))
         angle[:, k] = theta - q[f"z{i}"]
         arm[:, k] = q[f"la{i}"] * np.stack([-np.sin(theta), np.cos(theta)], axis=1)  # the elbow's way per radian
         elbow = np.stack([q[f"xa{i}"] + q[f"la{i}"] * np.cos(theta), q[f"ya{i}"] + q[f"la{i}"] * np.sin(theta)], axis=1)
@@ -128,18 +109,18 @@ def met(
 
 
 def reachable(formulation: Formulation, q: Quantities, n: int = 300, seed: int = 0) -> MeasuredData:
-    """Return about `n` readings that could be taken next, anywhere in reach around where the others were taken.
-
-    They have the columns of the data. Each comes from anywhere, under a force of any direction, as strong and as fast
-    as was usual; after all others; at temperatures met so far or somewhat above.
-    """
+    """Return about `n` readings that could be taken next, anywhere in reach around where the others were taken."""
     data, rng = formulation.data, np.random.default_rng(seed)
-    machine = {name: float(q[name]) for name in NAMES}
     x, y = formulation.covariates(q)["workspace"].values()
     middle = np.array([np.median(x), np.median(y)])
     far = 1.3 * float(np.hypot(x - middle[0], y - middle[1]).max())
     points = middle + far * plan_points("disc", np.zeros(2), 1.0, 2 * n, rng)
-    columns = met(machine, points, elbows(formulation, q), rng)
+    signs = []  # of the legs' elbows, that most of the readings show
+    for i in LEGS:
+        theta = data[f"enc_{i}"] + q[f"z{i}"]
+        turned = (middle[0] - q[f"xa{i}"]) * np.sin(theta) - (middle[1] - q[f"ya{i}"]) * np.cos(theta)
+        signs.append(1.0 if np.median(turned) > 0 else -1.0)
+    columns = _met({name: float(q[name]) for name in NAMES}, points, signs, rng)
     reached = np.flatnonzero(np.isfinite(np.sum([columns[f"enc_{i}"] for i in LEGS], axis=0)))[:n]
     if not len(reached):
         raise DataError(
@@ -151,7 +132,7 @@ def reachable(formulation: Formulation, q: Quantities, n: int = 300, seed: int =
         columns["temp_K"] = rng.uniform(low, high + 0.2 * (high - low), len(reached))
     if "t_s" in columns:
         columns["t_s"] = columns["t_s"] - columns["t_s"].min() + data["t_s"].max() + _PAUSE
-    for kind in _STRENGTHS:
+    for kind in ("load", "tau", "axial", "vel", "speed"):  # scaled to what was usual in the data
         there = [name for name in columns if name == kind or name.rpartition("_")[0] == kind]
         if there:
             usual, own = (np.sqrt(np.mean([np.square(of[c]).mean() for c in there])) for of in (data, columns))
@@ -159,38 +140,13 @@ def reachable(formulation: Formulation, q: Quantities, n: int = 300, seed: int =
     return MeasuredData(columns, data.machine, data.metadata, "reachable")
 
 
-_STRENGTHS = ("load", "tau", "axial", "vel", "speed")  # scaled to what was usual in the data
-
-
-def elbows(formulation: Formulation, q: Quantities) -> tuple[float, ...]:
-    """Return the signs of the legs' elbows that most of the readings show."""
-    # the middle of the places that were measured, mm
-    place = formulation.covariates(q)["workspace"]
-    x, y = float(np.median(place["x"])), float(np.median(place["y"]))
-    signs = []
-    for i in LEGS:
-        theta = formulation.data[f"enc_{i}"] + q[f"z{i}"]
-        turned = (x - q[f"xa{i}"]) * np.sin(theta) - (y - q[f"ya{i}"]) * np.cos(theta)
-        signs.append(1.0 if np.median(turned) > 0 else -1.0)
-    return tuple(signs)
-
-
-def _angle(q: Mapping[str, Any], i: int, points: Array, branch: float) -> Array:
-    """Return the joint angle of leg i at `points`, (n,), rad, its elbow on the side of `branch`; NaN out of reach."""
-    dx, dy = points[:, 0] - q[f"xa{i}"], points[:, 1] - q[f"ya{i}"]
-    reach, la, lb = np.hypot(dx, dy), q[f"la{i}"], q[f"lb{i}"]
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.arctan2(dy, dx) + branch * np.arccos((la**2 + reach**2 - lb**2) / (2 * la * reach)))
-
-
-_LEGS = (1, 2, 3)
 _SIGMA_XY = 0.02  # mm: a usual tracker
 _COLUMNS = (
-    *(Quantity(f"enc_{i}", "rad", f"angle of joint {i}") for i in _LEGS),
-    *(Quantity(f"vel_{i}", "rad/s", f"velocity of joint {i}", f"leg {i}") for i in _LEGS),
-    *(Quantity(f"dir_{i}", "", f"direction of joint {i}", f"leg {i}") for i in _LEGS),
-    *(Quantity(f"tau_{i}", "N mm", f"torque of joint {i}", f"leg {i}") for i in _LEGS),
-    *(Quantity(f"axial_{i}", "N", f"axial force of joint {i}", f"leg {i}") for i in _LEGS),
+    *(Quantity(f"enc_{i}", "rad", f"angle of joint {i}") for i in LEGS),
+    *(Quantity(f"vel_{i}", "rad/s", f"velocity of joint {i}", f"leg {i}") for i in LEGS),
+    *(Quantity(f"dir_{i}", "", f"direction of joint {i}", f"leg {i}") for i in LEGS),
+    *(Quantity(f"tau_{i}", "N mm", f"torque of joint {i}", f"leg {i}") for i in LEGS),
+    *(Quantity(f"axial_{i}", "N", f"axial force of joint {i}", f"leg {i}") for i in LEGS),
     Quantity("t_s", "s", "time"),
     Quantity("x", "mm"),
     Quantity("y", "mm"),
@@ -205,11 +161,11 @@ _COLUMNS = (
     Quantity("split", text=True),
 )
 _PARAMETERS = (
-    *(Quantity(f"la{i}", "mm", f"proximal link {i}") for i in _LEGS),
-    *(Quantity(f"lb{i}", "mm", f"distal link {i}") for i in _LEGS),
-    *(Quantity(f"xa{i}", "mm", f"x of base {i}") for i in _LEGS),
-    *(Quantity(f"ya{i}", "mm", f"y of base {i}") for i in _LEGS),
-    *(Quantity(f"z{i}", "rad", f"encoder zero of joint {i}") for i in _LEGS),
+    *(Quantity(f"la{i}", "mm", f"proximal link {i}") for i in LEGS),
+    *(Quantity(f"lb{i}", "mm", f"distal link {i}") for i in LEGS),
+    *(Quantity(f"xa{i}", "mm", f"x of base {i}") for i in LEGS),
+    *(Quantity(f"ya{i}", "mm", f"y of base {i}") for i in LEGS),
+    *(Quantity(f"z{i}", "rad", f"encoder zero of joint {i}") for i in LEGS),
 )
 
 
@@ -219,7 +175,7 @@ def with_tracker(formulation: Formulation, data: MeasuredData, parameters: Mappi
         return None
     there = formulation.on(data)
     q, _ = Model(there).quantities(np.array([parameters[p.name] for p in there.parameters]))
-    place = there.covariates(q)[WORKSPACE]
+    place = there.covariates(q)["workspace"]
     x, y = (np.real(np.asarray(place[name], dtype=complex)) for name in ("x", "y"))
     nominal = {**dict(data.metadata.get("nominal", {})), **parameters}
     tracked = replace(

@@ -1,9 +1,8 @@
 """A telescope mount, equatorial or altazimuth: two axes, and the pointing terms of the field by their names and signs.
 
-`geometry` points the telescope, `terms` lists the field's terms, `tpoint` reads its files, `validate` checks
-observations, `formulation` states what is measured and predicted, `effects` makes the terms findable, `plan` makes up
-stars that were not observed yet, `coefficients` writes what was found as a pointing model, `description` declares
-columns, units and words.
+`geometry` points the telescope and lists the field's terms, `formulation` checks observations and states what is
+measured and predicted, `effects` makes the terms findable, `description` declares columns, units and words, makes up
+stars, reads the field's files and writes a pointing model.
 """
 
 from __future__ import annotations

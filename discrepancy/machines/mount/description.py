@@ -1,32 +1,20 @@
 """What a telescope mount declares for files, commands and pages: columns, words, formats, plans, what ships.
 
-The findings as a pointing model: the field's terms with their coefficients in arcsec, a term a line.
-
-The layout is that of a TPOINT model: a caption, a line with the method (T: the terms turn recorded into true
-directions), the number of stars and the rms on the sky [arcsec], then term, coefficient and its standard deviation, and
-END. A finding that is no term of the field (a drift, a slip, a difference between the sides of the pier) is written as
-a comment, because a mount's control software does not know it.
-
-Stars that could be observed: spread over the sky above a lowest elevation, on the side of the pier that suits.
-
-A file of pointing observations as TheSky and TPOINT write it: text -> columns, and what it states of the site.
+Findings are written as a TPOINT model: a caption, the method (T: the terms turn recorded into true directions) with the
+number of stars and the rms on the sky [arcsec], then term, coefficient and its standard deviation, and END. What is no
+term of the field (a drift, a slip) is a comment. A file of observations as TheSky and TPOINT write it:
 
     ! a comment, and a line of caption          anywhere before the site
     :NODA :EQUAT :ALTAZ :ALLSKY ...             options, a line or more; :EQUAT where none tells the mount
-    +39 00 26 2024 7 14 29.20 987.00 ...        latitude (d m s), date, and the weather as far as it is stated
+    +39 00 26 2024 7 14 29.20 987.00 ...        latitude (d m s), date, weather; or the latitude alone (+35 01 32.0)
     21 43 18.4 +72 29 08.3  09 28 59.9 +109 20 06.4  16 23.130        a star: RA (h m s), Dec (d m s),
     END                                          the mount (RA h m s or Az d m s, Dec or El d m s), sidereal time (h m)
 
-The line of the site may be the latitude alone (+35 01 32.0). A star of an altazimuth mount may be four numbers in
-degrees: its azimuth and elevation, and those of the mount (TPOINT's format 4):
+A star of an altazimuth mount may be four numbers in degrees: its azimuth and elevation, and those of the mount. A
+sidereal time in whole minutes with a number of seconds behind it (16 23 07.8) is h m s.
 
-    :ALTAZ
-    192.3860 77.3468  -167.2779 77.3475
-
-A declination of the mount beyond +-90 degrees means that the tube has gone over the pole: the other side of the pier.
-A sidereal time in whole minutes with a number of seconds behind it (16 23 07.8) is h m s.
-Hour angles are sidereal time less right ascension. Time is told by sidereal time, which may pass midnight. What stands
-behind the sidereal time are auxiliary readings (`aux_1`, `aux_2`, ...).
+A declination of the mount beyond +-90 degrees means that the tube has gone over the pole. Hour angles are sidereal time
+less right ascension; time is sidereal, and may pass midnight. What stands behind are auxiliary readings (`aux_1`, ...).
 """
 
 from __future__ import annotations
@@ -39,17 +27,15 @@ from typing import Any, Literal
 import numpy as np
 
 from calibench.core.notes import Code, Note
+from calibench.core.tables.columns import Columns, Quantity
 from calibench.discrepancy.effects.general.harmonics import PERIODIC
+from calibench.discrepancy.machines.mount import geometry
 from calibench.discrepancy.machines.mount.effects import TARGET
-from calibench.discrepancy.machines.mount.geometry import NORTH_EAST, TERMS, TURNS, Kind, angles, direction
-from calibench.discrepancy.machines.mount.validate import AXES, ERRORS, FRAME, NAMED
-from calibench.discrepancy.model.machine import Correction, Description, Foreign, Quantity, Stated
+from calibench.discrepancy.machines.mount.geometry import AXES, ERRORS, FRAME, NAMED, NORTH_EAST, TERMS, TURNS, Kind
+from calibench.discrepancy.model.machine import Correction, Description, Stated
 from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.registries import describe
 from calibench.discrepancy.report import Report
-from calibench.problems.base import Array
-
-ENDING = ".mod"
 
 
 def pointing_model(report: Report) -> Correction | None:
@@ -72,7 +58,7 @@ def pointing_model(report: Report) -> Correction | None:
     errors = model.residuals(x).real
     rms = float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
     head = [f"{report.case}: {report.verdict}", f"T {len(errors)} {rms:.4f}"]
-    return Correction(ENDING, "\n".join([*head, *lines, *beside, "END", ""]))
+    return Correction(".mod", "\n".join([*head, *lines, *beside, "END", ""]))
 
 
 PlanName = Literal["sky", "cross"]
@@ -81,20 +67,10 @@ _MINUTES = 1.0  # between two stars
 
 
 def planned(
-    plan: PlanName = "sky",
-    n: int = 100,
-    mount: Kind = "equatorial",
-    latitude_deg: float = 40.0,
-    lowest_deg: float = 25.0,
-    flips: bool = True,
-    sigma_arcsec: float = 60.0,
-    seed: int = 0,
-) -> MeasuredData:
-    """Return `n` stars evenly spread over the sky (plan=sky) or along the meridian and one vertical (plan=cross).
-
-    With `flips` an equatorial mount observes stars east of the meridian with the tube gone over the pole. Raises
-    `DataError` for stars that no sky has.
-    """
+    plan: PlanName = "sky", n: int = 100, mount: Kind = "equatorial", latitude_deg: float = 40.0,
+    lowest_deg: float = 25.0, flips: bool = True, sigma_arcsec: float = 60.0, seed: int = 0,
+) -> MeasuredData:  # fmt: skip
+    """Return `n` stars evenly spread over the sky (plan=sky) or along the meridian and one vertical (plan=cross)."""
     if not 3 <= n <= _MOST or not 0 <= lowest_deg < 85 or abs(latitude_deg) > 90:
         raise DataError(f"plan.n={n}, lowest_deg={lowest_deg:g}, latitude_deg={latitude_deg:g}: 3 stars or more, "
                         "a lowest elevation of 0 to 85 and a latitude of -90 to 90 degrees are needed")  # fmt: skip
@@ -112,10 +88,10 @@ def planned(
         columns = {"az": azimuth, "el": elevation, "star_az": azimuth, "star_el": elevation, "t_s": t_s}
     else:
         latitude = np.radians(latitude_deg)
-        north, east, up = direction(azimuth, elevation).T
+        north, east, up = geometry.direction(azimuth, elevation).T
         meridian = up * np.cos(latitude) - north * np.sin(latitude)
         pole = up * np.sin(latitude) + north * np.cos(latitude)
-        hour, declination = angles(np.stack([meridian, -east, pole], axis=-1))
+        hour, declination = geometry.angles(np.stack([meridian, -east, pole], axis=-1))
         over = flips & (hour < 0)
         ha, dec = np.where(over, hour + np.pi, hour), np.where(over, np.pi - declination, declination)
         columns = {"ha": ha, "dec": dec, "star_ha": hour, "star_dec": declination, "t_s": t_s}
@@ -127,10 +103,12 @@ _SIDEREAL = 86164.0905  # s of a turn of the sky
 _STAR, _LEAST_SITE = 14, 6  # numbers in a line of a star, and in that of the site up to the date
 _LATITUDE, _IN_DEGREES = 3, 4  # numbers of a latitude alone, and of a star in degrees
 _FIRST_YEAR = 1900
+_NUMBERS = f"a star needs {_STAR} numbers (its place, the mount's, sidereal time h m)"
+_NEEDED = {"equatorial": _NUMBERS, "altaz": f"{_NUMBERS} or 4 in degrees (azimuth and elevation, the mount's)"}
 _IGNORED = ("NODA", "ALLSKY", "EQUINOX")
 
 
-def read_tpoint(text: str) -> Foreign:
+def read_tpoint(text: str) -> Columns:
     """Return the observations of a file; raise `DataError` with the line and what is wrong in it."""
     kind, site, alone, stars, notes = "equatorial", None, None, [], []
     for number, line in enumerate(text.splitlines(), start=1):
@@ -149,10 +127,13 @@ def read_tpoint(text: str) -> Foreign:
         if site is None:
             if numbers is None:
                 continue  # a caption
-            if _is_site(numbers):
+            # the line of the site: a star has more numbers, unless a year tells it
+            dated = len(numbers) < _STAR or (numbers[3] >= _FIRST_YEAR and numbers[3] % 1 == 0)
+            if len(numbers) >= _LEAST_SITE and dated:
                 site = _latitude(content, number)
                 continue
-            if len(numbers) == _LATITUDE and _is_latitude(numbers):
+            whole = abs(numbers[0]) <= 90 and numbers[0] % 1 == 0 and all(0 <= value <= 60 for value in numbers[1:])
+            if len(numbers) == _LATITUDE and whole:
                 alone = _latitude(content, number)
                 continue
             if alone is None or len(numbers) < _IN_DEGREES:
@@ -164,56 +145,42 @@ def read_tpoint(text: str) -> Foreign:
                 continue  # a caption
             site = alone
         if numbers is None or len(numbers) < _IN_DEGREES:
-            raise DataError(f"line {number}: {_needed(kind)}: {content[:60]}")
+            raise DataError(f"line {number}: {_NEEDED[kind]}: {content[:60]}")
         stars.append((content.split(), numbers, number))
     if site is None and alone is None:
         raise DataError("no line of the site: latitude (d m s), then year month day, is needed before the stars")
     if site is None or not stars:
         raise DataError("holds a header and no stars")
-    in_degrees = kind == "altaz" and _are_degrees(*stars[0][:2])
+    # whether a star is four numbers in degrees, with or without auxiliary readings behind them
+    words, numbers, _ = stars[0]
+    parted = len(numbers) < _STAR and all("." in word for word in words[:_IN_DEGREES])
+    in_degrees = kind == "altaz" and (len(numbers) == _IN_DEGREES or parted)
     for _, numbers, number in stars:
         if (len(numbers) < _STAR) != in_degrees:
             content = text.splitlines()[number - 1].strip()
-            raise DataError(f"line {number}: {_needed(kind)}, the same in all lines: {content[:60]}")
+            raise DataError(f"line {number}: {_NEEDED[kind]}, the same in all lines: {content[:60]}")
     if in_degrees:
-        return _columns_in_degrees(site, stars, tuple(notes))
+        least = min(len(numbers) for _, numbers, _ in stars)
+        read = np.array([numbers[:least] for _, numbers, _ in stars]).T
+        names = ("star_az", "star_el", "az", "el")
+        columns: dict[str, Any] = {name: np.radians(column) for name, column in zip(names, read)}
+        columns |= {f"aux_{k + 1}": column for k, column in enumerate(read[_IN_DEGREES:])}
+        return Columns(columns, {"mount": "altaz", "latitude_deg": site}, tuple(notes))
     return _columns(kind, site, stars, tuple(notes))
 
 
-def _is_site(numbers: list[float]) -> bool:
-    """Return whether a line of numbers is that of the site: a star has more numbers, unless a year tells it."""
-    if len(numbers) < _LEAST_SITE:
-        return False
-    return len(numbers) < _STAR or (numbers[3] >= _FIRST_YEAR and numbers[3] % 1 == 0)
-
-
-def _is_latitude(numbers: list[float]) -> bool:
-    return abs(numbers[0]) <= 90 and numbers[0] % 1 == 0 and all(0 <= value <= 60 for value in numbers[1:])
-
-
-def _are_degrees(words: list[str], numbers: list[float]) -> bool:
-    """Return whether a star is four numbers in degrees, with or without auxiliary readings behind them."""
-    return len(numbers) == _IN_DEGREES or (len(numbers) < _STAR and all("." in word for word in words[:_IN_DEGREES]))
-
-
-def _needed(kind: str) -> str:
-    degrees = " or 4 in degrees (azimuth and elevation, the mount's)" if kind == "altaz" else ""
-    return f"a star needs {_STAR} numbers (its place, the mount's, sidereal time h m){degrees}"
-
-
-def _columns_in_degrees(latitude: float, stars: list[Any], notes: tuple[Note, ...]) -> Foreign:
-    least = min(len(numbers) for _, numbers, _ in stars)
-    read = np.array([numbers[:least] for _, numbers, _ in stars]).T
-    names = ("star_az", "star_el", "az", "el")
-    columns: dict[str, Any] = {name: np.radians(column) for name, column in zip(names, read)}
-    columns |= {f"aux_{k + 1}": column for k, column in enumerate(read[_IN_DEGREES:])}
-    return Foreign(columns, {"mount": "altaz", "latitude_deg": latitude}, notes)
-
-
-def _columns(kind: str, latitude: float, stars: list[Any], notes: tuple[Note, ...]) -> Foreign:
+def _columns(kind: str, latitude: float, stars: list[Any], notes: tuple[Note, ...]) -> Columns:
     read = np.array([[_sexagesimal(words, values, k, line) for k in (0, 3, 6, 9)] for words, values, line in stars])
-    seconds = _have_seconds([values for _, values, _ in stars])
-    sidereal = np.array([_hours(values, seconds) for _, values, _ in stars]) * 15
+
+    # sidereal time is h m s where no minute has a part, and seconds follow, not all of them alike: time to the minute
+    # would be 15 arcmin of the sky, and nobody points by it
+    least = min(len(values) for _, values, _ in stars)
+    seconds = least > _STAR and not any(values[13] % 1 for _, values, _ in stars)
+    if seconds:
+        last_cells = [values[_STAR] for _, values, _ in stars]
+        seconds = all(0 <= value <= 60 for value in last_cells) and len(set(last_cells)) > 1
+    hours = [v[12] + v[13] / 60 + (v[_STAR] / 3600 if seconds else 0.0) for _, v, _ in stars]
+    sidereal = np.array(hours) * 15
     if seconds:
         text = "sidereal time stands in whole minutes with seconds behind: read as h m s"
         notes = (*notes, Note(Code.FILE, text))
@@ -222,40 +189,19 @@ def _columns(kind: str, latitude: float, stars: list[Any], notes: tuple[Note, ..
     roll = sidereal - 15 * read[:, 2] if kind == "equatorial" else read[:, 2]
     mount = np.radians(np.stack([roll, read[:, 3]]))
     names = ("ha", "dec") if kind == "equatorial" else ("az", "el")
-    if kind == "altaz":
-        star = np.stack(_horizontal(star, np.radians(latitude)))
+    if kind == "altaz":  # azimuth (north through east) and elevation of hour angles and declinations
+        x, y, z = geometry.direction(star[0], star[1]).T  # meridian, west, pole
+        site = np.radians(latitude)
+        north, up = z * np.cos(site) - x * np.sin(site), z * np.sin(site) + x * np.cos(site)
+        star = np.stack(geometry.angles(np.stack([north, -y, up], axis=-1)))
     columns: dict[str, Any] = {names[0]: mount[0], names[1]: mount[1]}
     # the time since the first star [s]; the sidereal time [deg] may go round
     steps = (np.diff(sidereal, prepend=sidereal[0]) + 180) % 360 - 180
     columns |= {f"star_{names[0]}": star[0], f"star_{names[1]}": star[1], "t_s": (np.cumsum(steps) / 360 * _SIDEREAL)}
-    least = min(len(values) for _, values, _ in stars)
     for k in range(first, least):
         columns[f"aux_{k - first + 1}"] = np.array([values[k] for _, values, _ in stars])
     counted = {"azimuth": NORTH_EAST} if kind == "altaz" else {}  # as that of the star, which its place tells
-    return Foreign(columns, {"mount": kind, "latitude_deg": latitude, **counted}, notes)
-
-
-def _have_seconds(stars: list[list[float]]) -> bool:
-    """Return whether sidereal time is h m s: no minute has a part, and seconds follow, not all of them alike.
-
-    Time to the minute would be 15 arcmin of the sky: nobody points by it.
-    """
-    if any(values[13] % 1 for values in stars) or min(len(values) for values in stars) <= _STAR:
-        return False
-    last_cells = [values[_STAR] for values in stars]
-    return all(0 <= value <= 60 for value in last_cells) and len(set(last_cells)) > 1
-
-
-def _hours(values: list[float], seconds: bool) -> float:
-    return values[12] + values[13] / 60 + (values[_STAR] / 3600 if seconds else 0.0)
-
-
-def _horizontal(star: Array, latitude: float) -> tuple[Array, Array]:
-    """Return azimuth (north through east) and elevation of hour angles and declinations."""
-    x, y, z = direction(star[0], star[1]).T  # meridian, west, pole
-    north = z * np.cos(latitude) - x * np.sin(latitude)
-    up = z * np.sin(latitude) + x * np.cos(latitude)
-    return angles(np.stack([north, -y, up], axis=-1))
+    return Columns(columns, {"mount": kind, "latitude_deg": latitude, **counted}, notes)
 
 
 def _numbers(text: str) -> list[float] | None:
@@ -321,31 +267,15 @@ _QUANTITIES = (
 )
 # general families that a mount does without: its own terms (PHH, HCES, HHSH2, the geometry) say the same under the
 # names of the field, and there are no columns for torque and velocity, nor stars close enough to tell teeth
-_REPLACED = (
-    "compliance",
-    "lag",
-    "cyclic",
-    "gear",
-    "eccentricity",
-    "second_harmonic",
-    "angle_error",
-    "free_number",
-    "polynomial",
-    "cycle",
-    *PERIODIC,
-)
+_REPLACED = ("compliance", "lag", "cyclic", "gear", "eccentricity", "second_harmonic", "angle_error", "free_number",
+             "polynomial", "cycle", *PERIODIC)  # fmt: skip
 
 describe(
     "mount",
     Description(
         columns=_COLUMNS,
         quantities=_QUANTITIES,
-        stated=(
-            Stated("sigma_arcsec", "positive"),
-            Stated("latitude_deg"),
-            Stated("mount"),
-            Stated("azimuth"),
-        ),
+        stated=(Stated("sigma_arcsec", "positive"), *(Stated(key) for key in ("latitude_deg", "mount", "azimuth"))),
         plan=planned,
         demonstrations=Path(__file__).resolve().parents[2] / "demo" / "mount",
         targets={TARGET: ""},

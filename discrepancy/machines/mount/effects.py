@@ -7,31 +7,25 @@ from functools import partial
 
 import numpy as np
 
-from calibench.discrepancy.machines.mount.geometry import TERMS, Kind, Term, of_kind, seen
-from calibench.discrepancy.machines.mount.validate import AXES
+from calibench.discrepancy.machines.mount.geometry import AXES, TERMS, Kind, Term, direction, zenith
 from calibench.discrepancy.model.effect import Effect, EffectFamily, LinearEffect, NotTestable
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.problems.base import Array
 
 TARGET = "mount"  # a term has one place in a mount; the word for it is the term's own name
-PER_RADIAN = ("PHH", "PDD", "PAA", "PEE")
-UNIT = "arcsec"
+_SCALES = ("PHH", "PDD", "PAA", "PEE")
 TWINS: dict[Kind, dict[str, tuple[str, ...]]] = {  # of one signature, beside what is calibrated
     "equatorial": {"DAF": ("HCEC",), "HCEC": ("DAF",)},
     "altaz": {"TF": ("ECEC",), "ECEC": ("TF",)},
 }
 
 
-def unit_of(term: Term) -> str:
-    """Return the unit of a term's coefficients."""
-    return f"{UNIT}/rad" if term.name in PER_RADIAN else UNIT
-
-
-def _build(formulation: Formulation, target: str, *, term_name: str) -> tuple[LinearEffect, ...]:
+def build(formulation: Formulation, target: str, *, term_name: str) -> tuple[LinearEffect, ...]:
     data = formulation.data
     kind: Kind = "equatorial" if "ha" in data else "altaz"
-    term = next((term for term in of_kind(kind) if term.name == term_name), None)
+    terms = {term.name: term for term in TERMS if term.kind == kind}
+    term = terms.get(term_name)
     if term is None:
         return ()  # a term of the other kind of mount: nothing that these data lack
     if term.name in (p.name for p in formulation.parameters):
@@ -41,13 +35,14 @@ def _build(formulation: Formulation, target: str, *, term_name: str) -> tuple[Li
     latitude = float(np.radians(data.metadata.get("latitude_deg", 0.0)))
 
     def changes(terms: Sequence[Term], q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        at = seen(kind, latitude, *(np.asarray(data[name], dtype=float) for name in AXES[kind]))
-        if "side" in data:
-            at["side"] = np.asarray(data["side"], dtype=float)
+        roll, pitch = (np.asarray(data[name], dtype=float) for name in AXES[kind])
+        side = np.asarray(data["side"], dtype=float) if "side" in data else np.where(np.cos(pitch) < 0, -1.0, 1.0)
+        at = {"roll": roll, "pitch": pitch, "height": direction(roll, pitch) @ zenith(kind, latitude), "side": side}
         return {term.quantity: np.stack([one.shape(at) for one in terms], axis=1)}
 
     def effect(*terms: Term, whole: Effect | None = None) -> LinearEffect:
-        unit, own = unit_of(term), ("side",) if term.name.startswith("pier_") else ()
+        unit = "arcsec/rad" if term.name in _SCALES else "arcsec"
+        own = ("side",) if term.name.startswith("pier_") else ()
         twins = tuple(f"{twin} {target}" for twin in TWINS[kind].get(term.name, ()))
         return LinearEffect(
             term.name, target, term.formula, channel="link", columns=own,
@@ -55,40 +50,19 @@ def _build(formulation: Formulation, target: str, *, term_name: str) -> tuple[Li
             changes=partial(changes, terms), twins=twins, over=AXES[kind], whole=whole,
         )  # fmt: skip
 
-    other = next((one for one in of_kind(kind) if one.name == term.phase), None)
+    other = terms.get(term.phase)
     return (effect(term, whole=effect(term, other) if other else None),)
 
 
-def own_effects(formulation: Formulation) -> tuple[LinearEffect, ...]:
-    """Return every term of the field that these data can test."""
-    found: tuple[LinearEffect, ...] = ()
-    for name in FAMILIES:
-        try:
-            found += _build(formulation, TARGET, term_name=name)
-        except NotTestable:
-            continue
-    return found
-
-
-def _families() -> dict[str, EffectFamily]:
-    found: dict[str, EffectFamily] = {}
-    for term in TERMS:
-        if term.name in found:
-            continue  # TF and TX are terms of both kinds
-        found[term.name] = EffectFamily(
-            term.name, "mount", term.cause, formula=term.formula, channel="link", columns=(), unit=unit_of(term),
-            targets=(TARGET,), build=partial(_build, term_name=term.name), label=_label(term), code=term.name,
-        ).enter()  # fmt: skip
-    return found
-
-
-def _label(term: Term) -> str:
-    """Return the field's name with the cause behind it: `CH (the tube is not square to ...)`."""
-    words, _, which = term.cause.partition(" (")
-    begins = words if words.startswith(term.quantity) else f"{words[0].lower()}{words[1:]}"  # a term keeps its name
-    circle = words.startswith("The circle")  # HCES beside HCEC
-    part = {"sin)": ", sine", "cos)": ", cosine"}.get(which, "") if circle else ""
-    return f"{term.name} ({begins}{part})"
-
-
-FAMILIES = _families()
+FAMILIES: dict[str, EffectFamily] = {}
+for _term in {term.name: term for term in TERMS}.values():  # TF and TX are terms of both kinds, in the same words
+    # by the field's name with the cause behind it: `CH (the tube is not square to ...)`
+    _words, _, _which = _term.cause.partition(" (")
+    _begins = _words if _words.startswith(_term.quantity) else f"{_words[0].lower()}{_words[1:]}"
+    _circle = _words.startswith("The circle")  # HCES beside HCEC
+    _part = {"sin)": ", sine", "cos)": ", cosine"}.get(_which, "") if _circle else ""
+    FAMILIES[_term.name] = EffectFamily(
+        _term.name, "mount", _term.cause, formula=_term.formula, channel="link", columns=(),
+        unit="arcsec/rad" if _term.name in _SCALES else "arcsec", targets=(TARGET,),
+        build=partial(build, term_name=_term.name), label=f"{_term.name} ({_begins}{_part})", code=_term.name,
+    ).enter()  # fmt: skip

@@ -1,26 +1,17 @@
 """Where a telescope points: two axes, the six errors of their geometry, and the tube's bend, exact on the sphere.
 
-Every step is a rotation of a direction, so nothing is wrong near the pole or the zenith, where the field's own
-formulas, of first order, grow with sec and tan. Equatorial and altazimuth mounts are one mechanism in two frames:
+Every step is a rotation of a direction, so nothing is wrong near the pole or the zenith, where the field's formulas
+grow with sec and tan. Equatorial and altazimuth mounts are one mechanism in two frames:
 
     equatorial   x: the equator on the meridian, y: west, z: the pole   roll = hour angle, pitch = declination
     altazimuth   x: north, y: east, z: the zenith                       roll = azimuth,    pitch = elevation
 
-A declination beyond +-90 degrees is the other side of the pier: the tube has gone over the pole. With such angles the
-terms of the axes change their signs by themselves.
-
-The signs are those of TPOINT (P. T. Wallace): true = recorded + correction, an hour angle to the west and a pitch
-upwards counted positive, a correction of azimuth to the left. So IH, ID, CH, NP, ME, IE and AW enter as they are, and
-IA, CA, NPAE and AN, whose first axis turns to the right, with the sign turned. MA positive: the pole of the mount is
-east of the true one; ME positive: below it; AN, AW: north and west of the zenith. TF positive: the tube droops.
-
-The terms of the field by name, each as a change of one quantity: what it multiplies, and its first-order formula.
-
-Names, signs and meanings are TPOINT's (P. T. Wallace). A harmonic `HrfaN` adds to result r the function f (S sine, C
-cosine) of N times the angle a: results H, D, X (on the sky, across), P (non-perpendicularity) of an equatorial mount,
-A, E, S (on the sky, left-right) of an altazimuth one; angles H, D, A, E. A is counted from the south through
-east there.
-An eccentric circle has a sine and a cosine, as its phase is any: HCES and HCEC. Some names are one signature: DAF is
+A declination beyond +-90 degrees is the other side of the pier: the terms of the axes change their signs by themselves.
+Names and signs are those of TPOINT (P. T. Wallace): true = recorded + correction, an hour angle to the west and a pitch
+upwards counted positive, a correction of azimuth to the left. MA positive: the pole of the mount is east of the true
+one; ME: below it; AN, AW: north and west of the zenith; TF: the tube droops. A harmonic `HrfaN` adds to result r the
+function f (S sine, C cosine) of N times the angle a: results H, D, X (on the sky, across), P (non-perpendicularity), or
+A, E, S (on the sky, left-right); A is counted from the south through east there. Some names are one signature: DAF is
 HCEC beside NP, TF of an altazimuth mount is ECEC; HDCH is FO, and is not listed twice.
 """
 
@@ -28,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal, final
 
 import numpy as np
@@ -36,6 +28,10 @@ from numpy.typing import NDArray
 from calibench.problems.base import Array
 
 Kind = Literal["equatorial", "altaz"]
+AXES: dict[Kind, tuple[str, str]] = {"equatorial": ("ha", "dec"), "altaz": ("az", "el")}
+ERRORS: dict[Kind, tuple[str, str]] = {"equatorial": ("dX", "dDec"), "altaz": ("dS", "dEl")}
+NAMED: dict[Kind, tuple[str, str]] = {"equatorial": ("hour angle", "declination"), "altaz": ("azimuth", "elevation")}
+FRAME = ("sky_roll", "sky_pitch")
 Numbers = NDArray[Any]
 ARCSEC = np.pi / 180 / 3600  # rad
 NORTH_EAST = "north_east"
@@ -87,14 +83,12 @@ def pointing(kind: Kind, latitude: float, roll: Numbers, pitch: Numbers, terms: 
     x, y = _turned(x, y, roll)
     y, z = _turned(y, z, turn["sideways"])
     x, z = _turned(x, z, turn["forwards"])
-    # directions lowered by `sine` sin z and `tangent` tan z [arcsec], in the vertical plane
+    # directions lowered by TF sin z and TX tan z [arcsec], in the vertical plane
     towards = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
     up = zenith(kind, latitude)
-    sine = terms["TF"]
-    tangent = terms["TX"]
     height = towards @ up
     floor = np.where(height.real > LOWEST, height, LOWEST)
-    drop = ((sine + tangent / floor) * ARCSEC + 0 * height)[:, None]
+    drop = ((terms["TF"] + terms["TX"] / floor) * ARCSEC + 0 * height)[:, None]
     lowered = towards - drop * (up - height[:, None] * towards)
     return np.asarray(lowered / np.sqrt(np.sum(lowered * lowered, axis=-1))[:, None])
 
@@ -123,27 +117,6 @@ class Term:
     phase: str = ""
 
 
-def seen(kind: Kind, latitude: float, roll: Array, pitch: Array) -> dict[str, Array]:
-    """Return what the terms are functions of, (n,) each."""
-    return {"roll": roll, "pitch": pitch, "height": direction(roll, pitch) @ zenith(kind, latitude),
-            "side": np.where(np.cos(pitch) < 0, -1.0, 1.0)}  # fmt: skip
-
-
-def _one(at: Seen) -> Array:
-    return np.ones_like(at["roll"])
-
-
-def _angle(name: str, of: str, times: int) -> Callable[[Seen], Array]:
-    """Return f(N a) for a name's angle: H and D as recorded, E too, A from the south through east."""
-    turn = {"S": np.sin, "C": np.cos}[name]
-
-    def shape(at: Seen) -> Array:
-        angle = {"H": at["roll"], "A": np.pi - at["roll"], "D": at["pitch"], "E": at["pitch"]}[of]
-        return np.asarray(turn(times * angle))
-
-    return shape
-
-
 _RESULT = {  # result -> quantity that the harmonic is added to, and what that is in words
     "H": ("IH", "hour angle"), "D": ("ID", "declination"), "X": ("CH", "east-west"),
     "P": ("NP", "non-perpendicularity"),
@@ -153,31 +126,33 @@ _ANGLE = {"H": "hour angle", "D": "declination", "A": "azimuth", "E": "elevation
 
 
 def _harmonic(kind: Kind, result: str, of: str, times: int = 1, circle: str = "") -> tuple[Term, ...]:
-    """Return the sine and the cosine of one result and angle, by the name of a `circle` where that is what errs."""
+    """Return the sine and the cosine of one result and angle, by the name of a `circle` where that is what errs.
+
+    H, D and E are as recorded, A from the south through east.
+    """
     quantity, words = _RESULT[result]
     number = str(times) if times > 1 else ""
     often = {1: "once", 2: "twice"}[times]
-    cause = (
-        f"The circle of the {words} is not centred"
-        if circle
-        else (f"An error in {words} comes {often} a turn of the {_ANGLE[of]}")
-    )
-    names = {letter: f"{circle}{letter}" if circle else f"H{result}{letter}{of}{number}" for letter in "SC"}
-    found = []
-    for letter, turn, other in (("S", "sin", "C"), ("C", "cos", "S")):
-        name = names[letter]
-        formula = f"{quantity} += {name} {turn}({number}{of})"
-        shape = _angle(letter, of, times)
-        found.append(Term(name, kind, f"{cause} ({turn})", formula, quantity, shape, names[other]))
-    return tuple(found)
+    cause = f"An error in {words} comes {often} a turn of the {_ANGLE[of]}"
+    if circle:
+        cause = f"The circle of the {words} is not centred"
+    sine, cosine = (f"{circle}{letter}" if circle else f"H{result}{letter}{of}{number}" for letter in "SC")
+
+    def shape(turn: Callable[[Array], Array], at: Seen) -> Array:
+        angle = {"H": at["roll"], "A": np.pi - at["roll"], "D": at["pitch"], "E": at["pitch"]}[of]
+        return np.asarray(turn(times * angle))
+
+    return tuple(
+        Term(
+            name, kind, f"{cause} ({turn})", f"{quantity} += {name} {turn}({number}{of})", quantity=quantity,
+            shape=partial(shape, getattr(np, turn)), phase=phase,
+        )
+        for name, turn, phase in ((sine, "sin", cosine), (cosine, "cos", sine))
+    )  # fmt: skip
 
 
 def _plain(kind: Kind, name: str, cause: str, formula: str) -> Term:
-    return Term(name, kind, cause, formula, name, _one)
-
-
-def _shaped(kind: Kind, name: str, cause: str, formula: str, quantity: str, shape: Callable[[Seen], Array]) -> Term:
-    return Term(name, kind, cause, formula, quantity, shape)
+    return Term(name, kind, cause, formula, name, lambda at: np.ones_like(at["roll"]))
 
 
 _TUBE = (
@@ -194,23 +169,23 @@ TERMS: tuple[Term, ...] = (
     _plain("equatorial", "MA", "The polar axis points east of the pole", "dh = -MA cos h tan d, dd = MA sin h"),
     _plain("equatorial", "ME", "The polar axis points below the pole", "dh = ME sin h tan d, dd = ME cos h"),
     *(_plain("equatorial", *term) for term in _TUBE),
-    _shaped("equatorial", "DAF", "The declination axis droops under its load", "dh = DAF sin E sec d", "CH",
+    Term("DAF", "equatorial", "The declination axis droops under its load", "dh = DAF sin E sec d", "CH",
             lambda at: at["height"]),
-    _shaped("equatorial", "FO", "The fork bends with the hour angle", "dd = FO cos h", "ID",
+    Term("FO", "equatorial", "The fork bends with the hour angle", "dd = FO cos h", "ID",
             lambda at: np.cos(at["roll"])),
     *_harmonic("equatorial", "H", "H", circle="HCE"),
     *_harmonic("equatorial", "D", "D", circle="DCE"),
     *_harmonic("equatorial", "H", "H", 2),
     *_harmonic("equatorial", "D", "D", 2),
-    _shaped("equatorial", "HDSH", "An error in declination that follows the sine of the hour angle", "dd = HDSH sin h",
+    Term("HDSH", "equatorial", "An error in declination that follows the sine of the hour angle", "dd = HDSH sin h",
             "ID", lambda at: np.sin(at["roll"])),  # HDCH is FO
     *_harmonic("equatorial", "D", "H", 2),
     *_harmonic("equatorial", "X", "H", 1),
     *_harmonic("equatorial", "X", "H", 2),
     *_harmonic("equatorial", "P", "H", 1),
-    _shaped("equatorial", "PHH", "The hour angle has a wrong scale", "dh = PHH h", "IH", lambda at: at["roll"]),
-    _shaped("equatorial", "PDD", "The declination has a wrong scale", "dd = PDD d", "ID", lambda at: at["pitch"]),
-    *(_shaped("equatorial", f"pier_{name}", f"{name} differs between the two sides of the pier",
+    Term("PHH", "equatorial", "The hour angle has a wrong scale", "dh = PHH h", "IH", lambda at: at["roll"]),
+    Term("PDD", "equatorial", "The declination has a wrong scale", "dd = PDD d", "ID", lambda at: at["pitch"]),
+    *(Term(f"pier_{name}", "equatorial", f"{name} differs between the two sides of the pier",
               f"{name} += pier_{name} side", name, lambda at: at["side"]) for name in ("IH", "ID", "CH")),
     _plain("altaz", "CA", "The tube is not square to the elevation axis", "dA = -CA sec E"),
     _plain("altaz", "NPAE", "The elevation axis is not square to the azimuth axis", "dA = -NPAE tan E"),
@@ -225,11 +200,6 @@ TERMS: tuple[Term, ...] = (
     *_harmonic("altaz", "E", "A", 2),
     *_harmonic("altaz", "S", "A", 1),
     *_harmonic("altaz", "S", "A", 2),
-    _shaped("altaz", "PAA", "The azimuth has a wrong scale", "dA = -PAA A", "IA", lambda at: at["roll"]),
-    _shaped("altaz", "PEE", "The elevation has a wrong scale", "dE = PEE E", "IE", lambda at: at["pitch"]),
+    Term("PAA", "altaz", "The azimuth has a wrong scale", "dA = -PAA A", "IA", lambda at: at["roll"]),
+    Term("PEE", "altaz", "The elevation has a wrong scale", "dE = PEE E", "IE", lambda at: at["pitch"]),
 )  # fmt: skip
-
-
-def of_kind(kind: Kind) -> tuple[Term, ...]:
-    """Return the terms of one kind of mount."""
-    return tuple(term for term in TERMS if term.kind == kind)

@@ -1,41 +1,29 @@
-"""What the Orthoglide declares for files, commands and pages: columns, words, what may be stated, plans, what ships.
-
-A plan of readings on the nominal Orthoglide, before anything is measured: what `bench design` looks at.
-"""
+"""What the Orthoglide declares for files, commands and pages: columns, words, what may be stated, plans, what ships."""
 
 from __future__ import annotations
 
 from functools import partial
+from typing import get_args
 
 import numpy as np
 
 from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide
-from calibench.discrepancy.machines.orthoglide.kinematics import IMPERFECTIONS, names, printed
+from calibench.discrepancy.machines.orthoglide.kinematics import IMPERFECTIONS, printed
 from calibench.discrepancy.model.machine import Description, Quantity, Stated
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.registries import describe
 from calibench.problems.orthoglide.kinematics import AXES
-from calibench.problems.orthoglide.plans import PlanName, named_plan
+from calibench.problems.orthoglide.plans import PlanName, SetName, named_plan
 
 
 def planned(plan: PlanName, sigma: float = 0.01, repeats: int = 1) -> MeasuredData:
-    """Return the deviations that a nominal machine shows on a named plan, without noise; `sigma` [mm] is stated.
-
-    Each repeat reads its own Zero.
-    """
+    """Return the deviations that a nominal machine shows on a named plan, without noise; `sigma` [mm] is stated."""
     rows = [(r, repeat) for repeat in range(repeats) for r in named_plan(plan)]
-    columns = {
-        "leg": np.array([r.leg for r, _ in rows]),
-        "direction": np.array([r.direction for r, _ in rows]),
-        "posture": np.array([r.axis for r, _ in rows]),
-        "gauge_position": np.array([r.gauge_position for r, _ in rows]),
-        "level_mm": np.array([r.level_mm for r, _ in rows]),
-        "pass": np.array([r.approach for r, _ in rows]),
-        "payload_N": np.array([r.payload_N for r, _ in rows]),
-        "repeat": np.array([float(repeat) for _, repeat in rows]),
-        "deviation": np.zeros(len(rows)),
-    }
+    called = {"posture": "axis", "pass": "approach"}
+    set_up = ("leg", "direction", "posture", "gauge_position", "level_mm", "pass", "payload_N")
+    columns = {key: np.array([getattr(r, called.get(key, key)) for r, _ in rows]) for key in set_up}
+    columns |= {"repeat": np.array([float(repeat) for _, repeat in rows]), "deviation": np.zeros(len(rows))}
     empty = MeasuredData(columns, "orthoglide", {"machine": "orthoglide", "sigma": sigma}, plan)
     model = Model(Orthoglide().formulate(empty))
     q = model.quantities(np.zeros(model.size))[1]
@@ -82,7 +70,7 @@ describe(
             Stated("moving_weight_N"),
         ),
         plan=planned,
-        printed={name: partial(printed, name) for name in names()},
+        printed={name: partial(printed, name) for name in get_args(SetName)},
         part_of=lambda target: target[-1],
         targets={word: f"{word} in the three axes" for word in ("common", "cyclic", "mirrored")},
         # its roles allow the scale of the gauge, which leaves nearly what `scale all` does: with both, blind cases

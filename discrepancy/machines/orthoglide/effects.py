@@ -1,51 +1,26 @@
-"""The catalogue of the Orthoglide: what may be wrong with its axes, gauges, drives and legs, a file each.
+"""The catalogue of the Orthoglide: what may be wrong with its gauges, axes, drives and legs.
 
-What may be wrong with an Orthoglide's drives as they stand: not square to each other, not through one point.
-
-The chapter's assumption (iv). An axis that leans is taken to lean about the point where all should meet
-(axis_orthogonality), or about the middle of its guide (guide_lean), where it passes that point by as well. The legs
-are read where they move along themselves, so a turn of the whole machine is seen in moves across the legs only, and a
-shift of all axes that meet again is an offset of the joints.
-
-What may be wrong with the gauges of an Orthoglide's measurement: they drift, are misread, lean, or stand elsewhere.
-
-A gauge is named as the chapter names its reading: `gauge y_x` reads the direction y at the leg x.
-
-What may be wrong with an Orthoglide's linear drives as they move and warm up: their scale, play, and their zeros.
-
-What may be wrong with an Orthoglide's legs: bars not parallel, bars that warm up, bars that stretch under load.
-
-How one cause may spread over an Orthoglide's three axes: one axis, a pair, all, or a pattern with a single size.
-
-Quantities of the kinds tilt, offset and skew are written kind_ij: of axis (or leg) i, along j. `cyclic` goes x to y, y
-to z, z to x; `mirrored` x to z, y to x, z to y; `common` is both.
+A gauge is named as the chapter names its reading: `gauge y_x` reads the direction y at the leg x. Drives may not stand
+square to each other, or not go through one point: assumption (iv). An axis leans about the point where all should meet
+(axis_orthogonality), or about the middle of its guide (guide_lean). Quantities of the kinds tilt, offset and skew are
+written kind_ij: of axis (or leg) i, along j. `cyclic` goes x to y, y to z, z to x; `mirrored` the other way; `common`
+is both.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibench.core.options import shown
 from calibench.core.words import plain
 from calibench.discrepancy.fitting.fit import project_off
-from calibench.discrepancy.machines.orthoglide.kinematics import Rows, rows_of
-from calibench.discrepancy.model.effect import (
-    Along,
-    Alternative,
-    Effect,
-    EffectFamily,
-    HeldBack,
-    LinearEffect,
-    Moment,
-    NotTestable,
-    needs,
-    needs_there,
-)
+from calibench.discrepancy.machines.orthoglide.kinematics import rows_of
+from calibench.discrepancy.model import effect as base
+from calibench.discrepancy.model.effect import Along, Effect, EffectFamily, HeldBack, LinearEffect, Moment, NotTestable
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData, finite
 from calibench.discrepancy.model.model import Model, signature
@@ -54,53 +29,39 @@ from calibench.problems.base import Array
 from calibench.problems.fitting import gauss_newton
 from calibench.problems.orthoglide.kinematics import AXES, geometry
 
+Changes = dict[str, Array]  # quantity -> (n, k)
 _GAUGES = tuple(f"gauge {d}_{leg}" for leg in AXES for d in AXES if d != leg)
 _LEGS = tuple(f"leg {leg}" for leg in AXES)
+_TARGETS = tuple(f"axis {axis}" for axis in AXES)
+_LEANING, _ELSEWHERE = 0.1, 10.0  # rad, mm: the most a gauge on a stand can be out of true, or off its mark
+_SHOWS = 4.0  # standard deviations
+_BEYOND = 3.0  # times that: what is named is held against gauges out of true by up to this
+_CALIBRATED: WeakKeyDictionary[Formulation, tuple[Model, Array, Array]] = WeakKeyDictionary()
 
 
 def _drift(formulation: Formulation, target: str) -> tuple[Effect, ...]:
-    needs_there(formulation.data, "t_s", "zero_t_s")
-    _meets(formulation.data, target)
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {"deviation": -(_at(data, target) * (data["t_s"] - data["zero_t_s"]))[:, None]}
-
-    columns = ("t_s", "zero_t_s")
-    return (drift.linear(target, columns, {"rate": "mm/s"}, changes),)
+    base.needs_there(formulation.data, "t_s", "zero_t_s")
+    if not _at(formulation.data, target).any():
+        raise NotTestable(f"no reading of {target}")
+    return (
+        drift.linear(
+            target, ("t_s", "zero_t_s"), {"rate": "mm/s"},
+            lambda q, data: {"deviation": -(_at(data, target) * (data["t_s"] - data["zero_t_s"]))[:, None]},
+        ),
+    )  # fmt: skip
 
 
 def _zero(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     if (formulation.data["against_mm"] != 0).all():
         raise NotTestable("no reading is compared with Zero")
-    _meets(formulation.data, target)
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {"deviation": (_at(data, target) * (data["against_mm"] == 0))[:, None]}
-
-    return (zero.linear(target, (), {"z": "mm"}, changes),)
-
-
-def _gauge_tilt(formulation: Formulation, target: str) -> tuple[Effect, ...] | HeldBack:
-    _meets(formulation.data, target)
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        at, none = _at(data, target), np.zeros(len(data))
-        return {"gauge_roll": np.column_stack([at, none]), "gauge_pitch": np.column_stack([none, at])}
-
-    names, units = ("roll", "pitch"), ("rad", "rad")
-    most = thresholds().largest_angle
-    effect = tilt.linear(target, (), dict(zip(names, units, strict=True)), changes, unit="rad", largest=most)
-    return _felt(effect, formulation, _LEANING)
-
-
-def _place(formulation: Formulation, target: str) -> tuple[Effect, ...] | HeldBack:
-    _meets(formulation.data, target)
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {"gauge_shift": _at(data, target)[:, None]}
-
-    effect = place.linear(target, (), {"g": "mm"}, changes)
-    return _felt(effect, formulation, _ELSEWHERE)
+    if not _at(formulation.data, target).any():
+        raise NotTestable(f"no reading of {target}")
+    return (
+        zero.linear(
+            target, (), {"z": "mm"},
+            lambda q, data: {"deviation": (_at(data, target) * (data["against_mm"] == 0))[:, None]},
+        ),
+    )  # fmt: skip
 
 
 def _felt(effect: LinearEffect, formulation: Formulation, largest: float) -> tuple[Effect, ...] | HeldBack:
@@ -109,51 +70,35 @@ def _felt(effect: LinearEffect, formulation: Formulation, largest: float) -> tup
     The question is asked at the calibrated machine: legs that stand as they should look the same from anywhere. A
     coefficient whose largest possible size does not show is left out, because its fitted value would be arbitrary.
     """
-    model, x, J = calibrated(formulation)
-    q, true = model.quantities(x)
-    left = signature(effect, np.zeros(len(effect.coefficients)), q, formulation.slopes(true), formulation)[:, 0, :]
-    left = project_off(left, np.linalg.qr(J)[0])
-    sigma = float(np.max(formulation.sigma["deviation"]))
-    shown = np.linalg.norm(left, axis=0)
-    seen = float(shown.max())
-    effect = _restricted(effect, (shown * _BEYOND * largest >= _SHOWS * sigma) | (shown == seen))
-    if largest * seen < _SHOWS * sigma:
-        needed = f"it takes {plain(_SHOWS * sigma / seen, 3)} {effect.unit}" if seen > 0 else "no size would"
-        why = f"even {largest:g} {effect.unit} would not show in these readings: {needed}"
-        return HeldBack(why, (Alternative(effect, _BEYOND * largest),))
-    return (effect,)
-
-
-def _restricted(effect: LinearEffect, kept: NDArray[np.bool_]) -> LinearEffect:
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {name: change[:, kept] for name, change in effect.changes(q, data).items()}
-
-    def some(words: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(word for word, k in zip(words, kept) if k)
-
-    if kept.all():
-        return effect
-    return replace(effect, coefficients=some(effect.coefficients), units=some(effect.units), changes=changes)
-
-
-def calibrated(formulation: Formulation) -> tuple[Model, Array, Array]:
-    """Return the model without effects, its least squares x and Jacobian there, (n, p).
-
-    Further calls return the same objects.
-    """
+    if not _at(formulation.data, effect.target).any():
+        raise NotTestable(f"no reading of {effect.target}")
     if formulation not in _CALIBRATED:
         model = Model(formulation)
         x = gauss_newton(
             lambda x: model.residuals(x)[:, 0], lambda x: model.jacobian(x)[:, 0, :], model.start, rank_tolerance=1e-9
         )
         _CALIBRATED[formulation] = model, x, model.jacobian(x)[:, 0, :]
-    return _CALIBRATED[formulation]
+    model, x, J = _CALIBRATED[formulation]
+    q, true = model.quantities(x)
+    left = signature(effect, np.zeros(len(effect.coefficients)), q, formulation.slopes(true), formulation)[:, 0, :]
+    left = project_off(left, np.linalg.qr(J)[0])
+    sigma = float(np.max(formulation.sigma["deviation"]))
+    shown = np.linalg.norm(left, axis=0)
+    seen = float(shown.max())
 
-
-_CALIBRATED: WeakKeyDictionary[Formulation, tuple[Model, Array, Array]] = WeakKeyDictionary()
-_LEANING, _ELSEWHERE = 0.1, 10.0  # rad, mm: the most a gauge on a stand can be out of true, or off its mark
-_SHOWS = 4.0  # standard deviations
-_BEYOND = 3.0  # times that: what is named is held against gauges out of true by up to this
+    kept = (shown * _BEYOND * largest >= _SHOWS * sigma) | (shown == seen)
+    if not kept.all():
+        whole = effect.changes
+        some = {name: unit for name, unit, k in zip(effect.coefficients, effect.units, kept) if k}
+        effect = replace(
+            effect, coefficients=tuple(some), units=tuple(some.values()),
+            changes=lambda q, data: {name: change[:, kept] for name, change in whole(q, data).items()},
+        )  # fmt: skip
+    if largest * seen < _SHOWS * sigma:
+        needed = f"it takes {plain(_SHOWS * sigma / seen, 3)} {effect.unit}" if seen > 0 else "no size would"
+        why = f"even {largest:g} {effect.unit} would not show in these readings: {needed}"
+        return HeldBack(why, (base.Alternative(effect, _BEYOND * largest),))
+    return (effect,)
 
 
 def _at(data: MeasuredData, target: str) -> Array:
@@ -166,11 +111,6 @@ def _at(data: MeasuredData, target: str) -> Array:
     return np.asarray((rows.direction == AXES.index(place[0])) & (rows.leg == AXES.index(place[2])), dtype=float)
 
 
-def _meets(data: MeasuredData, target: str) -> None:
-    if not _at(data, target).any():
-        raise NotTestable(f"no reading of {target}")
-
-
 drift = EffectFamily(
     "drift", "orthoglide", "The reading of a gauge drifts away from its Zero",
     formula="deviation read = true + rate (t_s - zero_t_s)", channel="reading", columns=("t_s", "zero_t_s"),
@@ -180,70 +120,77 @@ zero = EffectFamily(
     "zero_reading", "orthoglide", "The Zero of a gauge was misread", formula="deviation read = true - z",
     channel="reading", columns=(), unit="mm", targets=(*_GAUGES, "all"), build=_zero,
 ).enter()  # fmt: skip
-tilt = EffectFamily(
+tilt: EffectFamily = EffectFamily(
     "gauge_tilt", "orthoglide", "A gauge does not read along its direction",
     formula="it reads along d turned by roll about the leg, and by pitch towards the leg's tool end",
-    channel="reading", columns=(), unit="rad", targets=(*_GAUGES, "all"), build=_gauge_tilt,
+    channel="reading", columns=(), unit="rad", targets=(*_GAUGES, "all"),
+    build=lambda formulation, target: _felt(
+        tilt.linear(
+            target, (), {"roll": "rad", "pitch": "rad"},
+            lambda q, data: {
+                "gauge_roll": np.column_stack([_at(data, target), np.zeros(len(data))]),
+                "gauge_pitch": np.column_stack([np.zeros(len(data)), _at(data, target)]),
+            },
+            unit="rad", largest=thresholds().largest_angle,
+        ),
+        formulation, _LEANING,
+    ),
     twins="nearly unseen where deviations are small: it scales them",
 ).enter()  # fmt: skip
-place = EffectFamily(
+place: EffectFamily = EffectFamily(
     "gauge_placement", "orthoglide", "A gauge stands elsewhere on its leg than stated",
     formula="the gauge's plane cuts the leg's axis g further from the origin", channel="reading", columns=(),
-    unit="mm", targets=(*_GAUGES, *_LEGS, "all"), build=_place,
+    unit="mm", targets=(*_GAUGES, *_LEGS, "all"),
+    build=lambda formulation, target: _felt(
+        place.linear(target, (), {"g": "mm"}, lambda q, data: {"gauge_shift": _at(data, target)[:, None]}),
+        formulation, _ELSEWHERE,
+    ),
     twins="nearly unseen in moves along the leg: a parallel leg looks the same anywhere",
 ).enter()  # fmt: skip
 
 
 Weights = Mapping[str, float]  # ij -> how much of the coefficient
+Spread = Mapping[str, tuple[Weights, ...]]  # target -> its coefficients
 CYCLIC: Weights = {"xy": 1.0, "yz": 1.0, "zx": 1.0}
 MIRRORED: Weights = {"xz": 1.0, "yx": 1.0, "zy": 1.0}
 COMMON: Weights = {**CYCLIC, **MIRRORED}
-PAIRS = ("xy", "yz", "xz")
 
 
-def member(word: str, axis: str) -> dict[str, tuple[Weights, ...]]:
-    """Return the targets `axis x` …, with a coefficient for each of the two directions across."""
-    across = {"x": "yz", "y": "xz", "z": "xy"}[axis]
-    return {f"{word} {axis}": tuple({axis + j: 1.0} for j in across)}
+def _spread(
+    name: str, cause: str, formula: str, *, channel: str, unit: str, kinds: tuple[str, ...], targets: Spread,
+    twins: str, same: Mapping[str, tuple[str, ...]] = {},
+) -> EffectFamily:  # fmt: skip
+    """Enter a constant imperfection that is spread as `targets` say; `same` are the declared twins of a target.
 
+    It is of the first of `kinds`; what leans about the middle of its stroke stands, as a second kind, beside its axis.
+    """
 
-def single(target: str, weights: Weights) -> dict[str, tuple[Weights, ...]]:
-    """Return a target with one coefficient."""
-    return {target: (weights,)}
-
-
-def every() -> dict[str, tuple[Weights, ...]]:
-    """Return the target `all`: six coefficients."""
-    return {"all": tuple({ij: 1.0} for ij in sorted(COMMON))}
-
-
-def spread(
-    family: str, formula: str, channel: str, kind: str, unit: str, targets: Mapping[str, tuple[Weights, ...]],
-    twins: Mapping[str, tuple[str, ...]],
-) -> Callable[[Formulation, str], tuple[LinearEffect, ...]]:  # fmt: skip
-    """Return what builds the candidates of a constant imperfection `kind` spread as `targets` say."""
-
-    def build(formulation: Formulation, target: str) -> tuple[LinearEffect, ...]:
+    def build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         coefficients = targets[target]
-        names = tuple("+".join(w) for w in coefficients)
         involved = sorted({ij for weights in coefficients for ij in weights})
 
-        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        def changes(q: Quantities, data: MeasuredData) -> Changes:
+            each = {ij: [weights.get(ij, 0.0) for weights in coefficients] for ij in involved}
+            middle = geometry().length + (geometry().stroke_plus + geometry().stroke_minus) / 2
             return {
-                f"{kind}_{ij}": np.tile([weights.get(ij, 0.0) for weights in coefficients], (len(data), 1))
-                for ij in involved
+                f"{kind}_{ij}": factor * np.tile(row, (len(data), 1))
+                for kind, factor in zip(kinds, (1.0, -middle))
+                for ij, row in each.items()
             }
 
-        units, most = (unit,) * len(names), thresholds().largest_angle if unit == "rad" else np.inf
-        return (
-            LinearEffect(
-                family, target, formula, channel=channel, columns=(), coefficients=names, units=units, unit=unit,
-                changes=changes, twins=twins.get(target, ()), largest=most,
-                along=along(at_both(f"{kind}_{ij}" for ij in involved)),
-            ),
+        moved = [f"{kind}_{ij}" for kind in kinds for ij in involved]
+        effect = family.linear(
+            target, (), {"+".join(weights): unit for weights in coefficients}, changes, twins=same.get(target, ()),
+            largest=thresholds().largest_angle if unit == "rad" else np.inf,
+            along=along({f"{quantity}_{when}": quantity for quantity in moved for when in ("now", "zero")}),
         )  # fmt: skip
+        return (effect,)
 
-    return build
+    family = EffectFamily(
+        name, "orthoglide", cause, formula=formula, channel=channel, columns=(), unit=unit, targets=tuple(targets),
+        build=build, twins=twins,
+    )  # fmt: skip
+    return family.enter()
 
 
 def along(changed: Mapping[str, str]) -> Along:
@@ -266,118 +213,49 @@ def along(changed: Mapping[str, str]) -> Along:
     return moments
 
 
-def at_both(names: Iterable[str]) -> dict[str, str]:
-    """Return quantities of one size at every moment, with their names at the posture and at its Zero."""
-    return {f"{name}_{when}": name for name in names for when in ("now", "zero")}
+_AXES: Spread = {f"axis {i}": tuple({i + j: 1.0} for j in AXES if j != i) for i in AXES}
+_HANDS: Spread = {"cyclic": (CYCLIC,), "mirrored": (MIRRORED,)}
+_ALL: Spread = {"common": (COMMON,), "all": tuple({ij: 1.0} for ij in sorted(COMMON))}
+_PAIRS: Spread = {f"pair {ij}": ({ij: 0.5, ij[::-1]: 0.5},) for ij in ("xy", "yz", "xz")}
+_PASSING: Spread = {f"pair {i}{j}": ({i + k: 0.5, j + k: -0.5},) for i, j, k in ("xyz", "yzx", "xzy")}
+_EACH_PASSING: Spread = {"all": tuple(weights for pair in _PASSING.values() for weights in pair)}
 
-
-_AXES = member("axis", "x") | member("axis", "y") | member("axis", "z")
-_SQUARE = (
-    _AXES
-    | {f"pair {ij}": ({ij: 0.5, ij[::-1]: 0.5},) for ij in PAIRS}
-    | single("cyclic", CYCLIC)
-    | single("mirrored", MIRRORED)
-    | single("common", COMMON)
-    | every()
-)
-_PASSING = {f"pair {i}{j}": ({i + k: 0.5, j + k: -0.5},) for i, j, k in ("xyz", "yzx", "xzy")}
-_THROUGH = (
-    _AXES
-    | _PASSING
-    | single("cyclic", CYCLIC)
-    | single("mirrored", MIRRORED)
-    | {"all": tuple(weights for pair in _PASSING.values() for weights in pair)}
-)
-_ONE_POINT = {"cyclic": ("axis_intersection mirrored",), "mirrored": ("axis_intersection cyclic",)}
-_LEAN = "axis i runs along e_i + tau_ij e_j + tau_ik e_k; pair ij: tau_ij = tau_ji = tau / 2"
-_SHIFT = "joint i stands at d_ij e_j + d_ik e_k + rho_i u_i; pair ij: the axes pass each other at d along k"
-
-_GUIDES = _AXES | single("cyclic", CYCLIC) | single("mirrored", MIRRORED)
-
-
-def _guide(formulation: Formulation, target: str) -> tuple[Effect, ...]:
-    (lean,) = _tilt(formulation, target)
-    middle = geometry().length + (geometry().stroke_plus + geometry().stroke_minus) / 2
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        tilts = lean.basis(q, data, np.zeros(len(lean.coefficients)))
-        return tilts | {name.replace("tilt", "offset"): -middle * tilt for name, tilt in tilts.items()}
-
-    names, units = lean.coefficients, lean.units
-    most = lean.largest
-    kinds = [f"{kind}_{ij}" for kind in ("tilt", "offset") for weights in _GUIDES[target] for ij in weights]
-    return (
-        guide.linear(
-            target,
-            (),
-            dict(zip(names, units, strict=True)),
-            changes,
-            unit="rad",
-            largest=most,
-            along=along(at_both(kinds)),
-        ),
-    )
-
-
-_tilt = spread("axis_orthogonality", _LEAN, "base", "tilt", "rad", _GUIDES, {})
-guide = EffectFamily(
-    "guide_lean", "orthoglide", "A guide leans about its own middle",
-    formula="joint i stands at (rho_i - m) (tau_ij e_j + tau_ik e_k) beside its axis, m the middle of the stroke",
-    channel="base", columns=(), unit="rad", targets=tuple(_GUIDES), build=_guide,
+guide = _spread(
+    "guide_lean", "A guide leans about its own middle",
+    "joint i stands at (rho_i - m) (tau_ij e_j + tau_ik e_k) beside its axis, m the middle of the stroke",
+    channel="base", unit="rad", kinds=("tilt", "offset"), targets={**_AXES, **_HANDS},
     twins="nearly, with moves along the leg only: `axis_intersection`, as the axis passes the common point by",
-).enter()  # fmt: skip
-orthogonality = EffectFamily(
-    "axis_orthogonality", "orthoglide", "The axes of the drives are not square to each other", formula=_LEAN,
-    channel="base", columns=(), unit="rad", targets=tuple(_SQUARE),
-    build=spread("axis_orthogonality", _LEAN, "base", "tilt", "rad", _SQUARE, {}),
+)  # fmt: skip
+orthogonality = _spread(
+    "axis_orthogonality", "The axes of the drives are not square to each other",
+    "axis i runs along e_i + tau_ij e_j + tau_ik e_k; pair ij: tau_ij = tau_ji = tau / 2", channel="base", unit="rad",
+    kinds=("tilt",), targets={**_AXES, **_PAIRS, **_HANDS, **_ALL},
     twins="with moves along the leg only: an axis's lean towards another and that one's towards it; cyclic, "
     "mirrored, common",
-).enter()  # fmt: skip
-intersection = EffectFamily(
-    "axis_intersection", "orthoglide", "The axes of the drives do not meet in one point", formula=_SHIFT,
-    channel="base", columns=(), unit="mm", targets=tuple(_THROUGH),
-    build=spread("axis_intersection", _SHIFT, "base", "offset", "mm", _THROUGH, _ONE_POINT),
+)  # fmt: skip
+intersection = _spread(
+    "axis_intersection", "The axes of the drives do not meet in one point",
+    "joint i stands at d_ij e_j + d_ik e_k + rho_i u_i; pair ij: the axes pass each other at d along k",
+    channel="base", unit="mm", kinds=("offset",), targets={**_AXES, **_PASSING, **_HANDS, **_EACH_PASSING},
     twins="always: cyclic and mirrored; what all axes share is an offset of the joints",
-).enter()  # fmt: skip
-
-
-_TARGETS = ("axis x", "axis y", "axis z", "all")
+    same={"cyclic": ("axis_intersection mirrored",), "mirrored": ("axis_intersection cyclic",)},
+)  # fmt: skip
 
 
 def axes_in(target: str) -> tuple[int, ...]:
-    """Return the numbers of the axes in a target: (1,) for `axis y` or `leg y`, (0, 1, 2) for `all`."""
+    """Return the numbers of the axes in a target: (1,) for `axis y` or `leg y`."""
     return (0, 1, 2) if target == "all" else (AXES.index(target[-1]),)
 
 
-def _scale(formulation: Formulation, target: str) -> tuple[Effect, ...]:
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        rows = rows_of(data)
-        return _joints(
-            target, rows.joints(rows.level) - geometry().length, rows.joints(rows.against) - geometry().length
-        )
-
-    return (scale.linear(target, (), {"kappa": "1"}, changes, along=_along(target)),)
-
-
-def _backlash(formulation: Formulation, target: str) -> tuple[Effect, ...]:
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        at_posture, at_zero = rows_of(data).senses()
-        return _joints(target, -0.5 * at_posture, -0.5 * at_zero)
-
-    return (backlash.linear(target, ("pass",), {"play": "mm"}, changes, along=_along(target)),)
-
-
 def _drive_shift(formulation: Formulation, target: str) -> HeldBack:
-    needs(formulation.data, "temp_K", "zero_temp_K")
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        now, then = (np.tile(np.asarray(data[name])[:, None], 3) for name in ("temp_K", "zero_temp_K"))
-        return _joints(target, now, then)
-
     columns = ("temp_K", "zero_temp_K")
-    effect = thermal_drives.linear(target, columns, {"a": "mm/K"}, changes)
+    base.needs(formulation.data, *columns)
+    effect = thermal_drives.linear(
+        target, columns, {"a": "mm/K"},
+        lambda q, data: _joints(target, *(np.tile(np.asarray(data[name])[:, None], 3) for name in columns)),
+    )  # fmt: skip
     why = "leaves nearly the signature of thermal_legs: it is not looked for by itself, but held against what is named"
-    return HeldBack(why, (Alternative(effect),))
+    return HeldBack(why, (base.Alternative(effect),))
 
 
 def _along(target: str) -> Along:
@@ -385,93 +263,78 @@ def _along(target: str) -> Along:
     return along({name: name for i in axes_in(target) for name in (f"joint_{AXES[i]}", f"joint_{AXES[i]}_zero")})
 
 
-def _joints(target: str, at_posture: Array, at_zero: Array) -> dict[str, Array]:
+def _joints(target: str, at_posture: Array, at_zero: Array) -> Changes:
     """Return the changes of the joints in `target`, from changes of all three, shape (n, 3), at both moments."""
     changes = {f"joint_{AXES[i]}": at_posture[:, i : i + 1] for i in axes_in(target)}
     return changes | {f"joint_{AXES[i]}_zero": at_zero[:, i : i + 1] for i in axes_in(target)}
 
 
-scale = EffectFamily(
+scale: EffectFamily = EffectFamily(
     "scale", "orthoglide", "The scale of an encoder, or the pitch of a screw, is not the stated one",
     formula="joint i goes (1 + kappa) (rho_i - L) from Zero", channel="reading", columns=(), unit="1",
-    targets=_TARGETS, build=_scale, label="encoder-scale error",
+    targets=(*_TARGETS, "all"), label="encoder-scale error",
+    build=lambda formulation, target: (
+        scale.linear(
+            target, (), {"kappa": "1"},
+            lambda q, data: _joints(
+                target,
+                *(rows_of(data).joints(at) - geometry().length for at in (rows_of(data).level, rows_of(data).against)),
+            ),
+            along=_along(target),
+        ),
+    ),
 ).enter()  # fmt: skip
-backlash = EffectFamily(
+backlash: EffectFamily = EffectFamily(
     "backlash", "orthoglide", "A drive has play and trails on the side it came from",
     formula="joint i stands at rho_i - play / 2 * sign(last move of i)", channel="reading", columns=("pass",),
-    unit="mm", targets=_TARGETS, build=_backlash,
+    unit="mm", targets=(*_TARGETS, "all"),
+    build=lambda formulation, target: (
+        backlash.linear(
+            target, ("pass",), {"play": "mm"},
+            lambda q, data: _joints(target, *(-0.5 * sense for sense in rows_of(data).senses())), along=_along(target),
+        ),
+    ),
     twins="what every move ends with in the same sense is an offset of the joint: both passes are needed",
 ).enter()  # fmt: skip
 thermal_drives = EffectFamily(
     "thermal_drives", "orthoglide", "The zeros of the drives move as frame and screws warm up",
     formula="joint i stands at rho_i + a temp_K", channel="base", columns=("temp_K", "zero_temp_K"), unit="mm/K",
-    targets=_TARGETS, build=_drive_shift,
+    targets=(*_TARGETS, "all"), build=_drive_shift,
     twins="nearly, with moves along the leg only: `thermal_legs` with the opposite sign; at constant temperature: drho",
     label="thermal shift", label_of_all="thermal shift of all drives",
 ).enter()  # fmt: skip
 
 
-_SKEW = (
-    member("leg", "x")
-    | member("leg", "y")
-    | member("leg", "z")
-    | single("cyclic", CYCLIC)
-    | single("mirrored", MIRRORED)
-    | single("common", COMMON)
-    | every()
-)
-_BAR = "the bar of leg i that is read ends at the tool s_ij along j and s_ik along k of the leg's own end"
-
-
 def _leg_growth(formulation: Formulation, target: str) -> tuple[Effect, ...]:
-    needs(formulation.data, "temp_K")
-    needs_there(formulation.data, "zero_temp_K")
+    base.needs(formulation.data, "temp_K")
+    base.needs_there(formulation.data, "zero_temp_K")
 
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        now, then = data["temp_K"][:, None], data["zero_temp_K"][:, None]
-        grown = {f"length_{AXES[i]}": now for i in axes_in(target)}
-        return grown | {f"length_{AXES[i]}_zero": then for i in axes_in(target)}
-
-    columns = ("temp_K", "zero_temp_K")
-    return (thermal_legs.linear(target, columns, {"a": "mm/K"}, changes, along=_warming(changes)),)
-
-
-def _warming(changes: Callable[[Quantities, MeasuredData], dict[str, Array]]) -> Along:
-    """Return the times of both moments of each leg: legs do not warm up as the thermometer does, late ones least.
-
-    Where no times are measured, the temperatures stand for them.
-    """
+    def changes(q: Quantities, data: MeasuredData) -> Changes:
+        moments = {"": data["temp_K"][:, None], "_zero": data["zero_temp_K"][:, None]}
+        return {f"length_{AXES[i]}{when}": warm for when, warm in moments.items() for i in axes_in(target)}
 
     def moments(data: MeasuredData) -> dict[str, Sequence[Moment]]:
-        if "t_s" not in data or "zero_t_s" not in data:
-            return dict(_over("temperature", changes)(data))
-        times = {name: "zero_t_s" if name.endswith("_zero") else "t_s" for name in changes({}, data)}
-        return {"time": [Moment(name, name, np.asarray(data[column], float)) for name, column in times.items()]}
+        # the times of both: legs do not warm up as the thermometer does, late ones least; else the temperatures
+        there, timed = changes({}, data), "t_s" in data and "zero_t_s" in data
+        when = {
+            name: np.asarray(data["zero_t_s" if name.endswith("_zero") else "t_s"], float) if timed else at[:, 0]
+            for name, at in there.items()
+        }
+        return {"time" if timed else "temperature": [Moment(name, name, at) for name, at in when.items()]}
 
-    return moments
-
-
-def _over(argument: str, changes: Callable[[Quantities, MeasuredData], dict[str, Array]]) -> Along:
-    """Return the moments of an effect that is its argument times a number, at both moments of each leg."""
-
-    def moments(data: MeasuredData) -> dict[str, Sequence[Moment]]:
-        return {argument: [Moment(name, name, at[:, 0]) for name, at in changes({}, data).items()]}
-
-    return moments
+    return (thermal_legs.linear(target, ("temp_K", "zero_temp_K"), {"a": "mm/K"}, changes, along=moments),)
 
 
 def _length(formulation: Formulation, target: str) -> tuple[Effect, ...]:
-    held = {f"dL_{AXES[i]}" for i in axes_in(target)} - {p.name for p in formulation.parameters}
-    if len(held) < len(axes_in(target)):
-        raise NotTestable("the lengths dL are calibrated")
-
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        each = np.eye(len(axes_in(target)))
-        return {f"dL_{AXES[i]}": np.tile(each[k], (len(data), 1)) for k, i in enumerate(axes_in(target))}
-
     names = tuple(f"dL_{AXES[i]}" for i in axes_in(target))
-    units = ("mm",) * len(names)
-    return (length.linear(target, (), dict(zip(names, units, strict=True)), changes, unit="mm"),)
+    if any(p.name in names for p in formulation.parameters):
+        raise NotTestable("the lengths dL are calibrated")
+    return (
+        length.linear(
+            target, (), dict.fromkeys(names, "mm"),
+            lambda q, data: {name: np.tile(each, (len(data), 1)) for name, each in zip(names, np.eye(len(names)))},
+        ),
+    )  # fmt: skip
 
 
 def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
@@ -485,39 +348,42 @@ def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     if not weight and not np.ptp(data["payload_N"]) > 0:
         raise NotTestable("column payload_N is constant, and no moving_weight_N is stated", ("payload_N",))
 
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
+    def changes(q: Quantities, data: MeasuredData) -> Changes:
         rows = rows_of(data)
-        load = (rows.payload + weight)[:, None]
-        now, then = (load * pulls(rows, level, down) for level in (rows.level, rows.against))
-        stretched = {f"length_{axis}": now[:, i : i + 1] for i, axis in enumerate(AXES)}
-        return stretched | {f"length_{axis}_zero": then[:, i : i + 1] for i, axis in enumerate(AXES)}
+        load, unit = (rows.payload + weight)[:, None], down / np.linalg.norm(down)
+        stretched: Changes = {}
+        for level, when in ((rows.level, ""), (rows.against, "_zero")):
+            # the pull in each leg for a load of 1 N at the tool, shape (n, 3): sum_i n_i (A_i - p) / L = -down
+            tool = level[:, None] * np.eye(3)[rows.axis]
+            centres = rows.joints(level)[:, :, None] * np.eye(3)
+            towards = ((centres - tool[:, None, :]) / geometry().length).swapaxes(1, 2)
+            pulls = load * np.linalg.solve(towards, np.tile(-unit, (len(level), 1))[:, :, None])[:, :, 0]
+            stretched |= {f"length_{axis}{when}": pulls[:, i : i + 1] for i, axis in enumerate(AXES)}
+        return stretched
 
-    columns = ("payload_N",)
-    return (gravity.linear(target, columns, {"k": "mm/N"}, changes, along=_over("load of a leg", changes)),)
+    return (
+        gravity.linear(
+            target, ("payload_N",), {"k": "mm/N"}, changes,
+            along=lambda data: {"load of a leg": [Moment(n, n, at[:, 0]) for n, at in changes({}, data).items()]},
+        ),
+    )  # fmt: skip
 
 
-def pulls(rows: Rows, level: Array, down: Array) -> Array:
-    """Return the pull in each leg for a load of 1 N at the tool, shape (n, 3): sum_i n_i (A_i - p) / L = -down."""
-    tool = level[:, None] * np.eye(3)[rows.axis]
-    centres = rows.joints(level)[:, :, None] * np.eye(3)
-    towards = (centres - tool[:, None, :]) / geometry().length
-    unit = down / np.linalg.norm(down)
-    return np.asarray(np.linalg.solve(towards.swapaxes(1, 2), np.tile(-unit, (len(level), 1))[:, :, None])[:, :, 0])
-
-
-skew = EffectFamily(
-    "bar_skew", "orthoglide", "The two bars of a leg are not parallel to each other", formula=_BAR, channel="link",
-    columns=(), unit="mm", targets=tuple(_SKEW), build=spread("bar_skew", _BAR, "link", "skew", "mm", _SKEW, {}),
+skew = _spread(
+    "bar_skew", "The two bars of a leg are not parallel to each other",
+    "the bar of leg i that is read ends at the tool s_ij along j and s_ik along k of the leg's own end",
+    channel="link", unit="mm", kinds=("skew",),
+    targets={**{f"leg {target[-1]}": both for target, both in _AXES.items()}, **_HANDS, **_ALL},
     twins="nearly, with moves along the leg only: `axis_intersection axis i`",
-).enter()  # fmt: skip
+)  # fmt: skip
 length = EffectFamily(
     "leg_length", "orthoglide", "The legs are not as long as stated, and only joint offsets were calibrated",
-    formula="L_i = L + dL_i", channel="link", columns=(), unit="mm", targets=("leg x", "leg y", "leg z", "all"),
+    formula="L_i = L + dL_i", channel="link", columns=(), unit="mm", targets=(*_LEGS, "all"),
     build=_length, twins="nearly, always: an offset of the joint, drho_i = -dL_i",
 ).enter()  # fmt: skip
 thermal_legs = EffectFamily(
     "thermal_legs", "orthoglide", "The legs grow as they warm up", formula="L_i += a temp_K", channel="link",
-    columns=("temp_K", "zero_temp_K"), unit="mm/K", targets=("leg x", "leg y", "leg z", "all"), build=_leg_growth,
+    columns=("temp_K", "zero_temp_K"), unit="mm/K", targets=(*_LEGS, "all"), build=_leg_growth,
     twins="at constant temperature: the lengths dL", label="thermal growth",
     label_of_all="thermal growth of all legs",
 ).enter()  # fmt: skip

@@ -1,42 +1,27 @@
 """Which effects the chapter's three experiments on an Orthoglide support, beside the joint offsets that it calibrates.
 
-Experiment 1: before mechanical tuning. Experiment 2: after it. Experiment 3: after the joint offsets found in 2 went
-into the control software, nothing else being changed; so what 2 leaves unexplained, 3 must show. It is printed twice,
-with numbers that disagree: exp3_t1 (six differences) and exp3_t2 (twelve readings).
-
-The penalty for a family that entered the catalogue after the data had been seen.
-
-The p of the best candidate is corrected for the number of candidates, if the list was written before the data. Here a
-family was written because of the residuals: the list itself depends on the data, and other families might have been
-written instead. So there are three p-values, each at least as large as the one before: for the catalogue as it is; for
-all families ever tried, also those that were removed again; and for these with `others` further families of the same
-shape that might have been written. Each of these is taken to point anywhere in the residual space: on noise it does as
-well as the family itself does, independently, so p = 1 - (1 - p of all ever tried) (1 - p of the family alone) ^
-others.
+Experiment 1: before mechanical tuning; 2: after it; 3: after the offsets found in 2 went into the control software, so
+what 2 leaves unexplained, 3 must show (printed twice, with numbers that disagree: exp3_t1, exp3_t2).
+A family that entered the catalogue after the data had been seen has a penalty, so there are three p-values: for the
+catalogue as it is; for all families ever tried; and with `others` further families of the same shape that might have
+been written, each taken to do as well on noise: p = 1 - (1 - p of all ever tried) (1 - p of the family alone) ^ others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import final
+from typing import final, get_args
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from calibench import problems
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.fitting.small_sample import (
-    Calibrated,
-    Likeness,
-    SmallSample,
-    direction,
-    likeness,
-    linear,
-    small_sample,
-)
+from calibench.discrepancy.fitting import small_sample as small
+from calibench.discrepancy.fitting.small_sample import Calibrated, Likeness, SmallSample
 from calibench.discrepancy.machines.orthoglide.description import planned
-from calibench.discrepancy.machines.orthoglide.kinematics import names, printed
+from calibench.discrepancy.machines.orthoglide.kinematics import printed
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import MeasuredData
@@ -46,22 +31,15 @@ from calibench.problems import constants
 from calibench.problems.base import Array
 from calibench.problems.identifiability import FTest, f_test
 from calibench.problems.orthoglide.kinematics import NAMES, PAPER
-from calibench.problems.orthoglide.plans import PlanName
+from calibench.problems.orthoglide.plans import PlanName, SetName
 
 HANDED = "axis_intersection cyclic"
 ORIENTATION = "axis_orthogonality all"
-MODELS: Mapping[str, tuple[str, ...]] = {
-    "offsets only": (),
-    ORIENTATION: (ORIENTATION,),
-    HANDED: (HANDED,),
-    "axis_intersection all": ("axis_intersection all",),
-    "bar_skew cyclic": ("bar_skew cyclic",),
-    "bar_skew mirrored": ("bar_skew mirrored",),
-    "bar_skew all": ("bar_skew all",),
-    "guide_lean cyclic": ("guide_lean cyclic",),
-    "guide_lean axis z": ("guide_lean axis z",),
-    "bar_skew leg z": ("bar_skew leg z",),
-}
+_SINGLE = (
+    ORIENTATION, HANDED, "axis_intersection all", "bar_skew cyclic", "bar_skew mirrored", "bar_skew all",
+    "guide_lean cyclic", "guide_lean axis z", "bar_skew leg z",
+)  # fmt: skip
+MODELS: Mapping[str, tuple[str, ...]] = {"offsets only": (), **{name: (name,) for name in _SINGLE}}
 WHOLE = "all that experiment 2 left"
 ADDED_LATER = "guide_lean"  # after all sets had been fitted and Experiment 3 predicted
 RIVALS = ("guide_lean cyclic", "bar_skew cyclic", "guide_lean axis z", "bar_skew leg z", ORIENTATION, "backlash all")
@@ -121,54 +99,48 @@ class Experiments:
 
 def experiments(draws: int = 5_000) -> Experiments:
     """Return all numbers, the same at every call."""
-    formulations = {name: _formulation(name) for name in names()}
-    about = {(n, w): linear(f, weighted=w) for n, f in formulations.items() for w in (False, True)}
-    lists = {name: catalogue(formulation).candidates for name, formulation in formulations.items()}
-    sets = {(n, w): small_sample(a, lists[n], PLAUSIBLE, draws) for (n, w), a in about.items() if len(a.r) > 6 or not w}
-    out = {
-        name: [held.effect for held in catalogue(formulation).alternatives]
-        for name, formulation in formulations.items()
+    machine = machines.make("orthoglide")
+    formulations = {name: machine.formulate(printed(name)) for name in get_args(SetName)}
+    about = {(n, w): small.linear(f, weighted=w) for n, f in formulations.items() for w in (False, True)}
+    lists = {name: catalogue(formulation) for name, formulation in formulations.items()}
+    sets = {
+        (n, w): small.small_sample(a, lists[n].candidates, PLAUSIBLE, draws)
+        for (n, w), a in about.items()
+        if len(a.r) > 6 or not w
     }
-    prices = {(n, w): price(about[n, w], lists[n], out[n], ADDED_LATER, draws) for n, w in sets}
-    handed = effect_of(formulations["exp2"], HANDED)
-    rest = [e for e in lists["exp2"] if name_of(e) != HANDED]
+    out = {name: [held.effect for held in listed.alternatives] for name, listed in lists.items()}
+    prices = {(n, w): price(about[n, w], lists[n].candidates, out[n], ADDED_LATER, draws) for n, w in sets}
+    second = formulations["exp2"]
+    handed = effect_of(second, HANDED)
+    rest = [e for e in lists["exp2"].candidates if name_of(e) != HANDED]
     beyond = {
-        w: small_sample(linear(formulations["exp2"], handed, weighted=w), rest, PLAUSIBLE, draws) for w in (False, True)
+        w: small.small_sample(small.linear(second, handed, weighted=w), rest, PLAUSIBLE, draws) for w in (False, True)
     }
     pairs = [("exp1", "exp2_t1"), ("exp1", "exp3_t1"), ("exp2_t1", "exp3_t1"), ("exp2", "exp3_t2")]
-    likenesses = {pair: likeness(*(about[name, False] for name in pair)) for pair in pairs}
-    predictions = {
-        (name, w): predict(formulations["exp2"], formulations[name], w)
-        for name in ("exp3_t1", "exp3_t2")
-        for w in (False, True)
-    }
+    likenesses = {pair: small.likeness(*(about[name, False] for name in pair)) for pair in pairs}
+    thirds = [(name, w) for name in ("exp3_t1", "exp3_t2") for w in (False, True)]
+    predictions = {(name, w): predict(second, formulations[name], w) for name, w in thirds}
     size = sets["exp2", False][HANDED].coefficients
-    apart = {plan: told_apart(plan, size) for plan in PLANS}
     rivals: dict[tuple[str, str], float] = {
-        (plan, rival): value for plan, found in apart.items() for rival, value in found.items()
+        (plan, rival): value for plan in PLANS for rival, value in told_apart(plan, size).items()
     }
     mixed_up = {
-        (name, how): small_sample(linear(_formulated(mix(printed(name))), weighted=False), ()).rms
+        (name, how): small.small_sample(small.linear(machine.formulate(mix(printed(name))), weighted=False), ()).rms
         for name in ("exp1", "exp2", "exp3_t1", "exp3_t2")
         for how, mix in MIX_UPS.items()
     }
-    one, three = (linear(_formulated(read_instead(printed(n))), weighted=False) for n in ("exp1", "exp3_t2"))
-    corrected = {
-        "exp1": likeness(one, about["exp2_t1", False]),
-        "exp3_t2": likeness(about["exp2", False], three),
-    }
-    return Experiments(
-        sets,
-        beyond,
-        likenesses,
-        predictions=predictions,
-        rivals=rivals,
-        mixed_up=mixed_up,
-        corrected=corrected,
-        lengths=_lengths(),
-        prices=prices,
-        draws=draws,
+    one, three = (
+        small.linear(machine.formulate(read_instead(printed(n))), weighted=False) for n in ("exp1", "exp3_t2")
     )
+    corrected = {
+        "exp1": small.likeness(one, about["exp2_t1", False]),
+        "exp3_t2": small.likeness(about["exp2", False], three),
+    }
+    rho, full = (problems.make("orthoglide6", data="exp2", free=free) for free in ("rho", "full"))
+    return Experiments(
+        sets, beyond, likenesses, predictions=predictions, rivals=rivals, mixed_up=mixed_up, corrected=corrected,
+        lengths=f_test(rho, full), prices=prices, draws=draws,
+    )  # fmt: skip
 
 
 def read_instead(data: MeasuredData) -> MeasuredData:
@@ -179,31 +151,21 @@ def read_instead(data: MeasuredData) -> MeasuredData:
     return data.with_columns({"deviation": np.where(here, float(erratum["read"]), data["deviation"])})
 
 
-def _exchanged(data: MeasuredData) -> MeasuredData:
-    return data.with_columns({"leg": data["direction"], "direction": data["leg"], "posture": data["direction"]})
-
-
-def _swapped(data: MeasuredData) -> MeasuredData:
-    third = [(set("xyz") - {d, leg}).pop() for d, leg in zip(data["direction"], data["leg"])]
-    return data.with_columns({"direction": np.array(third)})
-
-
-def _turned(data: MeasuredData) -> MeasuredData:
-    mirrored = [leg + d in ("xz", "yx", "zy") for d, leg in zip(data["direction"], data["leg"])]
-    return data.with_columns({"deviation": np.where(mirrored, -1.0, 1.0) * data["deviation"]})
-
-
 MIX_UPS: Mapping[str, Callable[[MeasuredData], MeasuredData]] = {
     "as printed": lambda data: data,
-    "direction and leg exchanged": _exchanged,
-    "the two gauges of each leg exchanged": _swapped,
-    "the sign of one hand turned": _turned,
+    "direction and leg exchanged": lambda data: data.with_columns(
+        {"leg": data["direction"], "direction": data["leg"], "posture": data["direction"]}
+    ),
+    "the two gauges of each leg exchanged": lambda data: data.with_columns(
+        {"direction": np.array([(set("xyz") - {d, leg}).pop() for d, leg in zip(data["direction"], data["leg"])])}
+    ),
+    "the sign of one hand turned": lambda data: data.with_columns(
+        {
+            "deviation": data["deviation"]
+            * np.where([leg + d in ("xz", "yx", "zy") for d, leg in zip(data["direction"], data["leg"])], -1.0, 1.0)
+        }
+    ),
 }
-
-
-def _lengths() -> FTest:
-    rho, full = (problems.make("orthoglide6", data="exp2", free=free) for free in ("rho", "full"))
-    return f_test(rho, full)
 
 
 def effect_of(formulation: Formulation, name: str) -> Effect:
@@ -222,26 +184,28 @@ def predict(second: Formulation, third: Formulation, weighted: bool) -> Predicti
     shift = np.array([update[name] for name in NAMES[:3]])
     predicted: dict[str, Array] = {}
     for label, chosen in MODELS.items():
-        about = linear(second, *(effect_of(second, name) for name in chosen), weighted=weighted)
-        predicted[label] = _moved(about, third, shift)
-    plain = linear(second, weighted=weighted)
+        about = small.linear(second, *(effect_of(second, name) for name in chosen), weighted=weighted)
+        x = about.x.copy()
+        x[:3] -= shift  # the control software has applied this shift
+        predicted[label] = _deviations(third, about, x)
+
+    # what is left of experiment 2 in the rows of experiment 3: the same readings, or their differences
+    plain = small.linear(second, weighted=weighted)
     left = second.data["deviation"] - _deviations(plain.model.formulation, plain, plain.x)
-    predicted[WHOLE] = predicted["offsets only"] + _matched(second.data, third.data, left)
+    of = dict(zip(labels(second.data), left))
+    there = [of[label] if label in of else of[f"{label}+"] - of[f"{label}-"] for label in labels(third.data)]
+    predicted[WHOLE] = predicted["offsets only"] + np.array(there)
     measured = np.asarray(third.data["deviation"])
     news = {label: p - predicted["offsets only"] for label, p in predicted.items() if label != "offsets only"}
-    like = {label: direction(p, measured - predicted["offsets only"], len(measured)) for label, p in news.items()}
+    like = {label: small.direction(p, measured - predicted["offsets only"], len(measured)) for label, p in news.items()}
     return Prediction(labels(third.data), measured, predicted, like)
 
 
 def told_apart(plan: PlanName, size: Array) -> dict[str, float]:
-    """Return how far each rival stays from `HANDED` at `size` under a plan: the root of its chi2.
-
-    It is in gauge noise of .01 mm. The machine's six errors are calibrated where the plan determines them. If nothing
-    else were wrong, 3 would be a hint and 6 would decide.
-    """
-    formulation = _formulated(planned(plan, _SIGMA))
+    """Return how far each rival stays from `HANDED` at `size` under a plan: the root of its chi2."""
+    formulation = machines.make("orthoglide").formulate(planned(plan, _SIGMA))
     handed = effect_of(formulation, HANDED)
-    about = linear(formulation, weighted=True)
+    about = small.linear(formulation, weighted=True)
     truth = about.columns(handed) @ size
     apart = {}
     for rival in RIVALS:
@@ -263,30 +227,10 @@ def labels(data: MeasuredData) -> tuple[str, ...]:
     return tuple(f"{d}_{leg}" + ("" if against else "+" if level > 0 else "-") for d, leg, level, against in rows)
 
 
-def _formulation(name: str) -> Formulation:
-    return _formulated(printed(name))
-
-
-def _formulated(data: MeasuredData) -> Formulation:
-    return machines.make("orthoglide").formulate(data)
-
-
 def _deviations(formulation: Formulation, about: Calibrated, x: Array) -> Array:
     """Return the deviations [mm] that a model fitted at x predicts for the rows of `formulation`."""
     model = Model(formulation, about.model.effects)
     return np.asarray(formulation.constraints(model.quantities(x)[1])[:, 0] + formulation.data["deviation"])
-
-
-def _moved(about: Calibrated, third: Formulation, shift: Array) -> Array:
-    x = about.x.copy()
-    x[:3] -= shift  # the control software has applied this shift
-    return _deviations(third, about, x)
-
-
-def _matched(second: MeasuredData, third: MeasuredData, left: Array) -> Array:
-    """Return the residuals of experiment 2 in the rows of experiment 3: the same readings, or their differences."""
-    of = dict(zip(labels(second), left))
-    return np.array([of[label] if label in of else of[f"{label}+"] - of[f"{label}-"] for label in labels(third)])
 
 
 @final
@@ -317,43 +261,23 @@ class Price:
 def price(
     about: Calibrated, catalogue: Sequence[Effect], taken_out: Sequence[Effect], added: str, draws: int = 5_000
 ) -> tuple[Price, Price]:
-    """Return the prices of the best candidate of the family `added`, and of the best that was there without it.
-
-    `catalogue` is the list as it stands, `taken_out` what was tried once and is no candidate any more. As many further
-    families might have been written as there are other ones in the catalogue.
-    """
+    """Return the prices of the best candidate of the family `added`, and of the best that was there without it."""
     own = [e for e in catalogue if e.family == added]
     first = [*(e for e in catalogue if e.family != added), *taken_out]
     others = len({e.family for e in catalogue} - {added})
-    lists = [small_sample(about, chosen, draws=draws) for chosen in (first, catalogue, [*catalogue, *taken_out], own)]
+    lists = [
+        small.small_sample(about, chosen, draws=draws) for chosen in (first, catalogue, [*catalogue, *taken_out], own)
+    ]
     listed, now, ever, alone = lists
     late = alone.candidates[0]
     kept = {c.name for c in now.candidates}
     early = next(c for c in listed.candidates if c.name in kept)
     chosen = 1 - (1 - ever[late.name].p_tried) * (1 - alone[late.name].p_tried) ** others
+    tried = {"tried": ever.tried, "others": others}
     return (
+        Price(late.name, late.p, None, now[late.name].p_tried, ever=ever[late.name].p_tried, chosen=chosen, **tried),
         Price(
-            late.name,
-            late.p,
-            None,
-            now=now[late.name].p_tried,
-            ever=ever[late.name].p_tried,
-            chosen=chosen,
-            tried=ever.tried,
-            others=others,
+            early.name, listed[early.name].p, listed[early.name].p_tried, now[early.name].p_tried,
+            ever=ever[early.name].p_tried, chosen=None, **tried,
         ),
-        _early(early.name, listed, now, ever, others),
-    )
-
-
-def _early(name: str, listed: SmallSample, now: SmallSample, ever: SmallSample, others: int) -> Price:
-    return Price(
-        name,
-        listed[name].p,
-        listed[name].p_tried,
-        now=now[name].p_tried,
-        ever=ever[name].p_tried,
-        chosen=None,
-        tried=ever.tried,
-        others=others,
-    )
+    )  # fmt: skip

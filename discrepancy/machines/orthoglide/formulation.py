@@ -15,9 +15,9 @@ import numpy as np
 
 from calibench.core.notes import Code
 from calibench.core.options import shown, suggest
-from calibench.discrepancy.diagnostics.confounded import confounded
-from calibench.discrepancy.machines.orthoglide import kinematics as orthoglide_model
-from calibench.discrepancy.machines.orthoglide.kinematics import Index, accepted, is_accepted, rows_of, share_rows
+from calibench.discrepancy.fitting.rank import confounded
+from calibench.discrepancy.machines.orthoglide import kinematics
+from calibench.discrepancy.machines.orthoglide.kinematics import Index, accepted, rows_of
 from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, nominal_numbers, positive
 from calibench.discrepancy.model.roles import Instrument, Roles
@@ -31,6 +31,7 @@ _FREE = {"full": NAMES, "rho": NAMES[:3], "L": NAMES[3:]}
 _WIDTH = 10.0  # mm
 
 
+@machines.register("orthoglide")
 @final
 @dataclass(frozen=True)
 class Orthoglide:
@@ -50,9 +51,24 @@ class Orthoglide:
             raise DataError(f"{data.name}: free={free}: {suggest(free, ('auto', *_FREE))}")
         nominal = nominal_numbers(data, NAMES)
         full = _parallelism(data, "full", nominal)
-        seen = full.rank() == len(NAMES)
-        if seen and (note := _known_together(full, free)):
-            data = data.with_note(Code.UNDETERMINED, note)
+
+        # the derivative of the constraints, free of shared noise, in the parameters at the nominal machine
+        q = {**full.fixed, **{p.name: p.start for p in full.parameters}, "deviation": data["deviation"]}
+        each = full.slopes({name: np.asarray(value) for name, value in q.items()})
+        slopes = full.decorrelate(np.concatenate([each[p.name] for p in full.parameters], axis=1))
+        s = np.linalg.svd(slopes, compute_uv=False)
+        seen = len(s) > 0 and int((s > 1e-9 * s[0]).sum()) == len(NAMES)
+        tied = confounded([p.name for p in full.parameters], slopes, full.sigma["deviation"]) if seen else ()
+        if tied:  # held-out rows count, because the remark is about the plan
+            held = {
+                "rho": "the lengths dL are held, and the offsets take up what they are wrong by: ",
+                "L": "the offsets drho are held, and the lengths take up what is wrong: ",
+            }.get(free, "")
+            note = (
+                "joint offsets drho and leg lengths dL are not identifiable one beside the other on these readings; "
+                f"{held}only their differences are known. Standard errors with all free [mm]: "
+            )
+            data = data.with_note(Code.UNDETERMINED, note + "; ".join(map(str, tied)))
         if free != "auto" or seen:
             return _parallelism(data, "full" if free == "auto" else free, nominal)
         note = "the readings cannot tell all six parameters apart: only the joint offsets drho were calibrated"
@@ -92,11 +108,11 @@ class Parallelism:
 
     def constraints(self, q: Quantities) -> Numbers:
         """Return modelled minus read deviations, shape (n, 1), mm."""
-        return (orthoglide_model.deviations(rows_of(self.data), q) - q["deviation"])[:, None]
+        return (kinematics.deviations(rows_of(self.data), q) - q["deviation"])[:, None]
 
     def slopes(self, q: Quantities) -> dict[str, Array]:
         """Return the derivative of the constraints in each quantity, name -> (n, 1)."""
-        slopes = orthoglide_model.slopes(rows_of(self.data), q)
+        slopes = kinematics.slopes(rows_of(self.data), q)
         slopes["deviation"] = -np.ones(len(self.data))
         return {name: value[:, None] for name, value in slopes.items()}
 
@@ -111,42 +127,30 @@ class Parallelism:
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
         """Return target -> covariate -> (n,): a leg's rows by what was set there, NaN in the rows of other legs."""
         rows = rows_of(self.data)
-        common = {"gauge position": rows.share, "payload": rows.payload}
-        common |= {
-            name: self.data[key] for name, key in (("time", "t_s"), ("temperature", "temp_K")) if key in self.data
-        }
-        moved = {f"move along {a}": np.where(rows.axis == i, rows.level, 0.0) for i, a in enumerate(AXES)}
-        own = {f"leg {axis}": rows.leg == i for i, axis in enumerate(AXES)}
+        met = {"gauge position": rows.share, "payload": rows.payload}
+        met |= {name: self.data[key] for name, key in (("time", "t_s"), ("temperature", "temp_K")) if key in self.data}
+        met |= {f"move along {a}": np.where(rows.axis == i, rows.level, 0.0) for i, a in enumerate(AXES)}
         return {
-            leg: {name: np.where(its, value, np.nan) for name, value in (common | moved).items()}
-            for leg, its in own.items()
+            f"leg {axis}": {name: np.where(rows.leg == i, value, np.nan) for name, value in met.items()}
+            for i, axis in enumerate(AXES)
         }
 
     def on(self, data: MeasuredData) -> Parallelism:
         """Return the same machine over other rows."""
-        data = data if is_accepted(data) else accepted(data)
-        same = replace(self, data=data)
-        if share_rows(data, self.data):
+        data = data if kinematics.ACCEPTED in data else accepted(data)
+        same, kept = replace(self, data=data), self.data.columns
+        if all(data.columns.get(name) is column for name, column in kept.items() if name != "deviation"):
+            kinematics.ROWS[data] = rows_of(self.data)
             same.__dict__["_blocks"] = self._blocks  # what readings share does not depend on what they say
         return same
-
-    def rank(self) -> int:
-        """Return how many of the free parameters the readings see at the nominal machine."""
-        s = np.linalg.svd(self.nominal_slopes, compute_uv=False)
-        return int((s > 1e-9 * s[0]).sum()) if len(s) else 0
-
-    @cached_property
-    def nominal_slopes(self) -> Array:
-        """Return the derivative of the constraints, free of shared noise, in the parameters at the nominal machine."""
-        q = {**self.fixed, **{p.name: p.start for p in self.parameters}, "deviation": self.data["deviation"]}
-        slopes = self.slopes({name: np.asarray(value) for name, value in q.items()})
-        return self.decorrelate(np.concatenate([slopes[p.name] for p in self.parameters], axis=1))
 
     @cached_property
     def _blocks(self) -> list[tuple[Index, Array]]:
         """Return rows that share a Zero, shape (g, m) for g blocks of m, with C^-1/2 of each, shape (g, m, m)."""
         rows = rows_of(self.data)
-        group = rows.zero_group()
+        parts = (rows.leg, rows.direction, rows.share, rows.zero_arrival, rows.payload, rows.repeat)
+        key = np.column_stack([np.asarray(part, dtype=float) for part in parts])
+        group = np.unique(key, axis=0, return_inverse=True)[1].reshape(-1)  # the Zero that a row was subtracted from
         order = np.argsort(group, kind="stable")
         by_size: dict[int, list[Index]] = {}
         for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
@@ -156,36 +160,16 @@ class Parallelism:
             members = np.array(members_of_size)
             after, before = rows.level[members], rows.against[members]
             axis, arrival = rows.axis[members], rows.arrival[members]
-            same = [_same(axis, arrival, a, b) for a, b in ((after, after), (before, before), (after, before))]
+            moved = (axis[:, :, None] == axis[:, None, :]) & (arrival[:, :, None] == arrival[:, None, :])
+            same = []  # where level `one` of a row and level `two` of another are one reading, shapes (g, m, m)
+            for one, two in ((after, after), (before, before), (after, before)):
+                level = one[:, :, None] == two[:, None, :]
+                same.append(np.asarray(level & (moved | (one[:, :, None] == 0.0)), dtype=float))
             covariance = same[0] + same[1] - same[2] - same[2].swapaxes(1, 2)  # D D^T, eq. (13)
             w, v = np.linalg.eigh(covariance)
             root = np.where(w > 1e-9, 1 / np.sqrt(np.maximum(w, 1e-9)), 0.0)
             blocks.append((members, (v * root[:, None, :]) @ v.swapaxes(1, 2)))
         return blocks
-
-
-def _same(axis: Index, arrival: Array, one: Array, two: Array) -> Array:
-    """Return where level `one` of a row and level `two` of another, shapes (g, m), are one reading, shape (g, m, m)."""
-    level = one[:, :, None] == two[:, None, :]
-    moved = (axis[:, :, None] == axis[:, None, :]) & (arrival[:, :, None] == arrival[:, None, :])
-    return np.asarray(level & (moved | (one[:, :, None] == 0.0)), dtype=float)
-
-
-def _known_together(full: Parallelism, free: str) -> str:
-    """Return a remark on offsets and lengths of which these readings determine only a combination.
-
-    It is "" where there are none. Held-out rows count, because the remark is about the plan.
-    """
-    tied = confounded([p.name for p in full.parameters], full.nominal_slopes, full.sigma["deviation"])
-    if not tied:
-        return ""
-    held = {"rho": "the lengths dL are held, and ", "L": "the offsets drho are held, and "}.get(free, "")
-    what = "the offsets take up what they are wrong by: " if free == "rho" else "the lengths take up what is wrong: "
-    return (
-        f"joint offsets drho and leg lengths dL are not identifiable one beside the other on these readings; {held}"
-        f"{what if held else ''}only their differences are known. Standard errors with all free [mm]: "
-        + "; ".join(map(str, tied))
-    )
 
 
 def _parallelism(data: MeasuredData, free: str, nominal: dict[str, float]) -> Parallelism:
@@ -194,7 +178,4 @@ def _parallelism(data: MeasuredData, free: str, nominal: dict[str, float]) -> Pa
         Parameter(name, "mm", values[name], values[name] - _WIDTH, values[name] + _WIDTH) for name in _FREE[free]
     )
     held = {name: values[name] for name in NAMES if name not in _FREE[free]}
-    return Parallelism(data, parameters, held | dict.fromkeys(orthoglide_model.IMPERFECTIONS, 0.0))
-
-
-machines.register("orthoglide")(Orthoglide)
+    return Parallelism(data, parameters, held | dict.fromkeys(kinematics.IMPERFECTIONS, 0.0))

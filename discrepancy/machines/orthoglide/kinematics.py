@@ -12,26 +12,15 @@ what a tilt, an offset or a skew is more at the posture, and at that Zero. gauge
 leg, towards the other direction across it; gauge_pitch: towards +leg; gauge_shift: its plane cuts the leg's axis that
 much further from the origin than stated.
 
-The table of an Orthoglide's measurement: its columns, validated and returned as arrays.
-
-A row is one deviation [mm]: how far `leg` stands along `direction` from where it stood at the Zero posture, with the
-tool moved to `level_mm` along the axis that `posture` names (x, or xmax and xmin for the ends of the stroke; max and
-min for the leg's own axis). Needed: leg, direction, posture (and level_mm where the posture names no end), deviation.
-With defaults: gauge_position (.5, the share of the leg from its joint to the tool), against_mm (0: compared with Zero),
-pass (fwd: the tool arrives moving towards +, or rev), zero_pass (as pass), payload_N (0), repeat (0).
-Optional: t_s and zero_t_s, temp_K and zero_temp_K: time and temperature of the reading and of its Zero reading.
-
-The Zero is read once for a gauge that stands where it stands, and subtracted from all its readings: rows that agree in
-leg, direction, gauge_position, zero_pass, payload_N and repeat share it. It is reached along the leg's own axis. Where
-against_mm is another level, as in Table 1, zero_pass, zero_t_s and zero_temp_K are those of the reading there.
-
-The five sets the chapter prints, as measured data: exp1, exp2, exp2_t1, exp3_t1, exp3_t2.
+The table of a measurement, whose columns docs/orthoglide-data.md tells, is validated and returned as arrays. Rows that
+agree in leg, direction, gauge_position, zero_pass, payload_N and repeat share the Zero reading that was subtracted from
+them. Where against_mm is another level, as in Table 1, zero_pass, zero_t_s and zero_temp_K are those of the reading
+there. The five sets that the chapter prints are measured data as well: exp1, exp2, exp2_t1, exp3_t1, exp3_t2.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import Any, final, get_args
 from weakref import WeakKeyDictionary
 
@@ -46,61 +35,51 @@ from calibench.discrepancy.model.machine import Numbers, Quantities
 from calibench.discrepancy.model.measured import Column, DataError, MeasuredData
 from calibench.problems import constants
 from calibench.problems.base import Array
-from calibench.problems.orthoglide.kinematics import AXES, PAPER, geometry, inverse_kinematics
-from calibench.problems.orthoglide.measured import SetName, check_deviations, measured
-from calibench.problems.orthoglide.plans import Reading, check_plan
+from calibench.problems.orthoglide.kinematics import AXES, NAMES, PAPER, geometry, inverse_kinematics
+from calibench.problems.orthoglide.plans import Reading, SetName, check_deviations, check_plan, measured
 
 PAIRS = tuple((i, j) for i in range(3) for j in range(3) if i != j)
-FIXED = ("tilt", "offset", "skew")  # the same at every moment, but for what is said to be more at one
-GAUGE = ("gauge_roll", "gauge_pitch", "gauge_shift")
+_FIXED = ("tilt", "offset", "skew")  # the same at every moment, but for what is said to be more at one
 IMPERFECTIONS = (
-    *(f"{kind}_{AXES[i]}{AXES[j]}{when}" for kind in FIXED for i, j in PAIRS for when in ("", "_now", "_zero")),
+    *(f"{kind}_{AXES[i]}{AXES[j]}{when}" for kind in _FIXED for i, j in PAIRS for when in ("", "_now", "_zero")),
     *(f"{kind}_{axis}{when}" for kind in ("joint", "length") for axis in AXES for when in ("", "_zero")),
-    *GAUGE,
-)
+    "gauge_roll", "gauge_pitch", "gauge_shift",
+)  # fmt: skip
 
 
 def deviations(rows: Rows, q: Quantities) -> Numbers:
     """Return the deviations the gauges must show, shape (n,), mm."""
-    gauge = _gauges(rows, q)
-    read = gauge.read(gauge.after) - np.where(rows.against == 0, 0.0, gauge.read(gauge.before))
-    return np.asarray(read)
+    after, before, zero = _lines(rows, q)
+    now, then = ((at.rise - zero.rise) / (1 - at.slope * q["gauge_pitch"]) for at in (after, before))
+    return np.asarray(now - np.where(rows.against == 0, 0.0, then))  # a pitched gauge slides along a sloping leg
 
 
 def slopes(rows: Rows, q: Quantities) -> dict[str, Array]:
     """Return the derivative of `deviations` in each quantity but the reading, name -> (n,)."""
-    gauge = _gauges(rows, q)
+    after, before, zero = _lines(rows, q)
+    pitch, along = q["gauge_pitch"], np.eye(3)[rows.leg]
     compared = np.where(rows.against == 0, 0.0, -1.0)
-    found = {name: np.zeros(len(rows.level)) for name in (*_PARAMETERS, *IMPERFECTIONS)}
+    found = {name: np.zeros(len(rows.level)) for name in (*NAMES, *IMPERFECTIONS)}
     centre_zero, tool_zero = np.zeros((2, len(rows.level), 3))
-    for posture, weight, when in ((gauge.after, 1.0, ""), (gauge.before, compared, "_zero")):
-        across, share = gauge.across(posture), gauge.share(posture)
-        rise = gauge.rise(posture) - gauge.rise(gauge.zero)
-        slope, pitch = gauge.slope(posture), gauge.pitch
-        gain = weight / (1 - slope * pitch)
-        lever = weight * rise * pitch / (1 - slope * pitch) ** 2 / gauge.span(posture)
-        gauge.push(
-            found,
-            posture,
-            across * ((1 - share) * gain - lever)[:, None],
-            across * (share * gain + lever)[:, None],
-            when,
-        )
-        turned = gauge.turned(posture) - gauge.turned(gauge.zero)
-        found["gauge_roll"] += (
-            gain * turned + weight * rise * pitch * gauge.turned_slope(posture) / (1 - slope * pitch) ** 2
-        )
-        found["gauge_pitch"] += weight * rise * slope / (1 - slope * pitch) ** 2
-        share_zero, plane = gauge.share(gauge.zero), gain * (slope - gauge.slope(gauge.zero))
+    for at, weight, when in ((after, 1.0, ""), (before, compared, "_zero")):
+        # d rise / d place of the leg's line, (n, 3)
+        across, across_zero = (line.reads - line.slope[:, None] * along for line in (at, zero))
+        rise = at.rise - zero.rise
+        gain = weight / (1 - at.slope * pitch)
+        lever = weight * rise * pitch / (1 - at.slope * pitch) ** 2 / at.span
+        on_centre = across * ((1 - at.share) * gain - lever)[:, None]
+        _push(found, rows, at.posture, on_centre, across * (at.share * gain + lever)[:, None], when, True)
+        turned = _dot(at.crossing, at.turn) - _dot(zero.crossing, at.turn)  # d rise / d roll
+        leaning = _dot(at.posture.end - at.posture.centre, at.turn) / at.span  # d slope / d roll
+        found["gauge_roll"] += gain * turned + weight * rise * pitch * leaning / (1 - at.slope * pitch) ** 2
+        found["gauge_pitch"] += weight * rise * at.slope / (1 - at.slope * pitch) ** 2
+        plane = gain * (at.slope - zero.slope)
         found["gauge_shift"] += plane
-        across_zero = gauge.across(gauge.zero) * -gain[:, None]
-        centre_zero += across_zero * (1 - share_zero)[:, None] + gauge.along * (plane * (1 - rows.share))[:, None]
-        tool_zero += across_zero * share_zero[:, None] + gauge.along * (plane * rows.share)[:, None]
-    gauge.push(found, gauge.zero, centre_zero, tool_zero, "_zero", rows.against == 0)
+        across_zero = across_zero * -gain[:, None]
+        centre_zero += across_zero * (1 - zero.share)[:, None] + along * (plane * (1 - rows.share))[:, None]
+        tool_zero += across_zero * zero.share[:, None] + along * (plane * rows.share)[:, None]
+    _push(found, rows, zero.posture, centre_zero, tool_zero, "_zero", rows.against == 0)
     return found
-
-
-_PARAMETERS = (*(f"drho_{a}" for a in AXES), *(f"dL_{a}" for a in AXES))
 
 
 @final
@@ -123,109 +102,72 @@ class _Posture:
 
 @final
 @dataclass(frozen=True, eq=False)
-class _Gauges:
-    """The gauges of all rows: where their planes are, which way they read, and the three postures of each row."""
+class _Line:
+    """The line of the measured leg in a posture, as its gauge sees it, shapes (n,) and (n, 3).
 
-    rows: Rows
-    q: Quantities
-    after: _Posture
-    before: _Posture
-    zero: _Posture
+    A gauge `reads` in a direction across the leg, which changes by `turn` with its roll. `share` is mu of section 3.2,
+    the share of the leg at which it crosses the gauge's plane, at `crossing`; `rise` is where that is along the
+    direction read, `slope` how much the leg rises there for a step along its axis, `span` its length along the axis.
+    """
 
-    @cached_property
-    def along(self) -> Array:
-        return np.eye(3)[self.rows.leg]
-
-    @property
-    def pitch(self) -> Numbers:
-        return self.q["gauge_pitch"]
-
-    @cached_property
-    def reads(self) -> Numbers:
-        """Return the direction a gauge reads across its leg, shape (n, 3)."""
-        roll = np.asarray(self.q["gauge_roll"])[..., None]
-        return np.asarray(np.cos(roll) * np.eye(3)[self.rows.direction] + np.sin(roll) * np.eye(3)[self.rows.other])
-
-    @cached_property
-    def plane(self) -> Numbers:
-        """Return where a gauge's plane cuts the leg's axis, shape (n,), eq. (10) for a gauge at any share."""
-        share, at = self.rows.share, self.zero
-        place = share * _dot(at.end, self.along) + (1 - share) * _dot(at.centre, self.along)
-        return np.asarray(place + self.q["gauge_shift"])
-
-    def read(self, at: _Posture) -> Numbers:
-        """Return how far the gauge's tip has gone since Zero, shape (n,): a pitched one slides along a sloping leg."""
-        return np.asarray((self.rise(at) - self.rise(self.zero)) / (1 - self.slope(at) * self.pitch))
-
-    def rise(self, at: _Posture) -> Numbers:
-        """Return where the leg crosses the gauge's plane, along the direction it reads, shape (n,)."""
-        return _dot(self._crossing(at), self.reads)
-
-    def share(self, at: _Posture) -> Numbers:
-        """Return mu of section 3.2, the share of the leg at which it crosses the plane, shape (n,)."""
-        return np.asarray((self.plane - _dot(at.centre, self.along)) / self.span(at))
-
-    def span(self, at: _Posture) -> Numbers:
-        return _dot(at.end - at.centre, self.along)
-
-    def slope(self, at: _Posture) -> Numbers:
-        """Return how much the leg rises along the direction read for a step along the axis, shape (n,)."""
-        return np.asarray(_dot(at.end - at.centre, self.reads) / self.span(at))
-
-    def across(self, at: _Posture) -> Numbers:
-        """Return d rise / d place of the leg's line, shape (n, 3)."""
-        return np.asarray(self.reads - self.slope(at)[:, None] * self.along)
-
-    def turned(self, at: _Posture) -> Numbers:
-        """Return d rise / d roll, shape (n,)."""
-        return _dot(self._crossing(at), self._turn)
-
-    def _crossing(self, at: _Posture) -> Numbers:
-        """Return where the leg crosses the gauge's plane, shape (n, 3)."""
-        return np.asarray(at.centre + self.share(at)[:, None] * (at.end - at.centre))
-
-    def turned_slope(self, at: _Posture) -> Numbers:
-        return np.asarray(_dot(at.end - at.centre, self._turn) / self.span(at))
-
-    def push(
-        self, found: dict[str, Array], at: _Posture, centre: Array, tool: Array, when: str, where: Array | bool = True
-    ) -> None:
-        """Add to `found` what a posture's quantities do, given d read / d centre of the leg and d read / d bar's end.
-
-        Joints and lengths of the moment (`when`) are pushed only `where` the posture is that moment's.
-        """
-        legs = np.arange(len(centre))
-        rays = at.tool[:, None, :] - at.centres  # M of the relations before eq. (5)
-        weights = np.linalg.solve(rays.swapaxes(1, 2), tool[:, :, None])[:, :, 0]
-        on_centres = weights[:, :, None] * rays
-        on_centres[legs, self.rows.leg] += centre
-        for i, axis in enumerate(AXES):
-            joint, length = _dot(on_centres[:, i], at.axes[i]), weights[:, i] * at.lengths[:, i]
-            for name, value in ((f"drho_{axis}", joint), (f"dL_{axis}", length)):
-                found[name] += value
-            found[f"joint_{axis}{when}"] += np.where(where, joint, 0.0)
-            found[f"length_{axis}{when}"] += np.where(where, length, 0.0)
-        for i, j in PAIRS:
-            ij = AXES[i] + AXES[j]
-            lean = (np.eye(3)[j] - at.axes[i] * at.axes[i][:, j : j + 1]) / at.norms[i][:, None]
-            for kind, value in (
-                ("tilt", at.joints[:, i] * _dot(on_centres[:, i], lean)),
-                ("offset", on_centres[:, i, j]),
-                ("skew", np.where(self.rows.leg == i, tool[:, j], 0.0)),
-            ):
-                found[f"{kind}_{ij}"] += value
-                found[f"{kind}_{ij}{when or '_now'}"] += np.where(where, value, 0.0)
-
-    @cached_property
-    def _turn(self) -> Numbers:
-        roll = np.asarray(self.q["gauge_roll"])[..., None]
-        return np.asarray(np.cos(roll) * np.eye(3)[self.rows.other] - np.sin(roll) * np.eye(3)[self.rows.direction])
+    posture: _Posture
+    reads: Numbers
+    turn: Numbers
+    span: Numbers
+    slope: Numbers
+    share: Numbers
+    crossing: Numbers
+    rise: Numbers
 
 
-def _gauges(rows: Rows, q: Quantities) -> _Gauges:
-    at_zero = rows.against == 0
-    after, before = _posture(rows, q, rows.level, "", True), _posture(rows, q, rows.against, "_zero", True)
-    return _Gauges(rows, q, after, before, _posture(rows, q, np.zeros(len(rows.level)), "_zero", at_zero))
+def _lines(rows: Rows, q: Quantities) -> list[_Line]:
+    """Return the lines at the posture, at the one that it is compared with, and at Zero."""
+    zero = _posture(rows, q, np.zeros(len(rows.level)), "_zero", rows.against == 0)
+    along, roll = np.eye(3)[rows.leg], np.asarray(q["gauge_roll"])[..., None]
+    read, other = np.eye(3)[rows.direction], np.eye(3)[3 - rows.leg - rows.direction]
+    reads, turn = np.cos(roll) * read + np.sin(roll) * other, np.cos(roll) * other - np.sin(roll) * read
+    # where a gauge's plane cuts the leg's axis, eq. (10) for a gauge at any share
+    plane = rows.share * _dot(zero.end, along) + (1 - rows.share) * _dot(zero.centre, along) + q["gauge_shift"]
+
+    lines = []
+    for at in (_posture(rows, q, rows.level, "", True), _posture(rows, q, rows.against, "_zero", True), zero):
+        leg = at.end - at.centre
+        span = _dot(leg, along)
+        share = (plane - _dot(at.centre, along)) / span
+        crossing = at.centre + share[:, None] * leg
+        lines.append(
+            _Line(
+                at, reads, turn, span=span, slope=_dot(leg, reads) / span, share=share, crossing=crossing,
+                rise=_dot(crossing, reads),
+            )
+        )  # fmt: skip
+    return lines
+
+
+def _push(
+    found: dict[str, Array], rows: Rows, at: _Posture, centre: Array, tool: Array, when: str, where: Array | bool
+) -> None:
+    """Add to `found` what a posture's quantities do, given d read / d centre of the leg and d read / d bar's end."""
+    rays = at.tool[:, None, :] - at.centres  # M of the relations before eq. (5)
+    weights = np.linalg.solve(rays.swapaxes(1, 2), tool[:, :, None])[:, :, 0]
+    on_centres = weights[:, :, None] * rays
+    on_centres[np.arange(len(centre)), rows.leg] += centre
+    for i, axis in enumerate(AXES):
+        joint, length = _dot(on_centres[:, i], at.axes[i]), weights[:, i] * at.lengths[:, i]
+        found[f"drho_{axis}"] += joint
+        found[f"dL_{axis}"] += length
+        found[f"joint_{axis}{when}"] += np.where(where, joint, 0.0)
+        found[f"length_{axis}{when}"] += np.where(where, length, 0.0)
+    for i, j in PAIRS:
+        ij = AXES[i] + AXES[j]
+        lean = (np.eye(3)[j] - at.axes[i] * at.axes[i][:, j : j + 1]) / at.norms[i][:, None]
+        for kind, value in (
+            ("tilt", at.joints[:, i] * _dot(on_centres[:, i], lean)),
+            ("offset", on_centres[:, i, j]),
+            ("skew", np.where(rows.leg == i, tool[:, j], 0.0)),
+        ):
+            found[f"{kind}_{ij}"] += value
+            found[f"{kind}_{ij}{when or '_now'}"] += np.where(where, value, 0.0)
 
 
 def _posture(rows: Rows, q: Quantities, level: Array, when: str, moment: Array | bool) -> _Posture:
@@ -234,9 +176,8 @@ def _posture(rows: Rows, q: Quantities, level: Array, when: str, moment: Array |
     joints, lengths, centres, axes, norms = [], [], [], [], []
     for i, axis in enumerate(AXES):
         joints.append(commanded[:, i] + q[f"drho_{axis}"] + np.where(moment, q[f"joint_{axis}{when}"], 0.0))
-        lengths.append(
-            geometry().length + q[f"dL_{axis}"] + np.where(moment, q[f"length_{axis}{when}"], 0.0) + np.zeros(n)
-        )
+        longer = np.where(moment, q[f"length_{axis}{when}"], 0.0)
+        lengths.append(geometry().length + q[f"dL_{axis}"] + longer + np.zeros(n))
         leaning = _components(i, "tilt", q, n, 1.0, when, moment)
         norms.append(np.sqrt(_dot(leaning, leaning)))
         axes.append(leaning / norms[i][:, None])
@@ -252,32 +193,26 @@ def _posture(rows: Rows, q: Quantities, level: Array, when: str, moment: Array |
     normal = np.cross(one, two)
     height = np.sqrt((radii[:, 0] ** 2 - _dot(foot, foot)) / square)
     tool = np.asarray(centres[0] + foot - height[:, None] * normal)
-    skew = np.stack([_components(i, "skew", q, n, 0.0, when, moment) for i in range(3)], axis=1)[np.arange(n), rows.leg]
-    stacked = np.stack(centres, axis=1)
-    own = stacked[np.arange(n), rows.leg]
-    along, sizes = np.stack(axes), np.stack(norms)
+    skew = np.stack([_components(i, "skew", q, n, 0.0, when, moment) for i in range(3)], axis=1)
+    stacked, measured_leg = np.stack(centres, axis=1), (np.arange(n), rows.leg)
     return _Posture(
-        stacked, own, along, norms=sizes, joints=np.stack(joints, axis=1), lengths=radii, tool=tool, end=tool + skew
-    )
+        stacked, stacked[measured_leg], np.stack(axes), norms=np.stack(norms), joints=np.stack(joints, axis=1),
+        lengths=radii, tool=tool, end=tool + skew[measured_leg],
+    )  # fmt: skip
 
 
-def _components(
-    i: int, kind: str, q: Quantities, n: int, own: float, when: str, moment: Array | bool
-) -> Numbers:  # fmt: skip
+def _components(i: int, kind: str, q: Quantities, n: int, own: float, when: str, moment: Array | bool) -> Numbers:
     """Return the vector, (n, 3), of `own` along axis i and the quantities kind_ij along the others, at a moment."""
     parts: list[Any] = []
     for j in range(3):
         name = f"{kind}_{AXES[i]}{AXES[j]}"
-        parts.append(own if j == i else _with_more(q[name], q[f"{name}{when or '_now'}"], moment))
+        value, more = (own, 0) if j == i else (q[name], q[f"{name}{when or '_now'}"])
+        nothing = np.ndim(more) == 0 and more == 0
+        parts.append(value if nothing else value + np.where(moment, more, 0.0))
     vector = np.empty((n, 3), dtype=np.result_type(*parts))
     for j, part in enumerate(parts):
         vector[:, j] = part
     return vector
-
-
-def _with_more(value: Any, more: Any, moment: Array | bool) -> Any:
-    nothing = np.ndim(more) == 0 and more == 0
-    return value if nothing else value + np.where(moment, more, 0.0)
 
 
 def _dot(a: Numbers, b: Numbers) -> Numbers:
@@ -287,7 +222,7 @@ def _dot(a: Numbers, b: Numbers) -> Numbers:
 Index = NDArray[np.intp]
 _WORDS = ("leg", "direction", "posture", "pass", "zero_pass")
 _DEFAULTS = {"gauge_position": 0.5, "against_mm": 0.0, "payload_N": 0.0, "repeat": 0.0}
-ACCEPTED = "checked"  # the column that says so
+ACCEPTED = "checked"  # the column that says that data come from `accepted`, perhaps in part, or with other deviations
 _OPTIONAL = ("t_s", "zero_t_s", "temp_K", "zero_temp_K")
 
 
@@ -307,11 +242,6 @@ class Rows:
     payload: Array
     repeat: Array
 
-    @property
-    def other(self) -> Index:
-        """Return the direction across the leg that the gauge does not read, shape (n,)."""
-        return np.asarray(3 - self.leg - self.direction)
-
     def joints(self, level: Array) -> Array:
         """Return the commanded joints, shape (n, 3), mm, with the tool moved to `level`, shape (n,), on its axis."""
         return inverse_kinematics(level[:, None] * np.eye(3)[self.axis])
@@ -327,18 +257,9 @@ class Rows:
         at_posture = own * self.arrival[:, None] + (1 - own) * (-np.sign(self.level) * self.arrival)[:, None]
         return at_posture, home * self.zero_arrival[:, None] + (1 - home) * drawn_in[:, None]
 
-    def zero_group(self) -> Index:
-        """Return the number of the Zero reading each row was subtracted from, shape (n,)."""
-        parts = (self.leg, self.direction, self.share, self.zero_arrival, self.payload, self.repeat)
-        key = np.column_stack([np.asarray(part, dtype=float) for part in parts])
-        return np.asarray(np.unique(key, axis=0, return_inverse=True)[1]).reshape(-1)
-
 
 def accepted(data: MeasuredData) -> MeasuredData:
-    """Return `data` with every column there, in one spelling, rows without a deviation left out and told in a note.
-
-    Raises `DataError` that names the column, the row, and the way out.
-    """
+    """Return `data` with every column there, in one spelling, rows without a deviation left out and told in a note."""
     if data.machine not in ("", "orthoglide"):
         raise DataError(f"{data.name}: these are data of machine {data.machine!r}, not of an orthoglide")
     missing = [name for name in ("leg", "direction", "posture", "deviation") if name not in data]
@@ -369,7 +290,26 @@ def accepted(data: MeasuredData) -> MeasuredData:
         if name not in _WORDS:
             _refuse_row(data, name, column, np.isfinite(column), "a finite number is needed, or leave the row out")
     columns["deviation"] = _numbers(data, "deviation")
-    data = _numbered(data.with_columns(columns))
+    data = data.with_columns(columns)
+
+    # readings that cannot be told apart are numbered by repeat
+    setup = ("leg", "direction", "posture", "level_mm", "gauge_position", "against_mm", "pass")
+    seen: dict[tuple[Any, ...], int] = {}
+    again = np.zeros(len(data))
+    for k, row in enumerate(zip(*(data[name].tolist() for name in (*setup, "payload_N", "repeat")))):
+        again[k] = seen[row] = seen.get(row, -1) + 1
+    if again.any():
+        repeat = data["repeat"] + again * (1 + np.ptp(data["repeat"]))
+        count = int((again > 0).sum())
+        text = f"{count} rows were there before: they were taken as repeats with a Zero reading of their own"
+        data = data.with_columns({"repeat": repeat}).with_note(Code.ROWS_SAID_TWICE, text, rows=data.labels(again > 0))
+
+    alike = []  # a number for each row, the same for rows that agree in all columns
+    for agreeing in ((*setup, "zero_pass", "payload_N"), ("leg", "direction", "gauge_position", "payload_N")):
+        parts = [np.unique(data[name], return_inverse=True)[1].reshape(-1) for name in agreeing]
+        alike.append(np.unique(np.column_stack(parts), axis=0, return_inverse=True)[1].reshape(-1).astype(float))
+    data = data.with_columns({"pose_id": alike[0], "visit_id": alike[0], "shared_id": alike[1]})
+
     # raise `DataError` for a row no Orthoglide can give, or numbers that are not millimetres
     keys = ("leg", "direction", "posture", "level_mm", "gauge_position", "against_mm")
     distinct = list(dict.fromkeys(zip(*(data[key].tolist() for key in keys))))
@@ -378,87 +318,23 @@ def accepted(data: MeasuredData) -> MeasuredData:
         check_deviations(data["deviation"], "deviation")
     except ValueError as error:
         raise DataError(f"{data.name}: {error}") from None
-    data = _visited(data)
     return replace(data.with_columns({ACCEPTED: np.ones(len(data))}), machine="orthoglide")
-
-
-def is_accepted(data: MeasuredData) -> bool:
-    """Return whether `data` come from `accepted`, perhaps with fewer rows or other deviations."""
-    return ACCEPTED in data
 
 
 def rows_of(data: MeasuredData) -> Rows:
     """Return the rows of accepted data as arrays; asked again, the same."""
-    if data not in _ROWS:
+    if data not in ROWS:
         index = {name: np.searchsorted(AXES, data[name]) for name in ("leg", "direction", "posture")}
         sense = {name: np.where(np.asarray(data[name]) == "fwd", 1.0, -1.0) for name in ("pass", "zero_pass")}
-        columns: dict[str, Any] = {
-            "leg": index["leg"],
-            "direction": index["direction"],
-            "axis": index["posture"],
-            "level": data["level_mm"],
-            "against": data["against_mm"],
-            "share": data["gauge_position"],
-            "arrival": sense["pass"],
-            "zero_arrival": sense["zero_pass"],
-            "payload": data["payload_N"],
-            "repeat": data["repeat"],
-        }
-        _ROWS[data] = Rows(**{f.name: columns[f.name] for f in fields(Rows)})
-    return _ROWS[data]
+        ROWS[data] = Rows(
+            leg=index["leg"], direction=index["direction"], axis=index["posture"], level=data["level_mm"],
+            against=data["against_mm"], share=data["gauge_position"], arrival=sense["pass"],
+            zero_arrival=sense["zero_pass"], payload=data["payload_N"], repeat=data["repeat"],
+        )  # fmt: skip
+    return ROWS[data]
 
 
-def share_rows(data: MeasuredData, other: MeasuredData) -> bool:
-    """Let `data` have the rows of `other` if nothing but the deviations differs; tell whether it is so."""
-    if any(data.columns.get(name) is not column for name, column in other.columns.items() if name != "deviation"):
-        return False
-    _ROWS[data] = rows_of(other)
-    return True
-
-
-_ROWS: WeakKeyDictionary[MeasuredData, Rows] = WeakKeyDictionary()
-
-
-def _numbered(data: MeasuredData) -> MeasuredData:
-    """Return the data with readings that cannot be told apart numbered by repeat."""
-    names = ("leg", "direction", "posture", "level_mm", "gauge_position", "against_mm", "pass", "payload_N", "repeat")
-    seen: dict[tuple[Any, ...], int] = {}
-    again = np.zeros(len(data))
-    for k, key in enumerate(zip(*(data[name].tolist() for name in names))):
-        again[k] = seen[key] = seen.get(key, -1) + 1
-    if not again.any():
-        return data
-    repeat = data["repeat"] + again * (1 + np.ptp(data["repeat"]))
-    text = (
-        f"{int((again > 0).sum())} rows were there before: they were taken as repeats with a Zero reading of their own"
-    )
-    return data.with_columns({"repeat": repeat}).with_note(Code.ROWS_SAID_TWICE, text, rows=data.labels(again > 0))
-
-
-def _visited(data: MeasuredData) -> MeasuredData:
-    """Return the data with pose_id and visit_id: readings set up alike are one pose, and its repeats one visit.
-
-    Poses of one gauge are compared with one Zero: they have a shared_id.
-    """
-    names = (
-        "leg",
-        "direction",
-        "posture",
-        "level_mm",
-        "gauge_position",
-        "against_mm",
-        "pass",
-        "zero_pass",
-        "payload_N",
-    )
-    pose, gauge = (_alike(data, some) for some in (names, ("leg", "direction", "gauge_position", "payload_N")))
-    return data.with_columns({"pose_id": pose, "visit_id": pose, "shared_id": gauge})
-
-
-def _alike(data: MeasuredData, names: tuple[str, ...]) -> Array:
-    """Return a number for each row, (n,), the same for rows that agree in all columns of `names`."""
-    parts = [np.unique(data[name], return_inverse=True)[1].reshape(-1) for name in names]
-    return np.asarray(np.unique(np.column_stack(parts), axis=0, return_inverse=True)[1].reshape(-1), dtype=float)
+ROWS: WeakKeyDictionary[MeasuredData, Rows] = WeakKeyDictionary()
 
 
 def _levels(data: MeasuredData, leg: Column, posture: Column) -> tuple[Column, Array]:
@@ -502,40 +378,21 @@ def _refuse_row(data: MeasuredData, name: str, column: Column, good: NDArray[np.
         raise DataError(f"{data.name}: row {k + 1}: {name}={column[k]}: {rule}")
 
 
-_STEP_NOTE = Note(
-    Code.TIME_UNKNOWN,
-    "the chapter prints no times: the path Zero, Max, Min, Zero of section 4.1 stands for them, a step of t_s "
-    "a move, so Max and Zero were reached moving towards +, Min towards -",
-    ("t_s",),
-)
-
-
-def names() -> tuple[str, ...]:
-    """Return the names of the printed sets."""
-    return get_args(SetName)
-
-
 def printed(name: str) -> MeasuredData:
     """Return a printed set: `sigma` is section 4.1's dissimilarity of three readings as the noise of their mean.
 
     The dissimilarity is an upper limit of .02 mm; the spread of three readings is 1.69 sigma on average, so sigma of
     one reading is at most about .012 mm: section 3.4's .01 mm is taken.
     """
-    for choice in get_args(SetName):
-        if choice == name:
-            plan, deviations = measured(choice)
-            break
-    else:
-        raise DataError(f"data={name}: {suggest(name, names())}")
+    choice = next((choice for choice in get_args(SetName) if choice == name), None)
+    if choice is None:
+        raise DataError(f"data={name}: {suggest(name, get_args(SetName))}")
+    plan, deviations = measured(choice)
     ends = np.array([r.level_mm > 0 for r in plan])
     compared = np.array([r.against_mm != 0 for r in plan])  # Table 1: Max minus Min
+    set_up = ("leg", "direction", "posture", "gauge_position", "level_mm", "against_mm")
     columns = {
-        "leg": np.array([r.leg for r in plan]),
-        "direction": np.array([r.direction for r in plan]),
-        "posture": np.array([r.axis for r in plan]),
-        "gauge_position": np.array([r.gauge_position for r in plan]),
-        "level_mm": np.array([r.level_mm for r in plan]),
-        "against_mm": np.array([r.against_mm for r in plan]),
+        **{key: np.array([getattr(r, key if key != "posture" else "axis") for r in plan]) for key in set_up},
         "pass": np.where(ends, "fwd", "rev"),
         "zero_pass": np.where(compared, "rev", "fwd"),
         "payload_N": np.zeros(len(plan)),
@@ -545,6 +402,10 @@ def printed(name: str) -> MeasuredData:
         "split": np.full(len(plan), "train"),
         "deviation": deviations,
     }
+    text = (
+        "the chapter prints no times: the path Zero, Max, Min, Zero of section 4.1 stands for them, a step of t_s "
+        "a move, so Max and Zero were reached moving towards +, Min towards -"
+    )
     sigma = constants.column(PAPER, "text.section34")["sigma"]
     metadata = {"sigma": sigma, "free": "rho", "machine": "orthoglide"}
-    return MeasuredData(columns, "orthoglide", metadata, name, (_STEP_NOTE,))
+    return MeasuredData(columns, "orthoglide", metadata, name, (Note(Code.TIME_UNKNOWN, text, ("t_s",)),))

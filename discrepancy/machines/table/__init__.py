@@ -1,8 +1,7 @@
 """A table of columns and a regression y = f(x; p): any function may be the base model; the search finds what it lacks.
 
-`models` has the functions that are known by name, `base` makes one of them, or the user's own, into a prediction,
-`columns` prepares the columns, `formulation` states what is measured, `effects` are those of a table alone,
-`description` declares the words.
+`models` has the functions that are known by name, `formulation` prepares the columns and makes one of them, or the
+user's own, into a prediction, `effects` are those of a table alone.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from calibench.discrepancy.effects.general import columns
 from calibench.discrepancy.effects.general.columns import run_terms
 from calibench.discrepancy.effects.general.recipe import Built, declared, recipe
 from calibench.discrepancy.machines.table.formulation import RATE
-from calibench.discrepancy.model.effect import ChangePoint, EffectFamily, LinearEffect, change_times, needs
+from calibench.discrepancy.model.effect import ChangePoint, EffectFamily, change_times, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, roles_of
@@ -36,10 +37,7 @@ def _known(family: EffectFamily, formulation: Formulation, target: str) -> Built
 
 
 def _periods(formulation: Formulation) -> dict[str, float]:
-    """Return column -> period: as stated, and a turn for an angle that covers nearly one.
-
-    Raises `DataError` for a period that is no positive number, and for one of a column that is not there.
-    """
+    """Return column -> period: as stated, and a turn for an angle that covers nearly one."""
     data, known = formulation.data, roles_of(formulation).columns
     stated = data.metadata.get("periods") or {}
     for column, period in stated.items():
@@ -47,24 +45,15 @@ def _periods(formulation: Formulation) -> dict[str, float]:
             raise DataError(f"periods: {column}: {period}: a number above 0, in the unit of the column, is needed")
         if column not in known:
             raise DataError(f"periods: {column}: no column that an error may follow; {suggest(column, known)}")
-    turns = {column: turn for column in known if (turn := _turn(data, column)) is not None}
-    return turns | {column: float(period) for column, period in stated.items()}
-
-
-def _turn(data: MeasuredData, column: str) -> float | None:
-    """Return a whole turn in the unit of an angle, which covers nearly one; None for any other column."""
-    try:
-        base, scale = factor_to_base(column, data.units.get(column, "1"))
-    except ValueError:
-        return None
-    if base != "rad" or column not in data:
-        return None
-    turn = 2 * np.pi / scale
-    return turn if np.ptp(data[column]) > _COVERED * turn else None
-
-
-def _known_targets(formulation: Formulation) -> tuple[str, ...]:
-    return tuple(f"{word} in {column}" for column in _periods(formulation) for word in _OF)
+    found: dict[str, float] = {}
+    for column in known:  # a whole turn in the unit of an angle, which covers nearly one
+        try:
+            base, scale = factor_to_base(column, data.units.get(column, "1"))
+        except ValueError:
+            continue
+        if base == "rad" and column in data and np.ptp(data[column]) > _COVERED * (2 * np.pi / scale):
+            found[column] = 2 * np.pi / scale
+    return found | {column: float(period) for column, period in stated.items()}
 
 
 def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -72,10 +61,7 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     rate = f"{RATE}{target}"
     needs(formulation.data, rate)
 
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {target: data[rate][:, None]}
-
-    return (family.linear(target, (rate,), {"tau": "s"}, changes),)
+    return (family.linear(target, (rate,), {"tau": "s"}, lambda q, data: {target: data[rate][:, None]}),)
 
 
 def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -84,14 +70,14 @@ def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built
     t, unit = formulation.data[clock], formulation.unit
     origin, span = float(t.min()), float(np.ptp(t))
 
-    def form(count: int) -> LinearEffect:
-        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-            return {target: -run_terms((data[clock] - origin) / span)[:, :count]}
+    def changes(count: int, q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {target: -run_terms((data[clock] - origin) / span)[:, :count]}
 
-        names = ("even", "bend", "turn")[:count]
-        return family.linear(target, (clock,), dict(zip(names, (unit,) * count, strict=True)), changes)
-
-    return tuple(form(count) for count in (1, 2, 3))
+    names = ("even", "bend", "turn")
+    return tuple(
+        family.linear(target, (clock,), dict.fromkeys(names[:count], unit), partial(changes, count))
+        for count in (1, 2, 3)
+    )
 
 
 def _step(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -105,10 +91,6 @@ def _step(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     return tuple(replace(first, at=float(at)) for at in times)
 
 
-def _read(formulation: Formulation) -> tuple[str, ...]:
-    return tuple(formulation.readings)
-
-
 FAMILIES = (
     columns.power.enter("table"),
     recipe(
@@ -116,7 +98,8 @@ FAMILIES = (
         "measured -= a cos(2 pi k u / P) + b sin(2 pi k u / P), P stated, k 1 or 2", channel="prediction",
         columns=("the column",), unit="that of the measurement",
         targets="once and twice in the period of each column of periods=, and in a turn of an angle that covers one",
-        targets_in=_known_targets, make=_known, label="cycle of known period",
+        targets_in=lambda f: tuple(f"{word} in {column}" for column in _periods(f) for word in _OF),
+        make=_known, label="cycle of known period",
     ).enter("table"),
     recipe(
         "column_lag", "An input is read too early or too late", "u += tau du/dt", channel="reading",
@@ -127,11 +110,11 @@ FAMILIES = (
         "drift", "What is measured drifts during the run",
         "measured -= even s, + bend 4 s (1 - s), + turn 10.4 s (1 - s) (1 - 2 s); s from 0 to 1 over the run",
         channel="prediction", columns=("the time",), unit="that of the measurement", targets="the measured column",
-        targets_in=_read, make=_drift,
+        targets_in=lambda f: tuple(f.readings), make=_drift,
     ).enter("table"),
     recipe(
         "step", "What is measured steps once during the run", "measured += step from a time on", channel="prediction",
-        columns=("the time",), unit="that of the measurement", targets="the measured column", targets_in=_read,
-        make=_step,
+        columns=("the time",), unit="that of the measurement", targets="the measured column",
+        targets_in=lambda f: tuple(f.readings), make=_step,
     ).enter("table"),
 )  # fmt: skip

@@ -1,17 +1,8 @@
 """`Table`: one column is measured, a function of others predicts it, and its residuals may depend on any column.
 
-The inputs carry no noise. The noise of the measured column is a number, a column, or unknown: then it is estimated.
-
-`Base`: a function whose signature separates columns from parameters, in the form that a `Predicted` needs.
-
-A column that is another one in other numbers: in another unit, converted, or corrected in some rows.
-
-Tables of calibration hold it often: volts beside what was computed from them, centimetres beside inches, grams beside
-kilograms. What is measured follows such a column of itself better than any cause, and it is none.
-
-The columns of a table: which hold numbers, those of earlier rows beside them, and how fast each one changes.
-
-What a table declares for commands and pages: what may be stated, and which general families it has otherwise.
+The inputs carry no noise; that of the measured column is a number, a column, or unknown and estimated. The signature of
+the function separates columns from parameters. A column may be another one in other numbers (another unit, or
+corrected in some rows): what is measured follows such a column of itself better than any cause, and it is none.
 """
 
 from __future__ import annotations
@@ -66,8 +57,21 @@ class Table:
     def formulate(self, data: MeasuredData) -> Predicted:
         """Return the prediction of the measured column; raise `DataError` for columns that do not fit the function."""
         known(data, "machine.measured", self.measured)
-        if self.back and f"{self.measured}_{self.back}" not in data:
-            data = with_earlier(data, numbers_of(data), self.back)
+        back, n = self.back, len(data)
+        if back and f"{self.measured}_{back}" not in data:
+            # the rows from number `back` on, with `u_1`, `u_2`, ...: the column u one, two, ... rows earlier
+            if not 0 <= back <= min(_MOST_BACK, n - 2):
+                raise DataError(f"{data.name}: machine.back={back}: 0 to {min(_MOST_BACK, n - 2)} rows can be meant")
+            if "valid" in data or "visit_id" in data:
+                text = "needs rows that follow each other: no column valid, no visits"
+                raise DataError(f"{data.name}: machine.back= {text}")
+            ways = range(1, back + 1)
+            earlier = {f"{u}_{k}": data[u][back - k : n - k] for u in numbers_of(data) for k in ways}
+            taken = sorted({*earlier} & {*data.columns})
+            if taken:
+                text = f"makes a column {taken[0]}, which there is; rename that one"
+                raise DataError(f"{data.name}: machine.back={back} {text}")
+            data = data.rows(np.arange(n) >= back).with_columns(earlier)
         try:
             function = models.factory(self.model)
         except ValueError as error:
@@ -85,7 +89,15 @@ class Table:
         if self.measured in base.columns:
             raise DataError(f"machine.measured={self.measured}: it is what is predicted, so it can be no input")
         moving = tuple(c for c in base.columns if c != clock)
-        data = with_rates(data, moving, clock)
+        # each of these has its derivative in time
+        if clock and len(data) >= 3:
+            t, at = np.unique(np.asarray(data[clock], dtype=float), return_inverse=True)
+            if len(t) >= 3:
+                count, rates = len(t), {}
+                for name in (name for name in moving if f"{RATE}{name}" not in data):
+                    means = np.bincount(at, np.asarray(data[name], float), count) / np.bincount(at, minlength=count)
+                    rates[f"{RATE}{name}"] = np.gradient(np.asarray(means), t)[at]
+                data = data.with_columns(rates)
         if not covariates:
             data, covariates = self._followed(data, base)
         return Predicted(
@@ -101,31 +113,27 @@ class Table:
             held={name: base.starts[name] for name in self.held},
             unit=self.unit,
             instruments=(Sensor(self.measured, "column", self.unit),),
-            roles=Roles(
-                time=clock, columns=covariates,
-            ),
-        )  # fmt: skip
+            roles=Roles(time=clock, columns=covariates),
+        )
 
     def _followed(self, data: MeasuredData, base: Base) -> tuple[MeasuredData, tuple[str, ...]]:
         """Return the inputs, and every other column that varies and is none of these in other numbers."""
         noise = self.sigma if isinstance(self.sigma, str) else ""
         others = (c for c in numbers_of(data) if c not in (self.measured, noise) and not c.startswith(RATE))
         varied = tuple(c for c in dict.fromkeys((*base.columns, *others)) if np.ptp(data[c]))
-        again = {c: self._again(data, base, c) for c in varied if c not in base.columns}
+        again: dict[str, str] = {}  # in words that a column is the measured one, or an input, in other numbers
+        for column in (c for c in varied if c not in base.columns):
+            least = {self.measured: _LEAST_ALIKE, **dict.fromkeys(base.columns, 1.0)}
+            words = (said_again(c, data[c], column, data[column], alike) for c, alike in least.items())
+            again[column] = next(filter(None, words), "")
         followed = tuple(c for c in varied if not again.get(c))
         if not followed:  # then the line is all that there is to see
             return data, varied
-        for column, words in again.items():
-            text = f"{words}: {column} is not looked at; machine.covariates= names the columns that are"
-            data = data.with_note(Code.COLUMN_NOT_FOLLOWED, text, (column,)) if words else data
+        for column, said in again.items():
+            text = f"{said}: {column} is not looked at; machine.covariates= names the columns that are"
+            data = data.with_note(Code.COLUMN_NOT_FOLLOWED, text, (column,)) if said else data
         kept = {name: column for name, column in data.columns.items() if not again.get(name)}
         return replace(data, columns=kept), followed
-
-    def _again(self, data: MeasuredData, base: Base, column: str) -> str:
-        """Return in words that a column is the measured one, or an input, in other numbers; "" where it is none."""
-        of_measured = said_again(self.measured, data[self.measured], column, data[column])
-        of_inputs = (said_again(c, data[c], column, data[column], alike=1.0) for c in base.columns)
-        return of_measured or next((words for words in of_inputs if words), "")
 
 
 @final
@@ -146,11 +154,7 @@ class Base:
 
 
 def base_of(name: str, function: Function, given: tuple[str, ...], start: Mapping[str, Any], rows: str) -> Base:
-    """Return the base model; `given` are the columns for its arguments, in order, where these have other names.
-
-    `rows` is the measured column. Raises `DataError` where arguments and columns do not fit, or a start is not a
-    number.
-    """
+    """Return the base model; `given` are the columns for its arguments, in order, where these have other names."""
     columns: list[str] = []
     starts: dict[str, Any] = {}
     for argument in inspect.signature(function).parameters.values():
@@ -187,10 +191,7 @@ _MOST_DIGITS = 12
 
 
 def said_again(name: str, y: Array, column: str, c: Array, alike: float = _LEAST_ALIKE) -> str:
-    """Return in words that `y` is a line of `c` in the last digits of both, (n,) each; "" where it is none.
-
-    `alike` is the share of the rows in which it has to be.
-    """
+    """Return in words that `y` is a line of `c` in the last digits of both, (n,) each; "" where it is none."""
     y, c = np.asarray(y, dtype=float), np.asarray(c, dtype=float)
     if len(np.unique(c)) < _LEAST_VALUES or not (np.ptp(y) and np.all(np.isfinite(c + y))):
         return ""
@@ -242,40 +243,6 @@ def whole_names(data: MeasuredData, words: tuple[str, ...]) -> tuple[str, ...]:
         names.append(" ".join(rest[:end]))
         rest = rest[end:]
     return tuple(names)
-
-
-def with_earlier(data: MeasuredData, names: tuple[str, ...], back: int) -> MeasuredData:
-    """Return the rows from number `back` on, with `u_1`, `u_2`, ...: the column u one, two, ... rows earlier."""
-    if not 0 <= back <= min(_MOST_BACK, len(data) - 2):
-        raise DataError(f"{data.name}: machine.back={back}: 0 to {min(_MOST_BACK, len(data) - 2)} rows can be meant")
-    if not back:
-        return data
-    if "valid" in data or "visit_id" in data:
-        raise DataError(f"{data.name}: machine.back= needs rows that follow each other: no column valid, no visits")
-    n = len(data)
-    earlier = {f"{u}_{k}": data[u][back - k : n - k] for u in names for k in range(1, back + 1)}
-    taken = sorted({*earlier} & {*data.columns})
-    if taken:
-        raise DataError(f"{data.name}: machine.back={back} makes a column {taken[0]}, which there is; rename that one")
-    return data.rows(np.arange(n) >= back).with_columns(earlier)
-
-
-def with_rates(data: MeasuredData, names: tuple[str, ...], clock: str) -> MeasuredData:
-    """Return the data with the derivative of each column in the column `clock`; as they are without a clock."""
-    if not clock or len(data) < 3:
-        return data
-    t, at = np.unique(np.asarray(data[clock], dtype=float), return_inverse=True)
-    if len(t) < 3:
-        return data
-    rates: dict[str, Any] = {}
-    for name in names:
-        if f"{RATE}{name}" not in data:
-            column = np.asarray(data[name], dtype=float)
-            count = len(t)
-            rates[f"{RATE}{name}"] = np.gradient(
-                np.asarray(np.bincount(at, column, count) / np.bincount(at, minlength=count)), t
-            )[at]
-    return data.with_columns(rates)
 
 
 # drift and step are its own, and a trend is told by its powers

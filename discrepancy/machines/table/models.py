@@ -20,46 +20,23 @@ Function = Callable[..., Any]
 models: Registry[Any] = Registry("model", "calibench.table_models")
 
 
-@models.register("constant")
-def constant(b0: float = 0.0) -> Any:
-    """y = b0."""
-    return b0
-
-
-@models.register("line")
-def line(x: Any, b0: float = 0.0, b1: float = 0.0) -> Any:
-    """y = b0 + b1 x."""
-    return b0 + b1 * x
-
-
-@models.register("parabola")
-def parabola(x: Any, b0: float = 0.0, b1: float = 0.0, b2: float = 0.0) -> Any:
-    """y = b0 + b1 x + b2 x^2."""
-    return b0 + x * (b1 + x * b2)
-
-
-@models.register("cubic")
-def cubic(x: Any, b0: float = 0.0, b1: float = 0.0, b2: float = 0.0, b3: float = 0.0) -> Any:
-    """y = b0 + b1 x + b2 x^2 + b3 x^3."""
-    return b0 + x * (b1 + x * (b2 + x * b3))
-
-
-@models.register("exponential")
-def exponential(x: Any, b0: float = 0.0, b1: float = 1.0, b2: float = -0.1) -> Any:
-    """y = b0 + b1 exp(b2 x)."""
-    return b0 + b1 * np.exp(b2 * x)
-
-
-@models.register("power_law")
-def power_law(x: Any, b1: float = 1.0, b2: float = 1.0) -> Any:
-    """y = b1 x^b2."""
-    return b1 * x**b2
-
-
-@models.register("linear")
-def linear(*columns: Any, **weights: Any) -> Any:
-    """y = b0 + b1 x1 + b2 x2 + ..., a weight for each column of inputs=."""
-    return weights["b0"] + sum(weights[f"b{k}"] * column for k, column in enumerate(columns, start=1))
+_FORMULAS: dict[str, tuple[str, Function]] = {
+    "constant": ("y = b0.", lambda b0=0.0: b0),
+    "line": ("y = b0 + b1 x.", lambda x, b0=0.0, b1=0.0: b0 + b1 * x),
+    "parabola": ("y = b0 + b1 x + b2 x^2.", lambda x, b0=0.0, b1=0.0, b2=0.0: b0 + x * (b1 + x * b2)),
+    "cubic": (
+        "y = b0 + b1 x + b2 x^2 + b3 x^3.",
+        lambda x, b0=0.0, b1=0.0, b2=0.0, b3=0.0: b0 + x * (b1 + x * (b2 + x * b3)),
+    ),
+    "exponential": ("y = b0 + b1 exp(b2 x).", lambda x, b0=0.0, b1=1.0, b2=-0.1: b0 + b1 * np.exp(b2 * x)),
+    "power_law": ("y = b1 x^b2.", lambda x, b1=1.0, b2=1.0: b1 * x**b2),
+    "linear": (
+        "y = b0 + b1 x1 + b2 x2 + ..., a weight for each column of inputs=.",
+        lambda *columns, **weights: (
+            weights["b0"] + sum(weights[f"b{k}"] * column for k, column in enumerate(columns, start=1))
+        ),
+    ),
+}
 
 
 def _of_nist(name: str) -> Function:
@@ -81,5 +58,8 @@ def _of_nist(name: str) -> Function:
     return function
 
 
+for _name, (_words, _function) in _FORMULAS.items():
+    _function.__doc__, _function.__name__ = _words, _name
+    models.register(_name)(_function)
 for _name in MODELS:
     models.register(_name)(_of_nist(_name))

@@ -1,16 +1,9 @@
 """`nist`: one of NIST's certified nonlinear regressions as a problem, from one of its two starts.
 
-Values are sums of squared residuals, in the square of the response's unit. Truth and minimum are what NIST certifies;
-the score of an answer is the number of certified digits that it reproduces.
-
-The box is made from what NIST prints, by one rule for every parameter: the smallest interval that holds both starts
-and the certified value, longer by half of itself below and by twice itself above. So the certified value lies
-in the lower part of every side, and in no middle.
-
-NIST's data sets as they are printed: readings, two starts, certified values with their standard deviations.
-
-One file ``data/NAME.toml`` a data set, made from NIST's NAME.dat; every number stands there with the digits of the
-print. The data sets are works of the United States government and in the public domain.
+Values are sums of squared residuals, in the square of the response's unit; truth and minimum are what NIST certifies.
+The box is the smallest interval that holds both starts and the certified value, longer by half of itself below and by
+twice itself above, so that this is in no middle. ``data/NAME.toml`` is made from NIST's NAME.dat, every number with the
+digits of the print; the data sets are works of the United States government and in the public domain.
 """
 
 from __future__ import annotations
@@ -26,8 +19,8 @@ from typing import Any, ClassVar, Literal, final
 import numpy as np
 
 from calibench.problems.base import Array, Parameter, frozen, line_of, registry, table_of
-from calibench.problems.compiled_problem import vector, vectors
-from calibench.problems.suites.nist.models import MODELS, Model
+from calibench.problems.compiled_problem import itself, vector, vectors
+from calibench.problems.suites.nist.models import MODELS
 
 Name = Literal[
     "Misra1a", "Chwirut2", "Chwirut1", "Lanczos3", "Gauss1", "Gauss2", "DanWood", "Misra1b",
@@ -53,20 +46,25 @@ class NistRegression:
     options: Mapping[str, Any]
     table: Table
     parameters: tuple[Parameter, ...]
-    _model: Model = field(repr=False)
+    coordinates: tuple[Parameter, ...]
+    lower: Array
+    upper: Array
+    start: Array
+    truth: Array  # the certified values
+    minimum: float  # the certified residual sum of squares, f*
+    typical_noise: float  # the certified standard deviation of the residuals
+    group: str  # NIST's level of difficulty
+    data_id: str
     _response: Array = field(repr=False)
 
     name: ClassVar[str] = "nist"
     default_start: ClassVar[Literal["nominal", "random"]] = "nominal"
     noise_unit: ClassVar[str] = "unit of y"
+    budgets: ClassVar[Mapping[str, int]] = {"ci": 5_000, "paper": 50_000}
 
     __repr__ = line_of
     _repr_html_ = table_of
-
-    @property
-    def typical_noise(self) -> float:
-        """Return the certified standard deviation of the residuals."""
-        return self.table.residual_deviation
+    physical = itself
 
     def __call__(self, x: Array) -> float:
         """Return the sum of squared residuals of the candidate x, shape (dim,)."""
@@ -78,7 +76,7 @@ class NistRegression:
         """Return model minus reading, shape (m,); of a response that NIST fits as its logarithm, likewise."""
         b = vector(self.name, x, len(self.parameters))
         with np.errstate(all="ignore"):  # far from the starts a model overflows: not finite is its value there
-            r = self._model.value(b, self.table.x) - self._response
+            r = MODELS[self.options["name"]].value(b, self.table.x) - self._response
         return np.where(np.abs(r) > _LARGEST, np.inf, r)  # what has no finite square is as bad, and warns nobody
 
     @property
@@ -89,41 +87,6 @@ class NistRegression:
     def batch(self, points: Array) -> Array:
         """Return the values, shape (k,), of candidates of shape (k, dim): the same bits as one call for each."""
         return np.array([self(x) for x in vectors(self.name, points, len(self.parameters))], dtype=float)
-
-    @property
-    def group(self) -> str:
-        """Return NIST's level of difficulty: lower, average or higher."""
-        return self.table.difficulty
-
-    @cached_property
-    def lower(self) -> Array:
-        """Return the lower bounds of x, shape (dim,)."""
-        return frozen([p.lower for p in self.parameters])
-
-    @cached_property
-    def upper(self) -> Array:
-        """Return the upper bounds of x, shape (dim,)."""
-        return frozen([p.upper for p in self.parameters])
-
-    @cached_property
-    def start(self) -> Array:
-        """Return NIST's start that `from_start` chose, shape (dim,)."""
-        return frozen([p.start for p in self.parameters])
-
-    @property
-    def truth(self) -> Array:
-        """Return the certified values, shape (dim,)."""
-        return self.table.certified
-
-    @property
-    def coordinates(self) -> tuple[Parameter, ...]:
-        """Return what the vector x holds: the parameters themselves."""
-        return self.parameters
-
-    @property
-    def minimum(self) -> float:
-        """Return the certified residual sum of squares, f*."""
-        return self.table.sum_of_squares
 
     @cached_property
     def targets(self) -> tuple[float, ...]:
@@ -137,20 +100,6 @@ class NistRegression:
         gaps = [first * 10.0**-k for k in range(1, 40)]
         return tuple(self.minimum + gap for gap in [*(gap for gap in gaps if gap > last), last])
 
-    @property
-    def budgets(self) -> dict[str, int]:
-        """Evaluations meant by the words `ci` and `paper`."""
-        return {"ci": 5_000, "paper": 50_000}
-
-    @property
-    def data_id(self) -> str:
-        """Return a digest of the data set's name and readings."""
-        return self.table.data_id
-
-    def physical(self, x: Array) -> Array:
-        """Return the parameters of x, which are x."""
-        return np.array(x, dtype=float)
-
     def merit(self, x: Array) -> dict[str, float]:
         """Return how many certified digits an answer has: of its worst parameter, and of its sum of squares."""
         return {
@@ -161,7 +110,7 @@ class NistRegression:
     def _slopes(self, x: Array) -> Array:
         b = vector(self.name, x, len(self.parameters))
         with np.errstate(all="ignore"):
-            return self._model.slopes(b, self.table.x)
+            return np.stack(MODELS[self.options["name"]].columns(b, self.table.x), axis=1)
 
     @property
     def _rounding(self) -> float:
@@ -185,34 +134,25 @@ def certified_digits(found: Array, certified: Array) -> float:
 
 @registry.register("nist")
 def nist(
-    name: Name = "Misra1a",
-    from_start: Literal[1, 2] = 2,
-    jacobian: Literal["analytic", "differences"] = "analytic",
+    name: Name = "Misra1a", from_start: Literal[1, 2] = 2, jacobian: Literal["analytic", "differences"] = "analytic"
 ) -> NistRegression:
     """One of NIST's 27 certified nonlinear regressions, from its start 1 (far) or 2 (near).
 
     With jacobian=differences the problem shows no derivative, and who needs one pays for differences.
     """
-    printed, model = table(name), MODELS[name]
-    return NistRegression(
-        options={"name": name, "from_start": from_start, "jacobian": jacobian},
-        table=printed,
-        parameters=_boxed(printed, from_start),
-        _model=model,
-        _response=frozen(model.response(printed.y)),
-    )
-
-
-def _boxed(printed: Table, from_start: int) -> tuple[Parameter, ...]:
-    """Return the parameters in the box that the three printed values of each make."""
+    printed = table(name)
     three = np.vstack([printed.starts, printed.certified])
     least, most = three.min(axis=0), three.max(axis=0)
     lower, upper = least - _BELOW * (most - least), most + _ABOVE * (most - least)
     start = printed.starts[from_start - 1]
-    return tuple(
-        Parameter(name, "", *map(float, four))
-        for name, *four in zip(printed.names, start, lower, upper, printed.certified, strict=True)
-    )
+    sides = zip(printed.names, start, lower, upper, printed.certified, strict=True)
+    parameters = tuple(Parameter(name, "", *map(float, four)) for name, *four in sides)
+    return NistRegression(
+        options={"name": name, "from_start": from_start, "jacobian": jacobian}, table=printed, parameters=parameters,
+        coordinates=parameters, lower=frozen(lower), upper=frozen(upper), start=frozen(start),
+        truth=printed.certified, minimum=printed.sum_of_squares, typical_noise=printed.residual_deviation,
+        group=printed.difficulty, data_id=printed.data_id, _response=frozen(MODELS[name].response(printed.y)),
+    )  # fmt: skip
 
 
 Difficulty = Literal["lower", "average", "higher"]
@@ -253,17 +193,9 @@ def table(name: str) -> Table:
     readings = frozen(rows).reshape(-1, len(columns)).T
     printed = np.array([[float(number) for number in four] for four in said["parameters"].values()]).T
     return Table(
-        name=said["name"],
-        difficulty=said["difficulty"],
-        model=said["model"],
-        reference=said["reference"],
-        names=tuple(said["parameters"]),
-        starts=frozen(printed[:2]),
-        certified=frozen(printed[2]),
-        deviations=frozen(printed[3]),
-        sum_of_squares=float(said["residual_sum_of_squares"]),
-        residual_deviation=float(said["residual_standard_deviation"]),
-        y=frozen(readings[0]),
-        x=frozen(readings[1:]),
+        name=said["name"], difficulty=said["difficulty"], model=said["model"], reference=said["reference"],
+        names=tuple(said["parameters"]), starts=frozen(printed[:2]), certified=frozen(printed[2]),
+        deviations=frozen(printed[3]), sum_of_squares=float(said["residual_sum_of_squares"]),
+        residual_deviation=float(said["residual_standard_deviation"]), y=frozen(readings[0]), x=frozen(readings[1:]),
         data_id=blake2b(" ".join([said["name"], *rows]).encode(), digest_size=8).hexdigest(),
-    )
+    )  # fmt: skip

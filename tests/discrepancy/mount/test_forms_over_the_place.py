@@ -12,7 +12,7 @@ import pytest
 
 from calibench.discrepancy import MeasuredData, explain
 from calibench.discrepancy.report import Report
-from calibench.discrepancy.search.off_form import _likeliest, random_field
+from calibench.discrepancy.search.form import _likeliest, random_field
 from tests.few import few
 from tests.independent import mount
 

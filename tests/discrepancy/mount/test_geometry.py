@@ -9,14 +9,14 @@ import pytest
 
 from calibench.discrepancy.machines.mount.geometry import (
     ARCSEC,
+    TERMS,
     TURNS,
     Kind,
     angles,
     direction,
-    of_kind,
     pointing,
-    seen,
     tangents,
+    zenith,
 )
 from tests.independent.mount import Mechanism, _readings
 
@@ -87,8 +87,9 @@ def test_a_small_term_is_the_fields_formula(kind: Kind, name: str) -> None:
 def _change(kind: Kind, name: str, h: Any, d: Any) -> dict[str, Any]:
     if name in TURNS[kind]:
         return {name: 1.0}
-    term = next(term for term in of_kind(kind) if term.name == name)
-    return {term.quantity: term.shape(seen(kind, LATITUDE, h, d))}
+    term = next(term for term in TERMS if (term.kind, term.name) == (kind, name))
+    height, side = direction(h, d) @ zenith(kind, LATITUDE), np.where(np.cos(d) < 0, -1.0, 1.0)
+    return {term.quantity: term.shape({"roll": h, "pitch": d, "height": height, "side": side})}
 
 
 @pytest.mark.parametrize("name", ["CH", "NP", "ID"])
@@ -127,5 +128,5 @@ def test_angles_are_the_inverse_of_direction() -> None:
 
 def test_no_name_stands_for_two_terms_of_one_mount() -> None:
     for kind in ("equatorial", "altaz"):
-        names = [term.name for term in of_kind(kind)]
+        names = [term.name for term in TERMS if term.kind == kind]
         assert len(set(names)) == len(names)

@@ -10,7 +10,7 @@ import pytest
 from calibench.bench.measured import read_measured
 from calibench.discrepancy import DataError
 from calibench.discrepancy.machines.mount.description import read_tpoint
-from calibench.discrepancy.machines.mount.validate import accepted
+from calibench.discrepancy.machines.mount.formulation import accepted
 
 HEAD = "!TheSky Version 10\nMy mount\n:NODA\n:EQUAT\n"
 SITE = "-00 30 00 2024 7 14 29.20 987.00 231.65  0.94 0.5500 0.0065\n"
@@ -145,7 +145,7 @@ def test_azimuth_is_counted_as_the_owner_states_it(tmp_path: Path, way: str, sig
     lines = [" ".join(f"{value:.7f}" for value in row) for row in np.degrees(written)]
     file = tmp_path / "night.dat"
     file.write_text(":ALTAZ\n+30 00 00 2024 7 14\n" + "\n".join(lines))
-    seen = accepted(read_measured(file, "mount", {"azimuth": way})).data
+    seen = accepted(read_measured(file, "mount", {"azimuth": way}))[0]
     assert np.cos(seen["az"] - az) == pytest.approx(1)
     assert seen["dS"] == pytest.approx(d_az * np.cos(el) * 206264.8, abs=0.1)
     assert seen["dEl"] == pytest.approx(d_el * 206264.8, abs=0.1)
@@ -154,9 +154,9 @@ def test_azimuth_is_counted_as_the_owner_states_it(tmp_path: Path, way: str, sig
 def test_an_azimuth_that_nobody_states_is_told_and_an_unknown_one_refused(tmp_path: Path) -> None:
     file = tmp_path / "night.dat"
     file.write_text(DEGREES)
-    notes = accepted(read_measured(file, "mount")).data.notes
+    notes = accepted(read_measured(file, "mount"))[0].notes
     assert any("from north through east is taken" in n.text and "azimuth=south_east" in n.text for n in notes)
-    stated = accepted(read_measured(file, "mount", {"azimuth": "south_east"})).data.notes
+    stated = accepted(read_measured(file, "mount", {"azimuth": "south_east"}))[0].notes
     assert not any("azimuth" in note.text for note in stated)
     with pytest.raises(DataError, match=r"azimuth=south: .*south_west"):
         accepted(read_measured(file, "mount", {"azimuth": "south"}))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calibench import discrepancy
-from calibench.bench.commands.design import run
+from calibench.bench.commands.discover import design as run
 from calibench.bench.discovery.page.words import doubt_sentences, gap_sentence, headline, left_sentence
 from calibench.bench.measured import read_measured, shipped_path
 from calibench.discrepancy.design.detectability import design

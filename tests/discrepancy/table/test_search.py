@@ -141,7 +141,7 @@ def test_a_noise_that_is_stated_too_large_is_told(sigma, told):
 
 def test_a_period_of_a_column_that_is_not_there_is_refused():
     columns, noise = rows()
-    with pytest.raises(DataError, match="periods: U: no column that an error may follow; did you mean 'u'"):
+    with pytest.raises(DataError, match="did you mean 'u'"):
         searched(columns, noise, metadata={"periods": {"U": 12}})
 
 
@@ -188,7 +188,7 @@ def test_what_does_not_fit_is_told(options, words):
     ("y", "said"), [(np.full(N, 0.1), "y reads 0.1 in all 200 fitted rows"), (np.zeros(N), "y reads 0 in all 200")]
 )
 def test_a_measured_column_that_never_varies_is_told_by_name(y, said):
-    with pytest.raises(DataError, match=f"{said}.*state the noise, or take readings that differ"):
+    with pytest.raises(DataError, match=said):
         searched(rows()[0], y)
     assert searched(rows()[0], y, sigma=0.05).verdict == "none"
 
