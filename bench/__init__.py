@@ -6,8 +6,6 @@
 ('ok', True)
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from calibench.core.lazy import loader, public_names

@@ -4,8 +4,6 @@ Exit 0: done. 1: some run failed (a table of failures ends the output). 2: the r
 and how to put it right, no traceback, nothing written.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import sys

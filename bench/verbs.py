@@ -4,8 +4,6 @@ Nothing heavy is imported here, so that ``bench VERB --help`` answers at once. W
 the room that carries the verb out. `bench run` is composed by Hydra: its words are in ``conf/``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal, final

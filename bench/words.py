@@ -4,8 +4,6 @@ A field's `Word` says how it is written, what it means and what it may be. `read
 refusals of that one declaration, `help_of` the help. `bench.verbs` has the declarations.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, MISSING, dataclass, fields

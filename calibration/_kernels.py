@@ -37,8 +37,6 @@ needed are the R_k and the places. `WIDE` postures are gone through at once; arr
 a row for each entry, so that every distance is known when the loops are compiled.
 """
 
-from __future__ import annotations
-
 import math
 from typing import cast
 

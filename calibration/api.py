@@ -4,8 +4,6 @@ Readings are a mapping of columns, a pandas DataFrame, or an array with the name
 stands in its name, ``x [m]``, or in `units`; without either it is found by what fits the arm, and a note says so.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

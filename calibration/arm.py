@@ -4,8 +4,6 @@ Of a URDF the origins of its joints are calibrated, and all else of the file sta
 are written with their standard errors, and as a URDF beside.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass

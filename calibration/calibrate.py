@@ -4,8 +4,6 @@ The levels (frames, zeros, geometry, gains) are fitted one after the other; the 
 held out (by the file, or in turn) is the answer, and a richer one must be better by more than chance would make it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise

@@ -4,8 +4,6 @@ A file says it in its own words: `q_elbow_joint`, `joint_1`, `measurement_x`, `p
 name. What was only asked for, and scatter, is no measurement. What fits twice, or not at all, is refused.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ tilt is kept (Hayati 1983; Everett, Driels and Mooring 1987). `gauge` decides wi
 leaves unsure.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np

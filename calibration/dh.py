@@ -10,8 +10,6 @@ have their common normal anywhere, so beta is offered there and nowhere else (Ha
 must be stated. (Denavit and Hartenberg 1955; Craig 1986.)
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ held out once with its repeats, in five folds (of sockets, whole places). Interv
 draw.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import final

@@ -5,8 +5,6 @@ rotation of the tracker's frame into the base, B p_i + c = R_i t + f_i is linear
 B is the unit of the readings. A ball in sockets has R_i t + f_i = s_k. Wild readings are kept out by the least median.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import final
 

@@ -4,8 +4,6 @@ With A the arm's poses and B the board's, B = M A T: rotations solve a linear sy
 after that. Handfuls of pairs are tried, against wild ones, and so are other orders, inverse poses and rows out of step.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

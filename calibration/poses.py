@@ -5,8 +5,6 @@ greedily, then exchanged (Fedorov 1972), for the determinant (D) or the least ei
 as off by `OFF`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, final

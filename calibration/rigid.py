@@ -3,8 +3,6 @@
 All but `rpy_of`, `quaternion` and `vector_of` take complex numbers, so that a complex step passes through.
 """
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

@@ -4,8 +4,6 @@ A wrong unit, order of rotations or left-handed frame each has its own pattern o
 the file states is kept; what contradicts the arm is refused, with the mistake without which the readings fit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations

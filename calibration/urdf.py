@@ -4,8 +4,6 @@ Lengths are mm here, metres there. What cannot be used is a `UrdfError` in one l
 (link, joint), for `quat_xyzw` its version 1.2. `with_origins` writes new origins into the user's own file.
 """
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ElementTree
 from collections import Counter

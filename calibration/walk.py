@@ -8,8 +8,6 @@ reading plus `zero_J`. The target lies at tool_x, tool_y, tool_z in the frame of
 `kinematics`, which is several times as fast where rows are alike.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, final

@@ -4,8 +4,6 @@ Such results are named by a digest of these bytes, so they are never stale. They
 kernels, and are computed again where that folder cannot be read or written.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 `dir()` of a package, and so the tab key, shows what its ``__all__`` says and no import of its own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
 from typing import Any

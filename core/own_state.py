@@ -7,8 +7,6 @@ user's file is loaded (`loaded_apart`), and set again where a run comes to that 
 sets as it is imported acts likewise and is not named; ``importlib.import_module`` within a run is not seen.
 """
 
-from __future__ import annotations
-
 import builtins
 import gc
 import importlib.util

@@ -4,8 +4,6 @@ A few hundred bytes of YAML whose aliases name aliases are gigabytes as lists; b
 each other end Python's stack. Every reader of such a file asks here first. A refusal is one line.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass

@@ -5,8 +5,6 @@ before a run of a user's class, and compares and puts it back after. Each is rea
 twice a run.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import importlib

@@ -6,8 +6,6 @@ path asks for its code. A file that names one does not: within `names_of_files` 
 what was typed in this process; it imports nothing else unless the user trusts the files.
 """
 
-from __future__ import annotations
-
 import ast
 import difflib
 import importlib

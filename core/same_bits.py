@@ -4,8 +4,6 @@ NumPy's own take other code where a processor has wider registers (AVX-512), and
 that are simulated decide the id of a run, so they have to be the same on every node of a cluster.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

@@ -3,8 +3,6 @@
 Python's `hash` differs from process to process, so names become numbers by a digest of their JSON.
 """
 
-from __future__ import annotations
-
 import json
 import random
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ library) are told by their versions elsewhere and are left out. Not seen: module
 and data files that the code reads (those that options name: `bench.provenance.code_digest`).
 """
 
-from __future__ import annotations
-
 import ast
 import sys
 import sysconfig

@@ -6,8 +6,6 @@ name that Python or an installed package has too, theirs is taken. A neighbour o
 has what the file takes from it) is refused.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 import importlib.util

@@ -4,8 +4,6 @@ A parser calls itself for each nested bracket, and Python ends that after some h
 characters; a table holds no text that is not Unicode.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

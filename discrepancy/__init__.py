@@ -6,8 +6,6 @@ parameter vector over the same data, and the gap is measured by the same residua
 write a machine and an effect of one's own (`Cause` and `Linear` are their former names).
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from calibench.core.lazy import loader, public_names

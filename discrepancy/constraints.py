@@ -1,7 +1,5 @@
 """Kept for scripts that import from here: the names are those of `discrepancy`."""
 
-from __future__ import annotations
-
 from calibench.discrepancy.model.formulations import Constraints
 
 __all__ = ["Constraints"]

@@ -1,7 +1,5 @@
 """Kept for scripts that import from here: the names are those of `discrepancy`."""
 
-from __future__ import annotations
-
 from calibench.discrepancy.model.effect import Effect, NotTestable
 
 __all__ = ["Effect", "NotTestable"]

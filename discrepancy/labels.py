@@ -4,8 +4,6 @@ Sensors that a machine states in its formulation have words of their own (`Senso
 that a machine declares, and of the laws of the noise, which are the same for all machines.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from calibench.core.tables.columns import Quantity

@@ -1,7 +1,5 @@
 """`explain`: fit -> test -> where -> name -> add -> refit -> validate -> verdict, on one set of measured data."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import replace

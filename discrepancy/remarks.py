@@ -5,8 +5,6 @@ measured arm (`docs/arm-rates.md`): from 30 random poses, 87 equations for 25 pa
 of these made the error of the other poses larger; from 45 poses and more it was 3 of 41.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ how far legs may miss each other) stand with the machine; steps, tolerances and 
 the algorithm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar

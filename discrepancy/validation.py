@@ -4,8 +4,6 @@ The error is the rms of the whitened constraints. On unseen rows noise has two p
 the calibrated parameters. Where nothing is held out, each fold is predicted by a calibration of the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import final

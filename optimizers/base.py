@@ -4,8 +4,6 @@ An optimiser calls ``objective(x)`` or ``objective.batch(points)``; the call aft
 `BudgetExhausted`, which whoever runs it catches. So none needs to count, keep the best, or catch anything.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol

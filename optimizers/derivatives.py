@@ -1,7 +1,5 @@
 """Gradients: analytic where the objective has a gradient or a Jacobian, else differences that are charged."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Literal, final
 

@@ -4,8 +4,6 @@
 CMA-ES where pygmo has no wheel. Both search the unit box, and `dfols` residuals divided by their first size.
 """
 
-from __future__ import annotations
-
 import logging
 import warnings
 from collections.abc import Callable

@@ -4,8 +4,6 @@ Tolerances stand at rounding and are relative, so that double precision ends a r
 answer may lie outside the box, and the row says so. `trf` and `dogbox` hold a coordinate whose bounds are equal.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

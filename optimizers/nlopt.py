@@ -4,8 +4,6 @@
 divided by its first size. Nothing may be raised inside NLopt's callback: it is kept, and raised again outside.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, make_dataclass
 from functools import partial

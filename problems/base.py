@@ -4,8 +4,6 @@ A problem needs only `lower`, `upper`, `start` and a call; everything else (resi
 of merit) is extra that an optimiser or a table may use where it is there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol

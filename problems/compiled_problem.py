@@ -9,8 +9,6 @@ says what is needed. A class of problems takes its arrays by `hold` and its meth
     residuals = passed(CompiledProblem.residuals)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps

@@ -3,8 +3,6 @@
 No published number stands in code.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

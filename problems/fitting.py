@@ -5,8 +5,6 @@ An answer of that value or less is *as good as the noise*, and no more can be as
 box lies below it by chance, and no method is ranked by what lies between.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

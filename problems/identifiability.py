@@ -5,8 +5,6 @@ accuracy of identified parameters is by Pashkevich et al. 2008, section 3.4, whi
 (12) with the covariance of the residuals, which need not be independent (13)-(14).
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from dataclasses import dataclass

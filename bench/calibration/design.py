@@ -1,7 +1,5 @@
 """`bench design machine=arm plan.n=N`: from the request to the poses whose measurement is worth most for this arm."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

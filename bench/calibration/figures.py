@@ -1,7 +1,5 @@
 """The drawings of a calibration, each with its numbers: errors before and after, over the workspace and each joint."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 

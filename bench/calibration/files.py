@@ -4,8 +4,6 @@ Files with the same columns follow each other; others with as many rows are join
 hole_0.csv ... (or socket_K) is one place of a tool with sockets each, named by its path.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`bench calibrate hand_eye=...`: from its words to the frames of camera and board, and the files of these."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

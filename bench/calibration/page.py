@@ -1,7 +1,5 @@
 """The page of one calibration: what an owner of an arm reads first, drawings inside, nothing fetched."""
 
-from __future__ import annotations
-
 import json
 from math import degrees, isfinite
 from pathlib import Path

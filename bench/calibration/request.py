@@ -1,7 +1,5 @@
 """`bench calibrate`: from its words to a calibration, and the files of it: description, readings, JSON and a page."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """A calibration in words: the headline, further sentences, and the cells of its tables."""
 
-from __future__ import annotations
-
 from math import degrees, isfinite
 
 from calibench.calibration.calibrate import Calibration

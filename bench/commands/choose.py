@@ -1,7 +1,5 @@
 """``bench choose STUDY_DIR``: the best setting of a sweep, with the optimism of choosing it."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 
 from calibench import optimizers

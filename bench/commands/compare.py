@@ -1,7 +1,5 @@
 """``bench compare A B``: where the second study is better or worse than the first, for people and for CI."""
 
-from __future__ import annotations
-
 from math import isfinite
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 ``bench design``: what data or a plan could tell apart; with plan.n=N, which poses of an arm to measure next.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 

@@ -3,8 +3,6 @@
 ``bench import FORMAT FOLDER --to OUT``: published results as a study of ours.
 """
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Callable
 from importlib import import_module

@@ -1,7 +1,5 @@
 """``bench identify``: which parameters the data of a problem determine."""
 
-from __future__ import annotations
-
 from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.sweep.composition import parse, refuse_lists
 from calibench.bench.sweep.request import members_of

@@ -1,7 +1,5 @@
 """``bench list``: the entries of the registries, with traits and options."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 from typing import Any

@@ -1,7 +1,5 @@
 """``bench paper``: rerun both papers and write their ledger."""
 
-from __future__ import annotations
-
 import sys
 
 from calibench.bench.papers.page import NONE, by_kind

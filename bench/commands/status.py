@@ -1,7 +1,5 @@
 """``bench status [--watch] STUDY_DIR``: progress of a sweep, from any shell that can read its folder."""
 
-from __future__ import annotations
-
 import platform
 import sys
 import time

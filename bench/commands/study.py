@@ -1,7 +1,5 @@
 """``bench collect|report STUDY_DIR`` and ``bench merge``: tables, reports, merged studies; ``bench show``: one run."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The words are as `bench.verbs` declares them; nothing heavy is imported, so that the answer comes at once.
 """
 
-from __future__ import annotations
-
 import re
 
 from calibench.bench import verbs

@@ -6,8 +6,6 @@ them, further poses or a second sensor: their distance follows from the data the
 (`discrepancy.design.next_poses`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime

@@ -1,7 +1,5 @@
 """What data or a plan can show before anything is fitted, and which readings would show more: `bench design`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, final
 

@@ -1,7 +1,5 @@
 """What a model is missing, from Python: a file or measured data in, a report out; nothing is written."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The requests of `bench discover` and `bench design`: a machine, data, statements on them, and the result folder."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@
 ``findings.parquet`` (a row for each finding) and ``gaps.parquet`` (a row for each case) are made from the reports.
 """
 
-from __future__ import annotations
-
 import json
 from datetime import datetime
 from functools import partial

@@ -4,8 +4,6 @@
 line an improvement, ``.tdat`` a step between them (COCO 2.8, bbob-new2). A gap is above the problem's minimum.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections import defaultdict

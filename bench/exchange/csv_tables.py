@@ -4,8 +4,6 @@ Floats are written with as many digits as tell them from their neighbours, so th
 same bits. Lists are JSON in one cell. Nothing is an empty cell, infinity is inf.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@
 improvement; ``raw_y`` is above the minimum where one is declared. A run begins where the evaluation is 1.
 """
 
-from __future__ import annotations
-
 import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence

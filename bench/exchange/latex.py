@@ -3,8 +3,6 @@ r"""The summary of a study as a table in LaTeX: booktabs, a line a cell, best fi
 ``summary.tex`` is to be taken into a paper by ``\input``; ``document.tex`` shows it alone. A long one is a longtable.
 """
 
-from __future__ import annotations
-
 import json
 import unicodedata
 from math import isfinite

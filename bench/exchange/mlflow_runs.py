@@ -4,8 +4,6 @@ A run of ours is known by its id and by when it began, and written once: a secon
 stopped half-way is done again, and a run that was done again takes the place of what stood there.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence

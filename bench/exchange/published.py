@@ -4,8 +4,6 @@ An imported study is read, reported, compared and merged as any other. A functio
 where we have it: COCO's `bbob` is our `bbob`, IOHexperimenter's suites are our `ioh`; ids of data are those they give.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ point has the same bits whatever points stand beside it. Of any other problem ea
 the gate still asks for one value after another, and counts, traces and stops as if it had waited for each.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Container, Iterator
 from contextlib import contextmanager, nullcontext, suppress

@@ -5,8 +5,6 @@ the libraries: together about a second of processor time, and nothing in a fork 
 takes the place of a worker that a run has ended.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial

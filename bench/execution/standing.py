@@ -6,8 +6,6 @@ where this process is no longer what it was as it forked. Of a run whose process
 built once more in a child with little time; else the classes are read; else only the `Spec`. So there is always a row.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ a copy with a generator seeded by problem and repetition alone. The lowest value
 answer is judged by ``noise_free(x)``, or by the mean of `FRESH` evaluations that no budget pays.
 """
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass
 from typing import Any, final

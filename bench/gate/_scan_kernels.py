@@ -1,7 +1,5 @@
 """Scan a batch of values, in one compiled pass, for what the gate must know of it."""
 
-from __future__ import annotations
-
 import math
 
 from calibench.core.compilation.compiled import njit

@@ -6,8 +6,6 @@ kernel. Any other gets a copy of each candidate, and its results are copied as f
 array at every call changes no earlier result; a `TypeError` says what is needed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, final

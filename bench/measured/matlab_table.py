@@ -4,8 +4,6 @@ The variables of a struct are its fields. What a file says of them is looked at 
 kilobytes can state more than the process bears. Files of version 7.3 are HDF5 and not read.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 import warnings

@@ -5,8 +5,6 @@ lists them. The verdicts are functions in `row`; `rerun.run_paper` carries out t
 `ADDITIONS` is what the papers add to the report of a study: the command hands it to the report, which knows no paper.
 """
 
-from __future__ import annotations
-
 from calibench.bench.papers.cong2008 import figures as _cong2008
 from calibench.bench.papers.pashkevich2008 import figures as _pashkevich2008
 from calibench.bench.report.study.additions import Addition

@@ -4,8 +4,6 @@ A row of these ``ledger.csv`` or ``ledger.parquet`` files is matched by its key,
 as its number depends on those before it. The reason of a change is read off the two rows.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping, Sequence
 from io import BytesIO

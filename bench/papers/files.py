@@ -1,7 +1,5 @@
 """The ledger as Parquet, with an explicit schema, and as CSV with the same columns; where one is kept for good."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, fields

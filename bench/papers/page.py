@@ -3,8 +3,6 @@
 A verdict has a mark and a word besides its colour, so it reads in black and white and to the colour-blind.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping, Sequence

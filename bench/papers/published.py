@@ -1,7 +1,5 @@
 """The printed numbers of a paper as rows to be filled: one for each quantity of its data file, by its key."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import replace

@@ -4,8 +4,6 @@ It has the printed numbers, the ledger, and of each study the runs, thinned trac
 A study folder of it reads as any other: ``bench report results/reference/cong2008`` draws everything again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ One print, one verdict: a row's `about` names the printed numbers it is about (a
 that repeats a cell, an erratum of a cell). Rows that pass judgement on the same print agree, or say why they do not.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

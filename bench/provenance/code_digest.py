@@ -8,8 +8,6 @@ the bytecode; and the version of the library that is called. Files are options o
 files count, at any depth; hidden ones and `__pycache__` do not.
 """
 
-from __future__ import annotations
-
 import os
 import stat
 import sys

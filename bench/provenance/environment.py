@@ -1,7 +1,5 @@
 """Where a row comes from: commit, versions, platform."""
 
-from __future__ import annotations
-
 import json
 import platform
 import subprocess

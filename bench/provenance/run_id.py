@@ -5,8 +5,6 @@ difference between two runs is kept: numbers, texts, lists and mappings stay as 
 fields; a large array, another object or a nameless function is a digest of its content. What has none is refused.
 """
 
-from __future__ import annotations
-
 import inspect
 import json
 import types

@@ -3,8 +3,6 @@
 A source is a store, the path of its folder, a table of its runs, all or some, a `Run` or a list of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -10,8 +10,6 @@ Sources: Stouffer et al., The American Soldier 1, 1949; Holm, Scand. J. Statisti
 Edgeworth Expansion, 1992, section 3 (the interval of the ratio).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import comb, inf, log, nan, sqrt

@@ -9,8 +9,6 @@ Sources: Stone, J. R. Stat. Soc. B 36 (1974); Varma and Simon, BMC Bioinformatic
 Statistician 69 (2015), section 4 (expanded percentiles).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

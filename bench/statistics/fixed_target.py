@@ -9,8 +9,6 @@ Sources: Hansen et al., COCO: Performance Assessment, 2016, sections 4 and 5; Au
 Bootstrap and Edgeworth Expansion, 1992, section 3; Dolan and More, 2002 (profiles).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

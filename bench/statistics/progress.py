@@ -1,7 +1,5 @@
 """How far a sweep is: planned, done, what failed and why, what is left, how fast it goes."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Tables from results: each returns its DataFrame."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress

@@ -6,8 +6,6 @@ a `SAME` part of itself, above the declared minimum, or else above the lowest va
 where half of the runs of some method come that far, and two runs at least; their cost is read off the traces.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -8,8 +8,6 @@ Cells have the same problem, setting and chosen options, or where each side has 
 Holm's correction is over all cells that are tested. Source of A12: Vargha and Delaney, J. Educ. Behav. Stat. 25 (2000).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass

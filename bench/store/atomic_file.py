@@ -3,8 +3,6 @@
 A process that is killed in between leaves its temporary file or folder. The name holds who wrote it.
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import re

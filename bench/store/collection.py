@@ -5,8 +5,6 @@ memory at once is sorted in pieces that are kept beside the tables; then all pie
 side by side in their common order, some thousand runs at a time.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

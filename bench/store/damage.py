@@ -4,8 +4,6 @@ A run is known by many columns that must agree. They are looked through column b
 store wrote it (`bench.store.tables`), so that who has edited it learns where.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The manifest of a study: ``manifest.json`` says what the folder is, which runs it is to have, by which commands."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Collection, Mapping

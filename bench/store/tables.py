@@ -6,8 +6,6 @@ between leaves them unlike, which the mark that both hold tells. A seal is a dig
 in the footer, so that an edit with whatever tool is noticed. It guards against accidents, not against who forges it.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ Runs do not depend on each other, and their seeds come from their names. So the 
 number of workers, on any machines.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager

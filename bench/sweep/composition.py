@@ -3,8 +3,6 @@
 Hydra itself, and its grammar, are loaded for what is more than plain words (`bench.sweep.words`).
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -4,8 +4,6 @@ A thread reads the folder of the study every few seconds, where workers, here or
 (`bench.execution.in_progress`).
 """
 
-from __future__ import annotations
-
 import sys
 import threading
 import time

@@ -4,8 +4,6 @@ Before its runs: goals that no run can reach, and budgets that a first sample us
 or changed the process. What is found as a problem is first called, `bench.sweep.carry_out` tells.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from math import isclose

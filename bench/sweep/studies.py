@@ -3,8 +3,6 @@
 ``study=NAME`` without such a file is only the name of a folder.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from pathlib import Path

@@ -6,8 +6,6 @@ without a score (a run without an answer, or nobody at the goal) counts as one d
 as failed where there was none. The default setting is run first, as it is what choosing must beat.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress

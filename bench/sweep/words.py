@@ -5,8 +5,6 @@ lists, globs, quotes, presets. ``problem=full12 budget=100`` does not, and compo
 time as a small run. A test holds both to the same result.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -9,8 +9,6 @@ A `Home` is what the sweep's own machine has and every worker must have: version
 that differs is refused, and the sources of a user's classes, which are sent along.
 """
 
-from __future__ import annotations
-
 import importlib
 import json
 import pickle

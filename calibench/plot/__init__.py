@@ -11,8 +11,6 @@ returns the numbers as a DataFrame. Neither pyplot nor your rcParams are touched
 'charged evaluations'
 """
 
-from __future__ import annotations
-
 from calibench.core.lazy import public_names
 from calibench.plot.reports import calibration, discovery
 from calibench.plot.studies import convergence, ecdf, heatmap, profile, ranks

@@ -1,7 +1,5 @@
 """Drawings of what was found: the residual of a missing effect, and the error of a calibrated arm over its joints."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import asdict

@@ -3,8 +3,6 @@
 A drawing is a function; the numbers behind it are its attribute `data`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Generic, ParamSpec, Protocol, cast
 

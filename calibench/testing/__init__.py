@@ -15,8 +15,6 @@ whose first argument is what is checked. The project holds all that it ships to 
 >>> testing.check_problem(problems.make("sensor_zero"))
 """
 
-from __future__ import annotations
-
 from calibench.core.lazy import public_names
 from calibench.testing.machine import (
     EFFECT_LAWS,

@@ -1,7 +1,5 @@
 """How a law is told to be broken: one line with the law, what was found, and what to do."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial

@@ -4,8 +4,6 @@ An effect acts on a machine, so it is checked on one: ``check_effect(sag, Arm(),
 a whole `EffectFamily`, of which every candidate that the data can test is checked.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from calibench.discrepancy.checks.validate import refuse_no_machine

@@ -3,8 +3,6 @@
 A problem needs `lower`, `upper`, `start` and a call. A law about anything else holds where the problem has it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import pairwise

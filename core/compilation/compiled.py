@@ -6,8 +6,6 @@ the same bits on the same inputs. Kernels in the cache need nothing of the compi
 loading takes as long as that of ten kernels.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator

@@ -7,8 +7,6 @@ call. `cos_sin` calls no C library: the argument less its quarter turns, r in -p
 series, cut where a term is below a quarter of the last bit; the errors are below 1.5 units in the last place.
 """
 
-from __future__ import annotations
-
 import ctypes
 import math
 import sys

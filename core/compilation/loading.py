@@ -5,8 +5,6 @@ algebra `scipy.linalg`. That is of use only where a kernel is not there yet: num
 Without this file a tiny `bench run` takes 1.00 s of processor time, with it .63 s.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any, final
 

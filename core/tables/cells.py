@@ -4,8 +4,6 @@ A number with a comma in a file with decimal points may be one with a mark betwe
 words that say that there is no value are the same for numbers and for the names of poses.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from math import pi

@@ -5,8 +5,6 @@ cells, and never where the same file has decimal points too. Times become second
 of day, `14:03:22.5` or `14:03`, of which one that is more than twelve hours before the one above is of the next day.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress

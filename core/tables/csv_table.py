@@ -5,8 +5,6 @@ checks whether it is known. Of an Excel file it is the first sheet that holds a 
 computed; what it unpacks to is looked at beforehand, and a sheet is read row by row.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re

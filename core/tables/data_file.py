@@ -5,8 +5,6 @@ that is read while another process writes it is half of two files; a reader that
 minutes to refuse them, and Arrow may crash the process. A refusal is one line.
 """
 
-from __future__ import annotations
-
 import codecs
 import os
 import re

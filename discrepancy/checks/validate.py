@@ -6,8 +6,6 @@ reading is seen by its misfit; that is not possible for a column that only an ef
 whose sine is never large. An object that is no machine is refused, and so is a statement that nothing reads.
 """
 
-from __future__ import annotations
-
 import inspect
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping

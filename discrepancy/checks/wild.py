@@ -10,8 +10,6 @@ fit with smaller weights for readings far out, a row is wild if what is left of 
 Many of them are no accidents, and all are kept. `isolated` rows stand alone, so few times the middle one is enough.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial

@@ -6,8 +6,6 @@ projected signature is the minimum detectable one. The angle between the project
 whether data of this design can tell them apart.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, final
 

@@ -6,8 +6,6 @@ which the imitation predicts it. Readings are chosen one by one from a pool, eac
 D of all pairs is largest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, final

@@ -6,8 +6,6 @@ in exact levels while the inputs scatter, whose saw-tooth waves explain to the l
 nearly all of what is left, without which the sum of squares falls by r' (I - H)^-1 r (Cook and Weisberg 1982, ch. 2).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product

@@ -7,8 +7,6 @@ depends neither on the stated noise nor on the number of readings. The smallest 
 noise drawn in the same design. Of very many readings the same numbers come from sums of products (`Sums`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property

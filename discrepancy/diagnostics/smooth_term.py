@@ -5,8 +5,6 @@ a function of the place, added to each constraint). It detects what the catalogu
 model that is used where no named effect fits.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import final
 

@@ -1,7 +1,5 @@
 """The catalogue: what the families of a machine can test in its data."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from calibench.discrepancy.effects import general as general

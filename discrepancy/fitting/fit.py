@@ -6,8 +6,6 @@ remaining noise does not correlate with the residual. `docs/discovery-statistics
 readings a part is fitted first; all of them are fitted from where that ends.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar

@@ -6,8 +6,6 @@ random rotations of the residual vector. If that has a uniform direction there (
 the test is exact, however the candidates are correlated.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

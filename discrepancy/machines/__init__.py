@@ -1,7 +1,5 @@
 """The machines whose data can be searched for a missing effect, a folder each: its formulation, checks and effects."""
 
-from __future__ import annotations
-
 from calibench.discrepancy.machines import arm as arm
 from calibench.discrepancy.machines import delta as delta
 from calibench.discrepancy.machines import gpm2002 as gpm2002

@@ -5,8 +5,6 @@ of one pose some time apart are free of that, but they also differ by whatever c
 and visits as stated, the noise is correlated (AR(1)); if both scatter less, or both more, the statement is wrong.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import final
 

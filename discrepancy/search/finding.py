@@ -6,8 +6,6 @@ either side; the instruments read what the model predicts there. Example: the sc
 the scale of the tracker; the calibrated lengths absorb the difference.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations

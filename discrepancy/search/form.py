@@ -8,8 +8,6 @@ Real causes differ from a catalogue's formulas by a tenth or so: by a factor 1 +
 nearly all but the term with m, which a rival may fit better; so rivals are compared by likelihood with a random m.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial

@@ -6,8 +6,6 @@ of the winner stay in its set. A part of very many readings shows which candidat
 to all readings.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ of its domain's cosines (Solin and Sarkka 2020), with amplitude and length by ma
 one after the other, while they also predict left-out poses better. Outside the fitted rows a function is constant.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import final

@@ -7,8 +7,6 @@ is there explains more than any smooth function of one covariate, because it sho
 gains beside all smooth functions together.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations

@@ -1,7 +1,5 @@
 """The function `fmincon`: the direct call, with MATLAB's arguments, outputs and signs of the multipliers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, final

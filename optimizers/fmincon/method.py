@@ -4,8 +4,6 @@ Its tolerances are 0, on to rounding. What then limits it is the gradient: in mm
 differences and at 1e-8 .. 1e-7 with central ones; only the analytic gradient vanishes. See docs/fmincon.md.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from typing import ClassVar, final
 

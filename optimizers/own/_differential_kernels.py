@@ -6,8 +6,6 @@ search that has settled there are none. The loop's driver calls once a generatio
 60 ns to be handed over.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ A string is kept as one whole number for each parameter, shape (dim,), of `lengt
 writes it the first parameter comes first, and of each parameter the highest bit.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

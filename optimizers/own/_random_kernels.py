@@ -7,8 +7,6 @@ first stream alone serves whoever needs a number now and then.
 The partial restart of GA and PSO in Cong et al. 2008: half the population begins again, the best member stays.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeVar
 

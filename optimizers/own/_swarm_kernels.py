@@ -3,8 +3,6 @@
 The driver calls once a flight, with few arrays, as an array takes 60 ns to be handed over.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ The paper moves an end-effector over a plane: a point and its eight neighbours a
 prints one corner twice and leaves two sides out). Nothing in it is tied to two unknowns, so here it is for any number.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 from typing import ClassVar, Literal, final

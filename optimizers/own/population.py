@@ -4,8 +4,6 @@ Each begins with a random population in the box. The steps are compiled (`_diffe
 loop is its `minimize`. Where the paper leaves a word open there is an option, and its default is said below.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Columns of a file are named as `calibration.columns` matches them, with units in
 nothing renames a column or states its unit but the header itself, and messages say so.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache

@@ -4,8 +4,6 @@ Free are the parameters that the readings determine (`gauge`), each an error of 
 zeros [rad], base and tool. A value is the sum of squared residuals [mm^2]; a turn counts as `readings.ARM` mm a radian.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property

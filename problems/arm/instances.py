@@ -5,8 +5,6 @@ the postures determine is wrong as `problems.instances` says of the box, with h 
 are in the middle 70 % of the joints' ranges; a Panda's bring the ball to pairs of sockets, by the nominal arm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache

@@ -9,8 +9,6 @@ The nozzle p has (p - C_i)^2 = L_i^2 about the carriages C_i. With differentials
 (p - C_i) . (dp - dC_i) = L_i dL_i, from which the Jacobian follows. Where no nozzle hangs all is NaN.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -6,8 +6,6 @@ distance has a weight of .4, so all residuals have the noise of a height. Distan
 spokes: from its middle to its corners, and its sides. Lengths are shares of the bed's radius.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache, partial

@@ -8,8 +8,6 @@ the Zero posture, and its plane across the leg is kept. With `linear` the residu
 Where the machine cannot be closed all is NaN.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

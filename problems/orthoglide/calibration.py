@@ -6,8 +6,6 @@ residuals are modelled minus measured deviations of the legs. `exact` is the mac
 nominal machine, which for the paper's readings is the system (11).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache, partial

@@ -7,8 +7,6 @@ of a machine are drho_x drho_y drho_z dL_x dL_y dL_z, mm: offsets of the encoder
 Equation (1) cannot be used as printed; all follows from (2): (p_i - rho_i - drho_i)^2 + p_j^2 + p_k^2 = (L + dL_i)^2.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

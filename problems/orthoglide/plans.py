@@ -6,8 +6,6 @@ Measured are the paper's five sets (Table 1: six differences, Max minus Min; Tab
 user's own table. Experiment 3 is printed in both with values that cannot be one measurement: they are never mixed.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -23,8 +23,6 @@ all, to the last bit. In a search of de that has settled the first four samples,
 give up nine candidates in ten; looking again later, sample by sample or in stages, saved less than it took.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -14,8 +14,6 @@ Lanes share one array, row after row of `LANES`: with the distances between rows
 that they do not overlap.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

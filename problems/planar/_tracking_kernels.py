@@ -13,8 +13,6 @@ shape (n, 3, 3), are P of eq. (15) there; `errors`, shape (n, 3), are those of t
 leg is out of reach, or would be stretched before the motors balance, all is NaN.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

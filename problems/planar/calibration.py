@@ -4,8 +4,6 @@ A problem is a set of free parameters, a plan of end-effector positions, and the
 would give there, or a user's own readings, which are validated once. The functions below name the papers' cases.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

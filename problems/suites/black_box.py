@@ -6,8 +6,6 @@ once more in a forked process, and a pickle holds the options alone. `bbob` has 
 (de Nobel et al. 2024; docs/suites.md), without REAL; what a suite maximises is minimised with its sign changed.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ Tables have the sets of the findings, the calibrated parameters, and what went u
 row becomes a block of lines with the heads of its columns, so that nothing is cut off.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

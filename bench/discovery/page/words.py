@@ -5,8 +5,6 @@ next: where to repeat readings, which columns to add. Sizes have a suitable pref
 allows, and degrees beside radians. Which notes stand first is decided by their codes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import ceil, degrees, floor, isfinite, isnan, log10, pi

@@ -1,7 +1,5 @@
 """The ledger of Cong et al. 2008: its topics in the order of the paper, and its findings in sentences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from calibench.bench.papers.published import Printed

@@ -4,8 +4,6 @@ Plans and release of MATLAB are not printed, so a cell is judged over all of the
 of its last digit, in kind its *error* within a decade. Table 8 is held against the gauge, its noise and a circle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import Any

@@ -4,8 +4,6 @@ For a formula, `printed` is the number that the printed formula gives, `read` th
 corrected formula gives. A new erratum in the data file without its computation here is an error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import nan
 from statistics import NormalDist

@@ -4,8 +4,6 @@ Figs 3 to 5 are log10 of J over evaluations, dotted where a printed curve ends, 
 budget (``results/reference/``). The plans are not published, so values agree in kind (ranking, decades), not in digits.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial

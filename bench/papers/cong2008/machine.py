@@ -4,8 +4,6 @@ Each given number is solved from the printed initial offsets, which follow from 
 points of a curve along which no reading changes; their other sound lengths say what must stand in a cell.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, final

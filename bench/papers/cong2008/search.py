@@ -4,8 +4,6 @@ The paper stops at 5e7 evaluations: at a smaller budget a level can be refuted, 
 cong2008_readings runs GA and PSO in each reading of the paper's ambiguous words, called by what differs from default.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

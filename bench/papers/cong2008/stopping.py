@@ -4,8 +4,6 @@ A variant is a rule of the difference step, a stopping test and its place (`opti
 differ in the test alone pass the same points, so one search that goes on until all tests are met gives their ends.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache

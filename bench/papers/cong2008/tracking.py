@@ -4,8 +4,6 @@ Table 1 was measured on a real machine whose readings are not published, so its 
 whether they fit together, and whether the procedure does from these starts what it is said to do.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

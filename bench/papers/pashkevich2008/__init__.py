@@ -1,7 +1,5 @@
 """The ledger of Pashkevich et al. 2008: its topics in the order of the paper. No study reruns it: it only fits."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from calibench.bench.papers.published import Printed

@@ -4,8 +4,6 @@ Equations (5) to (9) and (11) stand against differences of the model (2). The ch
 1 against the .01 mm of its indicators, and not those of Experiment 2; here both are asked the same question.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise

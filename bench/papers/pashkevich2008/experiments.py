@@ -4,8 +4,6 @@ Every number is computed: ``python -m calibench.bench.papers.pashkevich2008.expe
 too, beside the ledger.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterable
 from pathlib import Path

@@ -3,8 +3,6 @@
 What was measured cannot be checked; what follows from it is recomputed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

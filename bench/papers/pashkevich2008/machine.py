@@ -4,8 +4,6 @@ The leg length follows from the workspace, a cube of 200 mm in which the transmi
 A tolerance is what half a digit of each datum does to a fitted number, carried through the fit; so is a slip.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache

@@ -4,8 +4,6 @@ One Jinja2 environment makes all pages: text is escaped, and a value that is mis
 its path below ``calibench.bench``; `macros` gives its macros to who builds the cells of a table.
 """
 
-from __future__ import annotations
-
 import base64
 import re
 import textwrap

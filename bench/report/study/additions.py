@@ -3,8 +3,6 @@
 The report knows no paper: the command passes `Addition`s to `write_report`, and each decides by the runs if it applies.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

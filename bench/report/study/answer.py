@@ -4,8 +4,6 @@ The best is who reaches the goal in most runs, then who stands first in the mean
 every task. Against each other one it is compared on the tasks that both have (`bench.statistics.best`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape

@@ -4,8 +4,6 @@ The critical-difference diagram has the mean ranks of methods on a line, those t
 Demsar, J. Machine Learning Research 7 (2006), figure 1.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial

@@ -4,8 +4,6 @@ A run that failed reached nothing; one that was ended by its time limit keeps wh
 `bench.statistics.summary.goal_hits` counts them. In the tables of a summary `failed` is both together.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The answer first, then all problems together, a section a problem, printed table
 (`bench.report.study.additions`), what failed, how to do it again. Nothing is fetched: what draws is inside.
 """
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Callable, Collection, Mapping, Sequence

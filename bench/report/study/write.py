@@ -3,8 +3,6 @@
 `report_progress` tells how far it is: a bar on a terminal, plain lines elsewhere, and neither where it is done at once.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """The general families: errors that any joint, member, instrument or further column of any machine may have."""
 
-from __future__ import annotations
-
 from calibench.discrepancy.effects.general import columns, harmonics, joints, lengths
 
 RECIPES = (

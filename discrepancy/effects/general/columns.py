@@ -7,8 +7,6 @@ largest |u|, so the coefficient is the error there. During the run a joint's zer
 frame moves evenly or once; one of two or three coordinates may turn as it moves, about the middle of what it measured.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial

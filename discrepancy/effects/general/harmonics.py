@@ -7,8 +7,6 @@ A period that nobody states is fitted, as that of a `Cycle`. On a rotary joint o
 are tried; lower orders have names of their own, and so have those of a stated period and of stated teeth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial

@@ -4,8 +4,6 @@ Coefficients are in the unit of the joint's reading, or in the unit in which its
 scale is about the reading zero; a scale about any other reading is the same with another zero.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from calibench.core.tables.cells import between

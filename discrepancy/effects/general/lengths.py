@@ -6,8 +6,6 @@ seen. Counted from the mean of the run the model is the same, and the calibrated
 that is held is known for one temperature, so its column must be relative to that, and stays as it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 

@@ -4,8 +4,6 @@ The changes of the quantities are stated once. A machine that has names, formula
 physics under them (`recipe.enter("gpm2002", targets, ...)`). All others get the general family, as their roles allow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeVar, final

@@ -4,8 +4,6 @@
 declares columns, units and words, `sockets` does so without a tracker, `effects` has the arm's own effects.
 """
 
-from __future__ import annotations
-
 from calibench.discrepancy.machines.arm import effects as effects
 from calibench.discrepancy.machines.arm.formulation import Arm
 

@@ -4,8 +4,6 @@ Base and tool move as rigid bodies, all coordinates at once: evenly during the r
 (`loads`) a joint bends across its axis, with the link behind it; about its axis the general `compliance` applies.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -5,8 +5,6 @@ Calibrated are the base, the tool, and the placement and zero of every joint, as
 instead of the tracker's columns are formulated by `sockets`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial

@@ -6,8 +6,6 @@ the part along the axis loads the drive, the rest bends bearing and link. Masses
 at the target; where no mass is known each link is an even rod, so the moment's size is a guess.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

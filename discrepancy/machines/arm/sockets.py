@@ -6,8 +6,6 @@ What is "measured" of a row, x, y, z [mm] in the frame of the base, is the first
 predicted is where the ball is, less how far the point is from that guess.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial

@@ -4,8 +4,6 @@
 `effects` is the catalogue.
 """
 
-from __future__ import annotations
-
 from calibench.discrepancy.machines.delta import description as description
 from calibench.discrepancy.machines.delta import effects as effects
 from calibench.discrepancy.machines.delta.formulation import Delta

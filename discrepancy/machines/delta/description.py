@@ -7,8 +7,6 @@ replaced stands above with a ``#`` before it, and tells what the printer was fir
 endstop; mm per step = rotation_distance / (full_steps_per_rotation * microsteps * gears).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from configparser import Error, RawConfigParser

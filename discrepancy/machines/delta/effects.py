@@ -3,8 +3,6 @@
 All stay constant during the measurement: a constant is added to the quantities of each target.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -4,8 +4,6 @@
 declares columns, words and plans, `effects` is the catalogue.
 """
 
-from __future__ import annotations
-
 from calibench.discrepancy.machines.gpm2002 import description as description
 from calibench.discrepancy.machines.gpm2002 import effects as effects
 from calibench.discrepancy.machines.gpm2002.formulation import Gpm2002

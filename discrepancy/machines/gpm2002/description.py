@@ -5,8 +5,6 @@ force of 20 N pulls towards a direction that differs from pose to pose, and the 
 machine warms by 6 K, and halfway to that in a quarter of the run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -6,8 +6,6 @@ shrinks; with a tracker, all encoders late and the tracker early. Noise other th
 `discrepancy.noise.laws` tests for it. Members follow a thermometer late, by a time constant that nobody states.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

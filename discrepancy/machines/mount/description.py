@@ -17,8 +17,6 @@ A declination of the mount beyond +-90 degrees means that the tube has gone over
 less right ascension; time is sidereal, and may pass midnight. What stands behind are auxiliary readings (`aux_1`, ...).
 """
 
-from __future__ import annotations
-
 import re
 from math import isfinite
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The pointing terms as families of effects: each changes one quantity of the mount by a function of the place."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 

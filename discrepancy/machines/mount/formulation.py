@@ -7,8 +7,6 @@ Needed: `ha`, `dec`, `star_ha`, `star_dec` [rad] and the latitude, or `az`, `el`
 `pier_side` is west (ASCOM), a declination within +-90 degrees is carried over the pole.
 """
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial

@@ -15,8 +15,6 @@ A, E, S (on the sky, left-right); A is counted from the south through east there
 HCEC beside NP, TF of an altazimuth mount is ECEC; HDCH is FO, and is not listed twice.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial

@@ -5,8 +5,6 @@
 catalogue.
 """
 
-from __future__ import annotations
-
 from calibench.discrepancy.machines.orthoglide import description as description
 from calibench.discrepancy.machines.orthoglide import effects as effects
 from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide

@@ -1,7 +1,5 @@
 """What the Orthoglide declares for files, commands and pages: columns, words, what may be stated, plans, what ships."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import get_args
 

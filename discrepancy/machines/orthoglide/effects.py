@@ -7,8 +7,6 @@ written kind_ij: of axis (or leg) i, along j. `cyclic` goes x to y, y to z, z to
 is both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from weakref import WeakKeyDictionary

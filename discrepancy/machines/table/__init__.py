@@ -4,8 +4,6 @@
 user's own, into a prediction, `effects` are those of a table alone.
 """
 
-from __future__ import annotations
-
 from calibench.discrepancy.machines.table import effects as effects
 from calibench.discrepancy.machines.table.formulation import Table
 

@@ -1,7 +1,5 @@
 """The effects that a table has under its own names: a known period, a late column, a drift and a step in time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 

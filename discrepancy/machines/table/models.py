@@ -4,8 +4,6 @@ An argument without a default is a column, one with a default is a parameter. Th
 here under NIST's names; of Nelson the measured column is the logarithm, for so NIST fits it.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 from typing import Any

@@ -4,8 +4,6 @@ A model takes the parameters `b`, shape (dim,), and the predictors `x`, shape (k
 a column (m,) for each parameter. Formulas are those that NIST prints with the data.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
