@@ -1,10 +1,15 @@
-"""`bench calibrate`: from its words to a calibration, and the files of it: description, readings, JSON and a page."""
+"""`bench calibrate`: from its words to a calibration, and the files of it: description, readings, JSON and a page.
+
+`bench design machine=arm plan.n=N`: to the poses whose measurement is worth most for this arm.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, final
+
+import numpy as np
 
 from calibench.bench.calibration.files import ARM, read_table
 from calibench.bench.measured.files import pairs_of, write_columns
@@ -15,6 +20,7 @@ from calibench.bench.words import RequestError, check_study, read
 from calibench.calibration.arm import read_arm
 from calibench.calibration.calibrate import Calibration, Level, calibrate_arm
 from calibench.calibration.model import KNOWN_TO
+from calibench.calibration.poses import Design, design_poses
 from calibench.calibration.readings import columns_of
 from calibench.calibration.start import HowRead
 from calibench.core.tables.columns import Columns
@@ -122,3 +128,38 @@ def write_calibration(answer: Calibration, request: CalibrateRequest) -> Calibra
 
 def _put(path: Path, content: bytes) -> Path:
     return write_whole(path, lambda file: file.write(content))
+
+
+def asks_for_poses(words: Sequence[str]) -> bool:
+    """Return whether `bench design` is asked which poses of an arm to measure."""
+    asked = any(word.startswith("plan.n=") for word in words)
+    others = any(word.startswith(("plan=", "data=")) for word in words)
+    return "machine=arm" in words and (asked or not others)
+
+
+def read_design_poses(words: Sequence[str]) -> tuple[Design, Path | None]:
+    """Return the poses that `words` ask for, and the file they go to. Raises `ValueError`, in one line."""
+    given = read(PosesWords, "design plan.n=", words)
+    if given.n is None:
+        raise RequestError(
+            "plan.n= is missing: how many poses to propose, such as plan.n=12; data=FILE alone tells what these "
+            "readings could show"
+        )
+    path = file_of_arm(given, "machine.")
+    box = None if given.box is None else np.array(given.box)
+    if box is not None and (box.shape != (6,) or (box[::2] >= box[1::2]).any()):
+        typed = next(word for word in words if word.startswith("plan.box="))
+        raise RequestError(f"{typed}: x0,x1,y0,y1,z0,z1 [mm] in the base, each pair rising, is needed")
+    arm = read_arm(path, table=given.dh is not None, convention=given.convention, base=given.base, tip=given.tip)
+    start = None
+    if given.data:
+        how = HowRead(given.observe or "", given.rotation, limits=True)
+        start = how.start(read_table(given.data, statements_of(given)), arm.chain)
+    if given.to is not None and not given.to.parent.is_dir():
+        raise RequestError(f"plan.to={given.to}: there is no folder {given.to.parent}")
+    design = design_poses(
+        arm, given.n, start=start, by=given.by, sigma=given.sigma, sigma_rotation=given.sigma_rotation,
+        rotations=given.observe == "pose", target=given.target, limits=given.limits,
+        box=None if box is None else box.reshape(3, 2), seed=given.seed,
+    )  # fmt: skip
+    return design, given.to

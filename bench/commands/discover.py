@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from calibench.bench.calibration.design import asks_for_poses, read_design_poses
+from calibench.bench.calibration.request import asks_for_poses, read_design_poses
 from calibench.bench.commands.console import print_table
 from calibench.bench.discovery.batch import discover as discover_all
 from calibench.bench.discovery.design import Designed, designed

@@ -17,11 +17,11 @@ def test_a_digest_has_a_part_for_each_of_problem_optimiser_and_gate():
     digests = {
         (p, o): code_digest(problems.make(p), optimizers.make(o))
         for p in ("full11", "orthoglide6")
-        for o in ("de", "fmincon", "nlopt_LN_BOBYQA")
+        for o in ("de", "ga", "nlopt_LN_BOBYQA")
     }
     assert all(len(part) == 12 for text in digests.values() for part in text.split("."))
     assert changed_parts(digests["full11", "de"], digests["orthoglide6", "de"]) == ["problem"]
-    assert changed_parts(digests["full11", "de"], digests["full11", "fmincon"]) == ["optimizer"]
+    assert changed_parts(digests["full11", "de"], digests["full11", "ga"]) == ["optimizer"]
 
 
 def test_the_disk_is_asked_once_for_the_file_of_a_module(monkeypatch):
@@ -68,8 +68,8 @@ def test_verbs_and_reports_are_no_part_of_the_code_that_ran():
         for path in sources.closure(sources.file_of(type(thing).__module__))
     } | sources.closure(sources.file_of("calibench.bench.gate.evaluator"))
     names = {path.stem for path in ran}
-    assert {"closed_loop", "_closed_loop_kernels", "population", "evaluator", "_scan_kernels", "base"} <= names
-    assert not names & {"report", "figures", "tables", "cli", "store", "run", "fmincon", "orthoglide"}
+    assert {"closed_loop", "_closed_loop_kernels", "differential", "evaluator", "_scan_kernels", "base"} <= names
+    assert not names & {"report", "figures", "tables", "cli", "store", "run", "swarm", "orthoglide"}
 
 
 @pytest.mark.parametrize(

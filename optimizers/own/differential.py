@@ -1,0 +1,61 @@
+"""`de`: differential evolution exactly as Cong et al. 2008 state it (section 4.3, settings of 4.4)."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, final
+
+import numpy as np
+
+from calibench.optimizers.base import Objective, Reason, Traits, registry
+from calibench.optimizers.own.population import population_traits, rehearse
+
+
+@registry.register("de")
+@final
+@dataclass(frozen=True)
+class DifferentialEvolution:
+    """DE/rand/1/bin; parameters that leave the box are drawn anew in it. Ignores the start: its first sample is random.
+
+    `population` is N, `F` the weight of the difference in [0, 2], `CR` the crossover constant in [0, 1].
+    `early_abandon` lets the objective stop summing where a trial is no better than its member, so that (48) is decided:
+    the same search to the last bit, sooner where the objective can (`Objective.batch_below`).
+    """
+
+    population: int = 150
+    F: float = 0.5
+    CR: float = 0.8
+    early_abandon: bool = False
+
+    name: ClassVar[str] = "de"
+
+    def __post_init__(self) -> None:
+        if self.population < 4:
+            raise ValueError(f"de.population={self.population}: a member and three others are needed, so 4 or more")
+        if not 0 <= self.F <= 2:
+            raise ValueError(f"de.F={self.F:g}: must lie in 0 .. 2")
+        if not 0 <= self.CR <= 1:
+            raise ValueError(f"de.CR={self.CR:g}: must lie in 0 .. 1")
+
+    @property
+    def traits(self) -> Traits:
+        """Return the traits; the first sample is one population."""
+        return population_traits(self.population)
+
+    def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:
+        """Breed generations until the objective stops it."""
+        from calibench.optimizers.own import _differential_kernels as step
+        from calibench.optimizers.own._random_kernels import random_state
+
+        state, lower, upper = random_state(rng), objective.lower, objective.upper
+        size = self.population
+        room = np.empty((2 * size + 2, objective.dimension))
+        population, trial, room[-2], room[-1] = room[:size], room[size:-2], lower, upper
+        population[:] = step.initialize(size, lower, upper, state)
+        values = np.array(objective.batch(population))
+        step.propose(population, self.F, self.CR, room[-2], room[-1], state, trial)
+        while True:
+            trial_values = objective.batch_below(trial, values) if self.early_abandon else objective.batch(trial)
+            step.advance(room, values, trial_values, self.F, self.CR, state)
+
+    def compile(self) -> None:
+        """Compile (or load from the cache) the steps, so that no clock sees it."""
+        rehearse(replace(self, population=4))
