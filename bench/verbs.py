@@ -152,8 +152,8 @@ class DiscoverWords:
     results: Results = "results"
     pages: Annotated[Literal["auto", "all", "none"], Word(
         "pages", "all", "of which sets of data a page is written")] = "auto"
-    execution: Annotated[Literal["serial", "processes", "joblib"], Word(
-        "execution", "processes", "one process, or some", form="serial|processes")] = "serial"
+    execution: Annotated[Literal["serial", "processes"], Word(
+        "execution", "processes", "one process, or some")] = "serial"
     n_jobs: Annotated[int | None, Word(
         "execution.n_jobs", "4", "how many processes; -1: as many as the computer has cores", form="N")] = None
     columns: Columns = ""
