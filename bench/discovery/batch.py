@@ -81,6 +81,13 @@ def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]
             store.collect()
 
 
+def search_digest(machine: Machine) -> str:
+    """Return the digest of the code that searches a machine's data: the machine's, its effects', the procedure's."""
+    of_effects = {digest_of(getattr(family.build, "func", family.build)) for family in families(machine.name)}
+    # by its function, which loads the module: one that is not loaded has no digest
+    return digest(digest_of(machine), sorted(of_effects), module_digest(discrepancy.explain.__module__))
+
+
 def _search(
     request: DiscoverRequest, source: Source, *, pages: bool, retry: bool, alone: bool, sent: bool = False
 ) -> Outcome:
@@ -89,10 +96,7 @@ def _search(
     What is `sent` from another process is as if it were read back: the model of a search has functions in it.
     """
     data_id = source.data_id
-    machine = request.build_machine()  # the code that searches: the machine's, its effects', the procedure's
-    of_effects = {digest_of(getattr(family.build, "func", family.build)) for family in families(machine.name)}
-    code = digest(digest_of(machine), sorted(of_effects), module_digest("calibench.discrepancy.procedure"))
-    case_id = digest(source.case, data_id, request.options, code)
+    case_id = digest(source.case, data_id, request.options, search_digest(request.build_machine()))
     store, page = FindingStore(request.folder), request.folder / source.case / "report.html"
     known = None if retry or not data_id else store.done(source.case, case_id)
     if known is not None and (page.exists() or not pages):

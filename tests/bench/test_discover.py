@@ -76,6 +76,15 @@ def test_the_verdict_is_a_sentence_with_size_interval_and_unit(results, folder, 
     assert "3 searched, 1 failed" in out
 
 
+def test_a_search_has_one_digest_before_and_after_its_code_was_loaded():
+    script = (
+        "from calibench import discrepancy; from calibench.bench.discovery.batch import search_digest as digest; "
+        "machine = discrepancy.machines.make('gpm2002'); first = digest(machine); "
+        "import calibench.discrepancy.procedure; assert digest(machine) == first"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)
+
+
 def test_json_is_a_line_a_file_in_order_and_nothing_else(results, folder, capsys):
     code, out, _ = call(f"discover machine=gpm2002 data={folder} results={results} --json", capsys)
     assert code == 1
