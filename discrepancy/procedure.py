@@ -31,8 +31,7 @@ from calibench.discrepancy.search.finding import parted_by
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import NEAR, fit_smooth, nearest_of, shortest_of, unnamed_of
 from calibench.discrepancy.search.stepwise import Selection, judge, select_stepwise, with_alternatives
-from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, using
-from calibench.discrepancy.thresholds import thresholds as current_thresholds
+from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, thresholds as current_thresholds, using
 from calibench.discrepancy.validation import gap_of
 
 GAP_OF_FITTED = (

@@ -13,8 +13,7 @@ from calibench.bench.calibration.request import read_calibrate, write_calibratio
 from calibench.bench.calibration.words import headline, level_rows, rows_of_changes, sentences
 from calibench.bench.commands.console import print_end, print_table
 from calibench.bench.words import split_flags
-from calibench.core.words import plain
-from calibench.core.words import print_plain as print
+from calibench.core.words import plain, print_plain as print
 
 if TYPE_CHECKING:
     from calibench.calibration.hand_eye import Outlier, Residual

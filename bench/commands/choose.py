@@ -9,8 +9,7 @@ from calibench.bench.store.runs import ResultStore
 from calibench.bench.verbs import ChooseWords
 from calibench.bench.words import read, split_flags
 from calibench.core.options import suggest
-from calibench.core.words import counted, plain
-from calibench.core.words import print_plain as print
+from calibench.core.words import counted, plain, print_plain as print
 
 _LONG = 12  # settings that are listed
 _ABOUT = {

@@ -14,8 +14,7 @@ from calibench.bench.store.runs import ResultStore
 from calibench.bench.verbs import CompareWords
 from calibench.bench.words import read, split_flags
 from calibench.core.options import suggest
-from calibench.core.words import counted, plain, shortened
-from calibench.core.words import print_plain as print
+from calibench.core.words import counted, plain, print_plain as print, shortened
 
 _VERDICTS: tuple[Verdict, ...] = ("worse", "better", "undecided", "equal")
 

@@ -19,8 +19,7 @@ from calibench.bench.discovery.page.page import smallest, untested_lines
 from calibench.bench.discovery.request import read_design, read_discover
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.words import split_flags
-from calibench.core.words import plain, printable
-from calibench.core.words import print_plain as print
+from calibench.core.words import plain, print_plain as print, printable
 from calibench.discrepancy.labels import effect_label
 
 _WIDTH = 120  # of tables that go to a file

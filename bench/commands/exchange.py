@@ -14,8 +14,7 @@ from calibench.bench.exchange.published import PublishedRun, write_study
 from calibench.bench.exchange.studies import Study, read_study, require_free, write_folder
 from calibench.bench.words import split_flags
 from calibench.core.options import suggest
-from calibench.core.words import counted
-from calibench.core.words import print_plain as print
+from calibench.core.words import counted, print_plain as print
 
 _FOLDERS = {
     "coco": "coco:write_coco", "ioh": "ioh:write_ioh", "csv": "csv_tables:write_csv", "latex": "latex:write_latex",

@@ -5,8 +5,7 @@ from calibench.bench.sweep.composition import parse, refuse_lists
 from calibench.bench.sweep.request import members_of
 from calibench.bench.verbs import IdentifyWords
 from calibench.bench.words import RequestError, read, split_flags
-from calibench.core.words import plain
-from calibench.core.words import print_plain as print
+from calibench.core.words import plain, print_plain as print
 from calibench.problems import identify
 
 

@@ -9,8 +9,7 @@ from calibench.bench.sweep.progress import progress
 from calibench.bench.sweep.words import read_budget, read_seeds
 from calibench.bench.verbs import PaperWords
 from calibench.bench.words import read
-from calibench.core.words import counted, plain
-from calibench.core.words import print_plain as print
+from calibench.core.words import counted, plain, print_plain as print
 
 
 def run(argv: list[str]) -> int:

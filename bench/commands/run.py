@@ -37,8 +37,7 @@ from calibench.bench.sweep.request import Request, read_request
 from calibench.bench.sweep.words import read_execution
 from calibench.bench.words import split_flags
 from calibench.core import process
-from calibench.core.words import counted, plural, span
-from calibench.core.words import print_plain as print
+from calibench.core.words import counted, plural, print_plain as print, span
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -11,8 +11,7 @@ from calibench.bench.store.columns import columns_of
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep.remarks import remarks_on_rows
 from calibench.bench.words import split_flags
-from calibench.core.words import counted, plain, plural, printable, span
-from calibench.core.words import print_plain as print
+from calibench.core.words import counted, plain, plural, print_plain as print, printable, span
 
 _EVERY = 2.0  # seconds between two looks
 _CELLS = 20  # of which what is left is listed

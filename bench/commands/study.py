@@ -15,8 +15,7 @@ from calibench.bench.statistics.names import problem_titles
 from calibench.bench.store.runs import ResultStore, merge
 from calibench.bench.verbs import ShowWords
 from calibench.bench.words import read, split_flags
-from calibench.core.words import counted
-from calibench.core.words import print_plain as print
+from calibench.core.words import counted, print_plain as print
 
 
 def collect(argv: list[str]) -> int:

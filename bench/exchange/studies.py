@@ -12,8 +12,7 @@ import re
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import inf, isfinite, log10
-from math import ulp as spacing
+from math import inf, isfinite, log10, ulp as spacing
 from pathlib import Path
 from typing import Any, NamedTuple, final
 

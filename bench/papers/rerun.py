@@ -15,8 +15,7 @@ import pandas as pd
 
 from calibench.bench.gate.processes import at_once
 from calibench.bench.papers import cong2008, files, page, pashkevich2008, reference
-from calibench.bench.papers.cong2008 import figures as printed_figures
-from calibench.bench.papers.cong2008 import stopping
+from calibench.bench.papers.cong2008 import figures as printed_figures, stopping
 from calibench.bench.papers.pashkevich2008 import experiments as orthoglide
 from calibench.bench.papers.row import VERDICTS, Evidence, Row
 from calibench.bench.store.runs import ResultStore

@@ -21,8 +21,7 @@ import pandas as pd
 from calibench.bench.statistics import ranking
 from calibench.bench.statistics.cells import METHOD, TASK
 from calibench.bench.statistics.fixed_target import FEWEST, RESAMPLES, weights
-from calibench.bench.statistics.ranking import holm, scores
-from calibench.bench.statistics.ranking import order_of_scores as order_of
+from calibench.bench.statistics.ranking import holm, order_of_scores as order_of, scores
 from calibench.bench.statistics.summary import goal_hits, goals_of, has_chance
 from calibench.bench.statistics.two_studies import beside_fixed, rank_sum_tails, signed_rank_tails
 from calibench.bench.store.columns import Array

@@ -21,8 +21,7 @@ from calibench import optimizers, problems
 from calibench.bench.provenance.run_id import canonical, chosen_options
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING, answers
-from calibench.bench.statistics.ranking import By, holm, scores
-from calibench.bench.statistics.ranking import order_of_scores as order_of
+from calibench.bench.statistics.ranking import By, holm, order_of_scores as order_of, scores
 from calibench.bench.store.columns import Array, parts
 from calibench.core.words import counted
 

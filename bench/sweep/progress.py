@@ -18,8 +18,7 @@ from typing import Any
 
 from calibench.bench.execution.in_progress import Running, read_running
 from calibench.bench.sweep.carry_out import Report
-from calibench.core.words import counted, printable
-from calibench.core.words import print_plain as print
+from calibench.core.words import counted, print_plain as print, printable
 
 _LOOK = 2.0  # seconds between two looks at the runs in progress, for the bar
 _LOG = 10.0  # seconds between two lines of a log

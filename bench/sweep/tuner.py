@@ -173,8 +173,7 @@ def first_request(tuning: Tuning) -> Request:
 def trials(tuning: Tuning, carry: Callable[[Request, int], Outcome]) -> Iterator[Trial]:
     """Yield the default and then each trial when its runs are done; `carry` does a request, given its number too."""
     import optuna
-    from optuna import distributions as optunas
-    from optuna import samplers
+    from optuna import distributions as optunas, samplers
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     seed = int(seed_sequence("tuner", tuning.sampler, repetition=tuning.seed).generate_state(1)[0])

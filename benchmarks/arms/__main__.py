@@ -33,8 +33,7 @@ def main() -> None:
         return
     seeds = range(chosen.since, chosen.since + chosen.seeds)
     if chosen.table == "nested":
-        from benchmarks.arms.nested import nested, rule
-        from benchmarks.arms.nested import table as signs
+        from benchmarks.arms.nested import nested, rule, table as signs
 
         again = []
         for each in nested(chosen.folder, chosen.series or list(SERIES), seeds, chosen.poses, chosen.folds):

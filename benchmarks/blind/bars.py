@@ -7,8 +7,7 @@ from math import inf, isfinite, isnan, sqrt
 from typing import Literal
 
 import numpy as np
-from scipy.stats import quantile_test
-from scipy.stats import t as student
+from scipy.stats import quantile_test, t as student
 
 Verdict = Literal["met", "open", "missed"]
 Interval = tuple[float, float] | tuple[None, None]

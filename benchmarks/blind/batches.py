@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.blind.bars import verdict
-from benchmarks.blind.score import Row, score
-from benchmarks.blind.score import read as read_reports
+from benchmarks.blind.score import Row, read as read_reports, score
 
 BATCHES = Path(__file__).with_name("batches.json")
 PAGE = Path(__file__).parents[2] / "docs" / "discovery-statistics.md"

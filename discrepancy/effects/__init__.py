@@ -5,8 +5,7 @@ from dataclasses import replace
 from calibench.discrepancy.effects import general as general
 from calibench.discrepancy.model.effect import Catalogue
 from calibench.discrepancy.model.machine import Formulation
-from calibench.discrepancy.registries import families as families
-from calibench.discrepancy.registries import family_of as family_of
+from calibench.discrepancy.registries import families as families, family_of as family_of
 
 __all__ = ["catalogue", "families", "family_of"]
 

@@ -16,8 +16,7 @@ from typing import Any, Literal, Protocol, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.tables.columns import Columns
-from calibench.core.tables.columns import Quantity as Quantity
+from calibench.core.tables.columns import Columns, Quantity as Quantity
 from calibench.discrepancy.model.measured import MeasuredData, Sensor
 from calibench.problems.base import Array, Parameter
 

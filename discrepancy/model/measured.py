@@ -16,8 +16,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from calibench.core.notes import Code, Note
-from calibench.core.notes import DataError as DataError
+from calibench.core.notes import Code, DataError as DataError, Note
 from calibench.core.options import shown, suggest
 from calibench.core.tables.cells import NO_VALUE, between, is_unit, way_out
 from calibench.core.words import as_columns

@@ -21,8 +21,7 @@ from calibench.discrepancy.model.effect import Alternative, Effect, name_of, sti
 from calibench.discrepancy.noise.laws import NoiseFinding
 from calibench.discrepancy.noise.repeats import excess_p
 from calibench.discrepancy.report import Amplitude, Finding, Rival, Verdict
-from calibench.discrepancy.search import form as forming
-from calibench.discrepancy.search import select
+from calibench.discrepancy.search import form as forming, select
 from calibench.discrepancy.search.finding import finding_of, with_cautions
 from calibench.discrepancy.search.select import Option, Tests, fit_with, options, penalty, run_tests
 from calibench.discrepancy.thresholds import thresholds

@@ -6,8 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibench.bench.store import arrays
 from calibench.bench.store.arrays import array_of, empty_table, indices, mask_of, numbers

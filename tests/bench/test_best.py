@@ -12,8 +12,7 @@ from calibench.bench.report.study.answer import answer
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary
 from calibench.bench.statistics.best import Rival, Side, ratio_of, rivals_of
-from calibench.bench.statistics.ranking import order_of_scores as order_of
-from calibench.bench.statistics.ranking import places, scores
+from calibench.bench.statistics.ranking import order_of_scores as order_of, places, scores
 from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
 from calibench.bench.statistics.two_studies import rank_sum_tails
 from calibench.bench.store.manifest import remaining_by_budget

@@ -13,8 +13,15 @@ from benchmarks.statistics import false_positives
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.report.study.figures import critical_difference
-from calibench.bench.statistics.ranking import FEWEST, Blocks, blocks_of, friedman, holm, scores
-from calibench.bench.statistics.ranking import order_of_scores as order_of
+from calibench.bench.statistics.ranking import (
+    FEWEST,
+    Blocks,
+    blocks_of,
+    friedman,
+    holm,
+    order_of_scores as order_of,
+    scores,
+)
 from calibench.bench.statistics.two_studies import a12, compare, two_methods
 from calibench.bench.store.runs import ResultStore
 

@@ -12,8 +12,7 @@ from calibench.bench.exchange.studies import read_study
 from calibench.bench.execution.request import pair_of, read_asked
 from calibench.bench.execution.run import Spec
 from calibench.bench.execution.standing import lost_run
-from calibench.bench.store import tables
-from calibench.bench.store import tables as seal
+from calibench.bench.store import tables, tables as seal
 from calibench.bench.store.damage import first_damage
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore, merge

@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibench.bench.gate.evaluator import Evaluator
 from calibench.optimizers.base import BudgetExhausted, Stop, TargetReached

@@ -7,8 +7,7 @@ import resource
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import calibench
 from calibench import bench, optimizers, problems

@@ -21,8 +21,7 @@ from calibench.bench.papers.page import Kept, page
 from calibench.bench.papers.pashkevich2008 import experiments
 from calibench.bench.papers.pashkevich2008.machine import fitted, table2_differences
 from calibench.bench.papers.published import Printed, quantities
-from calibench.bench.papers.rerun import PAPERS as REGISTERED
-from calibench.bench.papers.rerun import agreed, differing, run_paper
+from calibench.bench.papers.rerun import PAPERS as REGISTERED, agreed, differing, run_paper
 from calibench.bench.papers.row import (
     KINDS,
     VERDICTS,

@@ -15,10 +15,8 @@ import numpy as np
 import pytest
 
 from calibench import bench, optimizers
-from calibench.bench.commands.status import lines_of
-from calibench.bench.commands.status import run as status
-from calibench.bench.execution import in_progress
-from calibench.bench.execution import in_progress as told
+from calibench.bench.commands.status import lines_of, run as status
+from calibench.bench.execution import in_progress, in_progress as told
 from calibench.bench.execution.in_progress import (
     Progress,
     Running,

@@ -14,8 +14,7 @@ from calibench.bench.papers.cong2008 import figures as paper_tables
 from calibench.bench.papers.cong2008.figures import gauge_points
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.explored import bands
-from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics import tables
+from calibench.bench.statistics import summary as stats, tables
 from calibench.bench.store.runs import ResultStore
 from calibench.problems import constants
 

@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from benchmarks.arms import mukca
-from benchmarks.arms.across import choices, evenly, formulated, grouped, predicted, shared_geometry
-from benchmarks.arms.across import rows as of_series
+from benchmarks.arms.across import choices, evenly, formulated, grouped, predicted, rows as of_series, shared_geometry
 from benchmarks.arms.frames import framed
 from benchmarks.arms.levels import FREE, calibrated
-from benchmarks.arms.nested import Nested, auc, rule, searched_again
-from benchmarks.arms.nested import table as signs
+from benchmarks.arms.nested import Nested, auc, rule, searched_again, table as signs
 from benchmarks.arms.parts import seen
 from benchmarks.arms.series import URDF, in_runs, series, shuffled
 from benchmarks.arms.sockets import difference

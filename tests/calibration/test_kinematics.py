@@ -5,9 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from calibench.calibration import kinematics as K
-from calibench.calibration import kinematics as R
-from calibench.calibration import parse_urdf, read_urdf
+from calibench.calibration import kinematics as K, kinematics as R, parse_urdf, read_urdf
 from calibench.calibration.determined import gauge, observability
 from calibench.calibration.dh import DhRow, DhTable
 from calibench.calibration.kinematics import constants

@@ -8,8 +8,7 @@ a zero it is not, and there `test_calibration_laws` says what holds.
 import numpy as np
 import pytest
 import reference
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 from planar_cases import PLANAR, inside, made, named, over, points, true_machine
 

@@ -16,8 +16,16 @@ from calibench.bench.papers.cong2008.machine import columns, implied
 from calibench.bench.papers.cong2008.search import drawn_by_pso
 from calibench.bench.papers.cong2008.tracking import nine_point_rounds
 from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import Array, Evidence, Row, Ruling, Tolerance, judge_near, values_of
-from calibench.bench.papers.row import problem as make_problem
+from calibench.bench.papers.row import (
+    Array,
+    Evidence,
+    Row,
+    Ruling,
+    Tolerance,
+    judge_near,
+    problem as make_problem,
+    values_of,
+)
 from calibench.problems.planar.gpm2002 import NAMES, home, inverse_kinematics, makers_machine, to_cartesian, to_polar
 
 _COUNT = Tolerance(0.0, "a count")

@@ -10,8 +10,16 @@ import numpy as np
 
 from calibench import bench, optimizers
 from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import Array, Evidence, Row, Tolerance, judge_at_least, judge_limit, median
-from calibench.bench.papers.row import problem as make_problem
+from calibench.bench.papers.row import (
+    Array,
+    Evidence,
+    Row,
+    Tolerance,
+    judge_at_least,
+    judge_limit,
+    median,
+    problem as make_problem,
+)
 from calibench.problems.planar.gpm2002 import home, inverse_kinematics, makers_machine
 from calibench.problems.planar.tracking import Tracking
 

@@ -15,8 +15,16 @@ from scipy.stats import chi2
 from calibench.bench.papers.pashkevich2008 import machine
 from calibench.bench.papers.pashkevich2008.machine import fitted, rms, rms_tolerance, table1, table2
 from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import Array, Row, Tolerance, judge_at_least, judge_either, judge_limit, judge_near
-from calibench.bench.papers.row import problem as make_problem
+from calibench.bench.papers.row import (
+    Array,
+    Row,
+    Tolerance,
+    judge_at_least,
+    judge_either,
+    judge_limit,
+    judge_near,
+    problem as make_problem,
+)
 from calibench.discrepancy import machines
 from calibench.discrepancy.fitting.small_sample import Supported, linear, small_sample
 from calibench.discrepancy.machines.orthoglide.experiments import ORIENTATION, PLAUSIBLE, effect_of

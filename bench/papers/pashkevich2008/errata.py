@@ -12,8 +12,7 @@ import numpy as np
 from calibench.bench.papers.pashkevich2008 import machine
 from calibench.bench.papers.pashkevich2008.machine import fitted, rms, rms_tolerance, table1, table2
 from calibench.bench.papers.published import Printed
-from calibench.bench.papers.row import NO_TOLERANCE, Array, Row, Tolerance
-from calibench.bench.papers.row import problem as make_problem
+from calibench.bench.papers.row import NO_TOLERANCE, Array, Row, Tolerance, problem as make_problem
 from calibench.problems import constants
 from calibench.problems.orthoglide.kinematics import calibration_matrix, direct_kinematics, geometry, inverse_kinematics
 

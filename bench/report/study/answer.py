@@ -13,8 +13,7 @@ import numpy as np
 import pandas as pd
 
 from calibench.bench.report.study.html_tables import lost_of
-from calibench.bench.statistics import ranking
-from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics import ranking, summary as stats
 from calibench.bench.statistics.best import MANY, Method, Rival, against_each
 from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.summary import outside_box, success_interval

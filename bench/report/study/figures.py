@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, entitle, figure_of, look_of, put_legend
 from calibench.bench.report.study.additions import Additions, Mark
 from calibench.bench.report.study.explored import bands
-from calibench.bench.statistics import ranking, tables
-from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics import ranking, summary as stats, tables
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, TASK
 from calibench.bench.statistics.fixed_target import ecdf, ert, performance_profile
 from calibench.bench.statistics.names import in_order, method_labels, problem_titles, settings_that_vary

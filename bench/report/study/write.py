@@ -20,8 +20,7 @@ from calibench.bench.report.study.additions import Additions, filled_sections, p
 from calibench.bench.report.study.explored import groups_of
 from calibench.bench.report.study.figures import ecdf_figures
 from calibench.bench.report.study.page import StudyPage
-from calibench.bench.statistics import summary as stats
-from calibench.bench.statistics import tables
+from calibench.bench.statistics import summary as stats, tables
 from calibench.bench.statistics.cells import METHOD, PROBLEM
 from calibench.bench.statistics.ranking import with_looks
 from calibench.bench.statistics.targets import levels_of, with_lowest_seen
@@ -31,8 +30,7 @@ from calibench.bench.store.runs import ResultStore
 from calibench.bench.store.schema import to_pandas
 from calibench.bench.store.tables import parquet_file
 from calibench.bench.sweep.studies import study_preset
-from calibench.core.words import print_plain as print
-from calibench.core.words import printable
+from calibench.core.words import print_plain as print, printable
 
 Tell = Callable[[int, int, str], None]
 _SOON = 2.0  # seconds, within which nothing is told to a file

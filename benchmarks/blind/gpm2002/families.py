@@ -6,9 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.blind.gpm2002 import encoder_effects as encoders
-from benchmarks.blind.gpm2002 import foreign_effects as foreign
-from benchmarks.blind.gpm2002 import member_effects as members
+from benchmarks.blind.gpm2002 import encoder_effects as encoders, foreign_effects as foreign, member_effects as members
 from benchmarks.blind.gpm2002.design import Plan
 from benchmarks.blind.gpm2002.effect import Effect
 

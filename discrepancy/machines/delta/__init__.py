@@ -4,8 +4,7 @@
 `effects` is the catalogue.
 """
 
-from calibench.discrepancy.machines.delta import description as description
-from calibench.discrepancy.machines.delta import effects as effects
+from calibench.discrepancy.machines.delta import description as description, effects as effects
 from calibench.discrepancy.machines.delta.formulation import Delta
 
 __all__ = ["Delta"]

@@ -4,8 +4,7 @@
 declares columns, words and plans, `effects` is the catalogue.
 """
 
-from calibench.discrepancy.machines.gpm2002 import description as description
-from calibench.discrepancy.machines.gpm2002 import effects as effects
+from calibench.discrepancy.machines.gpm2002 import description as description, effects as effects
 from calibench.discrepancy.machines.gpm2002.formulation import Gpm2002
 
 __all__ = ["Gpm2002"]

@@ -5,8 +5,7 @@ measured and predicted, `effects` makes the terms findable, `description` declar
 stars, reads the field's files and writes a pointing model.
 """
 
-from calibench.discrepancy.machines.mount import description as description
-from calibench.discrepancy.machines.mount import effects as effects
+from calibench.discrepancy.machines.mount import description as description, effects as effects
 from calibench.discrepancy.machines.mount.formulation import Mount
 
 __all__ = ["Mount"]

@@ -5,8 +5,7 @@
 catalogue.
 """
 
-from calibench.discrepancy.machines.orthoglide import description as description
-from calibench.discrepancy.machines.orthoglide import effects as effects
+from calibench.discrepancy.machines.orthoglide import description as description, effects as effects
 from calibench.discrepancy.machines.orthoglide.formulation import Orthoglide
 
 __all__ = ["Orthoglide"]
