@@ -10,7 +10,7 @@ from dataclasses import KW_ONLY, MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, TypeVar, final, get_args, get_origin, get_type_hints
 
-from calibench.core.options import coerce, read_option, shown, suggest
+from calibench.core.options import as_typed, coerce, read_word, shown, suggest
 
 T = TypeVar("T")
 LONGEST_NAME = 200  # bytes: file systems take 255, and files beside a folder add to its name
@@ -124,7 +124,11 @@ def _value_of(one: Word, text: str, kind: Any) -> Any:
         return Path(text).expanduser()
     bounded = max(one.least, one.above) > -math.inf or one.most < math.inf
     try:
-        value = read_option(one.key, text, kind)
+        value = read_word(text, kind)
+        try:
+            value = coerce(one.key, value, kind)
+        except ValueError as error:  # which is to quote the word
+            raise ValueError(as_typed(str(error), one.key, value, text)) from None
         is_inside = not bounded or (one.least <= value <= one.most and value > one.above)
     except ValueError:
         if not bounded and not one.needed:

@@ -355,15 +355,6 @@ _TOKEN = re.compile(r"""(?:^|(?<=[\s,:\[{(]))(?:'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\]
 _CLOSED_BY = {"[": "]", "{": "}", "(": ")"}
 
 
-def read_option(label: str, text: str, kind: Any) -> Any:
-    """Return the value of the word ``label=text`` in the type `kind`; raise `ValueError`, which quotes the word."""
-    value = read_word(text, kind)
-    try:
-        return coerce(label, value, kind)
-    except ValueError as error:
-        raise ValueError(as_typed(str(error), label, value, text)) from None
-
-
 def as_typed(message: str, label: str, value: Any, text: str) -> str:
     """Return a message that begins with ``label=value:`` with the word as it was typed, quotes and all."""
     begin = f"{label}={shown(value)}:"

@@ -82,13 +82,6 @@ def one_thread() -> Iterator[None]:
         yield
 
 
-def hold_new() -> None:
-    """Within `one_thread`, hold a BLAS at one thread too that was loaded since."""
-    if not any(name in os.environ for name in STATED):
-        for library in libraries().select(user_api="blas").lib_controllers:
-            library.set_num_threads(1)
-
-
 def libraries() -> ThreadpoolController:
     """Return the libraries that are loaded; to look for them takes a millisecond, so only after a further import."""
     from threadpoolctl import ThreadpoolController

@@ -18,7 +18,7 @@ from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import PLACE, Fit, ResidualProblem, fit, fit_from_several, keeping_fits, wider
 from calibench.discrepancy.fitting.rank import Held, determined, spread
 from calibench.discrepancy.labels import quantity_of
-from calibench.discrepancy.model.effect import Catalogue, Effect
+from calibench.discrepancy.model.effect import Catalogue, Effect, has_free_period
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
@@ -29,7 +29,7 @@ from calibench.discrepancy.registries import machines
 from calibench.discrepancy.remarks import Search, notes_of
 from calibench.discrepancy.search.finding import parted_by
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
-from calibench.discrepancy.search.smoother import NEAR, fit_smooth, nearest_of, shortest_of, unnamed_of
+from calibench.discrepancy.search.smoother import NEAR, fit_smooth, unnamed_of
 from calibench.discrepancy.search.stepwise import Selection, judge, select_stepwise, with_alternatives
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, thresholds as current_thresholds, using
 from calibench.discrepancy.validation import gap_of
@@ -158,13 +158,26 @@ def _report(search: Search, whole: Formulation, known: Catalogue) -> reports.Rep
         )  # fmt: skip
     named: dict[str, Any] = {"where": _places(first) if search.verdict != "none" else ()}
     if search.verdict == "unknown":
-        nearest = nearest_of(first)
+        # the formula that explains most of the excess over the noise, and its share
+        nearest: reports.Nearest | None = None
+        excess = first.on.total - first.on.degrees
+        if ranked and ranked[0].m and not excess <= 0:
+            best = ranked[0]
+            part = float(np.clip((best.T - best.m) / excess, 0.0, 1.0))
+            nearest = reports.Nearest(best.name, best.effect.family, best.effect.target, part)
         # the other kinds of readings that would part what was found, and the nearest formula, from their twins
         sets = [[o.effect for o in own] for own in search.selection.sets]
         if nearest is not None and nearest.share >= NEAR:
             sets.append([s.effect for s in ranked[:1]])
         parted = tuple(dict.fromkeys(kind for own in sets if (kind := parted_by(own, machine))))
         named |= {"unnamed": unnamed_of(search.final), "nearest": nearest, "parted_by": parted}
+    # for each column in which waves of any period are searched for, the shortest period
+    shortest: dict[str, reports.Shortest] = {}
+    for effect in (e for e in known.candidates if has_free_period(e)):
+        period = effect.period(np.zeros(len(effect.coefficients)))  # type: ignore[attr-defined]
+        column = effect.columns[0]
+        if column not in shortest or period < shortest[column].period:
+            shortest[column] = reports.Shortest(column, float(period), effect.period_unit)  # type: ignore[attr-defined]
     # the standard deviation of each kind of reading, the median over the rows, alike to three digits
     formulation = search.final.model.formulation
     kinds: dict[tuple[str, str], tuple[float, list[str]]] = {}
@@ -176,7 +189,7 @@ def _report(search: Search, whole: Formulation, known: Catalogue) -> reports.Rep
     return reports.Report(
         case=whole.data.name, machine=machine, verdict=search.verdict, findings=search.findings, gap=search.gap,
         not_testable=known.untestable, invisible=tuple(hidden), p=search.selection.p,
-        shortest=shortest_of(known.candidates), reading_noise=tuple(noise),
+        shortest=tuple(shortest.values()), reading_noise=tuple(noise),
         words={n: words for n, words in words_of(roles_of(whole)).items() if not quantity_of(machine, n).label},
         candidates=tuple(table), **named,
     )  # fmt: skip

@@ -41,7 +41,29 @@ def write_mlflow(study: Study, to: str) -> list[str]:
     there = client.get_experiment_by_name(study.store.study)
     experiment = str(client.create_experiment(study.store.study) if there is None else there.experiment_id)
     began = {row["run_id"]: _milliseconds(row["started_at"]) for row in records(runs[["run_id", "started_at"]])}
-    known, parents, replaced = _clean_up(client, experiment, began)
+    # half-written and outdated runs go; what stays are the ids of ours, and parents by cell
+    known: set[str] = set()
+    parents: dict[str, str] = {}
+    replaced = 0
+    token = None
+    while True:
+        page = client.search_runs([experiment], max_results=1000, page_token=token)
+        for run in page:
+            found = run.data.tags
+            if found.get(_DONE) != "true":
+                if _RUN in found:
+                    client.delete_run(run.info.run_id)
+            elif _CELL in found:
+                parents[found[_CELL]] = run.info.run_id
+            elif _RUN in found:
+                if began.get(found[_RUN]) not in (None, run.info.start_time):
+                    client.delete_run(run.info.run_id)
+                    replaced += 1
+                else:
+                    known.add(found[_RUN])
+        token = page.token
+        if not token:
+            break
     names, titles = algorithm_names(runs), problem_titles(runs)
     traces = traces_by_run(study.traces)
     added = 0
@@ -88,30 +110,6 @@ def _client(to: str) -> Any:
         return MlflowClient(tracking_uri=address)
     except (MlflowException, ImportError) as error:
         raise ValueError(f"--to {to}: mlflow does not take it: {str(error).splitlines()[0]}") from None
-
-
-def _clean_up(client: Any, experiment: str, began: Mapping[str, int | None]) -> tuple[set[str], dict[str, str], int]:
-    """Delete half-written and outdated runs; return the ids of ours that stay, parents by cell, and how many went."""
-    known, parents, replaced = set(), {}, 0
-    token = None
-    while True:
-        page = client.search_runs([experiment], max_results=1000, page_token=token)
-        for run in page:
-            tags = run.data.tags
-            if tags.get(_DONE) != "true":
-                if _RUN in tags:
-                    client.delete_run(run.info.run_id)
-            elif _CELL in tags:
-                parents[tags[_CELL]] = run.info.run_id
-            elif _RUN in tags:
-                if began.get(tags[_RUN]) not in (None, run.info.start_time):
-                    client.delete_run(run.info.run_id)
-                    replaced += 1
-                else:
-                    known.add(tags[_RUN])
-        token = page.token
-        if not token:
-            return known, parents, replaced
 
 
 def _milliseconds(began: Any) -> int | None:

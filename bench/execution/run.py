@@ -5,6 +5,7 @@ Converged, exhausted, on target or crashed: the row says which. Compilation happ
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
@@ -31,7 +32,7 @@ from calibench.bench.gate.processes import CAN_FORK
 from calibench.bench.gate.time_limit import Cut, Ending, Mirror, Phase, Runner, Watch, run_here
 from calibench.bench.provenance.environment import provenance
 from calibench.core.own_state import Kept, kept
-from calibench.core.process import hold_new, one_thread
+from calibench.core.process import STATED, libraries, one_thread
 from calibench.core.seeds import begin_generators, digest, global_generators, seed_sequence
 from calibench.core.sources import is_foreign
 from calibench.core.words import counted, html_table
@@ -298,7 +299,9 @@ def make_run(asked: Asked, way: Way, watch: Watch | None = None, found: Found | 
     words = pair.problem_word, pair.optimizer_word
     begin: Callable[[], object] = float  # nothing, as our code draws from rng alone
     if state is not None:
-        hold_new()
+        if not any(name in os.environ for name in STATED):  # a BLAS that was loaded since is held at one thread too
+            for library in libraries().select(user_api="blas").lib_controllers:
+                library.set_num_threads(1)
         begin = partial(begin_generators, seed_sequence(*words, "shared", repetition=repetition))
     problem, optimizer = pair.problem, pair.optimizer
     foreign = pair.foreign_problem or pair.foreign_optimizer

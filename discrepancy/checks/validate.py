@@ -315,7 +315,15 @@ def copied_rows(
         repeats = int((count * (count - 1) // 2).sum()) or repeats
     chance = 1.0
     for name in formulation.readings:
-        if (column := _in_file(name, compared, formulation)) is not None:
+        column = None  # of the file, from which the reading comes, perhaps under another name
+        if name in compared:
+            column = compared[name] if compared[name].dtype.kind in "iuf" else None
+        elif name in formulation.data:
+            made = formulation.data[name]
+            if made.dtype.kind in "iuf" and len(np.unique(made)) >= _TELLING:
+                numbers = (other for other in compared.columns.values() if other.dtype.kind in "iuf")
+                column = next((other for other in numbers if np.isin(made, other).all()), None)
+        if column is not None:
             sigma = float(np.median(np.asarray(formulation.sigma[name])))
             chance *= min(1.0, step_of(column) / (2 * np.sqrt(np.pi) * sigma))
     expected = repeats * chance
@@ -363,19 +371,6 @@ def step_of(values: NDArray[Any]) -> float:
         if step < 1e3 * tiny:
             return 0.0
     return step
-
-
-def _in_file(name: str, data: MeasuredData, formulation: Formulation) -> NDArray[Any] | None:
-    """Return the column of the file that a reading comes from, perhaps under another name."""
-    if name in data:
-        return data[name] if data[name].dtype.kind in "iuf" else None
-    if name not in formulation.data:
-        return None
-    made = formulation.data[name]
-    if made.dtype.kind not in "iuf" or len(np.unique(made)) < _TELLING:
-        return None
-    numbers = (column for column in data.columns.values() if column.dtype.kind in "iuf")
-    return next((column for column in numbers if np.isin(made, column).all()), None)
 
 
 def _times(data: MeasuredData, formulation: Formulation) -> tuple[str, ...]:

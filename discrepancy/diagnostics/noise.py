@@ -17,7 +17,6 @@ from scipy.special import fdtrc, gammainc
 from calibench.core.notes import Code, Note
 from calibench.core.words import plain
 from calibench.discrepancy.fitting.fit import Fit, fit, linearise, orthonormal, readings_of
-from calibench.discrepancy.model.formulations import rows_read
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import blamable, kinds_of, sensor_of
 from calibench.discrepancy.model.model import Model, relearned, told_by_middle
@@ -84,7 +83,10 @@ def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
     for alike in kinds_of(blamable(formulation.sensors)):
         first, second = pairs_of(formulation.data)
         names = [sensor.column for sensor in alike]
-        read = rows_read(formulation, names)
+        # the rows in which all of them are read, (n,)
+        reads = getattr(formulation, "reads", None)  # of `Blocks`, and of what stands around them
+        read = np.ones(len(formulation.data), dtype=bool)
+        read = read if reads is None else np.all([read, *map(reads, names)], axis=0)
         first, second = first[read[first]], second[read[first]]
         if len(first) < t.repeat_pairs:
             continue
@@ -274,9 +276,22 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[Note, ...]]:
             read.append(k)
     if not read:
         return {}, ()
+    tails = thresholds().scale_tails
+
+    def cost(logs: Sequence[float] | Array) -> float:
+        covariance = sum(np.exp(2 * log) * parts[k] for log, k in zip(logs, read))
+        z, size = _whitened(at, covariance, first, second)
+        return float(2 * size + (tails + z.shape[1]) * np.log1p((z**2).sum(axis=1) / tails).sum())
+
+    level = np.log(np.mean((white[second] - white[first]) ** 2) / 2 + 1e-12) / 2
+    grid = np.linspace(-1.0, 2.0, 7) * max(abs(level), 1.0) * np.sign(level or 1.0)
+    start: Sequence[float] = [float(level)] * len(read)  # of many kinds a grid would cost more than it finds
+    if len(read) <= _GRIDDED:
+        start = min(product(grid, repeat=len(read)), key=cost)
+    best = minimize(cost, np.array(start), method="Nelder-Mead", options={"maxiter": 120})
     scales = [1.0] * len(kinds)
-    for k, scale in zip(read, _scales(at, [parts[k] for k in read], first, second)):
-        scales[k] = scale
+    for k, log in zip(read, best.x):
+        scales[k] = float(np.exp(log))
     if len(read) < len(kinds):  # a t law's scale is not a deviation; the others' scales are
         left = _whitened(at, np.asarray(sum(scales[k] ** 2 * parts[k] for k in read)), first, second)[0]
         deviation = float(np.sqrt(np.median(left**2) / 0.455))
@@ -290,24 +305,6 @@ def sensor_scales(at: Fit) -> tuple[dict[str, float], tuple[Note, ...]]:
     text = f"repeats scatter otherwise than the stated noise ({each}); their scatter is used"
     times = {name: scales[k] for k in read for name in kinds[k]}
     return extra, (Note(Code.NOISE_MISSTATED, text, tuple(times), values=times),)
-
-
-def _scales(at: Fit, parts: list[Array], first: Array, second: Array) -> list[float]:
-    white = at.r.reshape(at.at.misclosure.shape)
-    tails = thresholds().scale_tails
-
-    def cost(logs: Sequence[float] | Array) -> float:
-        covariance = sum(np.exp(2 * log) * part for log, part in zip(logs, parts))
-        z, size = _whitened(at, covariance, first, second)
-        return float(2 * size + (tails + z.shape[1]) * np.log1p((z**2).sum(axis=1) / tails).sum())
-
-    level = np.log(np.mean((white[second] - white[first]) ** 2) / 2 + 1e-12) / 2
-    grid = np.linspace(-1.0, 2.0, 7) * max(abs(level), 1.0) * np.sign(level or 1.0)
-    start: Sequence[float] = [float(level)] * len(parts)  # of many kinds a grid would cost more than it finds
-    if len(parts) <= _GRIDDED:
-        start = min(product(grid, repeat=len(parts)), key=cost)
-    best = minimize(cost, np.array(start), method="Nelder-Mead", options={"maxiter": 120})
-    return [float(np.exp(log)) for log in best.x]
 
 
 def _whitened(at: Fit, covariance: Array, first: Array, second: Array) -> tuple[Array, float]:

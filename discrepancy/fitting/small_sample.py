@@ -134,7 +134,15 @@ def small_sample(
         U, back = _visible(about.columns(effect), q)
         if 0 < U.shape[1] < degrees:
             seen.append((effect, U, back))
-    least = _smallest_p([U for _, U, _ in seen], q, draws, np.random.default_rng(seed))
+    # the smallest p of all candidates for `draws` directions drawn evenly from the residual space
+    v = np.random.default_rng(seed).standard_normal((draws, n))
+    v -= (v @ q) @ q.T
+    v /= np.linalg.norm(v, axis=1, keepdims=True)
+    least = np.ones(draws)
+    for _, U, _ in seen:
+        m = U.shape[1]
+        share = np.minimum(((v @ U) ** 2).sum(axis=1), 1 - 1e-15)
+        least = np.minimum(least, fdtrc(m, degrees - m, share / m / ((1 - share) / (degrees - m))))
     found = []
     for effect, U, back in seen:
         m, z = U.shape[1], U.T @ r
@@ -228,20 +236,6 @@ def _visible(D: Array, q: Array) -> tuple[Array, Array]:
     W, s, Vt = np.linalg.svd(project_off(unit, q), full_matrices=False)
     kept = s > thresholds().small_seen
     return W[:, kept], (Vt.T[:, kept] / s[kept]) / np.where(size > 0, size, 1.0)[:, None]
-
-
-def _smallest_p(seen: Sequence[Array], q: Array, draws: int, rng: np.random.Generator) -> Array:
-    """Return the smallest p of all candidates for `draws` directions drawn evenly from the residual space."""
-    n = q.shape[0]
-    v = rng.standard_normal((draws, n))
-    v -= (v @ q) @ q.T
-    v /= np.linalg.norm(v, axis=1, keepdims=True)
-    least, degrees = np.ones(draws), n - q.shape[1]
-    for U in seen:
-        m = U.shape[1]
-        share = np.minimum(((v @ U) ** 2).sum(axis=1), 1 - 1e-15)
-        least = np.minimum(least, fdtrc(m, degrees - m, share / m / ((1 - share) / (degrees - m))))
-    return np.asarray(least)
 
 
 def _loo(columns: Array, r: Array) -> float:

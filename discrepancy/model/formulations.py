@@ -470,13 +470,6 @@ class Blocks:
         return len(block.readings) if isinstance(block, Predicted) else _width(block)
 
 
-def rows_read(formulation: Formulation, columns: Sequence[str]) -> Mask:
-    """Return the rows of a formulation in which all `columns` are read, (n,): all rows, but for `Blocks`."""
-    reads = getattr(formulation, "reads", None)  # of `Blocks`, and of what stands around them
-    read = np.ones(len(formulation.data), dtype=bool)
-    return read if reads is None else np.all([read, *map(reads, columns)], axis=0)
-
-
 def _of(block: Formulation, q: Quantities, rows: Mask) -> dict[str, Numbers]:
     known = {*(p.name for p in block.parameters), *block.fixed, *block.readings, *inputs_of(block)}
     return {name: value[rows] if np.ndim(value) else value for name, value in q.items() if name in known}

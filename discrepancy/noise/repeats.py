@@ -79,7 +79,13 @@ def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, Re
     if not stated and np.median(np.abs(difference)) <= ROUNDING:
         text = "repeats are mostly the same number: they tell nothing of the noise"
         return Noise(profiled=True), repeats, (Note(Code.REPEATS_EQUAL, text),)
-    t_degrees = _tails(difference)
+    # the degrees of freedom of the t law that fits single readings, from differences of two over root 2
+    gaussian = Noise(float(np.sqrt(np.mean(difference**2))))
+    t_degrees, likely = np.inf, t.tails_gain + 2 * gaussian.loglikelihood(difference)
+    for tail in TAILS:
+        value = 2 * Noise(np.sqrt(variance(difference, tail)), 0.0, tail).loglikelihood(difference)
+        if value > likely:
+            t_degrees, likely = tail, value
     spread = variance(difference, t_degrees)
     width = np.sqrt((2 if not np.isfinite(t_degrees) else 5) / n)
     if stated and spread < 1 - 2 * width:
@@ -136,17 +142,6 @@ def _misstated(spread: float) -> tuple[Note, ...]:
     times = float(np.sqrt(spread))
     text = f"repeats scatter {times:.2f} times the stated noise; their scatter is used"
     return (Note(Code.NOISE_MISSTATED, text, values={"times": times}),)
-
-
-def _tails(difference: Array) -> float:
-    """Return the degrees of freedom of the t law that fits single readings, from differences of two over root 2."""
-    gaussian = Noise(float(np.sqrt(np.mean(difference**2))))
-    best, likely = np.inf, thresholds().tails_gain + 2 * gaussian.loglikelihood(difference)
-    for t_degrees in TAILS:
-        value = 2 * Noise(np.sqrt(variance(difference, t_degrees)), 0.0, t_degrees).loglikelihood(difference)
-        if value > likely:
-            best, likely = t_degrees, value
-    return best
 
 
 def variance(values: Array, t_degrees: float) -> float:

@@ -17,13 +17,11 @@ from calibench.core.words import plain
 from calibench.discrepancy.diagnostics.score import projected_scores
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns
 from calibench.discrepancy.fitting.fit import Fit, fit, project_off, reading_order
-from calibench.discrepancy.model.effect import Effect, has_free_period
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
 from calibench.discrepancy.noise.whiten import whitener
-from calibench.discrepancy.report import Nearest, Shortest, Unnamed
-from calibench.discrepancy.search.select import Tests, best_of_each
+from calibench.discrepancy.report import Unnamed
 from calibench.discrepancy.thresholds import thresholds
 from calibench.discrepancy.validation import errors_left_out, folds
 from calibench.problems.base import Array
@@ -265,27 +263,6 @@ def unnamed_of(final: Fit) -> tuple[Unnamed, ...]:
             )
         shown.append(Unnamed(quantity, covariate, float(np.ptp(values)) / one_unit, unit, course))
     return tuple(one for one in shown if one.size >= _SMALL * max(o.size for o in shown if o.unit == one.unit))
-
-
-def nearest_of(tests: Tests) -> Nearest | None:
-    """Return the formula that explains most of the excess over the noise, and its share; None where none does."""
-    best = best_of_each(tests.names, tests.on)[:1]
-    excess = tests.on.total - tests.on.degrees
-    if not best or not best[0].m or excess <= 0:
-        return None
-    [one] = best
-    return Nearest(one.name, one.effect.family, one.effect.target, float(np.clip((one.T - one.m) / excess, 0.0, 1.0)))
-
-
-def shortest_of(candidates: Sequence[Effect]) -> tuple[Shortest, ...]:
-    """Return, for each column in which waves of any period are searched for, the shortest period."""
-    found: dict[str, Shortest] = {}
-    for effect in (e for e in candidates if has_free_period(e)):
-        period = effect.period(np.zeros(len(effect.coefficients)))  # type: ignore[attr-defined]
-        column = effect.columns[0]
-        if column not in found or period < found[column].period:
-            found[column] = Shortest(column, float(period), effect.period_unit)  # type: ignore[attr-defined]
-    return tuple(found.values())
 
 
 def _place(grid: Array, values: Array, unit: str, one: float) -> str:

@@ -238,7 +238,32 @@ def read_table(path: str | Path, deviations: bool = True) -> tuple[Plan, Array]:
             optional = name in ("level_mm", "against_mm") or (name == "deviation" and not deviations)
             if name in _KNOWN and not cells[name] and not optional:
                 raise ValueError(f"{label}: the cell of {name} is missing; fill it in or leave the row out")
-        plan.append(_reading(label, cells, units))
+        leg, posture = cells["leg"].lower(), cells["posture"].lower()
+        if leg not in AXES:
+            raise ValueError(f"{label}: leg={cells['leg']!r}: x, y or z is needed")
+        axis, end = (posture[0], posture[1:]) if posture[0] in AXES else (leg, posture)
+        strokes = {"max": geometry().stroke_plus, "min": geometry().stroke_minus}
+        if end not in ("", *strokes):
+            choices = [*AXES, "max", "min", *(axis + end for axis in AXES for end in strokes)]
+            raise ValueError(f"{label}: posture={cells['posture']!r}: {suggest(posture, choices)}")
+        level = _number(label, cells, "level_mm", strokes.get(end), units)
+        if end and level * strokes[end] <= 0:
+            raise ValueError(f"{label}: posture={cells['posture']} and level_mm={level:g} do not agree in sign")
+        share = _number(label, cells, "gauge_position", 0.5, units)
+        if not 0 <= share <= 1:
+            raise ValueError(f"{label}: gauge_position={share:g}: a share of the leg is needed, 0 (joint) .. 1 (tool)")
+        approach = cells.get("pass", "fwd")
+        if approach not in ("fwd", "rev"):
+            raise ValueError(f"{label}: pass={approach!r}: fwd or rev is needed")
+        against = _number(label, cells, "against_mm", 0.0, units)
+        payload = _number(label, cells, "payload_N", 0.0, units)
+        repeat = _number(label, cells, "repeat", 0.0, units)
+        if not repeat.is_integer():
+            raise ValueError(f"{label}: repeat={repeat:g}: a whole number is needed")
+        plan.append(Reading(
+            leg, cells["direction"].lower(), axis, level, gauge_position=share, against_mm=against,
+            approach="rev" if approach == "rev" else "fwd", payload_N=payload, repeat=int(repeat),
+        ))  # fmt: skip
         values.append(_number(label, cells, "deviation", None, units) if deviations else 0.0)
     if not plan:
         raise ValueError(f"{where}: there is no row below the header")
@@ -251,34 +276,6 @@ def read_table(path: str | Path, deviations: bool = True) -> tuple[Plan, Array]:
     except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(where) else f"{where}: {error}") from None
     return tuple(plan), np.array(values)
-
-
-def _reading(label: str, cells: dict[str, str], units: Mapping[str, float]) -> Reading:
-    leg, posture = cells["leg"].lower(), cells["posture"].lower()
-    if leg not in AXES:
-        raise ValueError(f"{label}: leg={cells['leg']!r}: x, y or z is needed")
-    axis, end = (posture[0], posture[1:]) if posture[0] in AXES else (leg, posture)
-    strokes = {"max": geometry().stroke_plus, "min": geometry().stroke_minus}
-    if end not in ("", *strokes):
-        choices = [*AXES, "max", "min", *(axis + end for axis in AXES for end in strokes)]
-        raise ValueError(f"{label}: posture={cells['posture']!r}: {suggest(posture, choices)}")
-    level = _number(label, cells, "level_mm", strokes.get(end), units)
-    if end and level * strokes[end] <= 0:
-        raise ValueError(f"{label}: posture={cells['posture']} and level_mm={level:g} do not agree in sign")
-    share = _number(label, cells, "gauge_position", 0.5, units)
-    if not 0 <= share <= 1:
-        raise ValueError(f"{label}: gauge_position={share:g}: a share of the leg is needed, 0 (joint) .. 1 (tool)")
-    approach = cells.get("pass", "fwd")
-    if approach not in ("fwd", "rev"):
-        raise ValueError(f"{label}: pass={approach!r}: fwd or rev is needed")
-    against, payload = _number(label, cells, "against_mm", 0.0, units), _number(label, cells, "payload_N", 0.0, units)
-    repeat = _number(label, cells, "repeat", 0.0, units)
-    if not repeat.is_integer():
-        raise ValueError(f"{label}: repeat={repeat:g}: a whole number is needed")
-    return Reading(
-        leg, cells["direction"].lower(), axis, level, gauge_position=share, against_mm=against,
-        approach="rev" if approach == "rev" else "fwd", payload_N=payload, repeat=int(repeat),
-    )  # fmt: skip
 
 
 def _number(label: str, cells: dict[str, Any], key: str, default: float | None, units: Mapping[str, float]) -> float:

@@ -41,7 +41,35 @@ def actual_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     yield _nominal(printed)
     yield printed.unknown("section45.j3_calibrated", f"{_REAL}; see the claim on its noise")
     yield from _table8(printed)
-    yield from _plans(printed, evidence)
+
+    conditions = {}
+    for plan, radius in _PLANS.items():
+        answer = problems.identify(ledger.problem("full11", error="J3", plan=plan, radius=radius), noise=2e-5)
+        lengths = [s for n, s in zip(answer.names, answer.standard_errors, strict=True) if n[0] in "xyl"]
+        poor, condition = plan == "line", answer.condition
+        conditions[plan] = condition
+        yield printed.claim(
+            f"plan_{plan}_condition", "Section 4.5",
+            f"{_NAMES[plan]} {'does not excite' if poor else 'excites'} all components", ours=condition,
+            ruling=judge_at_least(condition, 1e6) if poor else judge_limit(condition, 5e3, 1e5),
+            rule="true above a condition of 1e6" if poor else "true below a condition of 5e3, in kind below 1e5",
+            method=f"condition of full11's Jacobian, radius {radius:g}",
+            reason=f"at 2e-5 rad the worst standard error is {max(lengths):.2g} mm",
+        )  # fmt: skip
+        yield from _success(printed, evidence, plan)
+    gain = conditions["circle"] / conditions["line"]
+    yield printed.claim(
+        "circle_beats_line", "Section 4.5", "a circle calibrates where a line does not",
+        ours=gain, ruling=judge_limit(gain, 1e-2), rule="true where it lowers the condition a hundredfold",
+        method="condition on the circle over that on the line", reason="right in direction",
+    )  # fmt: skip
+    enough = conditions["circle"] / conditions["two_circles"]
+    yield printed.claim(
+        "one_circle_suffices", "Section 4.5", "on a circle all components are excited sufficiently",
+        ours=enough, ruling=judge_limit(enough, 2.0, 10.0),
+        rule="true where two circles lower the condition by less than two, in kind ten",
+        method="condition on one circle (R80) over that on two (R60 and R120)", reason="one circle is not enough",
+    )  # fmt: skip
 
 
 def _evaluations(printed: Printed, evidence: Evidence) -> Row:
@@ -161,37 +189,6 @@ def _table8(printed: Printed) -> Iterator[Row]:
         method="correction over its standard error, 11 parameters, one circle R80, the noise of the row above",
         reason=f"one circle at {noise:.1e} rad knows a length to "
         f"{max(spread[n] for n in spread if n[0] != 'z'):.2g} mm at worst: a lower J3 does not show better parameters",
-    )  # fmt: skip
-
-
-def _plans(printed: Printed, evidence: Evidence) -> Iterator[Row]:
-    conditions = {}
-    for plan, radius in _PLANS.items():
-        answer = problems.identify(ledger.problem("full11", error="J3", plan=plan, radius=radius), noise=2e-5)
-        lengths = [s for n, s in zip(answer.names, answer.standard_errors, strict=True) if n[0] in "xyl"]
-        poor, condition = plan == "line", answer.condition
-        conditions[plan] = condition
-        yield printed.claim(
-            f"plan_{plan}_condition", "Section 4.5",
-            f"{_NAMES[plan]} {'does not excite' if poor else 'excites'} all components", ours=condition,
-            ruling=judge_at_least(condition, 1e6) if poor else judge_limit(condition, 5e3, 1e5),
-            rule="true above a condition of 1e6" if poor else "true below a condition of 5e3, in kind below 1e5",
-            method=f"condition of full11's Jacobian, radius {radius:g}",
-            reason=f"at 2e-5 rad the worst standard error is {max(lengths):.2g} mm",
-        )  # fmt: skip
-        yield from _success(printed, evidence, plan)
-    gain = conditions["circle"] / conditions["line"]
-    yield printed.claim(
-        "circle_beats_line", "Section 4.5", "a circle calibrates where a line does not",
-        ours=gain, ruling=judge_limit(gain, 1e-2), rule="true where it lowers the condition a hundredfold",
-        method="condition on the circle over that on the line", reason="right in direction",
-    )  # fmt: skip
-    enough = conditions["circle"] / conditions["two_circles"]
-    yield printed.claim(
-        "one_circle_suffices", "Section 4.5", "on a circle all components are excited sufficiently",
-        ours=enough, ruling=judge_limit(enough, 2.0, 10.0),
-        rule="true where two circles lower the condition by less than two, in kind ten",
-        method="condition on one circle (R80) over that on two (R60 and R120)", reason="one circle is not enough",
     )  # fmt: skip
 
 

@@ -140,17 +140,14 @@ def _propositions(printed: Printed) -> Iterator[Row]:
     def both() -> Array:
         return np.asarray((1e-3 * balanced @ rng.normal(size=balanced.shape[1]))[:, None] * infeasible)
 
-    def only_mean() -> Array:
-        errors = 1e-3 * rng.normal(size=(12, 3))
-        return np.asarray(errors - errors.mean(axis=0))
-
     cases = (
         ("proposition1", "Proposition 1", "feasible reading errors do not move the minimum",
          lambda: np.array([slope @ rng.normal(0, 2.0, 2) for slope in slopes]), ""),
         ("proposition2", "Proposition 2", "infeasible errors of mean zero do not move the minimum", both,
          "both conditions are needed: mean(delta) = 0 and each delta_j in span P_j"),
         ("proposition2_mean_alone", "Section 2.3, 'robust to the measurement error'",
-         "reading errors of mean zero do not move the minimum", only_mean,
+         "reading errors of mean zero do not move the minimum",
+         lambda: np.asarray((errors := 1e-3 * rng.normal(size=(12, 3))) - errors.mean(axis=0)),
          "P_j changes along the circle, so errors of mean zero are not of mean zero once projected"),
         ("proposition2_span_alone", "Section 2.3, 'robust to the measurement error'",
          "infeasible reading errors do not move the minimum",

@@ -61,33 +61,52 @@ def orthoglide_residuals(runs: pd.DataFrame, _: pd.DataFrame) -> Drawing:
 def rows(printed: Printed) -> Iterator[Row]:
     """Yield a row for each cell of Tables 1, 2 and 3."""
     for key, data in (("exp1", "exp1"), ("exp2", "exp2_t1"), ("exp3", "exp3_t1")):
-        yield from _table1(printed, key, data)
+        fit = fitted(data, "rho")
+        for name in printed.column(f"table1.{key}"):
+            if name != "rms":
+                yield printed.unknown(f"table1.{key}.{name}", method=_MEASURED)
+                continue
+            values = table1(printed, key)
+            tolerance = rms_tolerance(values, 1, fit.slip)
+            yield printed.cell(f"table1.{key}.rms", rms(values), tolerance, "rms of the six deviations above")
+        residual_maker = np.eye(len(fit.data)) - fit.predictor
+        for name in printed.column(f"table1.{key}_expected"):
+            if name == "rms":
+                values = residual_maker @ fit.data
+                ours, method = rms(values), "rms left by the {rho} fit of the six deviations"
+                tolerance = rms_tolerance(values, 1, residual_maker @ fit.slip)
+            else:
+                row = residual_maker[fit.labels.index(name)]
+                ours, method = float(row @ fit.data), "residual of the {rho} fit, data - model"
+                tolerance = fit.tolerance(row, "the cell")
+            yield printed.cell(f"table1.{key}_expected.{name}", ours, tolerance, method)
     for key, data in (("exp2", "exp2"), ("exp3", "exp3_t2")):
         yield from _table2(printed, key, data)
     for free in _FREE:
-        yield from _table3(printed, free)
-
-
-def _table1(printed: Printed, key: str, data: str) -> Iterator[Row]:
-    fit = fitted(data, "rho")
-    for name in printed.column(f"table1.{key}"):
-        if name != "rms":
-            yield printed.unknown(f"table1.{key}.{name}", method=_MEASURED)
-            continue
-        values = table1(printed, key)
-        tolerance = rms_tolerance(values, 1, fit.slip)
-        yield printed.cell(f"table1.{key}.rms", rms(values), tolerance, "rms of the six deviations above")
-    residual_maker = np.eye(len(fit.data)) - fit.predictor
-    for name in printed.column(f"table1.{key}_expected"):
-        if name == "rms":
-            values = residual_maker @ fit.data
-            ours, method = rms(values), "rms left by the {rho} fit of the six deviations"
-            tolerance = rms_tolerance(values, 1, residual_maker @ fit.slip)
-        else:
-            row = residual_maker[fit.labels.index(name)]
-            ours, method = float(row @ fit.data), "residual of the {rho} fit, data - model"
-            tolerance = fit.tolerance(row, "the cell")
-        yield printed.cell(f"table1.{key}_expected.{name}", ours, tolerance, method)
+        fit, key = fitted("exp2", free), f"table3.exp2_{free}"
+        names = {"full": NAMES, "rho": NAMES[:3], "L": NAMES[3:]}[free]
+        column = printed.column(key)
+        for name in column:
+            if name == "residual":
+                residuals = fit.residuals
+                yield printed.cell(
+                    f"{key}.residual", rms(residuals), rms_tolerance(residuals), "rms left by the linear fit"
+                )
+                continue
+            at, reason = names.index(name), ""
+            tolerance = Tolerance(0.01, "printed digits are cut off or rounded: one unit of the last")
+            if free == "full":
+                # only rho - L is seen: each alone may be anywhere within what half a digit of the data does to it
+                tolerance = Tolerance(
+                    HALF, "half a printed digit; in kind: and of each datum, as the fit carries it",
+                    HALF + HALF * float(np.abs(fit.solver[at]).sum()),
+                )  # fmt: skip
+                rho, long = f"drho_{name[-1]}", f"dL_{name[-1]}"
+                ours, difference = float(fit.x[names.index(rho)] - fit.x[names.index(long)]), column[rho] - column[long]
+                apart = ours - difference
+                reason = f"only rho - L is determined: {difference:.2f} printed, {ours:.3f} ours, {apart:+.3f} apart"
+            method = "parameter of the linear fit to Experiment 2"
+            yield printed.cell(f"{key}.{name}", float(fit.x[at]), tolerance, method, reason=reason)
 
 
 def _table2(printed: Printed, key: str, data: str) -> Iterator[Row]:
@@ -114,34 +133,6 @@ def _table2(printed: Printed, key: str, data: str) -> Iterator[Row]:
                 cell, float(row @ fit.data), fit.tolerance(row, "the cell"),
                 f"prediction of the linear model fitted to Experiment {key[-1]}",
             )  # fmt: skip
-
-
-def _table3(printed: Printed, free: str) -> Iterator[Row]:
-    fit, key = fitted("exp2", free), f"table3.exp2_{free}"
-    names = {"full": NAMES, "rho": NAMES[:3], "L": NAMES[3:]}[free]
-    column = printed.column(key)
-    for name in column:
-        if name == "residual":
-            residuals = fit.residuals
-            yield printed.cell(
-                f"{key}.residual", rms(residuals), rms_tolerance(residuals), "rms left by the linear fit"
-            )
-            continue
-        at, reason = names.index(name), ""
-        tolerance = Tolerance(0.01, "printed digits are cut off or rounded: one unit of the last")
-        if free == "full":
-            # only rho - L is seen: each alone may be anywhere within what half a digit of the data does to it
-            tolerance = Tolerance(
-                HALF, "half a printed digit; in kind: and of each datum, as the fit carries it",
-                HALF + HALF * float(np.abs(fit.solver[at]).sum()),
-            )  # fmt: skip
-            rho, long = f"drho_{name[-1]}", f"dL_{name[-1]}"
-            ours, difference = float(fit.x[names.index(rho)] - fit.x[names.index(long)]), column[rho] - column[long]
-            reason = (
-                f"only rho - L is determined: {difference:.2f} printed, {ours:.3f} ours, {ours - difference:+.3f} apart"
-            )
-        method = "parameter of the linear fit to Experiment 2"
-        yield printed.cell(f"{key}.{name}", float(fit.x[at]), tolerance, method, reason=reason)
 
 
 ADDITION = Addition(

@@ -68,7 +68,25 @@ class Gpm2002:
 
         tracked = data.has("x", "y")
         nominal = dict(zip(NAMES, makers_machine().tolist())) | stated
-        held = held if tracked else (*held, *_gauge(nominal, held))
+        if not tracked:
+            # hold so many besides that, where only angles are read, every move can be observed
+            moves = np.zeros((len(NAMES), 4))
+            for k, name in enumerate(NAMES):
+                if name[:2] in ("xa", "ya"):
+                    other = nominal[("y" if name[0] == "x" else "x") + name[1:]]
+                    moves[k] = (name[0] == "x", name[0] == "y", -other if name[0] == "x" else other, nominal[name])
+                else:
+                    moves[k] = (0, 0, 1, 0) if name[0] == "z" else (0, 0, 0, nominal[name])
+            moves /= np.linalg.norm(moves, axis=0)
+
+            chosen, rank = list(held), -1
+            for name in ("", *_GAUGE, *NAMES):
+                tried = [*chosen, name] if name else chosen
+                rows = moves[[NAMES.index(one) for one in tried]]
+                seen = int(np.linalg.matrix_rank(rows, tol=1e-6)) if tried else 0
+                if seen > rank:
+                    chosen, rank = tried, seen
+            held = (*held, *chosen[len(held) :])
         closure = LegClosure(data, (), {name: nominal[name] for name in held}, tracked)
         offsets = tuple(name for name in _OFFSETS if name not in held)
         sample = closure.on(data.rows(np.unique(np.linspace(0, len(data) - 1, min(60, len(data))).round().astype(int))))
@@ -86,27 +104,6 @@ class Gpm2002:
             for width in (10.0 if unit == "mm" else 0.4,)
         )
         return replace(closure, parameters=parameters)
-
-
-def _gauge(nominal: Mapping[str, float], held: Sequence[str]) -> tuple[str, ...]:
-    """Return what must be held besides `held`, where only angles are read, so that every move can be observed."""
-    moves = np.zeros((len(NAMES), 4))
-    for k, name in enumerate(NAMES):
-        if name[:2] in ("xa", "ya"):
-            other = nominal[("y" if name[0] == "x" else "x") + name[1:]]
-            moves[k] = (name[0] == "x", name[0] == "y", -other if name[0] == "x" else other, nominal[name])
-        else:
-            moves[k] = (0, 0, 1, 0) if name[0] == "z" else (0, 0, 0, nominal[name])
-    moves /= np.linalg.norm(moves, axis=0)
-
-    chosen, rank = list(held), -1
-    for name in ("", *_GAUGE, *NAMES):
-        tried = [*chosen, name] if name else chosen
-        rows = moves[[NAMES.index(one) for one in tried]]
-        seen = int(np.linalg.matrix_rank(rows, tol=1e-6)) if tried else 0
-        if seen > rank:
-            chosen, rank = tried, seen
-    return tuple(chosen[len(held) :])
 
 
 @final
