@@ -118,12 +118,13 @@ def bounds_in_words(out: Sequence[Parameter], ends: Mapping[str, float]) -> str:
 
 def outside_bounds(parameters: Iterable[Parameter], ends: Mapping[str, float]) -> tuple[Parameter, ...]:
     """Return the parameters that end outside their bounds, those first that are furthest in widths of their box."""
-
-    def far(p: Parameter) -> float:
+    out: list[tuple[float, Parameter]] = []  # how far, and which
+    for p in parameters:
         at = ends.get(p.name, p.lower)
-        return 0.0 if p.lower <= at <= p.upper else max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)
-
-    return tuple(sorted((p for p in parameters if far(p) > 0), key=lambda p: -far(p)))
+        far = 0.0 if p.lower <= at <= p.upper else max(p.lower - at, at - p.upper) / max(p.upper - p.lower, _NARROW)
+        if far > 0:
+            out.append((far, p))
+    return tuple(p for _, p in sorted(out, key=lambda one: -one[0]))
 
 
 def _told_of(formulation: Formulation, row: int) -> tuple[str, tuple[str, ...], tuple[str, ...]]:

@@ -31,7 +31,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any, final
 
@@ -113,9 +113,7 @@ class Constraints:
             )
         return rows
 
-    def slopes(self, q: Quantities) -> dict[str, Array]:
-        return complex_step_slopes(self, q)
-
+    slopes = complex_step_slopes
     decorrelate = as_they_are
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
@@ -280,21 +278,21 @@ class Predicted:
     def parted(self) -> tuple[Predicted, ...]:
         """Return one formulation for each measured column, because their noise is independent."""
 
-        def one(k: int, name: str) -> Predicted:
-            def predict(q: Quantities) -> Numbers:
-                return np.asarray(self.predict(q)).reshape(len(q[name]), -1)[:, k]
+        def predict(k: int, name: str, q: Quantities) -> Numbers:
+            return np.asarray(self.predict(q)).reshape(len(q[name]), -1)[:, k]
 
-            def slopes(q: Quantities) -> Mapping[str, Array]:
-                given = {} if self._given is None else self._given(q)
-                return {n: np.asarray(s).reshape(len(s), -1)[:, k : k + 1] for n, s in given.items()}
+        def slopes(k: int, q: Quantities) -> Mapping[str, Array]:
+            given = {} if self._given is None else self._given(q)
+            return {n: np.asarray(s).reshape(len(s), -1)[:, k : k + 1] for n, s in given.items()}
 
-            return replace(
-                self, predict=predict, measured={name: self.measured[name]},
+        return tuple(
+            replace(
+                self, predict=partial(predict, k, name), measured={name: self.measured[name]},
                 instruments=tuple(s for s in self.instruments if s.column == name),
-                _given=slopes, _checked=True,
-            )  # fmt: skip
-
-        return tuple(one(k, name) for k, name in enumerate(self.measured))
+                _given=partial(slopes, k), _checked=True,
+            )
+            for k, name in enumerate(self.measured)
+        )  # fmt: skip
 
     def _slopes(self, q: Quantities) -> dict[str, Array]:
         """Return the derivative of the constraints in each quantity, name -> (n, m); by complex step if not given."""

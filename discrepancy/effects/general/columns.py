@@ -8,7 +8,7 @@ frame moves evenly or once; one of two or three coordinates may turn as it moves
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import final
 
@@ -48,8 +48,10 @@ class Cycle:
     formula: str
     channel: str
     column: str
+    columns: tuple[str, ...]
     quantity: str
     unit: str
+    units: tuple[str, ...]
     start: float
     middle: float
     span: float
@@ -61,11 +63,6 @@ class Cycle:
     largest: float = _ANY
     longest: float = np.inf
     period_unit: str = ""
-    columns: tuple[str, ...] = field(init=False)
-    units: tuple[str, ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        vars(self).update(columns=(self.column,), units=(self.unit, self.unit, "1"))
 
     def period(self, c: Array) -> float:
         frequency = 1 / self.start + c[2] / self.span
@@ -135,9 +132,10 @@ def scanned(
     middle = float(u.min() + span / 2)
     return tuple(
         Cycle(
-            family.name, target, family.formula, channel=channel, column=column, quantity=quantity, unit=unit,
-            start=float(1 / frequency), middle=middle, span=span, positions=count, factor=factor, after=after,
-            largest=largest, longest=longest, period_unit=period_unit,
+            family.name, target, family.formula, channel=channel, column=column, columns=(column,),
+            quantity=quantity, unit=unit, units=(unit, unit, "1"), start=float(1 / frequency), middle=middle,
+            span=span, positions=count, factor=factor, after=after, largest=largest, longest=longest,
+            period_unit=period_unit,
         )
         for frequency in np.linspace(low, min(high, low + count / (span * _PER_WIDTH)), count)
     )  # fmt: skip
@@ -153,11 +151,12 @@ def _polynomial(family: EffectFamily, formulation: Formulation, target: str) -> 
         return np.stack([s, 2 * s**2 - 1, 4 * s**3 - 3 * s], axis=-1)[:, :degree]
 
     def form(degree: int) -> LinearEffect:
-        def measure(c: Array) -> float:  # the rise of a line with its sign, the range of a curve over the run
-            return 2 * float(c[0]) if len(c) == 1 else float(np.ptp(terms(np.linspace(-1, 1, 65), len(c)) @ c))
-
         return family.linear(
-            target, (column,), dict.fromkeys(_DEGREES[:degree], unit), measure=measure,
+            target, (column,), dict.fromkeys(_DEGREES[:degree], unit),
+            # the rise of a line with its sign, the range of a curve over the run
+            measure=lambda c: (
+                2 * float(c[0]) if len(c) == 1 else float(np.ptp(terms(np.linspace(-1, 1, 65), len(c)) @ c))
+            ),
             changes=lambda q, data: {measured: -terms((np.asarray(data[column], float) - middle) / half, degree)},
         )  # fmt: skip
 
@@ -244,14 +243,12 @@ def _power(family: EffectFamily, formulation: Formulation, target: str) -> Built
     # the square about an unknown centre: with a line beside it; the square's own coefficient is reported
     largest, unit = float(np.max(np.abs(formulation.data[column]))), unit_of(formulation, measured)
 
-    def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        s = np.asarray(data[column], dtype=float) / largest
-        return {measured: -np.stack([s**2, s], axis=-1)}
-
-    coefficients = dict.fromkeys(("c", "line"), unit)
     off_centre = family.linear(
-        target, (column,), coefficients, changes, measure=lambda c: float(c[0]), positions=_CENTRES
-    )
+        target, (column,), dict.fromkeys(("c", "line"), unit), measure=lambda c: float(c[0]), positions=_CENTRES,
+        changes=lambda q, data: {
+            measured: -np.stack([(s := np.asarray(data[column], dtype=float) / largest) ** 2, s], axis=-1)
+        },
+    )  # fmt: skip
     return (*plain, off_centre)
 
 
@@ -333,13 +330,12 @@ def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built
     unit, one = told_in(joint)
 
     def form(names: tuple[str, ...]) -> LinearEffect:
-        def measure(c: Array) -> float:  # the range over the run, with the sign of its end where it is even
-            if len(c) == 1:
-                return float(c[0])
-            return float(np.ptp(run_terms(np.linspace(0, 1, 65))[:, : len(c)] @ c))
-
         return family.linear(
-            target, (clock,), dict.fromkeys(names, unit), measure=measure, largest=largest_error(joint) / one,
+            target, (clock,), dict.fromkeys(names, unit), largest=largest_error(joint) / one,
+            # the range over the run, with the sign of its end where it is even
+            measure=lambda c: (
+                float(c[0]) if len(c) == 1 else float(np.ptp(run_terms(np.linspace(0, 1, 65))[:, : len(c)] @ c))
+            ),
             changes=lambda q, data: {joint.reading: one * run_terms((data[clock] - origin) / span)[:, : len(names)]},
         )  # fmt: skip
 
@@ -362,16 +358,14 @@ def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) ->
             apart = np.stack([np.asarray(q[name], dtype=float) for name in columns], axis=-1) - middle
             return {name: -part * moved for name, moved in zip(columns, _motion(apart, turns))}
 
-        def farthest(c: Array) -> float:
-            """Return how far the reading that moves most has moved at the end of the run."""
-            moved = np.stack([one @ c for one in _motion(reach, turns)], axis=-1)
-            return float(np.max(np.linalg.norm(moved, axis=-1)))
-
         names = (*(f"d{name}" for name in columns), *(_AXES[len(columns)] if turns else ()))
         units = (unit,) * len(columns) + ("rad",) * (len(names) - len(columns))
         return family.linear(
             target, (clock, *columns), dict(zip(names, units, strict=True)), changes, unit=unit,
-            measure=farthest if turns else effects.size,
+            # where it turns, how far the reading that moves most has moved at the end of the run
+            measure=effects.size if not turns else lambda c: float(
+                np.max(np.linalg.norm(np.stack([one @ c for one in _motion(reach, turns)], axis=-1), axis=-1))
+            ),
         )  # fmt: skip
 
     return (form(False), form(True)) if len(columns) in _AXES else (form(False),)

@@ -8,7 +8,7 @@ are tried; lower orders have names of their own, and so have those of a stated p
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, final
 
@@ -43,7 +43,9 @@ class ExactHarmonic:
     target: str
     formula: str
     reading: str
+    columns: tuple[str, ...]
     unit: str
+    units: tuple[str, ...]
     exact: Exact
     radians: float = 1.0
     largest: float = np.inf
@@ -52,11 +54,6 @@ class ExactHarmonic:
     twins: tuple[str, ...] = ()
     coefficients: tuple[str, ...] = ("a", "b")
     positions: int = 1
-    columns: tuple[str, ...] = field(init=False)
-    units: tuple[str, ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        vars(self).update(columns=(self.reading,), units=(self.unit,) * 2)
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
         error, _ = self.exact(q[self.reading] * self.radians, c * (self.one * self.radians))
@@ -92,8 +89,9 @@ def _exact(form: Exact, order: float, family: EffectFamily, formulation: Formula
         return (fourier(family, formulation, joint, (order,)),)
     unit, one = told_in(joint)
     effect = ExactHarmonic(
-        family.name, target, family.formula, reading=joint.reading, unit=unit, exact=form,
-        radians=2 * np.pi / turn if joint.unit != "rad" else 1.0, largest=largest_error(joint) / one, one=one,
+        family.name, target, family.formula, reading=joint.reading, columns=(joint.reading,), unit=unit,
+        units=(unit,) * 2, exact=form, radians=2 * np.pi / turn if joint.unit != "rad" else 1.0,
+        largest=largest_error(joint) / one, one=one,
     )  # fmt: skip
     return (effect,)
 

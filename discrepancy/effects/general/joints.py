@@ -4,12 +4,14 @@ Coefficients are in the unit of the joint's reading, or in the unit in which its
 scale is about the reading zero; a scale about any other reading is the same with another zero.
 """
 
+from functools import partial
+
 import numpy as np
 
 from calibench.core.tables.cells import between
 from calibench.discrepancy.effects.general.lengths import reference_of, time_constants, warmth
 from calibench.discrepancy.effects.general.recipe import Built, declared, each, named, recipe
-from calibench.discrepancy.model.effect import EffectFamily, LinearEffect, NotTestable, needs
+from calibench.discrepancy.model.effect import EffectFamily, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import Joint, roles_of
@@ -60,19 +62,19 @@ def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Bu
     needs(formulation.data, direction)
     unit, one = told_in(joint)
 
-    def form(names: tuple[str, ...]) -> LinearEffect:
-        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-            came = np.asarray(data[direction], dtype=float)
-            columns = [-0.5 * came, np.where(came == 0, 1.0, 0.0)]
-            return {joint.reading: one * np.stack(columns[: len(names)], axis=-1)}
-
-        return family.linear(
-            target, (direction,), dict.fromkeys(names, unit), changes, largest=largest_error(joint) / one,
-            measure=lambda c: float(c[0]),
-        )  # fmt: skip
+    def changes(count: int, q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        came = np.asarray(data[direction], dtype=float)
+        columns = [-0.5 * came, np.where(came == 0, 1.0, 0.0)]
+        return {joint.reading: one * np.stack(columns[:count], axis=-1)}
 
     still = int((np.asarray(formulation.data[direction]) == 0).sum())  # rows whose side of the play is not known
-    return tuple(form(("play", "before its first move")[:k]) for k in ((1, 2) if still > 1 else (1,)))
+    return tuple(
+        family.linear(
+            target, (direction,), dict.fromkeys(("play", "before its first move")[:k], unit), partial(changes, k),
+            largest=largest_error(joint) / one, measure=lambda c: float(c[0]),
+        )
+        for k in ((1, 2) if still > 1 else (1,))
+    )  # fmt: skip
 
 
 def _compliance(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -108,16 +110,16 @@ def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     name, one = told_in(joint)
     zero_at = reference_of(formulation, column, joint.reading)
 
-    def form(late: float) -> LinearEffect:
-        def warm(data: MeasuredData) -> Array:
-            return warmth(data, late, column, roles.time, run) - zero_at
+    def changes(late: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {joint.reading: one * (warmth(data, late, column, roles.time, run) - zero_at)[:, None]}
 
-        return family.linear(
-            target, (column,), {"a": f"{name}/K"}, lambda q, data: {joint.reading: one * warm(data)[:, None]},
-            largest=largest_slope(joint, warm(run), one),
-        )  # fmt: skip
-
-    return tuple(form(late) for late in time_constants(run, roles.time))
+    return tuple(
+        family.linear(
+            target, (column,), {"a": f"{name}/K"}, partial(changes, late),
+            largest=largest_slope(joint, warmth(run, late, column, roles.time, run) - zero_at, one),
+        )
+        for late in time_constants(run, roles.time)
+    )  # fmt: skip
 
 
 scale = recipe(

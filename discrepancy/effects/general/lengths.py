@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
 from calibench.discrepancy.effects.general.recipe import Built, declared, each, named, recipe
-from calibench.discrepancy.model.effect import Effect, EffectFamily, LinearEffect, NotTestable, needs
+from calibench.discrepancy.model.effect import Effect, EffectFamily, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
@@ -43,8 +43,17 @@ def warmth(data: MeasuredData, late: float, column: str, clock: str, run: Measur
     """
     if not late:
         return np.asarray(data[column], dtype=float)
-    asked = np.asarray(data[clock], dtype=float)
-    t, shown = _record(data, column, clock, run)
+    asked, measured = (np.asarray(data[name], dtype=float) for name in (clock, column))
+    known, then = (np.asarray(run[name], dtype=float) for name in (clock, column))
+    # times and readings of the thermometer, (k,), of `run` and of the rows of `data` from the same run
+    t, shown = asked, measured
+    if not np.array_equal(asked, known):
+        new = ~np.isin(asked, known)
+        order = np.argsort(known, kind="stable")
+        during = (asked >= known[order[0]]) & (asked <= known[order[-1]])
+        apart = measured[during] - np.interp(asked[during], known[order], then[order])
+        if not (during.any() and np.mean(apart**2) > _OTHER_RUN * np.var(then)):
+            t, shown = np.concatenate([known, asked[new]]), np.concatenate([then, measured[new]])
     order = np.argsort(t, kind="stable")
     even = np.linspace(t[order[0]], t[order[-1]], int(min(np.ptp(t) / late * 10, 200_000)) + 2)
     seen = np.interp(even, t[order], shown[order])
@@ -56,21 +65,6 @@ def warmth(data: MeasuredData, late: float, column: str, clock: str, run: Measur
     bands[1] = -kept
     follows = np.asarray(dtbtrs(bands, steps[:, None], uplo="L", diag="U")[0][:, 0])
     return np.asarray(np.interp(asked, even, follows + seen[0]))
-
-
-def _record(data: MeasuredData, column: str, clock: str, run: MeasuredData) -> tuple[Array, Array]:
-    """Return the times, (k,), and the thermometer's readings, of `run` and of the rows of `data` from the same run."""
-    t, shown = (np.asarray(data[name], dtype=float) for name in (clock, column))
-    known, then = (np.asarray(run[name], dtype=float) for name in (clock, column))
-    if np.array_equal(t, known):
-        return t, shown
-    new = ~np.isin(t, known)
-    order = np.argsort(known, kind="stable")
-    during = (t >= known[order[0]]) & (t <= known[order[-1]])
-    apart = shown[during] - np.interp(t[during], known[order], then[order])
-    if during.any() and np.mean(apart**2) > _OTHER_RUN * np.var(then):
-        return t, shown
-    return np.concatenate([known, t[new]]), np.concatenate([then, shown[new]])
 
 
 _ROWS = 500  # rows that are used, evenly over the run
@@ -118,15 +112,14 @@ def grown(
     `own_at` is the temperature at which a quantity has its nominal length, 0 where it is not stated.
     """
 
-    def form(late: float) -> LinearEffect:
-        def changes(q: Quantities, data: MeasuredData) -> dict[str, Array]:
-            warm = {column: warmth(data, late, column, clock, run) for column in dict.fromkeys(heat.values())}
-            return {name: (q[name] * (warm[column] - own_at.get(name, 0.0)))[:, None] for name, column in heat.items()}
+    columns = tuple(dict.fromkeys(heat.values()))
 
-        columns = tuple(dict.fromkeys(heat.values()))
-        return family.linear(target, columns, {"alpha": "1/K"}, changes)
+    def changes(late: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        warm = {column: warmth(data, late, column, clock, run) for column in columns}
+        return {name: (q[name] * (warm[column] - own_at.get(name, 0.0)))[:, None] for name, column in heat.items()}
 
-    return tuple(form(late) for late in time_constants(run, clock))
+    forms = (partial(changes, late) for late in time_constants(run, clock))
+    return tuple(family.linear(target, columns, {"alpha": "1/K"}, form) for form in forms)
 
 
 def _forced(

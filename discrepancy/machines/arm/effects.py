@@ -19,6 +19,8 @@ from calibench.discrepancy.model.roles import roles_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
+_KIND = {name: ("mrad", 1e-3) if "_r" in name else ("mm", 1.0) for name in (*BASE, *TOOL, *TOOL_TURNS)}
+
 
 def _moved(formulation: Formulation, part: str) -> tuple[tuple[str, ...], str]:
     """Return the numbers that give the place of a part, and the clock; raise `NotTestable` where nothing sees it."""
@@ -38,11 +40,11 @@ def _drifts(formulation: Formulation, target: str, *, name: str) -> Built:
 
     def changes(moved: tuple[str, ...], q: Quantities, data: MeasuredData) -> dict[str, Array]:
         s = run_terms((data[clock] - origin) / span)[:, :1]
-        return {one: _kind(one)[1] * s * np.eye(len(moved))[k] for k, one in enumerate(moved)}
+        return {one: _KIND[one][1] * s * np.eye(len(moved))[k] for k, one in enumerate(moved)}
 
     return tuple(
         FAMILIES[name].linear(
-            target, (clock,), {one: _kind(one)[0] for one in moved}, partial(changes, moved), unit="mm",
+            target, (clock,), {one: _KIND[one][0] for one in moved}, partial(changes, moved), unit="mm",
             measure=lambda c: float(np.linalg.norm(c[:3])),  # mm: its turns are reported separately
         )
         for moved in dict.fromkeys((names[:3], names))
@@ -56,7 +58,7 @@ def _shifts(formulation: Formulation, target: str, *, name: str) -> Built:
     return tuple(
         ChangePoint(
             name, target, formula, channel="base", quantities=moved, coefficients=moved, unit="mm", at=float(at),
-            positions=len(times), columns=(clock,), clock=clock, kinds=tuple(map(_kind, moved)),
+            positions=len(times), columns=(clock,), clock=clock, kinds=tuple(_KIND[one] for one in moved),
         )
         for moved in dict.fromkeys((names[:3], names))
         for at in times
@@ -92,10 +94,6 @@ def _joints(formulation: Formulation) -> tuple[str, ...]:
         for joint in roles_of(formulation).joints
         if held is None or joint.name in {j.name for j in held[0].joints}
     )
-
-
-def _kind(name: str) -> tuple[str, float]:
-    return ("mrad", 1e-3) if "_r" in name else ("mm", 1.0)
 
 
 FAMILIES: dict[str, EffectFamily] = {}

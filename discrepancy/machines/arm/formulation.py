@@ -262,10 +262,7 @@ _LAST: list[tuple[_Target, Mapping[str, float], list[Array], Mapping[str, Any], 
 
 def roles_for(chain: Chain, data: MeasuredData, instruments: tuple[Instrument, ...]) -> Roles:
     """Return the roles of an arm, as far as the data tell of it."""
-
-    def there(column: str) -> str:
-        return column if column in data else ""
-
+    there = {name: name for name in data.columns}
     kinds = {j.mimic.joint if j.mimic else j.name: j.kind for j in reversed(chain.joints)}
     stated = data.metadata.get("teeth", {})  # one number for all, or one a joint; 0 where it states none
     teeth = stated if isinstance(stated, Mapping) else dict.fromkeys(chain.driven, stated)
@@ -281,15 +278,16 @@ def roles_for(chain: Chain, data: MeasuredData, instruments: tuple[Instrument, .
             raise DataError(f"teeth={stated}: a number above 0 for all joints, or one a joint: teeth=101, {example}")
     joints = tuple(
         Joint(
-            name, walk.READING + name, kinds[name], direction=there(f"direction_{name}"),
-            velocity=there(f"velocity_{name}"), torque=there(f"torque_{name}"), teeth=float(teeth.get(name, 0.0)),
+            name, walk.READING + name, kinds[name], direction=there.get(f"direction_{name}", ""),
+            velocity=there.get(f"velocity_{name}", ""), torque=there.get(f"torque_{name}", ""),
+            teeth=float(teeth.get(name, 0.0)),
         )
         for name in chain.driven
     )  # fmt: skip
     known = walk.quantities(chain)
     links = tuple(Length(f"link to {j.name}", f"length_{j.name}") for j in chain.joints if f"length_{j.name}" in known)
-    time = readings.ROW if readings.ROW in data else there("t_s")
-    return Roles(joints, links, time=time, temperature=there(WARMTH), instruments=instruments)
+    time = readings.ROW if readings.ROW in data else there.get("t_s", "")
+    return Roles(joints, links, time=time, temperature=there.get(WARMTH, ""), instruments=instruments)
 
 
 describe(

@@ -121,7 +121,12 @@ def read_tpoint(text: str) -> Columns:
                 if option not in ("EQUAT", "ALTAZ", *_IGNORED):
                     notes.append(Note(Code.FILE, f"line {number}: option :{option} is not read"))
             continue
-        numbers = _numbers(content)
+        try:
+            numbers: list[float] | None = [float(word) for word in content.split()]
+        except ValueError:
+            numbers = None
+        if numbers is not None and not all(map(isfinite, numbers)):  # nan and inf are words
+            numbers = None
         if site is None:
             if numbers is None:
                 continue  # a caption
@@ -200,15 +205,6 @@ def _columns(kind: str, latitude: float, stars: list[Any], notes: tuple[Note, ..
         columns[f"aux_{k - first + 1}"] = np.array([values[k] for _, values, _ in stars])
     counted = {"azimuth": NORTH_EAST} if kind == "altaz" else {}  # as that of the star, which its place tells
     return Columns(columns, {"mount": kind, "latitude_deg": latitude, **counted}, notes)
-
-
-def _numbers(text: str) -> list[float] | None:
-    """Return the numbers of a line, None for one that holds words."""
-    try:
-        numbers = [float(word) for word in text.split()]
-    except ValueError:
-        return None
-    return numbers if all(map(isfinite, numbers)) else None  # nan and inf are words
 
 
 def _latitude(text: str, line: int) -> float:
