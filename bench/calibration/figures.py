@@ -10,21 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
-from calibench.calibration.calibrate import Calibration, Drawn, OverJoint
+from calibench.calibration.calibrate import Calibration, OverJoint
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
 
 
 def calibration_figures(answer: Calibration) -> Iterator[tuple[str, Drawing]]:
     """Yield (name, drawing) of one calibration."""
-    yield "errors", error_chart(answer.drawn)
-    yield "workspace", workspace_chart(answer.drawn)
-    if answer.over_joints:
-        yield "joints", joint_chart(answer.over_joints)
+    drawn = answer.drawn
 
-
-def error_chart(drawn: Drawn) -> Drawing:
-    """Draw the share of poses below each error, before and after."""
+    # the share of poses below each error, before and after
     table = pd.DataFrame({"before": drawn.before, "after": drawn.after}).dropna()
     with rc_context(STYLE):
         figure = Figure(figsize=(4.6, 2.9), layout="constrained")
@@ -35,11 +30,9 @@ def error_chart(drawn: Drawn) -> Drawing:
         axes.set(xlabel="error of a pose that was not fitted [mm]", ylabel="poses with less [%]", ylim=(0, 100))
         axes.set_xlim(0, None)
         axes.legend(loc="lower right")
-    return figure, table
+    yield "errors", (figure, table)
 
-
-def workspace_chart(drawn: Drawn) -> Drawing:
-    """Draw the error from above, before and after, in one scale of colours."""
+    # the error from above, before and after, in one scale of colours
     table = pd.DataFrame(drawn.position, columns=["x", "y", "z"])
     table = table.assign(before=drawn.before, after=drawn.after).dropna()
     top = float(table["before"].quantile(0.98)) if len(table) else 1.0
@@ -56,7 +49,9 @@ def workspace_chart(drawn: Drawn) -> Drawing:
         panels[0].set_ylabel("y in the base [mm]")
         bar = figure.colorbar(dots, ax=list(panels), shrink=0.9, aspect=20)
         bar.set_label("error [mm]", fontsize=8)
-    return figure, table
+    yield "workspace", (figure, table)
+    if answer.over_joints:
+        yield "joints", joint_chart(answer.over_joints)
 
 
 def joint_chart(over_joints: Sequence[OverJoint]) -> Drawing:

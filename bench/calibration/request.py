@@ -130,13 +130,6 @@ def _put(path: Path, content: bytes) -> Path:
     return write_whole(path, lambda file: file.write(content))
 
 
-def asks_for_poses(words: Sequence[str]) -> bool:
-    """Return whether `bench design` is asked which poses of an arm to measure."""
-    asked = any(word.startswith("plan.n=") for word in words)
-    others = any(word.startswith(("plan=", "data=")) for word in words)
-    return "machine=arm" in words and (asked or not others)
-
-
 def read_design_poses(words: Sequence[str]) -> tuple[Design, Path | None]:
     """Return the poses that `words` ask for, and the file they go to. Raises `ValueError`, in one line."""
     given = read(PosesWords, "design plan.n=", words)

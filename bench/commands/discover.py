@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from calibench.bench.calibration.request import asks_for_poses, read_design_poses
+from calibench.bench.calibration.request import read_design_poses
 from calibench.bench.commands.console import print_table
 from calibench.bench.discovery.batch import discover as discover_all
 from calibench.bench.discovery.design import Designed, designed
@@ -58,7 +58,9 @@ def discover(argv: list[str]) -> int:
 
 
 def design(argv: list[str]) -> int:
-    if asks_for_poses(argv):
+    asked = any(word.startswith("plan.n=") for word in argv)
+    others = any(word.startswith(("plan=", "data=")) for word in argv)
+    if "machine=arm" in argv and (asked or not others):  # which poses of an arm to measure
         return design_poses(argv)
     flags, words = split_flags(argv, ("--json",))
     request = read_design(words)
