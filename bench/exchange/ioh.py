@@ -83,22 +83,7 @@ def _write_function(home: Path, algorithm: str, number: int, name: str, runs: Se
         scenarios.append({"dimension": dimension, "path": path, "runs": listed})
     row = runs[0].row
     library = " ".join(part for part in (row["library"], row["library_version"]) if isinstance(part, str))
-    description = {
-        "version": _FORMAT, "suite": row["problem"], "function_id": number, "function_name": name,
-        "maximization": False, "algorithm": {"name": algorithm, "info": library or "unknown"},
-        "attributes": ["evaluations", "raw_y"], "scenarios": scenarios, KEY: _origin(runs),
-    }  # fmt: skip
-    text = json.dumps(description, indent=1, allow_nan=False)
-    (home / f"IOHprofiler_f{number}_{name}.json").write_text(text + "\n", encoding="utf-8")
-
-
-def _instance(run: RunRecord) -> int:
-    instance = run.options.get("instance")
-    return instance if isinstance(instance, int) else 1
-
-
-def _origin(runs: Sequence[RunRecord]) -> dict[str, Any]:
-    """Return the facts that all runs of a function share, and those that runs of a dimension and instance share."""
+    # the facts that all runs of a function share, and those that runs of a dimension and instance share
     shared = ("problem", "optimizer", "optimizer_options", "library", "library_version", "start", "budget", "unit")
     instances: dict[str, Mapping[str, Any]] = {}
     for run in runs:
@@ -110,7 +95,19 @@ def _origin(runs: Sequence[RunRecord]) -> dict[str, Any]:
     # published runs tell no start and no budget: JSON has no word for what is not a number
     values = {name: {None if pd.isna(run.row[name]) else run.row[name] for run in runs} for name in shared}
     common = {name: next(iter(value)) for name, value in values.items() if len(value) == 1}
-    return {"version": library_version("calibench"), **common, "instances": instances}
+    origin = {"version": library_version("calibench"), **common, "instances": instances}
+    description = {
+        "version": _FORMAT, "suite": row["problem"], "function_id": number, "function_name": name,
+        "maximization": False, "algorithm": {"name": algorithm, "info": library or "unknown"},
+        "attributes": ["evaluations", "raw_y"], "scenarios": scenarios, KEY: origin,
+    }  # fmt: skip
+    text = json.dumps(description, indent=1, allow_nan=False)
+    (home / f"IOHprofiler_f{number}_{name}.json").write_text(text + "\n", encoding="utf-8")
+
+
+def _instance(run: RunRecord) -> int:
+    instance = run.options.get("instance")
+    return instance if isinstance(instance, int) else 1
 
 
 def read_ioh(folder: Path) -> list[PublishedRun]:

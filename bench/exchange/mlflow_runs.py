@@ -40,7 +40,10 @@ def write_mlflow(study: Study, to: str) -> list[str]:
     runs = study.runs
     there = client.get_experiment_by_name(study.store.study)
     experiment = str(client.create_experiment(study.store.study) if there is None else there.experiment_id)
-    began = {row["run_id"]: _milliseconds(row["started_at"]) for row in records(runs[["run_id", "started_at"]])}
+    began: dict[str, int | None] = {  # milliseconds
+        row["run_id"]: int(row["started_at"].timestamp() * 1000) if _is_known(row["started_at"]) else None
+        for row in records(runs[["run_id", "started_at"]])
+    }
     # half-written and outdated runs go; what stays are the ids of ours, and parents by cell
     known: set[str] = set()
     parents: dict[str, str] = {}
@@ -84,7 +87,7 @@ def write_mlflow(study: Study, to: str) -> list[str]:
             marks = {_RUN: row["run_id"], _PARENT: parents[mark]}
             number = _add(
                 client, experiment, f"{name} #{row['repetition']}", marks, _asked(row, of_run=True),
-                began=row["started_at"], metrics=list(_metrics(row, points)), tags=tags,
+                began=began[row["run_id"]], metrics=list(_metrics(row, points)), tags=tags,
             )  # fmt: skip
             client.set_tag(number, _DONE, "true")
             client.set_terminated(number, status=_STATUS.get(row["status"], "FAILED"))
@@ -112,17 +115,13 @@ def _client(to: str) -> Any:
         raise ValueError(f"--to {to}: mlflow does not take it: {str(error).splitlines()[0]}") from None
 
 
-def _milliseconds(began: Any) -> int | None:
-    return int(began.timestamp() * 1000) if began is not None and began == began else None
-
-
 def _add(
-    client: Any, experiment: str, name: str, marks: Mapping[str, str], params: Mapping[str, str], began: Any = None,
-    metrics: Sequence[tuple[str, float, int]] = (), tags: Mapping[str, str] | None = None,
+    client: Any, experiment: str, name: str, marks: Mapping[str, str], params: Mapping[str, str],
+    began: int | None = None, metrics: Sequence[tuple[str, float, int]] = (), tags: Mapping[str, str] | None = None,
 ) -> str:  # fmt: skip
     from mlflow.entities import Metric, Param, RunTag
 
-    run = client.create_run(experiment, start_time=_milliseconds(began), tags=dict(marks), run_name=name)
+    run = client.create_run(experiment, start_time=began, tags=dict(marks), run_name=name)
     number = str(run.info.run_id)
     labels = [RunTag(*item) for item in (tags or {}).items()]
     client.log_batch(number, params=[Param(*item) for item in params.items()], tags=labels)

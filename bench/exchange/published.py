@@ -74,11 +74,9 @@ def write_study(runs: Sequence[PublishedRun], format_name: str, source: Path, ta
     table = pd.DataFrame(rows, columns=[column.name for column in COLUMNS]).astype(object)
     points = pd.DataFrame(traces, columns=["run_id", "evaluations", "charged", "best_value", "restart"])
 
-    def fill(folder: Path) -> None:
-        source_of = {"format": format_name, "from": source.resolve().name, "runs": len(rows)}
-        ResultStore(folder).fill(table, points, study=target.resolve().name, source=source_of)
-
-    write_folder(target, fill)
+    origin = {"format": format_name, "from": source.resolve().name, "runs": len(rows)}
+    study = target.resolve().name
+    write_folder(target, lambda folder: ResultStore(folder).fill(table, points, study=study, source=origin))
     return target
 
 

@@ -79,17 +79,15 @@ def run_paper(
     folder = Path(results) / "paper"
 
     # papers are computed at once, and with them the pages beside the ledger, of what is computed now
-    def of_first() -> tuple[list[Row], list[Path]]:
-        return list(cong2008.rows(evidence[cong2008.KEY])), [stopping.write_table(folder / "cong2008-stopping.md")]
-
     def of_paper(paper: Paper) -> tuple[list[Row], list[Path]]:
-        return list(paper.rows(evidence[paper.KEY])), []
+        rows = list(paper.rows(evidence[paper.KEY]))
+        return rows, [stopping.write_table(folder / "cong2008-stopping.md")] if paper is cong2008 else []
 
     def experiments() -> tuple[list[Row], list[Path]]:
         return [], [orthoglide.write_page(folder / "orthoglide-experiments.md")]
 
-    others = [partial(of_paper, paper) for paper in PAPERS if paper is not cong2008]
-    calls: list[Callable[[], tuple[list[Row], list[Path]]]] = [of_first, *others, experiments]
+    calls: list[Callable[[], tuple[list[Row], list[Path]]]]
+    calls = [*(partial(of_paper, paper) for paper in PAPERS), experiments]
     made = at_once(calls)
     rows = agreed([row for some, _ in made for row in some])
     drawings = printed_figures.write(evidence[cong2008.KEY], folder / "figures")

@@ -65,7 +65,20 @@ def show_run(run: Found) -> str:
     if row["best_evaluation"] and _is_known(row["inside_box"]):
         bounds = ", ".join(row["at_bound"]) or "none"
         lines.append(f"box        {'inside' if row['inside_box'] else 'outside'}; at a bound: {bounds}")
-    lines += curve_lines(run.trace, float(row["minimum"]) if _is_known(row["minimum"]) else None, unit)
+    finite = run.trace[np.isfinite(run.trace["best_value"].to_numpy(dtype=float))]
+    if not finite.empty:  # the curve is drawn from the first finite value on
+        charged, values, restarts = (finite[key].to_numpy(dtype=float) for key in ("charged", "best_value", "restart"))
+        curve = Curve(charged, values, np.nan_to_num(restarts))
+        again = bool(curve.restarts.any())
+        line = sparkline(curve, float(row["minimum"]) if _is_known(row["minimum"]) else None)
+        lines += [
+            "", "curve, over the logarithm of what was charged:",
+            f"  {plain(values[0], 4)}{unit} {line} {plain(values[-1], 4)}{unit}",
+            f"  {'charged':>9s}  {'best value':>12s}" + ("  restarts" if again else ""),
+        ]  # fmt: skip
+        marks: Array = np.unique(np.round(np.geomspace(max(charged[0], 1.0), max(charged[-1], 1.0), _ROWS)))
+        for at, i in zip(marks, _steps(curve, marks), strict=True):
+            lines.append(f"  {at:9.0f}  {values[i]:12.6g}" + (f"  {curve.restarts[i]:8.0f}" if again else ""))
     hits = list(zip(map(float, row["targets"]), row["hits"], row["hits_charged"], strict=True))
     if hits:
         reached = [(level, int(hit), int(charged)) for level, hit, charged in hits if _is_known(hit)]
@@ -207,25 +220,6 @@ class Curve:
     charged: Array
     values: Array
     restarts: Array
-
-
-def curve_lines(trace: pd.DataFrame, minimum: float | None, unit: str) -> list[str]:
-    """Return the curve of a run's trace as lines of text, from its first finite value on; none where it has none."""
-    finite = trace[np.isfinite(trace["best_value"].to_numpy(dtype=float))]
-    if finite.empty:
-        return []
-    charged, values, restarts = (finite[name].to_numpy(dtype=float) for name in ("charged", "best_value", "restart"))
-    curve = Curve(charged, values, np.nan_to_num(restarts))
-    again = bool(curve.restarts.any())
-    lines = [
-        "", "curve, over the logarithm of what was charged:",
-        f"  {plain(values[0], 4)}{unit} {sparkline(curve, minimum)} {plain(values[-1], 4)}{unit}",
-        f"  {'charged':>9s}  {'best value':>12s}" + ("  restarts" if again else ""),
-    ]  # fmt: skip
-    marks: Array = np.unique(np.round(np.geomspace(max(charged[0], 1.0), max(charged[-1], 1.0), _ROWS)))
-    for at, i in zip(marks, _steps(curve, marks), strict=True):
-        lines.append(f"  {at:9.0f}  {values[i]:12.6g}" + (f"  {curve.restarts[i]:8.0f}" if again else ""))
-    return lines
 
 
 def sparkline(curve: Curve, minimum: float | None) -> str:

@@ -175,7 +175,19 @@ def choose(runs: pd.DataFrame, by: By = "value", over: Over = "instances") -> Ch
     read = {text: parts(json.loads(text), classes=False) for text in rows["optimizer_options"].unique()}
     keys = dict.fromkeys(key for held in read.values() for key in held)
     swept = [key for key in keys if len({canonical({"": held.get(key)}) for held in read.values()}) > 1]
-    names = _names(optimizer, read, swept)
+    # what each setting is called: the options in which settings differ
+    for digits in (6, 17):
+        names = {
+            text: ", ".join(
+                option_text(key, f"{held[key]:.{digits}g}" if isinstance(held[key], float) else held[key])
+                for key in swept
+                if key in held
+            )
+            or optimizer
+            for text, held in read.items()
+        }
+        if len(set(names.values())) == len(names):
+            break
     title = problem_titles(rows)
     unit = title if over == "instances" else "seed " + rows["repetition"].astype(str)
     units = sorted(set(unit), key=in_order)
@@ -258,23 +270,6 @@ def _check(optimizer: str, rows: pd.DataFrame, settings: int, units: int, over: 
         f"no instance: sweep an option that makes more, such as problem.instance='range(1,{2 * FEWEST + 1})'; or {more}"
         " seeds, which speaks of these instances alone"
     )
-
-
-def _names(optimizer: str, read: Mapping[str, Mapping[str, Any]], swept: Sequence[str]) -> dict[str, str]:
-    """Return options as JSON -> what the setting is called: the options in which settings differ."""
-    for digits in (6, 17):
-        names = {
-            text: ", ".join(
-                option_text(key, f"{held[key]:.{digits}g}" if isinstance(held[key], float) else held[key])
-                for key in swept
-                if key in held
-            )
-            or optimizer
-            for text, held in read.items()
-        }
-        if len(set(names.values())) == len(names):
-            break
-    return names
 
 
 def _is_default(optimizer: str, text: str, held: Mapping[str, Any], swept: Sequence[str]) -> bool:

@@ -132,6 +132,7 @@ def _column(printed: Printed, method: str, readings: list[Reading], levels: Mapp
 def search_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
     """Yield sections 4.1 to 4.4, Tables 5 and 6, the end values of Figs 3 to 5, and the claims on the methods."""
     searches = _Searches(evidence, printed.column("section44")["evaluations"])
+    budget, asked = searches.budget, searches.asked
     yield from _settings(printed, searches)
     column = {role: printed.column(f"table5.{role}") for role in ("nominal", "actual", "lower", "upper")}
     for name in column["nominal"]:
@@ -148,7 +149,7 @@ def search_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         method, error = key.upper().replace("_", ".").split(".")[-2:]
         name, _, quantity = key.rpartition(".")
         entry, digit, reason = printed.column(name).entries[quantity], printed.digit(key), ""
-        ours, budget, asked = Ours.of(searches.best(method.lower(), error)), searches.budget, searches.asked
+        ours = Ours.of(searches.best(method.lower(), error))
         if ours.n:
             figure = f"{_FIGURES[error]}: " if key.startswith("text") else ""
             reason = f"{figure}{_decades(ours.median, entry.value):+.1f} decades from it after {budget:.3g} "
@@ -158,7 +159,38 @@ def search_rows(printed: Printed, evidence: Evidence) -> Iterator[Row]:
         how = f"best {error} of {method.lower()}, paper's settings, full12 (gauge=xa2), random plan"
         ruling = ledger.judge_level(entry.value, ours, budget, asked, tolerance)
         yield printed.cell(key, ours, tolerance, how, reason=reason, ruling=ruling)
-    yield from _claims(printed, searches)
+    after = f"after {budget:.3g} evaluations; the sentence is about {asked:.0e}"
+    for error in _ERRORS:
+        best = {m: searches.best(m, error) for m in _METHODS}
+        wins = (best["de"] < best["pso"]) & (best["pso"] < best["ga"]) if _paired(*best.values()) else np.array([])
+        share = float(wins.mean()) if len(wins) else np.nan
+        yield printed.claim(
+            f"ranking_{error}", f"Section 4.4, {_FIGURES[error]}", f"from worst to best: GA, PSO, DE ({error})",
+            ours=share, ruling=at_budget(ledger.judge_at_least(share, 0.9, 0.5), budget, asked),
+            rule="true where nine tenths of the repetitions are in this order, in kind half; open at a smaller budget",
+            method="share of repetitions in this order", reason=after, printed=1.0,
+        )  # fmt: skip
+    scale = 4.0 * printed.column("geometry")["link"] ** 2
+    for method in _METHODS:
+        j1, j2, j3 = (searches.best(method, error) for error in _ERRORS)
+        table6 = printed.column(f"table6.{method}")
+        ratios = j2 / (scale * j1) if _paired(j1, j2) else np.array([])
+        yield printed.claim(
+            f"j2_lower_than_j1_{method}", "Section 4.4, Fig. 4",
+            f"under J2 the errors get lower than under J1 ({method})",
+            ours=ratios, ruling=at_budget(judge_limit(median(ratios), 0.5), budget, asked),
+            rule="true below 1/2, open at a smaller budget: J1 x 4 l_b^2 is what compares with J2",
+            method="J2 over J1 x 238144, repetition by repetition", reason=f"J1 and J2 have different units; {after}",
+            printed=table6["j2"] / (scale * table6["j1"]),
+        )  # fmt: skip
+        ratios = j3 / j2 if _paired(j2, j3) else np.array([])
+        yield printed.claim(
+            f"j3_improves_{method}", "Section 4.4, Fig. 5", f"under J3 the search results improve ({method})",
+            ours=ratios, ruling=at_budget(judge_limit(median(ratios), 0.5), budget, asked),
+            rule="true below 1/2, open at a smaller budget", method="best J3 over best J2, repetition by repetition",
+            reason=after, printed=table6["j3"] / table6["j2"],
+        )  # fmt: skip
+    yield from _single_claims(printed, searches)
 
 
 @final
@@ -252,42 +284,6 @@ def drawn_by_pso(seed: int) -> list[float]:
     with np.errstate(over="ignore"):
         state = random_state(np.random.default_rng(seed))
         return [float(uniform(state)) for _ in range(2000)]
-
-
-def _claims(printed: Printed, searches: _Searches) -> Iterator[Row]:
-    budget, asked = searches.budget, searches.asked
-    after = f"after {budget:.3g} evaluations; the sentence is about {asked:.0e}"
-    for error in _ERRORS:
-        best = {m: searches.best(m, error) for m in _METHODS}
-        wins = (best["de"] < best["pso"]) & (best["pso"] < best["ga"]) if _paired(*best.values()) else np.array([])
-        share = float(wins.mean()) if len(wins) else np.nan
-        yield printed.claim(
-            f"ranking_{error}", f"Section 4.4, {_FIGURES[error]}", f"from worst to best: GA, PSO, DE ({error})",
-            ours=share, ruling=at_budget(ledger.judge_at_least(share, 0.9, 0.5), budget, asked),
-            rule="true where nine tenths of the repetitions are in this order, in kind half; open at a smaller budget",
-            method="share of repetitions in this order", reason=after, printed=1.0,
-        )  # fmt: skip
-    scale = 4.0 * printed.column("geometry")["link"] ** 2
-    for method in _METHODS:
-        j1, j2, j3 = (searches.best(method, error) for error in _ERRORS)
-        column = printed.column(f"table6.{method}")
-        ratios = j2 / (scale * j1) if _paired(j1, j2) else np.array([])
-        yield printed.claim(
-            f"j2_lower_than_j1_{method}", "Section 4.4, Fig. 4",
-            f"under J2 the errors get lower than under J1 ({method})",
-            ours=ratios, ruling=at_budget(judge_limit(median(ratios), 0.5), budget, asked),
-            rule="true below 1/2, open at a smaller budget: J1 x 4 l_b^2 is what compares with J2",
-            method="J2 over J1 x 238144, repetition by repetition", reason=f"J1 and J2 have different units; {after}",
-            printed=column["j2"] / (scale * column["j1"]),
-        )  # fmt: skip
-        ratios = j3 / j2 if _paired(j2, j3) else np.array([])
-        yield printed.claim(
-            f"j3_improves_{method}", "Section 4.4, Fig. 5", f"under J3 the search results improve ({method})",
-            ours=ratios, ruling=at_budget(judge_limit(median(ratios), 0.5), budget, asked),
-            rule="true below 1/2, open at a smaller budget", method="best J3 over best J2, repetition by repetition",
-            reason=after, printed=column["j3"] / column["j2"],
-        )  # fmt: skip
-    yield from _single_claims(printed, searches)
 
 
 def _single_claims(printed: Printed, searches: _Searches) -> Iterator[Row]:

@@ -26,7 +26,7 @@ def rows(printed: Printed) -> Iterator[Row]:
     shown = [slip(printed, "exp1", "rho", table1, "exp1_expected")]
     shown += [slip(printed, "exp3_t2", "full", table2, "exp3_full")]
     shown += [two_sets(printed, "exp3", "exp3_t2", "z_y"), two_sets(printed, "exp2", "exp2", "x_y")]
-    return printed.in_order([*shown, *_tables(printed), *_section4(printed), *_equations(printed)])
+    return printed.in_order([*shown, *_numbers(printed), *_equations(printed)])
 
 
 def slip(printed: Printed, data: str, free: str, table: Callable[[Printed, str], Array], key: str) -> Row:
@@ -59,8 +59,8 @@ def two_sets(printed: Printed, key: str, data: str, name: str) -> Row:
     )  # fmt: skip
 
 
-def _tables(printed: Printed) -> Iterator[Row]:
-    # the cells of Table 2 whose sign is lost in print, then the other errata of Tables 2 and 3
+def _numbers(printed: Printed) -> Iterator[Row]:
+    # the cells of Table 2 whose sign is lost in print, then the other errata of Tables 2 and 3, then those of the text
     for experiment, free, parameters, name in (
         (2, "full", "Delta rho, Delta L", "z_y_plus"), (2, "rho", "Delta rho", "y_z_minus"),
         (2, "L", "Delta L", "z_x_plus"), (3, "L", "Delta L", "z_x_plus"),
@@ -96,9 +96,6 @@ def _tables(printed: Printed) -> Iterator[Row]:
         "least rms that six parameters leave in Experiment 2", unit="mm", printed=as_printed, read=as_printed,
         ours=rms(fit.residuals), tolerance=rms_tolerance(fit.residuals), method="linear fit of the full set",
     )  # fmt: skip
-
-
-def _section4(printed: Printed) -> Iterator[Row]:
     place = "section 3.4, after equation (14), errors of the parameters"
     errata = constants.document("pashkevich2008")["erratum"]
     yield printed.erratum(

@@ -77,16 +77,6 @@ Additions = Sequence[Addition]
 FilledSection = tuple[TableSection, tuple[tuple[PrintedTable, pd.DataFrame], ...]]  # only tables that have rows
 
 
-def filled_sections(additions: Additions, runs: pd.DataFrame) -> list[FilledSection]:
-    """Return the sections of which the runs fill a table, each with the tables they fill."""
-    filled = []
-    for section in (section for addition in additions for section in addition.sections):
-        tables = ((table, table.build(runs)) for table in section.tables)
-        if with_rows := tuple((table, rows) for table, rows in tables if not rows.empty):
-            filled.append((section, with_rows))
-    return filled
-
-
 def printed_values(additions: Additions, name: str, problem: Any) -> dict[str, float]:
     """Return the printed results of this problem, parameter -> value; none where no addition knows it."""
     return {key: value for addition in additions for key, value in addition.printed_values(name, problem).items()}

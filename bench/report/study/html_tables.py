@@ -18,7 +18,7 @@ from calibench.bench.report.shared.page import Head, Macros, Table, macros
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, PROBLEM
-from calibench.bench.statistics.names import method_titles, problem_titles, setting_text, several
+from calibench.bench.statistics.names import method_labels, method_titles, problem_titles, setting_text, several
 from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.statistics.progress import without_numbers
 from calibench.bench.statistics.ranking import Ranked, best_first
@@ -150,8 +150,9 @@ def ranked(runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame | None = No
     return best_first(cells)
 
 
-def printed_table(rows: pd.DataFrame, names: pd.Series, column_title: Callable[[str], str]) -> Table:
+def printed_table(rows: pd.DataFrame, column_title: Callable[[str], str]) -> Table:
     """Return a printed table beside ours: a row a quantity, a column a method; without true values a row is both."""
+    names = method_labels(rows.rename(columns={"method": "optimizer", "options": "optimizer_options"}))
 
     def cells(row: pd.Series) -> tuple[str, str, str, str]:
         """Return the quantity, what is printed (where it is wrong, crossed out, and what to read), ours, and why."""

@@ -19,13 +19,13 @@ import pandas as pd
 from calibench import problems
 from calibench.bench.report.shared.page import Inline, Table, drawing_inside, render
 from calibench.bench.report.study import figures, html_tables
-from calibench.bench.report.study.additions import FilledSection, PrintedTable
+from calibench.bench.report.study.additions import FilledSection
 from calibench.bench.report.study.answer import Answer, answer_of
 from calibench.bench.report.study.explored import Panel, as_json, explored, policy, read_static, scripts
 from calibench.bench.report.study.html_tables import count, lost_of, number
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, mixed_code
-from calibench.bench.statistics.names import in_order, method_labels, setting_text
+from calibench.bench.statistics.names import in_order, setting_text
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.ranking import Ranked
 from calibench.bench.statistics.summary import key_of_costs, priced
@@ -120,7 +120,10 @@ class StudyPage:
             contents=contents(panels, names, cells), links={**links, **self.beside},
             overview="Every method on every problem", problems=sections, opened=_OPENED,
             differ=None if self.ranked is None or self.ranked.refused else html_tables.differing(self.ranked),
-            sections=[(section, [_printed(*one) for one in filled]) for section, filled in self.sections],
+            sections=[
+                (section, [(one.title, html_tables.printed_table(rows, one.column_title)) for one, rows in filled])
+                for section, filled in self.sections
+            ],
             together=self.together, beside=beside, broad=_BROAD, failures=html_tables.failures(runs),
             commands=[str(command) for command in self.manifest.get("commands", [])],
             report=shlex.join(["bench", "report", str(self.folder)]),
@@ -160,11 +163,6 @@ class StudyPage:
             f"{', '.join(errors)}: {finding}" if len(errors_of) > 1 else finding[:1].upper() + finding[1:]
             for finding, errors in errors_of.items()
         ]
-
-
-def _printed(printed: PrintedTable, rows: pd.DataFrame) -> tuple[str, Table]:
-    named = rows.rename(columns={"method": "optimizer", "options": "optimizer_options"})
-    return printed.title, html_tables.printed_table(rows, method_labels(named), printed.column_title)
 
 
 def problems_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:

@@ -16,7 +16,7 @@ import pandas as pd
 
 from calibench.bench.report.shared.drawing import Drawings
 from calibench.bench.report.study import figures
-from calibench.bench.report.study.additions import Additions, filled_sections, printed_values
+from calibench.bench.report.study.additions import Additions, FilledSection, printed_values
 from calibench.bench.report.study.explored import groups_of
 from calibench.bench.report.study.figures import ecdf_figures
 from calibench.bench.report.study.page import StudyPage
@@ -92,7 +92,11 @@ def write_report(
             "identifiability": identifiability,
             "overview": tables.overview(runs, manifest.get("costs", []), summary) if several else pd.DataFrame(),
         }  # fmt: skip
-        sections = filled_sections(additions, runs)
+        sections: list[FilledSection] = []  # of which the runs fill a table, each with the tables they fill
+        for section in (section for addition in additions for section in addition.sections):
+            built = ((table, table.build(runs)) for table in section.tables)
+            if with_rows := tuple((table, rows) for table, rows in built if not rows.empty):
+                sections.append((section, with_rows))
         printed = [(f"tables/{table.name}", rows) for _, filled in sections for table, rows in filled]
         for name, table in [*named.items(), *printed]:
             path = store.folder / f"{name}.csv"
