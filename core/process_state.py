@@ -206,12 +206,6 @@ def _floating_point() -> tuple[int, bool, bytes] | None:
     return mathematics.fegetround(), _SMALLEST * _ONE == 0.0, environment.raw
 
 
-def _put_floating_point(value: tuple[int, bool, bytes] | None) -> None:
-    mathematics = _mathematics()
-    if value is not None and mathematics is not None:
-        mathematics.fesetenv(_MASKS.from_buffer_copy(value[2]))
-
-
 @cache
 def _mathematics() -> Any:
     """Return the library that has the processor's floating-point environment; None where it is not found."""
@@ -279,7 +273,7 @@ KINDS: tuple[Kind, ...] = (
     Kind(
         "floating-point environment",
         _floating_point,
-        _put_floating_point,
+        lambda value: None if value is None else _mathematics().fesetenv(_MASKS.from_buffer_copy(value[2])),
         lambda was, now: (was or ())[:2] == (now or ())[:2],
     ),
     Kind("resource limits", lambda: {number: resource.getrlimit(number) for number in _LIMITS}, _put_limits),

@@ -41,15 +41,15 @@ from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.gate.processes import is_gone
 from calibench.bench.provenance.run_id import UNSEEN
 from calibench.bench.store import manifest as manifests
-from calibench.bench.store.arrays import array_of, cast_table, compute, empty_table, is_in, kept
-from calibench.bench.store.atomic_file import TEMPORARY, write_whole
+from calibench.bench.store.arrays import array_of, compute, empty_table, is_in, kept
+from calibench.bench.store.atomic_file import TEMPORARY
 from calibench.bench.store.collection import PIECE, collect_into, in_order, nested, part_table, points_of
 from calibench.bench.store.columns import OF_OPTIONS, with_options
 from calibench.bench.store.hits import PROBLEM, columns_for, declared_levels, hit_tables
 from calibench.bench.store.journal import ENDING, FOLDER, Journal, Record, State, claim, journals_in
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.schema import HITS_SCHEMA, PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, in_schema, to_pandas
-from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, metadata, sealed_writer, write_table
+from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, write_tables
 from calibench.core.words import counted, html_table
 
 if TYPE_CHECKING:
@@ -215,14 +215,7 @@ class ResultStore:
 
     def write_hits(self, levels: pd.DataFrame | None = None) -> Path:
         """Write ``hits.parquet``, what `hits` returns, some thousand runs at a time; return its path."""
-        schema = HITS_SCHEMA.with_metadata(metadata())
-
-        def write(file: Any) -> None:
-            with sealed_writer(file, schema) as out:
-                for table in self._hit_tables(levels):
-                    out.write_table(cast_table(table, schema))
-
-        return write_whole(self.folder / HITS, write)
+        return write_tables(self._hit_tables(levels), HITS_SCHEMA, self.folder / HITS)
 
     def _hit_tables(self, levels: pd.DataFrame | None) -> Iterator[pa.Table]:
         tables = Tables(self.folder, str(self.manifest()["study"]))
@@ -396,9 +389,9 @@ class ResultStore:
             manifests.write_manifest(
                 self.folder, manifests.new_manifest(study or self.folder.resolve().name) | imported
             )
-            write_table(pa.Table.from_pandas(traces, TRACES_SCHEMA, preserve_index=False), paths[1])
+            write_tables([pa.Table.from_pandas(traces, TRACES_SCHEMA, preserve_index=False)], TRACES_SCHEMA, paths[1])
             rows = runs.assign(study=self.study)
-            write_table(pa.Table.from_pandas(rows, RUNS_SCHEMA, preserve_index=False), paths[2])
+            write_tables([pa.Table.from_pandas(rows, RUNS_SCHEMA, preserve_index=False)], RUNS_SCHEMA, paths[2])
         return paths
 
     def forget(self, run_ids: Iterable[str]) -> None:

@@ -7,7 +7,7 @@ in the footer, so that an edit with whatever tool is noticed. It guards against 
 """
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -20,7 +20,7 @@ from pyarrow.fs import LocalFileSystem
 
 from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.provenance.environment import provenance
-from calibench.bench.store.arrays import compute, empty_table
+from calibench.bench.store.arrays import cast_table, compute, empty_table
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.schema import RUNS_SCHEMA, TRACES_SCHEMA, in_schema
@@ -160,15 +160,16 @@ class Tables:
         return StoreError(f"{path}: cannot be read ({first}); {_LEFT}")
 
 
-def write_table(table: pa.Table, path: Path) -> None:
-    """Write a table whole, with where it comes from as metadata."""
-    origin = metadata()
+def write_tables(tables: Iterable[pa.Table], schema: pa.Schema, path: Path) -> Path:
+    """Write tables one after the other as one file, whole, with where it comes from as metadata; return its path."""
+    schema = schema.with_metadata(metadata())
 
     def write(file: BinaryIO) -> None:
-        with sealed_writer(file, table.schema.with_metadata(origin)) as out:
-            out.write_table(table.replace_schema_metadata(origin))
+        with sealed_writer(file, schema) as out:
+            for table in tables:
+                out.write_table(cast_table(table, schema))
 
-    write_whole(path, write)
+    return write_whole(path, write)
 
 
 def metadata(pair: str | None = None) -> dict[str, str]:

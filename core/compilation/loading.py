@@ -63,11 +63,10 @@ def close(function: Any) -> Any:
     if hasattr(function, "py_func"):
         compiled, name = function.overloads, function.__name__
 
-        def add(result: Any) -> None:  # not to what a call from Python looks through
-            compiled[tuple(result.signature.args)] = result
-
         def refuse(*_arguments: Any, **_named: Any) -> None:
             raise TypeError(f"{name} is a part of kernels: only they call it, compile it with njit() otherwise")
 
-        function.add_overload, function._compile_for_args = add, refuse
+        # not to what a call from Python looks through
+        function.add_overload = lambda result: compiled.update({tuple(result.signature.args): result})
+        function._compile_for_args = refuse
     return function
