@@ -180,7 +180,7 @@ def require_free(target: Path) -> None:
         raise ValueError(f"--to {target}: {what}; name a new folder")
 
 
-def write_folder(target: Path, fill: Callable[[Path], None]) -> None:
+def write_folder(target: Path, fill: Callable[[Path], object]) -> None:
     """Let `fill` write into a folder that is then called `target`; what goes wrong leaves nothing behind."""
     require_free(target)
     target.parent.mkdir(parents=True, exist_ok=True)

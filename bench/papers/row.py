@@ -251,9 +251,11 @@ def problem(name: str, **options: Any) -> Any:
 
 def solved_for(misfit: Callable[[float], Array], start: float, scale: float = 1.0) -> tuple[float, Array]:
     """Return the number that makes misfit(number), shape (m,), least in squares, and the slopes there, shape (m,)."""
-    fit: Any = least_squares(
-        lambda x: misfit(float(x[0])), [start], method="lm", x_scale=scale, xtol=1e-15, ftol=1e-15, gtol=1e-15
-    )
+
+    def of_vector(x: Array) -> Any:
+        return misfit(float(x[0]))
+
+    fit: Any = least_squares(of_vector, [start], method="lm", x_scale=scale, xtol=1e-15, ftol=1e-15, gtol=1e-15)
     return float(fit.x[0]), np.asarray(fit.jac[:, 0])
 
 
