@@ -33,7 +33,7 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   paper [--budget ci|paper|N] [seeds=N] [results=DIR] [execution=serial|processes] [to=DIR]
                                                        rerun the papers: printed | ours | verdict | why;
                                                        to=results/reference keeps a small copy of all of it
-  discover machine=NAME data=FILE|GLOB|FOLDER|NAME [OPTION=V] [study=NAME] [results=DIR]
+  discover machine=NAME data=FILE|GLOB|FOLDER|NAME [across=[FILE,FILE]] [OPTION=V] [study=NAME] [results=DIR]
       [execution=serial|processes] [pages=auto|all|none] [--json] [--retry]
                                                        what the model is missing: where, which effect, how large;
                                                        OPTION: what a file should state and does not (sigma_enc=5e-5)

@@ -148,6 +148,9 @@ class DiscoverWords:
 
     machine: Machine = ""
     data: Annotated[str, Word("data", "run7.parquet", "the readings", form="FILE|GLOB|FOLDER|NAME")] = ""
+    across: Annotated[str, Word(
+        "across", "[day2.csv,day3.csv]", "other sets of the same machine: which findings of data= they carry",
+        form="[FILE,FILE]")] = ""
     study: Study = "discover"
     results: Results = "results"
     pages: Annotated[Literal["auto", "all", "none"], Word(

@@ -15,6 +15,7 @@ from pathlib import Path
 from calibench.bench.report.shared.page import table
 from calibench.discrepancy.model.effect import EffectFamily
 from calibench.discrepancy.registries import GENERAL, machines, own_families
+from calibench.discrepancy.thresholds import about
 from calibench.optimizers.nlopt import ROUNDING, SETTINGS, Setting
 from calibench.optimizers.pygmo import RULES
 from calibench.optimizers.scipy import SETTINGS as OF_SCIPY
@@ -108,6 +109,21 @@ def effects_table(machine: str) -> str:
     return (f"Of all: {common}.\n\n" if common else "") + table(head, shown)
 
 
+def bounds_table() -> str:
+    """Return the sizes above which no machine has an effect: threshold, value, the families and the reason."""
+    bounded: dict[str, list[str]] = {}
+    for machine in (GENERAL, *machines.names()):
+        for family in sorted(own_families(machine), key=lambda one: one.name):
+            for bound in family.bounds:
+                bounded.setdefault(bound, []).append(f"`{family.name}`")
+    rows = [
+        [f"{field.default:g} {field.metadata['unit']}".removesuffix(" 1"), f"`{name}`",
+         ", ".join(dict.fromkeys(bounded[name])), field.metadata["meaning"]]
+        for name, field in about().items() if name in bounded
+    ]  # fmt: skip
+    return table(["most", "threshold", "families", "why"], rows)
+
+
 def _row(family: EffectFamily) -> tuple[str, ...]:
     columns = ", ".join(f"`{column}`" for column in family.columns)
     formula = f"`{family.formula}`".replace("|", "\\|")
@@ -132,6 +148,7 @@ def _waves(rows: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["effects"]:
+        print(f"{bounds_table()}\n")
         for name in (GENERAL, *machines.names()):
             print(f"## {name}\n\n{effects_table(name)}\n")
     else:

@@ -112,11 +112,24 @@ def walk(chain: Chain, base: Array, q: Quantities) -> Walk:
 
 def slopes(chain: Chain, way: Walk) -> dict[str, Array]:
     """Return the derivative of the target's place in each quantity, name -> (n, 3)."""
+    return {name: slope(chain, way, name) for name in slope_names(chain, way)}
+
+
+def slope_names(chain: Chain, way: Walk) -> tuple[str, ...]:
+    """Return the names of the quantities in which `slope` gives a derivative."""
+    return (*way.along, *way.about, *(READING + name for name in chain.driven))
+
+
+def slope(chain: Chain, way: Walk, name: str) -> Array:
+    """Return the derivative of the target's place in one quantity, (n, 3)."""
     n = way.target.shape
-    by_name = {name: _spread(one, n) for name, one in way.along.items()}
-    axes = np.stack([_spread(axis, n) for axis, _ in way.about.values()])
-    levers = np.stack([way.target - at for _, at in way.about.values()])
-    return _of_readings(chain, by_name | dict(zip(way.about, cross(axes, levers))))
+    if name in way.along:
+        return _spread(way.along[name], n)
+    if name in way.about:
+        axis, at = way.about[name]
+        return cross(_spread(axis, n), way.target - at)
+    parts = [by * slope(chain, way, zero) for zero, by in _followers(chain, name.removeprefix(READING)).items()]
+    return np.asarray(sum(parts[1:], parts[0]))
 
 
 def turn_slopes(chain: Chain, way: Walk, more: dict[str, Array], measure: Callable[[Array], Array]) -> dict[str, Array]:
@@ -130,11 +143,17 @@ def turn_slopes(chain: Chain, way: Walk, more: dict[str, Array], measure: Callab
 
 def _of_readings(chain: Chain, by_name: dict[str, Array]) -> dict[str, Array]:
     """Return the slopes with those of the readings: the slope of each following joint's zero times its gain."""
-    gains, _ = chain.following
-    for i, name in enumerate(chain.driven):
-        parts = [gains[k, i] * by_name[f"zero_{j.name}"] for k, j in enumerate(chain.joints) if gains[k, i]]
+    for name in chain.driven:
+        parts = [by * by_name[zero] for zero, by in _followers(chain, name).items()]
         by_name[READING + name] = np.asarray(sum(parts[1:], parts[0]))
     return by_name
+
+
+def _followers(chain: Chain, driven: str) -> dict[str, float]:
+    """Return the zeros of the joints that follow the reading of a driven one, each with its gain."""
+    gains, _ = chain.following
+    i = chain.driven.index(driven)
+    return {f"zero_{j.name}": float(gains[k, i]) for k, j in enumerate(chain.joints) if gains[k, i]}
 
 
 def _spread(one: Numbers, shape: tuple[int, ...]) -> Numbers:

@@ -100,6 +100,7 @@ class Code(StrEnum):
     OUTSIDE_BOUNDS = "outside_bounds", "parameters end outside their bounds, of which the fit is free"
     FAR_FROM_MODEL = "far_from_model", "the calibrated model is hardly nearer to the readings than to shuffled ones"
     ONE_READING = "one_reading", "one reading makes nearly all of what the calibrated model leaves"
+    ROWS_STAND_OUT = "rows_stand_out", "rows lie further off than noise makes them, alone or some after each other"
     ONE_UNSEEN = "one_unseen", "one reading makes most of the error of the readings that were not fitted"
     EXACT_READINGS = "exact_readings", "what is measured comes in exact levels: the noise is that of the inputs"
     FEW_LEFT = "few_left", "so few equations are left after calibration that nothing missing could show"
@@ -111,6 +112,12 @@ class Code(StrEnum):
     MANY_WAVES = "many_waves", "many waves of one part tell the course of its error, and not its cause"
     NO_TRENDS = "no_trends", "no trend over further columns has a name, as nothing but joints is read"
     IMPOSSIBLE_SIZE = "impossible_size", "what would explain most was left out, as its size is taken for impossible"
+    # a simulator
+    SIMULATOR_CALLS = "simulator_calls", "how often a simulator was called, and its own noise"
+    SIMULATOR_ROWS = (
+        "simulator_rows",
+        "rows of a simulator depend on each other, so that errors of inputs are not looked for",
+    )
     # the page
     NO_PAGE = "no_page", "the page of a search could not be drawn"
 

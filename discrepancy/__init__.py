@@ -12,6 +12,7 @@ from calibench.core.lazy import loader, public_names
 
 if TYPE_CHECKING:
     from calibench.discrepancy import machines as machines
+    from calibench.discrepancy.across import carried
     from calibench.discrepancy.model.effect import Cause, Effect, EffectFamily, Linear, LinearEffect, needs, number
     from calibench.discrepancy.model.formulations import Blocks, Constraints, Predicted
     from calibench.discrepancy.model.machine import Description, Formulation, Machine
@@ -26,10 +27,11 @@ if TYPE_CHECKING:
 __all__ = [
     "THRESHOLDS", "Blocks", "Cause", "Constraints", "DataError", "Description", "Effect", "EffectFamily", "Formulation",
     "Instrument", "Joint", "Length", "Linear", "LinearEffect", "Machine", "MeasuredData", "Model", "Predicted",
-    "Prediction", "Report", "Roles", "Sensor", "Thresholds", "describe", "explain", "needs", "number",
+    "Prediction", "Report", "Roles", "Sensor", "Thresholds", "carried", "describe", "explain", "needs", "number",
 ]  # fmt: skip
 
 _NAMES = {
+    "across": ("carried",),
     "model.effect": ("Cause", "Effect", "EffectFamily", "Linear", "LinearEffect", "needs", "number"),
     "model.formulations": ("Blocks", "Constraints", "Predicted"),
     "model.machine": ("Description", "Formulation", "Machine"),

@@ -11,28 +11,39 @@ from calibench.core.notes import Code, Note
 from calibench.core.process import one_thread
 from calibench.discrepancy import report as reports
 from calibench.discrepancy.checks.validate import listen, refuse_unused, validate
+from calibench.discrepancy.diagnostics.far_readings import Standing, standing_out
 from calibench.discrepancy.diagnostics.noise import law_at, learned_beside, noise_at, outliers_under, sound_fit
 from calibench.discrepancy.diagnostics.score import smallest_amplitude, uncancelled
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import PLACE, Fit, ResidualProblem, fit, fit_from_several, keeping_fits, wider
 from calibench.discrepancy.fitting.rank import Held, determined, spread
+from calibench.discrepancy.formula import with_formula
 from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.effect import Catalogue, Effect, has_free_period
+from calibench.discrepancy.model.formulations import remarks_of
 from calibench.discrepancy.model.machine import Formulation, Machine
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import roles_of, unknown_noise_of, words_of
-from calibench.discrepancy.noise.laws import NoiseFinding
+from calibench.discrepancy.noise.laws import NoiseFinding, is_of_noise
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.remarks import Search, notes_of
-from calibench.discrepancy.search.finding import parted_by
+from calibench.discrepancy.search.finding import FREE_PERIOD, parted_by
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import NEAR, fit_smooth, unnamed_of
-from calibench.discrepancy.search.stepwise import Selection, judge, select_stepwise, with_alternatives
+from calibench.discrepancy.search.standing import renewed
+from calibench.discrepancy.search.stepwise import (
+    Selection,
+    held_by_order,
+    judge,
+    select_stepwise,
+    with_alternatives,
+    with_orders,
+)
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, thresholds as current_thresholds, using
-from calibench.discrepancy.validation import gap_of
+from calibench.discrepancy.validation import gap_of, times_left
 
 GAP_OF_FITTED = (
     "no rows are held out, and without a part of them the rest does not determine what was added: the gap is that of "
@@ -63,7 +74,7 @@ def explain(
 def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) -> reports.Report:
     began, rng = time.process_time(), np.random.default_rng(seed)
     data, asked = listen(data)
-    whole = validate(machine, data, _in_order)
+    whole = validate(machine, data, in_order)
     split = np.asarray(whole.data["split"]) if whole.data.has("split") else np.full(len(whole.data), "train")
     hold = split == "hold"
     # fit: the machine without effects, under the noise that repeats show
@@ -74,7 +85,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         plain, notes_of_fit = fit_from_several(fitted)
     parameters = {p.name: p for p in whole.parameters}
     whole = Held(whole, frozenset(u.name for u in lacking)) if lacking else whole
-    sound, suspects, misstated = sound_fit(plain)
+    sound, suspects, no_noise, misstated = sound_fit(plain)
     noise, notes_of_noise = noise_at(sound, suspects, whole)
     base = sound if noise == sound.noise else fit(Model(plain.model.formulation), noise, sound.x, about=sound)
     base = wider(base, smooth_columns(base.at.model.formulation, base.x))
@@ -85,10 +96,15 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
     selection, base, suspects, notes_of_noise = _selected(
         base, known.candidates, terms, suspects, notes_of_noise, rng, level
     )
+    # names of order that shuffled rows lose, and what each set is beside all others
+    selection, orders = held_by_order(selection, base, known.candidates, terms)
+    selection = replace(selection, sets=renewed(selection.sets, selection.fit, known.candidates))
     selection = replace(selection, sets=with_alternatives(selection.sets, base, known.alternatives))
-    verdict, findings, selection = judge(selection, base, terms, suspects, level)
+    free = (*terms, *joint_terms(base))
+    verdict, findings, selection = judge(selection, base, terms, suspects, level, known.candidates, free)
+    findings = with_orders(findings, selection, known.candidates, orders)
     # validate: on rows that were not fitted; names that help nothing there are none
-    free, final, unseen = (*terms, *joint_terms(base)), selection.fit, None
+    final, unseen = selection.fit, None
     if verdict in ("none", "unknown"):
         final = base if verdict == "none" else fit_smooth(base, free)
     if hold.any():  # with the columns of the smooth terms
@@ -99,16 +115,31 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
     if not noisy and _carried_by_nothing(findings, gap):
         verdict, findings, final = "unknown", (), fit_smooth(base, free)
         gap, lone = gap_of(base, final, unseen, suspects, rng)
+    # none and noise mean small: not where far more is left, where readings far off are no noise, or rows stand out
+    standing = standing_out(final if findings else base, unseen)
+    if verdict in ("none", "noise"):
+        if _is_large(final, gap, unseen, suspects, standing) or (no_noise and standing is None):
+            verdict, final = "unknown", fit_smooth(base, free)
+            gap, lone = gap_of(base, final, unseen, suspects, rng)
+        elif standing is not None:
+            verdict = "noise"
     # verdict
-    rest = _rest(gap, final, selection.last) if findings else None
+    rest = _rest(gap, final, selection.last) if not all(is_of_noise(f.family) for f in findings) else None
     verdict = _short_of(verdict, rest)
     if findings and final.noise.profiled and not final.exact and selection.last.still < level:
         verdict = "partly"  # without repeats the noise is unknown, so only the tests can say whether something is left
+    formula: reports.Formula | None = None
+    if verdict in ("unknown", "partly"):
+        after, formula = with_formula(selection.fit if findings else base, final, free, whole, seed)
+        if formula is not None:
+            final = after
+            gap, lone = gap_of(base, final, unseen, suspects, rng)
     doubted = base.noise.profiled and not unknown_noise_of(base.model.formulation)
     others = _at_other_noise(base, known.candidates, terms, suspects, rest, seed, level) if doubted else ()
+    findings = tuple(map(_of_these_readings, findings))
     search = Search(
         machine=machine.name, base=base, final=final, selection=selection, verdict=verdict, findings=findings,
-        gap=gap, lone=lone,
+        gap=gap, lone=lone, standing=standing, no_noise=no_noise,
     )  # fmt: skip
     # the notes of the data as they hold now that the search is done
     of_data = []
@@ -120,7 +151,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
             note = Note(Code.NOISE_UNSTATED, text, note.columns)
         of_data.append(note)
     held = [u.note(parameters[u.name]) for u in lacking]
-    given = (*held, *notes_of_fit, *of_data, *misstated, *notes_of_noise)
+    given = (*held, *notes_of_fit, *of_data, *misstated, *notes_of_noise, *remarks_of(whole))
     names, sd = [p.name for p in base.model.formulation.parameters], spread(final, lacking)
     changes = {
         n: reports.ParameterChange(float(base.x[k]), float(final.x[k]), float(sd[k])) for k, n in enumerate(names)
@@ -130,7 +161,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         changes[name] = reports.ParameterChange(value, value, float("nan"))
     return replace(
         _report(search, whole, known), parameters=changes, notes=notes_of(search, given), left=rest,
-        other_noise=others,
+        other_noise=others, formula=formula,
         fitted=reports.Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base), machine),
         seconds=time.process_time() - began,
     )  # fmt: skip
@@ -156,7 +187,15 @@ def _report(search: Search, whole: Formulation, known: Catalogue) -> reports.Rep
                 minimum_detectable=least, unit=effect.unit,
             )
         )  # fmt: skip
-    named: dict[str, Any] = {"where": _places(first) if search.verdict != "none" else ()}
+    named: dict[str, Any] = {"where": ()}
+    if search.verdict not in ("none", "noise"):
+        time_ = "t_s" if whole.data.has("t_s") else "row"
+        columns = [
+            time_ if one.column == PLACE else "place" if one.column.startswith("place_") else one.column
+            for one in search.no_noise
+        ]
+        by = [reports.Place(one.target, column, one.p) for one, column in zip(search.no_noise, columns)]
+        named["where"] = (*_places(first), *by) if search.verdict == "unknown" else _places(first)
     if search.verdict == "unknown":
         # the formula that explains most of the excess over the noise, and its share
         nearest: reports.Nearest | None = None
@@ -257,10 +296,39 @@ def _relearned(found: Selection, noise: Noise) -> tuple[Noise, tuple[Note, ...]]
     return None
 
 
+def _of_these_readings(finding: reports.Finding) -> reports.Finding:
+    """Return a finding with the doubt that a wave of fitted period deserves until another set confirms it."""
+    if FREE_PERIOD not in (c.name for c in finding.coefficients):
+        return finding
+    return replace(finding, caution="; ".join(filter(None, (finding.caution, reports.UNCONFIRMED))))
+
+
 def _short_of(verdict: reports.Verdict, left: reports.Left | None, noise: float = 1.0) -> reports.Verdict:
     """Return the verdict, or "partly" where the remaining error is above `floors_left` noise floors."""
     many = left is not None and left.times > noise * current_thresholds().floors_left
     return "partly" if many and verdict in ("named", "ambiguous", "negligible") else verdict
+
+
+def _is_large(
+    final: Fit, gap: reports.Gap, unseen: Formulation | None, suspects: Sequence[NoiseFinding],
+    standing: Standing | None,
+) -> bool:  # fmt: skip
+    """Return whether a fit leaves more than `floors_left` times the noise, without the rows that stand out."""
+    if final.exact or (final.noise.profiled and unknown_noise_of(final.model.formulation)):
+        return False  # nothing tells the noise but what the fit leaves
+    most, n = current_thresholds().floors_left, len(final.model.formulation.data)
+    scores = np.asarray(final.noise.scores(final.r)).reshape(n, -1)
+    scores = scores if standing is None else scores[standing.others]
+    freedom = scores.size - final.J.shape[1]
+    if freedom >= current_thresholds().few_degrees and float(np.sum(scores**2)) > most**2 * freedom:
+        return True
+    if standing is not None:
+        return False
+    if suspects and unseen is not None:
+        return times_left(final, unseen, suspects) > most
+    kept = unseen is not None and not np.isfinite(final.noise.t_degrees)
+    held = gap.held_out_before if kept else gap.held_out_ci95[0]
+    return bool(held > most * gap.noise_floor)
 
 
 def _carried_by_nothing(findings: Sequence[reports.Finding], gap: reports.Gap) -> bool:
@@ -295,7 +363,7 @@ def _rest(gap: reports.Gap, final: Fit, last: Tests) -> reports.Left:
     return reports.Left(float(times), place if shows else None)
 
 
-def _in_order(data: MeasuredData) -> MeasuredData:
+def in_order(data: MeasuredData) -> MeasuredData:
     n = len(data)
     time_ = np.asarray(data["t_s"]) if data.has("t_s") else np.arange(n)
     order = np.argsort(time_, kind="stable")

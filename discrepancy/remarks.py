@@ -15,6 +15,7 @@ import numpy as np
 from calibench.core.notes import Code, Note
 from calibench.core.words import counted, plain
 from calibench.discrepancy.checks.wild import as_far_as_shuffled
+from calibench.discrepancy.diagnostics.far_readings import Pattern, Standing
 from calibench.discrepancy.diagnostics.noise import exact_readings, less_than_stated, one_reading
 from calibench.discrepancy.effects.general.columns import measured_columns
 from calibench.discrepancy.effects.general.harmonics import PERIODIC
@@ -34,6 +35,7 @@ from calibench.problems.base import Array, Parameter
 
 NOISE_UNSTATED = frozenset({Code.NOISE_UNSTATED, Code.NOISE_LEARNED})  # codes of notes that nobody stated the noise
 _FAR_OFF = 20.0  # times the noise: above it a model without a name may be that of another machine
+_RUNS = 8  # places of rows that stand out, told one by one
 _COLUMNS = 4  # by which a reading is described
 _SHOWN = 3  # parameters outside their bounds, with their numbers
 _NARROW = 1e-300  # bounds that leave no room
@@ -56,6 +58,8 @@ class Search:
     findings: tuple[Finding, ...]
     gap: Gap
     lone: Lone | None
+    standing: Standing | None = None
+    no_noise: tuple[Pattern, ...] = ()
 
     @property
     def formulation(self) -> Formulation:
@@ -145,6 +149,8 @@ def _on_the_readings(search: Search) -> Iterator[Note]:
             f"{plain(times, 2)} times nearer; look at it, and leave its row out if it was misread"
         )
         yield Note(Code.ONE_READING, text, names, rows, {"times": times})
+    if (standing := search.standing) is not None:
+        yield _on_standing(standing, search)
     if levels := exact_readings(search.base):
         name, (count, times) = max(levels.items(), key=lambda one: one[1][1])
         inputs, measured = ", ".join(inputs_of(formulation)), ", ".join(formulation.readings)
@@ -173,6 +179,25 @@ def _on_the_readings(search: Search) -> Iterator[Note]:
             "of them out of the fit (split=hold) to test the names"
         )
         yield Note(Code.FEW_EQUATIONS, text, values={"equations": equations, "parameters": calibrated})
+
+
+def _on_standing(standing: Standing, search: Search) -> Note:
+    """Return the note on the rows that stand out, runs of them as "94 to 106"."""
+    runs = [str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in standing.runs]
+    shown = ", ".join(runs[:_RUNS]) + (f" and {counted(len(runs) - _RUNS, 'place')} more" if len(runs) > _RUNS else "")
+    count = sum(map(len, standing.runs))
+    by = ""
+    if standing.sensor:
+        [sensor] = [s for s in search.formulation.sensors if s.column == standing.sensor]
+        scale, unit = _LIKE_A_READING.get(sensor.unit, (1.0, sensor.unit))
+        by = f", as errors of {standing.sensor} of {plain(scale * standing.size, 2)} {unit} would make them".rstrip()
+    text = (
+        f"row{'s' * (count > 1)} {shown} stand{'s' * (count == 1)} out: {plain(standing.times, 2)} times the noise off "
+        f"where no other rows are{by}; were they misread, or did something happen then?"
+    )
+    rows = tuple(str(k) for run in standing.runs for k in run)
+    columns = (standing.sensor,) if standing.sensor else ()
+    return Note(Code.ROWS_STAND_OUT, text, columns, rows, {"times": standing.times})
 
 
 def on_the_findings(search: Search) -> Iterator[Note]:

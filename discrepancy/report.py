@@ -26,7 +26,9 @@ from calibench.problems.base import Array
 SCHEMA_VERSION = 1
 _ROUNDS, _SETTLED = 50, 1e-12  # an instrument whose scale is wrong makes its own reading part of what it will read
 _OF_THE_SEARCH = ("candidates", "fitted")  # parts that a report keeps to itself
-Verdict = Literal["none", "negligible", "named", "ambiguous", "partly", "unknown"]
+Verdict = Literal["none", "negligible", "noise", "named", "ambiguous", "partly", "unknown"]
+UNCONFIRMED = "is periodic over these readings; another set (across=) tells whether it always is"  # a caution
+CarriedVerdict = Literal["carries", "does not carry", "not testable there"]
 
 
 @final
@@ -68,13 +70,28 @@ class Coefficient:
 
 @final
 @dataclass(frozen=True)
+class Shuffled:
+    """The control of a name that lives on an order: `by` is time, direction or velocity.
+
+    In `as_much` of `times` shuffles of that order among rows that are alike otherwise, as much was explained.
+    """
+
+    by: str
+    as_much: int
+    times: int
+    p: float
+
+
+@final
+@dataclass(frozen=True)
 class Finding:
     """One missing effect: the most likely name and its rivals, the gain over the model without it.
 
     `visible` is its size in sigma: the rms of its signature in the whitened constraints after calibration. `form` tells
     how it differs from the catalogue's formula ("size depends on the angle of joint 2"): then it is like the effect of
     that name, and not that effect. `caution` is a doubt about the name. `coefficients` are the numbers of its formula.
-    `period` is that of a periodic effect, in the unit of its argument; 0 otherwise.
+    `period` is that of a periodic effect, in the unit of its argument; 0 otherwise. `shuffled` is the control of a name
+    that lives on order, direction or time; None for any other.
     """
 
     effect: str
@@ -88,6 +105,33 @@ class Finding:
     form: str = ""
     caution: str = ""
     coefficients: tuple[Coefficient, ...] = ()
+    period: float = 0.0
+    shuffled: Shuffled | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Carried:
+    """What another set of the same machine, `case`, says of a finding: does it carry, and `why` it does not.
+
+    `size` is that of the first set and `there` that of the other, both under the noise that their fits leave; they are
+    `apart` by so many standard errors of their difference. `gain` is that beside the other findings there, and
+    `held_out_gain` by how much less poses left out of the fit err with it, in squares of the noise. `period` is that of
+    a wave that was fitted there, 0 otherwise.
+    """
+
+    effect: str
+    family: str
+    target: str
+    case: str
+    verdict: CarriedVerdict
+    why: str = ""
+    size: Amplitude = field(default_factory=Amplitude)
+    there: Amplitude = field(default_factory=Amplitude)
+    apart: float = nan
+    agrees: bool = False
+    gain: float = nan
+    held_out_gain: float = nan
     period: float = 0.0
 
 
@@ -156,6 +200,43 @@ class Nearest:
     family: str
     target: str
     share: float
+
+
+@final
+@dataclass(frozen=True)
+class FormulaRival:
+    """A formula that these data hardly tell from the one that is told: `behind` is in twice the log-likelihood."""
+
+    text: str
+    behind: float
+
+
+@final
+@dataclass(frozen=True)
+class Formula:
+    """A formula for what has no name, as it was added to the model: `text` with letters for its `sizes`.
+
+    `numbers` are those inside its shapes that were fitted too, `intervals` the 95 % of sizes and numbers. `changes` are
+    the quantities that it changes and `largest` by how much at most over the fitted readings. `share` of the excess
+    over the noise, in squares, is explained by it. `structure` has a row a term: the quantity, then shape and column of
+    each factor. `smooth_beside`: smooth functions take a part of what it leaves. `code` enters it into a catalogue.
+    """
+
+    text: str
+    sizes: tuple[Coefficient, ...]
+    numbers: tuple[Coefficient, ...] = ()
+    intervals: tuple[Amplitude, ...] = ()
+    largest: tuple[Amplitude, ...] = ()
+    changes: tuple[str, ...] = ()
+    share: float = nan
+    smooth_beside: bool = False
+    rivals: tuple[FormulaRival, ...] = ()
+    structure: tuple[tuple[str, ...], ...] = ()
+    code: str = ""
+
+    def to_effect(self) -> str:
+        """Return the lines of Python that enter the formula as an effect into the machine's catalogue."""
+        return self.code
 
 
 @final
@@ -246,10 +327,12 @@ class Report:
 
     `left` is what the names do not explain, None where nothing is named. `other_noise`: the search at half and at twice
     the stated noise, where no repeats tell it. `words` are those that the machine's roles have for its columns.
+    `formula` is one for what has no name, of the verdicts unknown and partly, where one was found; it is in the model.
     `unnamed` are the smooth functions of the verdict unknown, `nearest` the formula nearest to them, and `shortest` the
     shortest waves that were looked for. `parted_by`, of that verdict, are other kinds of readings that would part the
     names that came nearest, in words.
     `reading_noise` is the noise in whose times the gap is told, columns of one size together.
+    `across` has what other sets of the machine say of each finding.
     `candidates` and `fitted` belong to the search itself: a report that was read back from JSON has none.
     """
 
@@ -270,9 +353,11 @@ class Report:
     words: Mapping[str, str] = field(default_factory=dict)
     unnamed: tuple[Unnamed, ...] = ()
     nearest: Nearest | None = None
+    formula: Formula | None = None
     shortest: tuple[Shortest, ...] = ()
     parted_by: tuple[str, ...] = ()
     reading_noise: tuple[ReadingNoise, ...] = ()
+    across: tuple[Carried, ...] = ()
     candidates: tuple[Candidate, ...] = field(default=(), repr=False)
     fitted: Fitted | None = field(default=None, repr=False, compare=False)
 

@@ -68,6 +68,8 @@ class Thresholds:
         "single wild reading does not tell the sensor")  # fmt: skip
     wild_rival: float = _of(0.15, JUDGED, "weight", "weight at which the other explanation of wild readings (one "
         "sensor, or all) joins the set")  # fmt: skip
+    wild_carried: float = _of(0.005, CONVENTION, "p", "p that far readings lie anywhere, over their order and all "
+        "columns, below which they are no noise: something that is missing carries them")  # fmt: skip
     wide_core_all: float = _of(2.0, JUDGED, "standard errors", "the middle half of all changes must be wider than "
         "stated by this much to give the deviation instead")  # fmt: skip
     wide_core_one: float = _of(3.0, JUDGED, "standard errors", "the same for the changes of one sensor")
@@ -134,6 +136,20 @@ class Thresholds:
     largest_scale: float = _of(0.5, JUDGED, "1", "scale error beyond which a column is in another unit or not read, so "
         "no effect may have it")  # fmt: skip
     largest_ratio: float = _of(0.2, JUDGED, "1", "largest error of a scale or a gear ratio that an effect may have")
+    largest_play: float = _of(0.05, JUDGED, "rad", "play of a drive: 3 degrees are seen by the eye and felt by the "
+        "hand, so no effect may have more")  # fmt: skip
+    largest_windup: float = _of(0.05, JUDGED, "rad", "by which the largest torque that was met may twist a drive, or "
+        "lean a bearing: one that its own load moves further holds no position")  # fmt: skip
+    softest_drive: float = _of(1e-5, CONVENTION, "rad/(N mm)", "largest compliance of a drive: about that of the "
+        "smallest strain-wave gears sold, 100 N m a radian")  # fmt: skip
+    largest_lag: float = _of(0.5, JUDGED, "s", "by which a reading may be late: instruments and filters answer in "
+        "tenths of a second")  # fmt: skip
+    largest_growth: float = _of(0.001, CONVENTION, "1/K", "growth of a member: five times that of polyethylene, "
+        "which grows more than all that machines are made of")  # fmt: skip
+    largest_warm_zero: float = _of(0.003, JUDGED, "rad/K", "by which one kelvin may move the zero of a joint: a "
+        "sixth of a degree")  # fmt: skip
+    largest_strain: float = _of(0.02, CONVENTION, "part of the length", "by which the largest force that was met, or "
+        "play, may change a member: metals yield at a tenth of it")  # fmt: skip
     effects_most: int = _of(8, JUDGED, "effects", "most effects that are selected")
     exchanged_at_once: int = _of(3, NUMERICAL, "effects", "up to this many picks, all are exchanged after each new "
         "one; with more, only at the end")  # fmt: skip
@@ -175,6 +191,13 @@ class Thresholds:
     equations_each: float = _of(4.0, MEASURED, "equations", "with fewer for each calibrated parameter, and noise that "
         "nobody stated, a note says that names may not hold for other readings")  # fmt: skip
     few_residuals: int = _of(150, JUDGED, "residuals", "with at most so many, gains are inexact")
+
+    course: float = _of(0.9, JUDGED, "part of the variance", "of a smooth function over what was met that a formula "
+        "must have, to be named though the rest has no name")  # fmt: skip
+    shuffles: int = _of(99, CONVENTION, "shuffles", "of the order, direction or time of rows that are alike "
+        "otherwise, by which a name that lives on these is tested")  # fmt: skip
+    shuffled_p: float = _of(0.05, CONVENTION, "p", "part of the shuffles in which as much is explained, above which "
+        "such a name is none")  # fmt: skip
 
     # Verdict
     explained: float = _of(0.85, JUDGED, "part of the excess", "part of the excess over the noise that names must "

@@ -5,7 +5,7 @@ the calibrated parameters. Where nothing is held out, each fold is predicted by 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -41,15 +41,21 @@ class Lone:
 def gap_of(
     base: Fit, final: Fit, hold: Formulation | None, suspects: Sequence[NoiseFinding], rng: np.random.Generator
 ) -> tuple[Gap, Lone | None]:
-    """Return the gap of the model without effects and of the final one; by cross-validation where nothing is held."""
-    rows = base.model.formulation
+    """Return the gap of the model without effects and of the final one; by cross-validation where nothing is held.
+
+    Both errors are measured under one law of the noise: to trust readings less makes no error smaller. Where nothing
+    but the noise is blamed, nothing of the excess is gone.
+    """
+    rows, blamed = base.model.formulation, bool(suspects) and not final.model.effects
     c = final.at.misclosure.shape[1]
-    before = predicted(base.model, base.x, rows.data, Noise()).reshape(-1, c)
-    after = predicted(final.model, final.x, rows.data, _law(final, rows, suspects)).reshape(-1, c)
+    law = _law(final, rows, () if blamed else suspects)
+    before = predicted(base.model, base.x, rows.data, law).reshape(-1, c)
+    after = predicted(final.model, final.x, rows.data, law).reshape(-1, c)
     free = [np.sqrt(r.size / max(r.size - f.J.shape[1], 1)) for r, f in ((before, base), (after, final))]
     train = root(before) * free[0], root(after) * free[1]
     if hold is None:
-        return _crossed(base, final, train, suspects, rng)
+        gap, lone = _crossed(base, final, train, suspects, rng)
+        return (replace(gap, excess_shrink=float("nan")) if blamed else gap), lone
     # the unseen rows without those between the fitted readings around a step, whose side is unknown
     sure = np.ones(len(hold.data), dtype=bool)
     for effect in final.model.effects:
@@ -58,19 +64,26 @@ def gap_of(
             last, first = fitted[fitted < effect.at].max(), fitted[fitted >= effect.at].min()
             sure &= (t <= last) | (t >= first)
     hold = hold.on(hold.data.rows(sure)) if sure.any() and not sure.all() else hold
-    unseen = predicted(base.model, base.x, hold.data, Noise())
-    law = _law(final, hold, suspects)
+    law = _law(final, hold, () if blamed else suspects)
+    unseen = predicted(base.model, base.x, hold.data, law)
     left = predicted(final.model, final.x, hold.data, law)
     floor, spread = _floor(final, [(final, hold, law)], hold.data, left, suspects)
     worse, better, ci95 = held_out(unseen, left, hold.data, rng, spread)
-    gap = Gap(floor, *train, worse, better, ci95, shrink(worse, better, floor))
-    return gap, _lone(unseen, left, hold)
+    gone = float("nan") if blamed else shrink(worse, better, floor)
+    return Gap(floor, *train, worse, better, ci95, gone), _lone(unseen, left, hold)
+
+
+def times_left(final: Fit, unseen: Formulation, suspects: Sequence[NoiseFinding]) -> float:
+    """Return the error of unseen rows over what noise leaves there, where readings are trusted as far as was found."""
+    law = _law(final, unseen, suspects)
+    left = predicted(final.model, final.x, unseen.data, law)
+    return root(left) / _floor(final, [(final, unseen, law)], unseen.data, left, suspects)[0]
 
 
 def _crossed(
     base: Fit, final: Fit, train: tuple[float, float], suspects: Sequence[NoiseFinding], rng: np.random.Generator
 ) -> tuple[Gap, Lone | None]:
-    rows, c, p = base.model.formulation, *final.at.columns.shape[1:]
+    rows, c, p = base.model.formulation, final.at.misclosure.shape[1], len(final.x)
     fold = folds(rows.data, thresholds().folds)
     nothing = float("nan")
     parts = [np.flatnonzero(fold == k) for k in range(thresholds().folds)]
@@ -85,9 +98,9 @@ def _crossed(
     for part in parts:
         rest = rows.on(rows.data.rows(fold != fold[part[0]]))
         apart = rows.on(rows.data.rows(part))
+        law = _law(final, apart, suspects if final.model.effects else ())
         for at, found in ((base, unseen), (final, left)):
             there = fit(Model(rest, at.model.effects), noise, at.x)
-            law = Noise() if at is base else _law(final, apart, suspects)
             found.append(predicted(there.model, there.x, apart.data, law))
             if at is final:
                 learned.append((there, apart, law))

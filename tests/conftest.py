@@ -80,3 +80,12 @@ def at_one_noise():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(importlib.import_module("calibench.discrepancy.procedure"), "_OTHERS", ())
         yield
+
+
+@pytest.fixture(scope="module")
+def without_formula():
+    """Let reports of errors without a name be without formulas: for modules about the smooth functions."""
+    with pytest.MonkeyPatch.context() as patch:
+        module = importlib.import_module("calibench.discrepancy.procedure")
+        patch.setattr(module, "with_formula", lambda ground, smooth, free, whole, seed: (smooth, None))
+        yield

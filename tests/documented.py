@@ -17,6 +17,7 @@ SERIES = (
 PUBLISHED = "published data that do not ship; tests/bench/test_exchange.py"
 
 BLOCKS = {
+    ("my-simulator.md", "import mujoco"): "MuJoCo is no dependency",
     ("README.md", "de               5000 evaluations"): "printed by the Python above it, which is run and compared",
     ("README.md", "git clone URL calibench && python -m pip install ./calibench"): FRESH,
     ("README.md", "bench run -m problem=./mine.py:Rosenbrock"): FRESH,
@@ -41,6 +42,7 @@ BLOCKS = {
     ("discovery-statistics.md", "python -m benchmarks.arms nested"): SERIES,
     ("discovery-statistics.md", "python -m benchmarks.blind.write"): HOURS,
     ("discovery-statistics.md", "python -m tests.independent.mount_delta_run"): HOURS,
+    ("discovery-statistics.md", "python -m tests.foreign.run"): HOURS,
     ("discover.md", "demo_backlash (gpm2002)"): "what the command above it prints; tests/test_tutorials.py gives it",
     ("exchange.md", "python -m cocopp"): SUITES,
     ("exchange.md", "import iohinspector"): SUITES,
@@ -65,7 +67,19 @@ BLOCKS = {
     ("sweeps.md", "description: Two methods"): "the study of the command below it, which is given with one like it",
 }
 
+OF_A_SIMULATOR = "a program of the reader's; tests/discrepancy/test_simulator.py asks such"
 COMMANDS = {
+    (
+        "bench discover machine=simulator machine.command='./sim {args}' machine.inputs=u,v "
+        "machine.measured=y machine.sigma=0.01 'machine.parameters={\"k\":[1,0.5,2]}' "
+        "data=run.csv"
+    ): OF_A_SIMULATOR,
+    (
+        "bench discover machine=simulator machine.fmu=Arm.fmu machine.inputs=u,v "
+        "machine.measured=y machine.sigma=0.01 'machine.parameters={\"k\":[1,0.5,2]}' "
+        "data=run.csv"
+    ): OF_A_SIMULATOR,
+    "bench discover machine=simulator machine.call=arm.py:step machine.rows=one data=run.csv": OF_A_SIMULATOR,
     "bench run problem=arm problem.urdf=my.urdf problem.data=my.csv optimizer=lm budget=2000 seeds=1": (
         "files of the reader's"
     ),
@@ -80,6 +94,9 @@ COMMANDS = {
     "bench import ioh their_data --to results/theirs": PUBLISHED,
     "bench export mlflow results/adhoc --to out/mlruns": "needs MLflow, an extra; tests/bench/test_exchange.py",
     "bench discover machine=gpm2002 data=run7.parquet": "a file of the reader's",
+    "bench discover machine=gpm2002 data=day1.csv 'across=[day2.csv,day3.csv]'": (
+        "files of the reader's; tests/bench/test_discover_across.py has such"
+    ),
     (
         "bench discover machine=gpm2002 data=run7.csv "
         """columns='{"enc_1":"Winkel 1","enc_2":"Winkel 2"}' units=enc_1:deg,enc_2:deg"""

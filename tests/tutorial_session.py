@@ -31,6 +31,7 @@ PAGES = (
     "choosing-options.md",
     "my-mount.md",
     "my-printer.md",
+    "my-simulator.md",
     "my-table.md",
     "own-suite.md",
     "comparing.md",

@@ -45,7 +45,8 @@ def discover(argv: list[str]) -> int:
             found = (wording.headline(report), *wording.unnamed_sentences(report), wording.gap_sentence(report))
             sizes = map(wording.as_sentence, wording.notes_among(report.notes, wording.SIZES))
             lines += [f"  {note}" for note in wording.notes_among(report.notes, wording.FIRST)]
-            lines += [f"  {line}" for line in (*found, *wording.doubt_sentences(report), *sizes)]
+            doubts = (*wording.across_sentences(report), *wording.doubt_sentences(report))
+            lines += [f"  {line}" for line in (*found, *doubts, *sizes)]
             lines += [f"  measure next: {advice}" for advice in wording.next_sentences(report)]
             lines += [f"  note: {note}" for note in wording.notes_among(report.notes, wording.LAST)]
             lines += [] if outcome.page is None else [f"  {outcome.page}"]

@@ -6,7 +6,7 @@ them, further poses or a second sensor: their distance follows from the data the
 (`discrepancy.design.next_poses`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -62,8 +62,13 @@ def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]
     """
     listed = sources(request.data, request.build_machine().name)
     alone = len(listed) == 1
+    others = others_of(request.across, request.build_machine().name) if request.across else []
+    if others and not alone:
+        raise DataError(f"across= goes with one set in data=, and data={request.data:.40} names {len(listed)}")
+    if same := [one.case for one in others if one.data_id and one.data_id == listed[0].data_id]:
+        raise DataError(f"across={same[0]}: it is the set of data= itself; name other sets of the machine")
     pages = request.pages == "all" or (request.pages == "auto" and len(listed) <= _MANY)
-    search = partial(_search, request, pages=pages, retry=retry, alone=alone)
+    search = partial(_search, request, others=others, pages=pages, retry=retry, alone=alone)
     store = FindingStore(request.folder)
     store.check()
     if not alone:
@@ -81,22 +86,34 @@ def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]
             store.collect()
 
 
+def others_of(named: str, machine: str) -> list[Source]:
+    """Return the sets that ``across=named`` stands for, as ``data=`` would. Raises `DataError` as `sources` does."""
+    try:
+        return sources(named, machine)
+    except DataError as error:
+        raise DataError(str(error).replace("data=", "across=", 1)) from None
+
+
 def search_digest(machine: Machine) -> str:
     """Return the digest of the code that searches a machine's data: the machine's, its effects', the procedure's."""
     of_effects = {digest_of(getattr(family.build, "func", family.build)) for family in families(machine.name)}
     # by its function, which loads the module: one that is not loaded has no digest
-    return digest(digest_of(machine), sorted(of_effects), module_digest(discrepancy.explain.__module__))
+    of_search = digest_of(machine), sorted(of_effects), module_digest(discrepancy.carried.__module__)
+    code = getattr(machine, "code", None)  # of the simulator that a machine calls
+    return digest(*of_search) if code is None else digest(*of_search, code())
 
 
 def _search(
-    request: DiscoverRequest, source: Source, *, pages: bool, retry: bool, alone: bool, sent: bool = False
-) -> Outcome:
+    request: DiscoverRequest, source: Source, *, others: Sequence[Source], pages: bool, retry: bool, alone: bool,
+    sent: bool = False,
+) -> Outcome:  # fmt: skip
     """Search one set and write what came of it; one that is `alone` and unusable raises an error and gets no report.
 
     What is `sent` from another process is as if it were read back: the model of a search has functions in it.
     """
     data_id = source.data_id
-    case_id = digest(source.case, data_id, request.options, search_digest(request.build_machine()))
+    of_others = [other.data_id for other in others]
+    case_id = digest(source.case, data_id, request.options, search_digest(request.build_machine()), *of_others)
     store, page = FindingStore(request.folder), request.folder / source.case / "report.html"
     known = None if retry or not data_id else store.done(source.case, case_id)
     if known is not None and (page.exists() or not pages):
@@ -111,6 +128,8 @@ def _search(
             raise DataError(f"{source.path}: changed while it was read; wait until it is written, then ask again")
         machine = request.build_machine()
         report = with_advice(discrepancy.explain(machine, data), data, machine)
+        if others:
+            report = discrepancy.carried(report, [replace(o.read(request.stated), name=o.case) for o in others])
         report = replace(report, case=source.case)
         record = replace(record, machine=report.machine, report=report, seconds=report.seconds)
     except Exception as error:

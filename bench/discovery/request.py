@@ -33,10 +33,14 @@ class _OfMachine:
 @final
 @dataclass(frozen=True)
 class DiscoverRequest(_OfMachine):
-    """A search in one or more sets of data; `stated` overrides the files' own metadata."""
+    """A search in one or more sets of data; `stated` overrides the files' own metadata.
+
+    `across` names further sets of the machine, as `data` does, in which the findings of one set are looked for.
+    """
 
     data: str
     stated: Mapping[str, Any]
+    across: str = ""
     folder: Path = field(default=Path("results/discover"))
     pages: Pages = "auto"
     workers: int = 1
@@ -44,7 +48,9 @@ class DiscoverRequest(_OfMachine):
     @property
     def options(self) -> str:
         """Return all that decides the verdict besides the data, as canonical JSON."""
-        return canonical({"machine": {"name": self.machine, **self.machine_options}, "stated": dict(self.stated)})
+        across = {"across": self.across} if self.across else {}
+        machine = {"name": self.machine, **self.machine_options}
+        return canonical({"machine": machine, "stated": dict(self.stated), **across})
 
 
 def read_discover(words: Sequence[str]) -> DiscoverRequest:
@@ -59,7 +65,7 @@ def read_discover(words: Sequence[str]) -> DiscoverRequest:
         raise RequestError("execution.n_jobs: execution=serial is one process; add execution=processes")
     return DiscoverRequest(
         machine=given.machine, machine_options=options, data=given.data, stated=stated, pages=given.pages,
-        folder=Path(given.results).expanduser() / given.study,
+        across=given.across.removeprefix("[").removesuffix("]"), folder=Path(given.results).expanduser() / given.study,
         workers=1 if given.execution == "serial" else (os.cpu_count() or 1) if n_jobs == -1 else n_jobs,
     )  # fmt: skip
 

@@ -12,16 +12,27 @@ from itertools import product
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.special import fdtrc, gammainc
+from scipy.special import fdtrc, gammainc, ndtr
 
 from calibench.core.notes import Code, Note
 from calibench.core.words import plain
+from calibench.discrepancy.diagnostics.far_readings import Pattern, columns_of, pattern_of
 from calibench.discrepancy.fitting.fit import Fit, fit, linearise, orthonormal, readings_of
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import blamable, kinds_of, sensor_of
 from calibench.discrepancy.model.model import Model, relearned, told_by_middle
 from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
-from calibench.discrepancy.noise.laws import NoiseFinding, heavy_tails_in, mixture, outliers_of, quantisation_of
+from calibench.discrepancy.noise.laws import (
+    QUARTILES,
+    NoiseFinding,
+    changes_left,
+    heavy_tails_in,
+    middle_half,
+    mixture,
+    outliers_of,
+    quantisation_of,
+    returned,
+)
 from calibench.discrepancy.noise.repeats import TAILS, Repeats, law_of, pairs_of, variance
 from calibench.discrepancy.noise.whiten import ROUNDING, Noise
 from calibench.discrepancy.thresholds import thresholds
@@ -60,9 +71,9 @@ def one_reading(at: Fit) -> tuple[int, float] | None:
 
 _CORES = (0.75, 1.0)
 _NOTHING, _FAR_LESS = 1e-4, 0.5  # times the stated noise: less than the first has no noise at all
+_SEEN_FROM = 3.0  # standard deviations from which on a reading is seen to be far off
 _CHANCE = 1e-6  # that readings of the stated noise leave so little
 _SCALES = 0.7, 1.05  # between which noise is as stated
-_QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the quartiles of n Gaussian values
 
 
 def less_than_stated(at: Fit) -> float | None:
@@ -76,10 +87,16 @@ def less_than_stated(at: Fit) -> float | None:
     return times
 
 
-def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
-    """Return the cause of readings far beyond the stated noise: one sensor, or all; nothing without repeats."""
+def outlying(at: Fit) -> tuple[tuple[NoiseFinding, ...], tuple[Pattern, ...]]:
+    """Return the cause of readings far beyond the stated noise: one sensor, or all; nothing without repeats.
+
+    Those that time, place or a column carries are no noise: second comes what carries them.
+    """
     formulation, t = at.model.formulation, thresholds()
     found: list[NoiseFinding] = []
+    no_noise: list[Pattern] = []
+    columns: dict[str, Array] = {}
+    r, signatures = whitened(at)
     for alike in kinds_of(blamable(formulation.sensors)):
         first, second = pairs_of(formulation.data)
         names = [sensor.column for sensor in alike]
@@ -90,44 +107,75 @@ def outlying(at: Fit) -> tuple[NoiseFinding, ...]:
         first, second = first[read[first]], second[read[first]]
         if len(first) < t.repeat_pairs:
             continue
-        # the changes between repeats in their standard deviations, (m, k)
+        # the changes between repeats in their standard deviations, (m, k): of the readings, or where the machine did
+        # not come to the same place of the residuals, in which its way from one place to the other is taken out
         data, of = formulation.data, [formulation.readings.index(name) for name in names]
         change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in names], axis=-1)
         change = change / np.hypot(at.at.sigma[first][:, of], at.at.sigma[second][:, of])
+        left = [changes_left(r, signatures[name], first, second) for name in names]
+        still = returned(change, np.stack([one for one, _ in left], axis=-1))
+        parts = np.ones(change.shape) if still else np.stack([part for _, part in left], axis=-1)
+        change = change if still else np.stack([one for one, _ in left], axis=-1)
         change = change - np.median(change, axis=0)
         change = change / _wider(change.ravel(), t.wide_core_all)
         d = np.asarray(change / [_wider(one, t.wide_core_one) for one in change.T])
+        whole, beside = (
+            d,
+            len(names),
+        )  # of all sensors together: where a machine moved, no more than its constraints tell
+        if not still:
+            whole = (r[second] - r[first]) / np.sqrt(2)
+            whole = whole - np.median(whole, axis=0)
+            whole, beside = whole / _wider(whole.ravel(), t.wide_core_all), whole.shape[1]
         # also without the changes around the largest in time: a step shows only there, wild readings show everywhere
         place = np.argsort(np.argsort(first, kind="stable"))
         away = np.abs(place - place[np.argmax(np.abs(d).max(axis=1))])
-        elsewhere = d[away > max(1.0, t.wild_moment * len(d))]
-        if not (_are_beyond(d) and _are_beyond(elsewhere, t.wild_elsewhere)):
+        elsewhere = away > max(1.0, t.wild_moment * len(d))
+        if not (_are_beyond(whole, d) and _are_beyond(whole[elsewhere], d[elsewhere], t.wild_elsewhere)):
             continue
         worst = int(np.argmax([contamination(d[:, k]) for k in range(len(names))]))
-        everywhere = mixture((d**2).ravel(), np.ones(d.size))
+        everywhere = mixture((d**2).ravel(), parts.ravel())
         weights = everywhere.weights.reshape(d.shape)
         energy = (weights * np.minimum(d**2, t.wild_energy_most)).sum(axis=0)
-        lone = mixture(d[:, worst] ** 2, np.ones(len(d)))
-        one = float(1 / (1 + np.exp(np.clip((everywhere.gain - lone.gain) / 2, -50, 50))))  # weight of "one encoder"
-        concentrated = bool(energy[worst] >= t.wild_share * energy.sum())
-        r, signatures = whitened(at)
+        concentrated = beside >= len(names) and bool(energy[worst] >= t.wild_share * energy.sum())
+        lone = [mixture(one**2, part) for one, part in zip(d.T, parts.T)]
+        if not still:
+            worst = int(np.argmax([one.gain for one in lone]))
+            everywhere = mixture((whole**2).sum(axis=1), np.ones(len(whole)), degrees=beside)
+        # the weight of "one encoder"
+        one = float(1 / (1 + np.exp(np.clip((everywhere.gain - lone[worst].gain) / 2, -50, 50))))
         blamed = alike[worst]
         if concentrated or one > 0.5:
             law = outliers_of(formulation, blamed, r, signatures[blamed.column])
             rival = ("heavy_tails", "all", 1 - one)
         else:
             law, rival = heavy_tails_in(formulation, r), ("outlier", blamed.part, one)
+        # visits are far off one by one, as an error of a reading shows in two changes of three repeats
+        one_of = lone[worst] if law.family == "outlier" else everywhere
+        far = one_of.weights.reshape(len(d), -1).max(axis=1)
+        part = parts[:, worst] if law.family == "outlier" else parts.max(axis=1)
+        chance = 2 * ndtr(-_SEEN_FROM / np.sqrt(1 + one_of.tau**2 * part))
+        _, row, visit = np.unique(np.asarray(data["visit_id"])[first], return_index=True, return_inverse=True)
+        likely, odds = np.zeros(len(row)), np.zeros(len(row))
+        np.maximum.at(likely, visit, far)
+        np.add.at(odds, visit, chance)
+        columns = columns or columns_of(at)
+        by = pattern_of(law.target, likely, odds, {name: values[first[row]] for name, values in columns.items()})
+        if by is not None:
+            no_noise.append(by)
+            continue
         near = not concentrated and rival[2] > t.wild_rival
         found.append(replace(law, rival=rival, alike=blamed.kind) if near else law)
     shared = [f for f in found if f.family != "outlier"]  # heavy tails are those of all readings: told once
-    return (*(f for f in found if f.family == "outlier"), *shared[:1])
+    return (*(f for f in found if f.family == "outlier"), *shared[:1]), tuple(no_noise)
 
 
-def _are_beyond(d: Array, part: float = 1.0) -> bool:
+def _are_beyond(whole: Array, each: Array, part: float = 1.0) -> bool:
     """Return whether changes have readings far beyond the noise, of all sensors or one, by a part of the thresholds."""
     t = thresholds()
-    return len(d) >= t.repeat_pairs and (
-        contamination(d) > part * t.wild_gain_all or any(contamination(one) > part * t.wild_gain_one for one in d.T)
+    return len(each) >= t.repeat_pairs and (
+        contamination(whole) > part * t.wild_gain_all
+        or any(contamination(one) > part * t.wild_gain_one for one in each.T)
     )
 
 
@@ -158,8 +206,8 @@ def contamination(d: Array) -> float:
 
 def _wider(values: Array, deviations: float) -> float:
     """Return the spread of the middle half of `values` if it is significantly above 1, by `deviations`; else 1."""
-    spread = float(np.subtract(*np.percentile(values, [75, 25]))) / 1.349
-    return spread if spread > 1 + deviations * _QUARTILES / np.sqrt(len(values)) else 1.0
+    spread = middle_half(values)
+    return spread if spread > 1 + deviations * QUARTILES / np.sqrt(len(values)) else 1.0
 
 
 def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
@@ -172,8 +220,11 @@ def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
     return at.r.reshape(shape), signatures
 
 
-def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[Note, ...]]:
-    """Return the fit with its noise corrected where repeats contradict the stated one; the suspected sensors; notes."""
+def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[Pattern, ...], tuple[Note, ...]]:
+    """Return the fit with its noise corrected where repeats contradict the stated one; the suspected sensors; notes.
+
+    Before the notes come far readings that are no noise.
+    """
     at = plain
     added, notes = sensor_scales(plain)
     if added:
@@ -193,11 +244,11 @@ def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[Note, ..
         suspects.append(replace(one, extra={name: variance_of * count[place.ravel()]}))
     if suspects:
         at = fit(plain.model, Noise(extra=_sum(added, *(s.extra for s in suspects))), plain.x)
-    outside = outlying(at)
+    outside, no_noise = outlying(at)
     wild = [s.extra for s in outside if s.family == "outlier"]
     if wild:
         at = fit(plain.model, Noise(extra=_sum(at.noise.extra, *wild)), at.x)
-    return at, (*suspects, *outside), notes if _stated(plain.model.formulation) else ()
+    return at, (*suspects, *outside), no_noise, notes if _stated(plain.model.formulation) else ()
 
 
 def law_at(at: Fit) -> tuple[Noise, Repeats, tuple[Note, ...]]:

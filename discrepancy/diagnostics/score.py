@@ -245,15 +245,16 @@ def score_all(
 ) -> list[tuple[Scored, Array]]:
     """Return the score test of each candidate, and an orthonormal basis (N, m) of its visible part.
 
-    From `drawn_rows` rows on bases come without rows, as no noise is drawn in them; so do those of waves without
-    `bases`.
+    From `drawn_rows` rows on bases come without rows, as no noise is drawn in them. Without `bases` so do those of
+    waves, and of all candidates where readings have several constraints: sums run over the readings.
     """
     least = thresholds().visible if least is None else least
     if len(on.y) >= thresholds().drawn_rows:
         return _by_sums(fit, on, effects, least)
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
-    waves = [] if bases else [place for place, effect in enumerate(effects) if has_free_period(effect)]
-    for place, sums in zip(waves, _by_sums(fit, on, [effects[place] for place in waves], least) if waves else ()):
+    wide = fit.at.misclosure.shape[1]
+    summed = [] if bases else [place for place, one in enumerate(effects) if wide > 1 or has_free_period(one)]
+    for place, sums in zip(summed, _by_sums(fit, on, [effects[place] for place in summed], least) if summed else ()):
         found[place] = sums
     by_size: dict[int, list[int]] = {}
     for place, effect in enumerate(effects):
@@ -331,7 +332,6 @@ def family_wise(p: float, law: Array, tests: int) -> float:
     return float(min(bonferroni, p / law[edge] * (edge + 1) / len(law)))
 
 
-_HELD = 6  # products with the targets that are kept: most candidates are of few quantities, and each is large
 _NEXT = 64  # readings after a change that are whitened anew, and twice as many until it is forgotten
 _FORGOTTEN = 1e-10
 _TOGETHER = 200_000  # numbers of a signature that are multiplied at once: a processor's cache holds them
@@ -351,10 +351,12 @@ class Sums:
     """
 
     def __init__(self, fit: Fit, targets: Array) -> None:
-        self.fit, self.targets = fit, targets
+        self.fit, self.targets = replace(fit, at=fit.at.lean), targets  # slopes are kept as long as the sums
         rows, data = fit.at.misclosure, fit.at.model.formulation.data
         plain = fit.at.model.formulation.decorrelate(rows) is rows
         self._apart = plain and fit.at.whiten.band is None
+        # (c, n, t): one after the other, so that sums over the constraints of a reading run over whole arrays
+        self._by_constraint = np.ascontiguousarray(targets.reshape(*rows.shape, -1).transpose(1, 0, 2))
         self._clock = np.asarray(data["t_s"]) if plain and data.has("t_s") else np.empty(0)
         if np.any(np.diff(self._clock) < 0):
             self._clock = np.empty(0)
@@ -375,17 +377,27 @@ class Sums:
             if not changes:
                 return
             K, k, n = changes[names[0]].shape
-            square, across = np.zeros((K, k, k)), np.zeros((K * k, self.targets.shape[1]))
+            whole = len(effects[next(iter(some))].coefficients)  # one more than k for waves
+            square, across = np.zeros((K, whole, whole)), np.zeros((K, whole, self.targets.shape[1]))
             for one, change in changes.items():
-                across += change.reshape(K * k, n) @ self._pull(one)
+                across[:, :k] += (change.reshape(K * k, n) @ self._pull(one)).reshape(K, k, -1)
                 for other, beside in changes.items():
-                    square += change @ (self._pair(one, other) * beside).transpose(0, 2, 1)
-            found_here = zip(square, across.reshape(K, k, -1).transpose(0, 2, 1))
+                    square[:, :k, :k] += change @ (self._pair(one, other) * beside).transpose(0, 2, 1)
+            found_here = zip(square, across.transpose(0, 2, 1))
             for place, products in zip(some, found_here):
                 found[place] = products
             some.clear()
 
-        for place, effect in enumerate(effects):
+        # one target after the other: its quantities' products, which are large, are kept that long
+        order, last = sorted(range(len(effects)), key=lambda place: effects[place].target), ""
+        for place, effect in ((place, effects[place]) for place in order):
+            if effect.target != last:
+                for some in alike.values():
+                    multiply(some)
+                alike.clear()
+                self._pulls.clear()
+                self._ends.clear()
+                last = effect.target
             if isinstance(effect, ChangePoint) and len(self._clock):
                 square, across = self._from(effect.quantities, int(np.searchsorted(self._clock, effect.at)))
                 found[place] = square * np.outer(effect.ones, effect.ones), across * effect.ones
@@ -395,10 +407,14 @@ class Sums:
                 D = at.whiten(signature(effect, zero, at.recorded, at.slopes, formulation))
                 found[place] = D.T @ D, self.targets.T @ D
                 continue
-            basis = effect.basis(at.recorded, formulation.data, zero)
-            some = alike.setdefault((*basis, len(zero)), {})
+            # a wave without a height does not tell its period: the last column is nothing but zeros
+            told = len(zero) - has_free_period(effect)
+            basis = {
+                name: change[:, :told] for name, change in effect.basis(at.recorded, formulation.data, zero).items()
+            }
+            some = alike.setdefault((*basis, len(zero), told), {})
             some[place] = basis
-            if len(some) * len(zero) * len(at.misclosure) >= _TOGETHER:
+            if len(some) * told * len(at.misclosure) >= _TOGETHER:
                 multiply(some)
         for some in alike.values():
             multiply(some)
@@ -446,14 +462,13 @@ class Sums:
 
     def _pull(self, name: str) -> Array:
         """Return what a change of a quantity at each reading adds to the products with the targets, (n, t)."""
-        pull = self._pulls.pop(name, None)
-        if pull is None:
+        if name not in self._pulls:
             slope = self._slope(name)
-            pull = np.einsum("nc,nct->nt", slope, self.targets.reshape(*slope.shape, -1))
-            if len(self._pulls) >= _HELD:
-                del self._pulls[next(iter(self._pulls))]
-        self._pulls[name] = pull  # used last, so it is dropped last
-        return pull
+            pull = slope[:, 0, None] * self._by_constraint[0]
+            for k in range(1, slope.shape[1]):
+                pull += slope[:, k, None] * self._by_constraint[k]
+            self._pulls[name] = pull
+        return self._pulls[name]
 
     def _pair(self, one: str, other: str) -> Array:
         """Return what changes of two quantities at each reading add to their product, (n,)."""

@@ -45,7 +45,7 @@ class Calibrated:
         return _columns(self.model, recorded, slopes, effect, self.weighted)
 
     @cached_property
-    def _point(self) -> tuple[Quantities, dict[str, Array]]:
+    def _point(self) -> tuple[Quantities, Mapping[str, Array]]:
         recorded, true = self.model.quantities(self.x)
         return recorded, self.model.formulation.slopes(true)
 
@@ -221,7 +221,7 @@ def _residuals(model: Model, x: Array, weighted: bool) -> Array:
     return (model.formulation.decorrelate(r) if weighted else r)[:, 0]
 
 
-def _columns(model: Model, recorded: Quantities, slopes: dict[str, Array], effect: Effect, weighted: bool) -> Array:
+def _columns(model: Model, recorded: Quantities, slopes: Mapping[str, Array], effect: Effect, weighted: bool) -> Array:
     basis = effect.basis(recorded, model.formulation.data, np.zeros(len(effect.coefficients)))
     raw = np.asarray(sum(slopes[name] * change for name, change in basis.items()))
     return model.formulation.decorrelate(raw) if weighted else raw

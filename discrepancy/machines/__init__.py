@@ -6,6 +6,7 @@ from calibench.discrepancy.machines import (
     gpm2002 as gpm2002,
     mount as mount,
     orthoglide as orthoglide,
+    simulator as simulator,
     table as table,
 )
 from calibench.discrepancy.registries import machines

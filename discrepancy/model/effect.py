@@ -222,7 +222,8 @@ class EffectFamily:
     `parted_by` says what parts its declared twins, `resolved_by` what would tell families with the same sentence apart
     (`{target}` is filled in). `period` returns the period of its argument in the unit of its column, 0 for none, from
     the metadata and the target. `targets_in` returns the targets of a family that finds them in what a formulation is
-    made of (`Roles`); `targets` are then words for them. `never_negative` is what no machine has less than none of.
+    made of (`Roles`); `targets` are then words for them. `never_negative` is what no machine has less than none of;
+    `bounds` are the names of the thresholds above which no machine has it.
     """
 
     name: str
@@ -243,6 +244,7 @@ class EffectFamily:
     targets_in: Callable[[Formulation], tuple[str, ...]] | None = None
     code: str = ""
     never_negative: str = ""
+    bounds: tuple[str, ...] = ()
 
     def names_in(self, formulation: Formulation) -> tuple[str, ...]:
         return self.targets if self.targets_in is None else self.targets_in(formulation)

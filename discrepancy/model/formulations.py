@@ -33,7 +33,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from pathlib import Path
-from typing import Any, final
+from typing import Any, Protocol, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,14 @@ from numpy.typing import NDArray
 from calibench.core.notes import Code, Note, once
 from calibench.core.options import suggest
 from calibench.discrepancy.model import roles as parts_of
-from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities, as_they_are, complex_step_slopes
+from calibench.discrepancy.model.machine import (
+    Formulation,
+    Numbers,
+    Quantities,
+    Slopes,
+    as_they_are,
+    complex_step_slopes,
+)
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete, number_visits, without_gaps
 from calibench.discrepancy.model.model import learned_noise, noise_left, relearned
 from calibench.discrepancy.model.roles import Roles, inputs_of, roles_of, unknown_noise_of
@@ -174,6 +181,22 @@ def refuse_twice(columns: Sequence[str], held: Mapping[str, float], parameters: 
         raise DataError(f"{', '.join(twice)}: a name is measured, an input, held, or free: one of these")
 
 
+OfRows = tuple[Callable[[Quantities], Numbers], Callable[[Quantities], dict[str, Array]]]
+
+
+class OnRows(Protocol):
+    """Prediction and slopes that depend on which rows they are asked for, and what a report says of them at the end."""
+
+    def __call__(self, data: MeasuredData) -> OfRows: ...
+    def remarks(self) -> tuple[Note, ...]: ...
+
+
+def remarks_of(formulation: Formulation) -> tuple[Note, ...]:
+    """Return what a formulation has to say when the search is done; () for most."""
+    of_rows: OnRows | None = getattr(formulation, "of_rows", None)
+    return () if of_rows is None else of_rows.remarks()
+
+
 Stated = float | str | None  # a standard deviation, the column that holds it, or unknown
 
 
@@ -187,6 +210,7 @@ class Predicted:
     that are not held out. `inputs` are columns without noise, which effects may change; `held` numbers that are not
     calibrated. `instruments` tell of measured columns what `Sensor` says, `roles` what the machine is made of.
     `of_new` makes the columns of the fit from those of a file, for rows that are only predicted, each of them kept.
+    `of_rows` returns `predict` and `slopes` for other rows, where these depend on which rows they are asked for.
     Rows with a cell that holds no number are left out. Raises `DataError` for a column that is missing, a name used
     twice, or a prediction of another shape.
     """
@@ -200,9 +224,10 @@ class Predicted:
     unit: str = "mm"
     instruments: tuple[Sensor, ...] = ()
     roles: Roles = field(default_factory=Roles)
-    slopes: Callable[[Quantities], dict[str, Array]] = field(default=None, repr=False)  # type: ignore[assignment]
+    slopes: Callable[[Quantities], Mapping[str, Array]] = field(default=None, repr=False)  # type: ignore[assignment]
     learned: Mapping[str, float] = field(default_factory=dict, repr=False)
     of_new: Callable[[MeasuredData], MeasuredData] | None = field(default=None, repr=False)
+    of_rows: OnRows | None = field(default=None, repr=False)
     _checked: bool = field(default=False, repr=False)
     _given: Callable[[Quantities], Mapping[str, Array]] | None = field(default=None, repr=False)
     fixed: Mapping[str, float] = field(init=False, repr=False)
@@ -269,7 +294,10 @@ class Predicted:
         return {name: columns for name in self.measured}
 
     def on(self, data: MeasuredData) -> Predicted:
-        return replace(self, data=data, _checked=True)
+        if self.of_rows is None:
+            return replace(self, data=data, _checked=True)
+        predict, slopes = self.of_rows(data)
+        return replace(self, data=data, predict=predict, slopes=slopes, _checked=True)
 
     def relearned(self, left: Array, spent: float) -> Predicted:
         """Return the same with its unknown noise estimated from the constraints `left`, (n, c), by a fit."""
@@ -294,24 +322,23 @@ class Predicted:
             for k, name in enumerate(self.measured)
         )  # fmt: skip
 
-    def _slopes(self, q: Quantities) -> dict[str, Array]:
+    def _slopes(self, q: Quantities) -> Slopes:
         """Return the derivative of the constraints in each quantity, name -> (n, m); by complex step if not given."""
-        n, m = len(self.data), len(self.measured)
         given = {} if self._given is None else self._given(q)
-        found: dict[str, Array] = {}
-        for k, name in enumerate(self.measured):
-            found[name] = np.zeros((n, m))
-            found[name][:, k] = 1.0
-        for name in q:
-            if name in found:
-                continue
-            if name in given:
-                own = np.asarray(given[name])
-                own = own[:, None] if own.ndim == 1 else own
-                found[name] = -(own if own.shape == (n, m) else np.broadcast_to(own, (n, m)))
-            else:
-                found[name] = np.imag(self.constraints({**q, name: np.asarray(q[name]) + 1j * _TINY})) / _TINY
-        return found
+        names = (*self.measured, *(name for name in q if name not in self.measured))
+        return Slopes(names, partial(self._slope, q, given))
+
+    def _slope(self, q: Quantities, given: Mapping[str, Array], name: str) -> Array:
+        n, m = len(self.data), len(self.measured)
+        if name in self.measured:
+            found = np.zeros((n, m))
+            found[:, [*self.measured].index(name)] = 1.0
+            return found
+        if name in given:
+            own = np.asarray(given.one(name) if isinstance(given, Slopes) else given[name])  # kept once, with its sign
+            own = own[:, None] if own.ndim == 1 else own
+            return np.asarray(-(own if own.shape == (n, m) else np.broadcast_to(own, (n, m))))
+        return np.asarray(np.imag(self.constraints({**q, name: np.asarray(q[name]) + 1j * _TINY})) / _TINY)
 
     def _sigma(self, name: str, stated: Stated) -> Array | float:
         if stated is None:
@@ -557,7 +584,7 @@ def check_slopes(formulation: Formulation, words: str) -> None:
         failure = f"{words} failed at the start values: {type(error).__name__}: {error} ({where})"
         raise DataError(f"{failure}{compares}") from error
     try:
-        slopes = few.slopes(q)
+        slopes = dict(few.slopes(q))
     except TypeError as error:
         raise DataError(f"{words} takes no complex numbers ({error}); {way_out}") from None
     for name, value in q.items():

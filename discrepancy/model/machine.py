@@ -8,7 +8,7 @@ an effect, which is a change of quantities. A machine without a `Description` ca
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol, final
@@ -59,7 +59,7 @@ class Formulation(Protocol):
         """Return the constraints, shape (n, c), at the quantities `q`: zero on a perfect machine without noise."""
         ...
 
-    def slopes(self, q: Quantities) -> dict[str, Array]:
+    def slopes(self, q: Quantities) -> Mapping[str, Array]:
         """Return the derivative of the constraints in each quantity, name -> (n, c)."""
         ...
 
@@ -92,6 +92,40 @@ class Machine(Protocol):
     def formulate(self, data: MeasuredData) -> Formulation:
         """Return the constraints that `data` support; raise `DataError` for data that cannot be of this machine."""
         ...
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Slopes(Mapping[str, Array]):
+    """Slopes in the quantities `names`, each computed by `one(name)` when it is first asked for, and kept.
+
+    A fit asks for those of the free parameters alone: a machine has two or three times as many numbers, and rows may be
+    many.
+    """
+
+    names: tuple[str, ...]
+    one: Callable[[str], Array]
+    _kept: dict[str, Array] = field(default_factory=dict, init=False, repr=False)
+
+    def __getitem__(self, name: str) -> Array:
+        if name not in self._kept:
+            if name not in self.names:
+                raise KeyError(name)
+            self._kept[name] = self.one(name)
+        return self._kept[name]
+
+    def anew(self) -> Slopes:
+        """Return the same slopes, none of them computed yet."""
+        return Slopes(self.names, self.one)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
 
 
 def complex_step_slopes(formulation: Formulation, q: Quantities) -> dict[str, Array]:
@@ -158,6 +192,7 @@ class Description:
     numbers and the findings of a search as the machine's owner enters them; None where nothing was calibrated.
     `own_units`: the numbers of a file stay in the units that it states, as the model is its owner's.
     `named` tells of quantities whose names depend on the file (the joints of an arm); None for one it does not know.
+    `orders` are columns, beside those of its roles, that tell an order, a direction or a speed: column -> the word.
     """
 
     columns: tuple[Quantity, ...] = ()
@@ -177,6 +212,7 @@ class Description:
     corrected: Callable[[Any], Correction | None] | None = None  # of a `Report`, which stands above this room
     named: Callable[[str], Quantity | None] | None = None
     own_units: bool = False
+    orders: Mapping[str, str] = field(default_factory=dict)
 
     def quantity(self, name: str) -> Quantity | None:
         """Return the declaration of a quantity; None where there is none."""

@@ -7,6 +7,7 @@ a column where an effect is missing; when effects are found, it is learned again
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import final
 
@@ -72,7 +73,7 @@ class Model:
         recorded, true = self.quantities(x)
         return self.jacobian_of(x, recorded, self.formulation.slopes(true))
 
-    def jacobian_of(self, x: Array, recorded: dict[str, Numbers], slopes: dict[str, Array]) -> Array:
+    def jacobian_of(self, x: Array, recorded: Quantities, slopes: Mapping[str, Array]) -> Array:
         """Return the derivative in x of what has these `slopes` at the quantities that are `recorded`."""
         own = np.stack([slopes[p.name] for p in self.formulation.parameters])  # column by column: rows may be many
         columns = [self.formulation.decorrelate(own.transpose(1, 2, 0))]
@@ -96,7 +97,7 @@ class Model:
         raise LookupError(name_of(effect))
 
 
-def signature(effect: Effect, c: Array, q: Quantities, slopes: dict[str, Array], formulation: Formulation) -> Array:
+def signature(effect: Effect, c: Array, q: Quantities, slopes: Mapping[str, Array], formulation: Formulation) -> Array:
     """Return what a unit of each coefficient of `effect` leaves in the residuals, shape (n, c, k)."""
     basis = effect.basis(q, formulation.data, c)
     terms = [slopes[name][:, :, None] * change[:, None, :] for name, change in basis.items()]

@@ -21,6 +21,13 @@ from calibench.discrepancy.noise.repeats import pairs_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
+_OF_NOISE = frozenset({"outlier", "quantisation", "heavy_tails"})
+
+
+def is_of_noise(family: str) -> bool:
+    """Return whether a finding of such a family blames the noise: it corrects nothing, readings are trusted less."""
+    return family in _OF_NOISE
+
 
 def quantisation_of(formulation: Formulation, sensor: Sensor, r: Array, signature: Array) -> NoiseFinding:
     """Return what coarse steps of one sensor explain: steps coarser than its stated noise and resolution."""
@@ -57,22 +64,51 @@ def outliers_of(formulation: Formulation, sensor: Sensor, r: Array, signature: A
     gain, tau = seen.gain, seen.tau
     size, unit = outlying_size(energy, share, seen.epsilon, seen.tau), stated
     if len(first) >= thresholds().repeat_pairs:
-        change = formulation.data[name][second] - formulation.data[name][first]
+        change = (formulation.data[name][second] - formulation.data[name][first]) / (np.sqrt(2) * stated)
+        left, part = changes_left(r, signature, first, second)
+        if not returned(change, left):
+            change, parts = left, part
+        else:
+            parts = np.ones(len(first))
         change = change - np.median(change)
-        # the machine may have moved a little between repeats: then the spread of the middle half is the deviation
-        spread = float(np.subtract(*np.percentile(change, [75, 25]))) / 1.349
-        deviation = max(float(np.sqrt(2)) * stated, spread)
-        squares, ones = np.asarray(change / deviation) ** 2, np.ones(len(first))
-        mixed = mixture(squares, ones)
+        deviation = max(1.0, middle_half(change))  # of a noise that is wider than stated
+        squares = np.asarray(change / deviation) ** 2
+        mixed = mixture(squares, parts)
         gain += mixed.gain
         tau = mixed.tau if mixed.gain > seen.gain else tau
         if mixed.gain > thresholds().wild_size_gain:  # nothing else that is missing shows between repeats
-            size, unit = outlying_size(squares, ones, mixed.epsilon, mixed.tau), deviation
+            size = outlying_size(squares, parts, mixed.epsilon, mixed.tau)
+            unit = deviation * float(np.sqrt(2)) * stated
     value, low, high = (unit * end for end in size)
     return NoiseFinding(
         family="outlier", target=sensor.part, amplitude=value, unit=sensor.unit, gain=gain, weights=seen.weights,
         extra={name: seen.weights * (tau * stated) ** 2}, ci95=(low, high),
     )  # fmt: skip
+
+
+def changes_left(r: Array, s: Array, first: Array, second: Array) -> tuple[Array, Array]:
+    """Return what residuals r change between repeats along a sensor's signature s, of unit variance, (m,), and |s|^2.
+
+    Where a machine came to a place a little beside the one before, all its readings tell of it, and nothing is left.
+    """
+    size = np.sqrt((s**2).sum(axis=1))
+    along = (s * r).sum(axis=1) / np.maximum(size, 1e-300)
+    return np.asarray(along[second] - along[first]) / np.sqrt(2), (size[first] ** 2 + size[second] ** 2) / 2
+
+
+def returned(raw: Array, left: Array) -> bool:
+    """Return whether a machine returned to the same place between repeats, as far as its noise shows.
+
+    `raw` are the changes of its readings and `left` those of its residuals, in their standard deviations. Readings of
+    a machine that came to another place change by more than the residuals, and by more at some places than at others.
+    """
+    doubt = _MOVED * QUARTILES * np.sqrt(2 / raw.size)
+    return bool(middle_half(raw) <= (1 + doubt) * max(1.0, middle_half(left)))
+
+
+def middle_half(values: Array) -> float:
+    """Return the standard deviation of Gaussian values, (n, ...), told by their middle half."""
+    return float(np.subtract(*np.percentile(values, [75, 25]))) / 1.349
 
 
 def _energy_of(r: Array, s: Array) -> tuple[Array, Array]:
@@ -107,6 +143,8 @@ def _sigma(formulation: Formulation, name: str) -> float:
     return float(np.median(formulation.sigma[name]))
 
 
+_MOVED = 3.0  # standard errors by which readings change more than residuals where a machine moved between repeats
+QUARTILES = 1.17  # standard deviations, times root n, of a spread told by the quartiles of n Gaussian values
 _ROUNDS = 200
 _DRAWN = 200
 _MOST = 20_000  # numbers that a drawn sample holds

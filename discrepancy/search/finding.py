@@ -23,6 +23,7 @@ from calibench.discrepancy.registries import description_of, family_of
 from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
 from calibench.discrepancy.search.form import forms_of
 from calibench.discrepancy.search.select import Option, spared, told_apart
+from calibench.discrepancy.search.standing import left_scale
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -36,7 +37,10 @@ FORMULA_ERROR = "may be the error of the first formula"
 
 
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
-    """Return the finding of one set of options, the first of which is in the fit `found`."""
+    """Return the finding of one set of options, the first of which is in the fit `found`.
+
+    Intervals are those of the noise that is left, where this is more than the stated one.
+    """
     best, top, data, t = options[0], max(options, key=lambda o: o.gain), found.model.formulation.data, thresholds()
     effect = best.effect
     known: dict[str, float] = {}
@@ -70,7 +74,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     whole[:, found.model.place_of(effect)] = np.eye(len(whole))
     for form in forms_of(effect, found.model.effects):
         whole[:, found.model.place_of(form)] = form.nearest(found.at.recorded, data)
-    c, spread = whole @ found.x, whole @ found.covariance() @ whole.T
+    c, spread = whole @ found.x, left_scale(found) ** 2 * whole @ found.covariance() @ whole.T
     sd = np.sqrt(np.diag(spread))
     numbers = [
         Coefficient(name, float(value), unit, float(each))
@@ -103,7 +107,7 @@ def _size(o: Option) -> Amplitude | None:
     if not len(o.fit.J):
         return None
     own = slice(len(o.fit.x) - len(o.effect.coefficients), None)
-    c, spread = o.fit.x[own], o.fit.covariance()[own, own]
+    c, spread = o.fit.x[own], left_scale(o.fit) ** 2 * o.fit.covariance()[own, own]
     return Amplitude(o.effect.amplitude(c), o.effect.unit, amplitude_interval(o.effect, c, spread, o.fit.reach))
 
 
@@ -227,7 +231,7 @@ _FULL = 1e-10  # of the largest singular value, below which a direction is round
 def same_in_any_pose(found: Fit, effects: Sequence[Effect]) -> tuple[tuple[Effect, Effect], ...]:
     """Return the pairs of `effects` that have the same signature in every pose."""
     formulation = found.model.formulation
-    if not isinstance(formulation, Predicted):
+    if not isinstance(formulation, Predicted) or formulation.of_rows is not None:  # where each pose is a call
         return ()
     joints = roles_of(formulation).joints
     # another commanded input depends on the pose, nobody knows how

@@ -51,6 +51,7 @@ _PLACES = 200  # knots of a random field, at most twice as many
 _PART_OF_FIELD = 1e-3  # part of the largest variance: parts of a random field below this are left out
 _SETTLED = 6  # rounds in which the noise of a random form settles
 _TINY = 1e-300
+_SIGNS = 0.9  # mean product of two signs, from which on they are the same
 
 
 @final
@@ -59,7 +60,7 @@ class Slow:
     """Slow functions of a covariate between `low` and `high`, less their `middle`, (m,): their mean.
 
     With `moments` the covariate is a position at each of them. For an effect that is relative to home, home is zero,
-    and `middle` is the value there.
+    and `middle` is the value there. `unsigned` ones are functions of the covariate without its sign.
     """
 
     covariate: str
@@ -68,6 +69,7 @@ class Slow:
     high: float
     middle: tuple[float, ...]
     moments: Callable[[MeasuredData], Sequence[Moment]] | None = None
+    unsigned: bool = False
 
     def acting(self, own: Mapping[str, Array], data: MeasuredData) -> Sequence[Moment]:
         if self.moments is not None:
@@ -75,7 +77,8 @@ class Slow:
         return [Moment(name, name, np.asarray(data[self.column], dtype=float)) for name in own]
 
     def waves(self, values: Array) -> Array:
-        waves = waves_over(values, self.low, self.high, len(self.middle)) - np.asarray(self.middle)
+        at = np.abs(values) if self.unsigned else values
+        waves = waves_over(at, self.low, self.high, len(self.middle)) - np.asarray(self.middle)
         waves[~np.isfinite(waves)] = 0.0  # rows that are not the target's
         return np.asarray(waves)
 
@@ -170,6 +173,11 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
             waves = waves_over(data[column], low, high, 1 if term.levels else SLOW)
             middle = tuple(np.nanmean(waves, axis=0).tolist())
             tried.append(Modulated(pick, (Slow(term.covariate, column, low, high, middle),)))
+            if not term.levels and _of_one_sign(current, pick, data[column]):  # as friction's over the speed
+                far = float(np.nanmax(np.abs(data[column])))
+                waves = waves_over(np.abs(data[column]), 0.0, far, SLOW)
+                middle = tuple(np.nanmean(waves, axis=0).tolist())
+                tried.append(Modulated(pick, (Slow(term.covariate, column, 0.0, far, middle, unsigned=True),)))
     scored = [s for s, _ in score_all(current, tests.on, tried) if s.m]
     if not scored:
         return None
@@ -183,6 +191,15 @@ def unlike(current: Fit, picks: Sequence[Effect], known: Sequence[Effect], terms
         return None
     large = share(found.fit, form) >= (t.along_share if form.acts_along else t.form_share)
     return found if found.gain > t.further_gain and large else None
+
+
+def _of_one_sign(at: Fit, pick: Effect, values: Array) -> bool:
+    """Return whether an effect of one number has the sign of a column: then its size is a function of the column's."""
+    if len(pick.coefficients) > 1:
+        return False
+    own = pick.basis(at.at.recorded, at.model.formulation.data, np.zeros(1))
+    signs = [np.sign(change[:, 0]) * np.sign(values) for change in own.values()]
+    return all(abs(float(np.nanmean(both))) > _SIGNS for both in signs)
 
 
 def runs_away(before: Fit, after: Fit, pick: Effect) -> bool:

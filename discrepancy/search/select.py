@@ -21,6 +21,7 @@ from calibench.discrepancy.model.effect import Effect, is_possible, name_of
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.thresholds import thresholds
 
+_DECIMALS = 6  # of a gain: beyond them is rounding
 _SAME = 1e-6  # part of a cost: two fits that differ by less have the same signature but for rounding
 
 
@@ -105,9 +106,10 @@ def run_tests(
         tested = score.score_all(at, on, members, least, bases=False)
         smallest, law = min((s.p for s, _ in tested), default=1.0), np.empty(0)
         if rng is not None and t.p_sure < smallest < t.p_calm:  # else draws decide nothing
-            # the tests themselves do without the bases of waves of free period
-            waves = score.score_all(at, on, [effect for effect in members if effects.has_free_period(effect)])
-            law = score.smallest_p_law(on, [U for s, U in (*tested, *waves) if s.m and len(U)], rng)
+            # the tests themselves do without some of the bases
+            known = [U for s, U in tested if s.m and len(U)]
+            rest = score.score_all(at, on, [s.effect for s, U in tested if not len(U)], least)
+            law = score.smallest_p_law(on, [*known, *(U for s, U in rest if s.m and len(U))], rng)
         p.append(score.family_wise(smallest, law, max(len(tested), 1)))
         scored.append([s for s, _ in tested])
     ranked = sorted(scored[1], key=lambda s: -delta_bic(s, on))
@@ -165,14 +167,18 @@ def light(o: Option, base: Fit) -> Option:
 
 
 def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
-    """Return options by gain; of those that differ from the best only by an error of form, the simplest comes first."""
+    """Return options by gain; of those that differ from the best only by an error of form, the simplest comes first.
+
+    Exact twins differ by rounding alone, so their names decide which of them leads the set.
+    """
     best, names = max((o.gain for o in found), default=0.0), {o.name for o in found}
 
-    def rank(o: Option) -> tuple[float, int, float]:
+    def rank(o: Option) -> tuple[float, int, float, str]:
+        gain = round(float(o.gain), _DECIMALS)
         if o.gain < best - thresholds().form * best:
-            return 1.0, 0, -o.gain
+            return 1.0, 0, -gain, o.name
         later = o.effect.target == "all" and not names.isdisjoint(o.effect.twins)
-        return 0.0, len(o.effect.coefficients), -o.gain + (thresholds().close if later else 0.0)
+        return 0.0, len(o.effect.coefficients), -gain + (thresholds().close if later else 0.0), o.name
 
     return tuple(sorted(found, key=rank))
 
@@ -269,3 +275,10 @@ def _screened(base: Fit, scored: Sequence[score.Scored]) -> tuple[score.Scored, 
         if grown * (behind.sum() - t.behind_errors * np.sqrt(readings) * behind.std()) > spare:
             out.add(k)
     return tuple(s for k, s in enumerate(scored) if k not in out)
+
+
+def energy_of(o: Option) -> float:
+    """Return the energy of an option's signature, in scores, before calibration absorbs a part of it."""
+    k = len(o.effect.coefficients)
+    trace = o.fit.J[:, -k:] @ o.fit.x[-k:] * o.fit.noise.gain
+    return float(trace @ trace)

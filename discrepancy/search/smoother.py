@@ -49,6 +49,7 @@ class Component:
     count: int
     levels: tuple[float, ...] = ()
     weights: Array = field(default_factory=lambda: np.zeros(0))
+    variances: Array = field(default_factory=lambda: np.zeros(0))  # of the weights, before the data
 
     def waves(self, data: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the cosines at each row, (n, m), and their frequencies, (m,), in radians per range."""
@@ -184,13 +185,34 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     w = -np.linalg.solve(_rest(B, on.y, on.degrees) ** 2 * np.eye(B.shape[1]) + B.T @ B, B.T @ on.y)
     ends = np.cumsum([len(v) for v in chosen.values()])[:-1]
     smooth = [
-        replace(tried[k][0], weights=np.asarray(own * np.sqrt(v)))
+        replace(tried[k][0], weights=np.asarray(own * np.sqrt(v)), variances=np.asarray(v))
         for (k, v), own in zip(chosen.items(), np.split(w, ends))
     ]
     columns = tuple(name for component in smooth for name in component.columns)
     effect = Smooth(tuple(smooth), base.model.formulation, base.x, smooth[0].target, columns=columns)
     after = fit(base.model.with_effects(effect), base.noise, base.x)
     return after if after.cost < base.cost else base
+
+
+def left_out(at: Fit, fold: Array) -> Array:
+    """Return the errors, in scores, of each fold of rows (n,) predicted by the others, smooth functions learned anew.
+
+    Parameters and coefficients are free in each fold, to first order; weights of cosines are held by their variances.
+    """
+    data, c, gain = at.at.model.formulation.data, at.at.misclosure.shape[1], at.noise.gain
+    own = [(e, one) for e in at.model.effects if isinstance(e, Smooth) for one in e.components]
+    y, columns, held = at.noise.scores(at.r), [at.J], [np.full(at.J.shape[1], _HELD)]
+    size = np.sqrt((at.J**2).sum(axis=0))
+    columns[0] = at.J / np.where(size > 0, size, 1.0)
+    for effect, one in own:
+        met = data.with_columns(smooth_columns(effect.formulation.on(data), effect.x))
+        met = data if all(name in data for name in one.columns) else met
+        raw = at.at.whiten(at.at.slopes[one.quantity][:, :, None] * one.waves(met.columns)[0][:, None, :]) * gain
+        some = one.variances > _NOTHING * max(float(one.variances.max()), 1e-300)
+        y = y - raw[:, some] @ one.weights[some]
+        columns.append(raw[:, some] * np.sqrt(one.variances[some]))
+        held.append(np.ones(int(some.sum())))
+    return errors_left_out(np.concatenate(columns, axis=1), y, np.repeat(fold, c), np.concatenate(held))
 
 
 def _rest(B: Array, y: Array, degrees: int) -> float:

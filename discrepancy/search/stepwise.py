@@ -18,12 +18,14 @@ from calibench.discrepancy.diagnostics import score
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, fit
 from calibench.discrepancy.model.effect import Alternative, Effect, name_of, still_open
-from calibench.discrepancy.noise.laws import NoiseFinding
+from calibench.discrepancy.noise.laws import NoiseFinding, is_of_noise
 from calibench.discrepancy.noise.repeats import excess_p
-from calibench.discrepancy.report import Amplitude, Finding, Rival, Verdict
-from calibench.discrepancy.search import form as forming, select
+from calibench.discrepancy.report import Amplitude, Finding, Rival, Shuffled, Verdict
+from calibench.discrepancy.search import form as forming, guard, select
 from calibench.discrepancy.search.finding import finding_of, with_cautions
-from calibench.discrepancy.search.select import Option, Tests, fit_with, options, penalty, run_tests
+from calibench.discrepancy.search.select import Option, Tests, energy_of, fit_with, options, penalty, run_tests
+from calibench.discrepancy.search.shuffle import controls
+from calibench.discrepancy.search.standing import named_by_smooth
 from calibench.discrepancy.thresholds import thresholds
 from calibench.discrepancy.validation import errors_left_out, folds
 from calibench.problems.base import Array
@@ -269,13 +271,6 @@ def _in_place_of_one(picked: Picked, base: Fit, candidates: Sequence[Effect], ke
     return after if new < old else picked
 
 
-def energy_of(o: Option) -> float:
-    """Return the energy of an option's signature, in scores, before calibration absorbs a part of it."""
-    k = len(o.effect.coefficients)
-    trace = o.fit.J[:, -k:] @ o.fit.x[-k:] * o.fit.noise.gain
-    return float(trace @ trace)
-
-
 def _best_pair(
     scored: Sequence[tuple[score.Scored, Array]], on: score.ProjectedScores
 ) -> tuple[tuple[tuple[score.Scored, Array], ...], float]:
@@ -377,11 +372,13 @@ def _needed(picked: Picked, base: Fit, ground: Fit) -> Picked:
 
 
 def judge(
-    selection: Selection, base: Fit, terms: Sequence[SmoothTerm], suspects: Sequence[NoiseFinding], level: float
-) -> tuple[Verdict, tuple[Finding, ...], Selection]:
+    selection: Selection, base: Fit, terms: Sequence[SmoothTerm], suspects: Sequence[NoiseFinding], level: float,
+    candidates: Sequence[Effect] = (), free: Sequence[SmoothTerm] = (),
+) -> tuple[Verdict, tuple[Finding, ...], Selection]:  # fmt: skip
     """Return the verdict, the findings and their selection: where names explain too little, the names that still stand.
 
     A name that still explains something beside smooth functions is right, but not the whole: the verdict is partly.
+    So is a name of the `candidates` whose course one of the smooth functions has, which are made of terms `free`.
     `suspects` are findings about the noise.
     """
     blamed = []
@@ -399,12 +396,59 @@ def judge(
         )  # fmt: skip
         blamed.append(noise)
     verdict, findings = _verdict_of(selection, base, blamed, level)
-    if verdict != "unknown" or (part := _stand(selection.sets, base, terms)) is None:
+    if verdict in ("named", "ambiguous", "partly"):
+        energies = {own[0].name: energy_of(own[0]) for own in selection.sets if len(own[0].fit.r)}
+        findings, foreign = guard.with_doubts(findings, base, selection.fit, terms, energies, level)
+        verdict = "partly" if foreign else verdict
+    if verdict != "unknown":
+        return verdict, findings, selection
+    part = _stand(selection.sets, base, terms)
+    if part is None and (clear := named_by_smooth(base, candidates, free) if candidates else ()):
+        part = Picked(fit_with(base, [own[0].effect for own in clear]), clear)
+    if part is None:
         return verdict, findings, selection
     kept = replace(selection, fit=part.fit, alone=part.fit, sets=part.sets, forms=())
     whole = {own[0].name: energy_of(own[0]) / len(part.fit.r) for own in part.sets}
     named = with_cautions([finding_of(part.fit, own) for own in part.sets], whole)
     return "partly", tuple(sorted((*named, *blamed), key=lambda f: -f.gain)), kept
+
+
+def held_by_order(
+    selection: Selection, base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm]
+) -> tuple[Selection, Mapping[str, Shuffled]]:
+    """Return the selection without names that shuffled rows have as well, and the control of those that stay.
+
+    The worst goes first, as one of two names may only be there because of the other.
+    """
+    while True:
+        told = controls(selection.fit, [[o.effect for o in own] for own in selection.sets], candidates)
+        worst = max((one.p for some in told for one in some.values()), default=0.0)
+        if worst <= thresholds().shuffled_p:
+            return selection, {name: one for some in told for name, one in some.items()}
+        out = {name for some in told for name, one in some.items() if one.p == worst}
+        left = ([o for o in own if o.name not in out] for own in selection.sets)
+        sets = tuple(tuple(own) for own in left if own)
+        names = {own[0].name for own in sets}
+        forms = tuple(f for f in selection.forms if isinstance(f, forming.Modulated) and name_of(f.of) in names)
+        effects = [own[0].effect for own in sets]
+        picked = Picked(fit_with(fit_with(base, forms), effects), sets)
+        last = run_tests(picked.fit, still_open(candidates, names), terms, None)
+        selection = replace(
+            selection, fit=picked.fit, alone=fit_with(base, effects) if forms else picked.fit, sets=sets, forms=forms,
+            last=last, left=min(last.still, _lack_of_fit(last, picked.fit) / thresholds().share_misfit),
+            smooth_explains=_smooth_explains(base, picked, forms, terms, selection.first),
+        )  # fmt: skip
+
+
+def with_orders(
+    findings: Sequence[Finding], selection: Selection, candidates: Sequence[Effect], known: Mapping[str, Shuffled]
+) -> tuple[Finding, ...]:
+    """Return the findings with their controls by shuffled rows: the `known` ones, or else those of the selection."""
+    picked = {own[0].name for own in selection.sets}
+    if not picked <= {*known}:
+        told = controls(selection.fit, [[own[0].effect] for own in selection.sets], candidates)
+        known = {**{name: one for some in told for name, one in some.items()}, **known}
+    return tuple(replace(f, shuffled=known.get(f.effect)) for f in findings)
 
 
 def _verdict_of(
@@ -461,6 +505,8 @@ def _verdict_of(
 def _verdict_by(findings: Sequence[Finding]) -> Verdict:
     if not findings:
         return "none"
+    if all(is_of_noise(f.family) for f in findings):
+        return "noise"  # nothing is corrected: readings are trusted less
     sure = [f for f in findings if not f.caution]  # a finding that may be the error of a formula is no second claim
     return "ambiguous" if any(len(f.set) > 1 for f in sure) else "named"
 

@@ -241,7 +241,7 @@ def test_the_table_of_a_large_set_has_the_weight_of_each_member():
     assert [row[1] for row in table.rows] == ["40 %", "30 %", "20 %", "10 %"]
 
 
-@pytest.mark.parametrize("verdict", ["none", "negligible", "named", "ambiguous", "unknown"])
+@pytest.mark.parametrize("verdict", ["none", "negligible", "noise", "named", "ambiguous", "unknown"])
 def test_every_page_has_where_gap_next_and_limits(verdict):
     findings = [] if verdict in ("none", "unknown") else [FINDING]
     page = Page(told(verdict=verdict, findings=findings, gap=GAP), {"gap": "<svg/>"}, noise="50 µrad").html()

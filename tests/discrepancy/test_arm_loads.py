@@ -47,13 +47,13 @@ def test_gravity_is_a_finite_direction(data, pull):
         gravity_of(replace(data, metadata={"gravity": pull}))
 
 
-def test_no_bearing_leans_further_than_a_sensor_may_err(data):
+def test_no_bearing_leans_further_than_a_drive_may_wind_up(data):
     formulation = machines.make("arm").formulate(data)
     bends = [effect for effect in catalogue(formulation).candidates if effect.family == "bending"]
     assert bends
     for effect in bends:
         lean = effect.shift({}, formulation.data, np.array([effect.largest]))
-        assert max(np.max(np.abs(one)) for one in lean.values()) == pytest.approx(thresholds().largest_angle)
+        assert max(np.max(np.abs(one)) for one in lean.values()) == pytest.approx(thresholds().largest_windup)
 
 
 def test_a_load_that_is_computed_is_no_misread_cell(data):

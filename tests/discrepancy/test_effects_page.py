@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.tables import effects_table
+from benchmarks.tables import bounds_table, effects_table
 from calibench.discrepancy import machines
 from calibench.discrepancy.registries import GENERAL, own_families
 
@@ -18,6 +18,10 @@ PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
 def test_the_page_holds_the_table_of_every_machine(machine: str) -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert f"## {machine}\n\n{effects_table(machine)}\n" in page, "run: python -m benchmarks.tables effects"
+
+
+def test_the_page_holds_the_sizes_that_no_machine_has() -> None:
+    assert f"\n\n{bounds_table()}\n" in PAGE.read_text(encoding="utf-8"), "run: python -m benchmarks.tables effects"
 
 
 def test_the_page_has_no_family_that_the_registry_has_not() -> None:

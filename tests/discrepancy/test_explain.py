@@ -43,8 +43,13 @@ def _hidden(seed: int, xy: bool, family: str, lam: float) -> Case:
 def test_a_hidden_effect_is_in_the_reported_set(seed: int, xy: bool, family: str) -> None:
     blind = _hidden(seed, xy, family, 1.5)
     report = _told(blind)
-    assert report.verdict in ("named", "ambiguous")
     assert in_sets(true_names(blind.truth)[0], report.to_dict(), lenient=True)
+    if family in ("quantisation", "outlier"):  # nothing is corrected, and no error is smaller
+        assert report.verdict == "noise"
+        assert report.gap.held_out_after == report.gap.held_out_before
+        assert np.isnan(report.gap.excess_shrink)
+        return
+    assert report.verdict in ("named", "ambiguous")
     assert report.gap.held_out_after < 1.25 * report.gap.noise_floor
 
 

@@ -388,13 +388,18 @@ def test_no_column_moves_a_joint_further_than_its_sensor_may_err():
         e for e in catalogue(Arm().formulate(data)).candidates if e.family in ("compliance", "lag", "thermal_zero")
     ]
     assert {e.family for e in follow if np.isfinite(e.largest)} == {"compliance", "lag", "thermal_zero"}
+    t = thresholds()
+    most = {"compliance": t.softest_drive, "lag": t.largest_lag, "thermal_zero": t.largest_warm_zero}
     for effect in follow:
-        if effect.target == "slide":
+        if effect.target == "slide" and effect.family != "lag":
             assert effect.largest == np.inf  # a slide may err by any length
+            continue
+        assert effect.largest <= most[effect.family]
+        if effect.largest == most[effect.family]:
             continue
         moved = effect.shift(q, data, np.array([effect.largest]))
         furthest = max(np.max(np.abs(error)) for name, error in moved.items() if name != "s")
-        assert furthest == pytest.approx(thresholds().largest_angle)
+        assert furthest == pytest.approx(t.largest_windup if effect.family == "compliance" else t.largest_angle)
 
 
 @pytest.mark.slow

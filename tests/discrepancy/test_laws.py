@@ -47,7 +47,8 @@ def test_a_machine_keeps_the_laws_of_a_users_own(law: Any, case: str) -> None:
 
 
 def test_every_machine_that_ships_is_held_to_them() -> None:
-    assert {machine.name for machine, _ in CASES.values()} == {*machines.names(), "two_link"}
+    of_a_file = {"simulator"}  # test_simulator.py writes one, and holds it to them
+    assert {machine.name for machine, _ in CASES.values()} == {*machines.names(), "two_link"} - of_a_file
 
 
 @pytest.mark.parametrize("name", machines.names())

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from calibench.discrepancy import Constraints, DataError, EffectFamily, LinearEffect, MeasuredData, Predicted, explain
+from calibench.discrepancy.fitting.fit import fit
 from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import Instrument, Joint, Roles
+from calibench.discrepancy.noise.whiten import Noise
 from calibench.problems.base import Parameter
 
 N = 120
@@ -99,6 +101,22 @@ def test_slopes_that_are_given_are_those_of_the_complex_step():
     assert set(alone) == set(given) == set(q)
     for name, slope in alone.items():
         np.testing.assert_allclose(given[name], slope, rtol=1e-12, atol=1e-12)
+
+
+def test_a_fit_takes_no_slope_in_a_number_that_is_held():
+    stepped = []
+
+    def watched(q):
+        stepped.extend(name for name, value in q.items() if np.iscomplexobj(value))
+        return tip(q)
+
+    held = dict(zip(("lb", "z2"), TRUE[2:]))
+    formulation = Predicted(readings(), watched, PARAMETERS[:2], SIGMA, inputs=("enc_1", "enc_2"), held=held)
+    stepped.clear()
+    found = fit(Model(formulation), Noise())
+    assert set(stepped) == {"la", "z1"}
+    assert found.at.slopes["lb"].shape == (N, 2)  # and there it is as soon as a test asks for it
+    assert "lb" in stepped
 
 
 def test_slopes_that_are_given_wrongly_are_refused():

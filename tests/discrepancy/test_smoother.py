@@ -13,7 +13,7 @@ from calibench.discrepancy.registries import machines
 from calibench.discrepancy.search.smoother import Smooth
 from tests.independent import delta
 
-pytestmark = pytest.mark.usefixtures("at_one_noise")
+pytestmark = pytest.mark.usefixtures("at_one_noise", "without_formula")
 
 
 @pytest.mark.slow

@@ -12,6 +12,15 @@ from tests.few import few
 pytestmark = pytest.mark.usefixtures("at_one_noise")
 
 
+def test_members_that_follow_one_thermometer_share_its_lag():
+    t, warm = np.arange(50.0), np.linspace(0, 3, 50)
+    data = MeasuredData({"t_s": t, "temp_K": warm}, "gpm2002", {})
+    other = data.with_columns({"enc_1": t})  # as a fit has other columns, and the same times
+    felt = warmth(data, 5.0, "temp_K", "t_s", data)
+    assert warmth(other, 5.0, "temp_K", "t_s", data) is felt
+    assert warmth(data.rows(t < 25), 5.0, "temp_K", "t_s", data) == pytest.approx(felt[:25], abs=1e-12)
+
+
 def test_warmth_follows_a_step_of_temperature_by_its_lag():
     t = np.arange(0.0, 300.0, 1.0)
     data = MeasuredData({"t_s": t, "temp_K": np.where(t < 100, 0.0, 5.0)}, "gpm2002")

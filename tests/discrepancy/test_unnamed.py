@@ -19,7 +19,7 @@ from calibench.discrepancy.search.smoother import _course, _place
 from calibench.problems.base import Array, Parameter
 from tests.discrepancy.test_probes_of_predicted import Polar, polar_readings
 
-pytestmark = pytest.mark.usefixtures("at_one_noise")
+pytestmark = pytest.mark.usefixtures("at_one_noise", "without_formula")
 
 SIGMA = 1e-5
 ROLES = Roles((Joint("circle", "hz", told="arcsec"),), time="clock")

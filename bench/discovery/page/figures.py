@@ -469,7 +469,8 @@ def _residuals(implied: Implied, period: float) -> Residuals:
         for target in formulation.covariates(at.at.recorded):
             name = name.removeprefix(f"{target} ")  # of the rows of one target
         label, own = words(name), unit_of(name)
-    name = "a smooth correction" if effect.family == "smooth" else effect_label(machine, effect.family, effect.target)
+    unnamed = {"smooth": "a smooth correction", "formula": "the formula"}.get(effect.family)
+    name = unnamed or effect_label(machine, effect.family, effect.target)
     return Residuals(
         effect=name, label=f"{label} [{own}]" if own else label,
         error=f"error of {words(quantity)}{f' [{unit}]' if unit else ''}", values=values,

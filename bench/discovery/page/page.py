@@ -33,12 +33,13 @@ from calibench.discrepancy.report import Candidate, Finding, Invisible, Report, 
 _MARKS = {
     "none": ("✓", "nothing missing"), "negligible": ("≈", "too small to matter"), "named": ("●", "named"),
     "ambiguous": ("◐", "a set that cannot be told apart"), "partly": ("◑", "named in part"),
-    "unknown": ("?", "unknown"),
+    "noise": ("~", "the noise, and nothing else"), "unknown": ("?", "unknown"),
 }  # fmt: skip
 _PALE = 1e-3  # p of the strongest place above which a map shows nothing by itself
 _ENOUGH = {
     "named": "Nothing more is needed to tell the name: it stands alone.",
     "negligible": "Nothing: what is missing is too small to matter.",
+    "noise": "Nothing for the model: look at the readings that are told, and at what gives them.",
     "none": "Smaller effects take more readings of this kind: four times as many show half the size.",
 }
 _CELLS = "discovery/page/templates/cells.html.j2"  # macros of cells that are more than text
@@ -90,13 +91,15 @@ class Page:
             first=[as_sentence(note, report.parameters) for note in words.notes_among(report.notes, words.FIRST)],
             headline=words.headline(report),
             said=[
-                *words.unnamed_sentences(report), words.gap_sentence(report), *words.doubt_sentences(report),
+                *words.unnamed_sentences(report), words.gap_sentence(report), *words.across_sentences(report),
+                *words.doubt_sentences(report), *words.control_sentences(report),
                 *map(as_sentence, words.notes_among(report.notes, words.SIZES)),
                 words.moved_sentence(report, self.units), words.chance_sentence(report),
             ],
             first_advice=as_sentence(next_said[0]) if next_said else "",
             pale=strongest > _PALE,
-            set_table=set_table(report, self.causes), score_table=score_table(report), limits=limits(report),
+            set_table=set_table(report, self.causes), across_table=across_table(report),
+            score_table=score_table(report), limits=limits(report),
             sets=any(len(finding.set) > 1 for finding in report.findings),
             several=len(report.findings) > 1,
             many=sum(not words.is_noise(finding) for finding in report.findings) > 1,
@@ -170,6 +173,20 @@ def set_table(report: Report, causes: Mapping[str, tuple[str, str]]) -> Table:
     if not weighted:
         return _table(("effect", "what it is", "size"), rows, "wide")
     return _table(("effect", "weight", "what it is", "size"), rows, "wide", right=("weight",))
+
+
+def across_table(report: Report) -> Table:
+    """Return what other sets of the machine say of each finding; no row where none was asked."""
+    cell, rows = macros(_CELLS), []
+    for row in report.across:
+        numbers = [f"{v:.{digits}f}" if isfinite(v) else "–" for v, digits in (
+            (row.apart, 1), (row.gain, 0), (row.held_out_gain, 0),
+        )]  # fmt: skip
+        verdict = cell.cause(cell.strong(row.verdict) if row.verdict == "carries" else row.verdict, row.why)
+        sizes = [words.amplitude_words(size) or "–" for size in (row.size, row.there)]
+        rows.append([effect_label(report.machine, row.family, row.target), row.case, verdict, *sizes, *numbers])
+    numbers = ["apart", "gain", "gain, poses left out"]
+    return _table(("effect", "set", "verdict", "size here", "size there", *numbers), rows, "wide", right=numbers)
 
 
 def score_table(report: Report) -> Table:

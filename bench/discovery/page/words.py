@@ -17,8 +17,9 @@ from calibench.core.words import plain
 from calibench.discrepancy.effects import families
 from calibench.discrepancy.labels import effect_label, part_label, quantity_label, quantity_of
 from calibench.discrepancy.model.effect import IN_ROWS
+from calibench.discrepancy.noise.laws import is_of_noise
 from calibench.discrepancy.remarks import NOISE_UNSTATED
-from calibench.discrepancy.report import Amplitude, Finding, Place, Report, Rival
+from calibench.discrepancy.report import UNCONFIRMED, Amplitude, Finding, Place, Report, Rival
 from calibench.discrepancy.search.finding import BEGINS, FREE_PERIOD
 from calibench.discrepancy.search.smoother import NEAR
 
@@ -32,6 +33,8 @@ _NTH = ("second", "third")
 _HALF = 0.5  # of the weight of a set: what its likeliest names are to hold together
 _SHOWS = 0.01  # p below which a place is reported
 _LESS = 0.8  # of the weight of the last name told: a next one above it is as likely
+TRUSTED_LESS = "these readings are trusted less; no error of the machine was corrected."
+UNTOUCHED = "no error of the machine was corrected."
 _NOISE = {"outlier": "spread", "quantisation": "step", "heavy_tails": "excess kurtosis"}  # and what their size is
 
 
@@ -44,6 +47,10 @@ def headline(report: Report) -> str:
     brief = len(findings) > FEW_NAMES
     if report.verdict == "none":
         return "Nothing is missing from the model that these data could show."
+    if report.verdict == "noise" and not findings:
+        return (
+            "Nothing is missing from the model that these data could show, but rows stand out as no noise makes them."
+        )
     if report.verdict == "negligible":
         which = f": {_join([_claim(machine, f) for f in findings])}" if findings else ""
         return f"Something is missing, but it is too small to matter against the noise{which}."
@@ -55,7 +62,8 @@ def headline(report: Report) -> str:
         beside = f" beside {_join([_claim(machine, f) for f in findings])}" if findings else ""
         if not families(machine) and not findings:
             return f"Something is missing{where}. No effect is entered for {machine}, so none can be named."
-        return f"Something is missing that no effect of the catalogue explains{beside}{where}."
+        fits = f"; a formula does: {report.formula.text}" if report.formula else where
+        return f"Something is missing that no effect of the catalogue explains{beside}{fits}."
     claims = [_claim(machine, f, brief) for f in findings if not is_noise(f)]
     laws = [_claim(machine, f, brief) for f in findings if is_noise(f)]
     one = "A part of what is missing has a name" if len(claims) == 1 else "Parts of what is missing have names"
@@ -80,15 +88,15 @@ def left_sentence(report: Report) -> str:
 
 def unnamed_sentences(report: Report) -> list[str]:
     """Return sentences on an error without a name: which number errs, over what, how much, the nearest formula."""
+    said = formula_sentences(report)
     if report.verdict != "unknown":
-        return []
-    said = []
+        return said
     for one in report.unnamed if not report.gap.excess_shrink < _TAKES else ():
         over = "over its own range" if one.covariate == one.quantity else _over(report, one.covariate)
         course = f": {one.course}" if one.course else ""
         size = amount(one.size, one.unit)
         said.append(f"{_where(report, one.quantity)} errs {over} by {size} from its least to its largest{course}.")
-    if (near := report.nearest) is not None and near.share >= NEAR:
+    if (near := report.nearest) is not None and near.share >= NEAR and report.formula is None:
         name = effect_label(report.machine, near.family, near.target)
         enough = near.share >= _ALL
         rest = "yet these readings do not tell that it is this" if enough else "what it leaves is still no noise"
@@ -97,6 +105,31 @@ def unnamed_sentences(report: Report) -> list[str]:
     if report.shortest and not said:
         said.append(f"{shortest_words(report)}.")
     return said
+
+
+def formula_sentences(report: Report) -> list[str]:
+    """Return sentences on the formula that was added where no name fits: its numbers, what it explains, its rivals."""
+    if (one := report.formula) is None:
+        return []
+    named = [*one.sizes, *one.numbers]
+    numbers = [f"{c.name} = {_number(size)}" for c, size in zip(named, one.intervals)]
+    most = [f"{_where(report, name)} by {_bare(a.value, a.unit)} at most" for name, a in zip(one.changes, one.largest)]
+    of = "what the names leave" if report.findings else "what is more than noise"
+    rest = ", and smooth curves take a part of the rest" if one.smooth_beside else ""
+    said = [f"No cause of the catalogue; {one.text}: {', '.join(numbers)}."]
+    said.append(f"The formula changes {_join(most)} and explains {share(one.share)} of {of}{rest}; it is in the model.")
+    if one.rivals:
+        said.append(f"Nearly as likely: {'; or '.join(rival.text for rival in one.rivals[:FEW_NAMES])}.")
+    return said
+
+
+def _number(size: Amplitude) -> str:
+    """Return a number of a formula, in its unit, with its interval."""
+    low, high = size.ci95
+    if size.unit in _STEPS and size.unit != "1":
+        return amount(size.value, size.unit, size.ci95)
+    unit = "" if size.unit == "1" else f" {size.unit}"
+    return f"{plain(size.value, 4)}{unit} (95 %: {plain(low, 4)} to {plain(high, 4)})"
 
 
 def shortest_words(report: Report) -> str:
@@ -116,20 +149,26 @@ def _where(report: Report, column: str) -> str:
 def doubt_sentences(report: Report) -> list[str]:
     """Return the doubts on the names, and which names hold if the noise is not as stated."""
     machine = report.machine
-    doubted = [f"{_label(machine, f)}{',' if f.form else ''} {f.caution}." for f in report.findings if f.caution]
+    by_caution: dict[str, list[Finding]] = {}
+    for f in report.findings:
+        by_caution.setdefault(f.caution if f.caution == UNCONFIRMED else f"{f.effect} {f.caution}", []).append(f)
+    doubted = []
+    for first, *more in (some for some in by_caution.values() if some[0].caution):
+        doubtful = _join([_label(machine, f) for f in (first, *more)])
+        doubted.append(f"{doubtful}{': each' if more else ',' if first.form else ''} {first.caution}.")
     said = [f"{line[:1].upper()}{line[1:]}" for line in doubted]
     names = [f for f in report.findings if not is_noise(f)]
     known = {f.effect for f in report.findings}  # the headline has their full words
     noises = []
     for other in report.other_noise:
-        others = [effect_label(machine, *e.partition(" ")[::2], again=e in known) for e in other.effects]
+        labels = [effect_label(machine, *e.partition(" ")[::2], again=e in known) for e in other.effects]
         held, lost = (
             [_label(machine, f) for f in names if (f.effect in other.effects) is kept] for kept in (True, False)
         )
         partly = ", with something left that has no name" if other.verdict == "partly" else ""
         if not names:
             known |= set(other.effects)
-            which = f"{_join(others)} would be named" if others else "nothing would be named either"
+            which = f"{_join(labels)} would be named" if labels else "nothing would be named either"
         elif len(names) > FEW_NAMES and len(lost) < len(held):
             which = f"all of these names{f' but {_join(lost)}' if lost else ''} would be found{partly}"
         else:
@@ -138,6 +177,43 @@ def doubt_sentences(report: Report) -> list[str]:
         noises.append(f"at {times} {noise_words(report)}, {which}")
     if noises:
         said.append(f"Repeats do not tell the noise. A{'; '.join(noises)[1:]}.")
+    return said
+
+
+def control_sentences(report: Report) -> list[str]:
+    """Return of the names that live on order, direction or time how often shuffled rows explain as much."""
+    alike: dict[tuple[str, int, int], list[str]] = {}
+    for finding in report.findings:
+        if (one := finding.shuffled) is not None:
+            label = effect_label(report.machine, finding.family, finding.target, again=True)
+            alike.setdefault((one.by, one.as_much, one.times), []).append(label)
+    return [
+        f"With the {by} shuffled among rows that are alike otherwise, as much as by {_join(labels)} is explained in "
+        f"{as_much} of {times} cases."
+        for (by, as_much, times), labels in alike.items()
+    ]
+
+
+_CARRY = {
+    "carries": "carries to {}", "does not carry": "does not carry to {}",
+    "not testable there": "could not be tested in {}",
+}  # fmt: skip
+
+
+def across_sentences(report: Report) -> list[str]:
+    """Return a sentence a finding on the other sets of the machine: which of them carry it, with its size there."""
+    said = []
+    for finding in report.findings:
+        parts = []
+        for verdict, words in _CARRY.items():
+            cases = []
+            for row in report.across:
+                if (row.effect, row.verdict) == (finding.effect, verdict):
+                    size = amplitude_words(row.there, brief=True)
+                    cases.append(f"{row.case} ({'; '.join(filter(None, (row.why, f'{size} there' if size else '')))})")
+            parts += [words.format(_join(cases))] if cases else []
+        if parts:
+            said.append(f"Of other sets of this machine: {_label(report.machine, finding)} {', '.join(parts)}.")
     return said
 
 
@@ -150,7 +226,7 @@ def _label(machine: str, finding: Finding) -> str:
 # codes of notes that stand before the verdict, because they could make it worthless
 FIRST = frozenset({
     Code.ONE_READING, Code.OUTSIDE_BOUNDS, Code.EXACT_READINGS, Code.FAR_FROM_MODEL, Code.FEW_EQUATIONS,
-    Code.ROWS_COPIED, Code.ROWS_EQUAL, Code.COLUMN_STILL,
+    Code.ROWS_COPIED, Code.ROWS_EQUAL, Code.COLUMN_STILL, Code.ROWS_STAND_OUT,
 })  # fmt: skip
 # and of those that say what the sizes of the findings, or the error that they leave, are worth
 SIZES = frozenset({Code.AGAINST_EACH_OTHER, Code.MOSTLY_UNSEEN, Code.ONE_UNSEEN, Code.NEGATIVE_SIZE})
@@ -185,7 +261,7 @@ def floor_holds_the_gap(report: Report) -> bool:
 
 def is_noise(finding: Finding) -> bool:
     """Tell whether a finding blames the noise: it changes no mean, and tells which readings to trust less."""
-    return finding.family in _NOISE
+    return is_of_noise(finding.family)
 
 
 def gap_sentence(report: Report) -> str:
@@ -204,7 +280,7 @@ def gap_sentence(report: Report) -> str:
     alike = len(noises) == 1 and noises[0].size > 0 and noises[0].unit not in ("", "1")
     size = f" of {_bare(noises[0].size, noises[0].unit)}" if alike else ""
     said = f"{where} the error is {before:.2f} times {noise_words(report)}{size}"
-    if report.verdict == "none" or isnan(after) or after == before:
+    if report.verdict == "none" or (report.verdict != "noise" and (isnan(after) or after == before)):
         return f"{said}{ends}; noise alone leaves {gap.noise_floor:.2f}."
     if floor_holds_the_gap(report):
         least, most = low / before, high / before
@@ -213,6 +289,8 @@ def gap_sentence(report: Report) -> str:
             f"{where} what was added brings the error to {after / before:.2f} times what it was{ends}; "
             "nobody stated the noise, and nothing tells how much of the rest is noise."
         )
+    if report.verdict == "noise":
+        return f"{said}{ends}, and stays so: {TRUSTED_LESS if report.findings else UNTOUCHED}"
     without, with_it = compared(report)
     shrunk = isfinite(gap.excess_shrink) and after < before
     share = f"; of what is more than noise, {100 * gap.excess_shrink:.0f} % (in squares) is gone" if shrunk else ""
@@ -227,11 +305,15 @@ def _bare(value: float, unit: str) -> str:
 
 def compared(report: Report) -> tuple[str, str]:
     """Return in words which readings the two errors of the gap are of."""
+    if report.verdict == "unknown" and report.formula is not None:
+        return "for the model as it is", "with the formula"
     if report.verdict == "unknown":
         return "for the model as it is", "with a smooth correction without a name"
-    if report.findings and all(is_noise(f) for f in report.findings):
-        return "with the noise as stated", "with the noise as found"
     many = sum(not is_noise(f) for f in report.findings) > 1
+    if report.formula is not None:
+        return (
+            "without the effects" if many else "without the effect"
+        ), f"with {'them' if many else 'it'} and the formula"
     return ("without the effects", "with them") if many else ("without the effect", "with it")
 
 
@@ -242,7 +324,7 @@ def moved_sentence(report: Report, units: Mapping[str, str]) -> str:
         for name, p in report.parameters.items()
         if isfinite(p.after - p.before) and p.sd > 0
     }
-    if report.verdict in ("none", "unknown") or not moves:
+    if report.verdict in ("none", "noise", "unknown") or not moves:
         return ""
     name = max(moves, key=lambda key: abs(moves[key][0]))
     in_sd, moved = moves[name]
@@ -311,7 +393,8 @@ def _free_period(finding: Finding, brief: bool = False) -> str:
         return ""
     reach = 1.96 * last.sd
     ends = None if brief else (finding.period - reach, finding.period + reach)
-    words, turn = f"period {amount(finding.period, last.unit, ends)}", _TURN.get(last.unit, 0.0)
+    here = "periodic over these readings: " if finding.caution.endswith(UNCONFIRMED) else ""
+    words, turn = f"{here}period {amount(finding.period, last.unit, ends)}", _TURN.get(last.unit, 0.0)
     if turn <= finding.period:
         return words
     often = f"{turn / finding.period:#.3g} a turn"

@@ -422,12 +422,12 @@ drift = recipe(
     "drift", "The zero of a joint drifts during the run",
     "reading_i += even s, + bend 4 s (1 - s), + turn 10.4 s (1 - s) (1 - 2 s); s from 0 to 1 over the run",
     channel="reading", columns=("the time",), unit="that of the joint", targets="each joint",
-    targets_in=recipes.each("joints"), make=_drift,
+    targets_in=recipes.each("joints"), make=_drift, bounds=("largest_angle",),
 )  # fmt: skip
 slip = recipe(
     "slip", "The reading of a joint slips once during the run", "reading_i += step from a time on", channel="reading",
     columns=("the time",), unit="that of the joint", targets="each joint",
-    targets_in=recipes.each("joints"), make=partial(_steps, True),
+    targets_in=recipes.each("joints"), make=partial(_steps, True), bounds=("largest_angle",),
 )  # fmt: skip
 frame_drift = recipe(
     "frame_drift", "The frame of an instrument moves evenly during the run, and may turn",

@@ -11,6 +11,7 @@ import numpy as np
 from calibench.core.tables.cells import between
 from calibench.discrepancy.effects.general.lengths import reference_of, time_constants, warmth
 from calibench.discrepancy.effects.general.recipe import Built, declared, each, named, recipe
+from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.effect import EffectFamily, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
@@ -25,6 +26,29 @@ LONGER_ARC = "readings over a longer range of {target}"  # the measurement that 
 def largest_error(joint: Joint) -> float:
     """Return the error in the unit of a joint beyond which its sensor would have been replaced."""
     return thresholds().largest_angle if joint.unit == "rad" else np.inf
+
+
+def largest_play(joint: Joint) -> float:
+    """Return the play in the unit of a joint that its drive may have at most; a slide may have any."""
+    return thresholds().largest_play if joint.unit == "rad" else np.inf
+
+
+def largest_warm_zero(joint: Joint) -> float:
+    """Return how far one kelvin may move the zero of a joint, in its unit; a slide may move any way."""
+    return thresholds().largest_warm_zero if joint.unit == "rad" else np.inf
+
+
+def largest_compliance(joint: Joint, data: MeasuredData, one: float) -> float:
+    """Return the compliance that a drive may have at most: by how far it winds up under its load, and that of any.
+
+    The second only where the torque is known to be in N mm.
+    """
+    if joint.unit != "rad":
+        return np.inf
+    most = float(np.max(np.abs(np.nan_to_num(np.asarray(data[joint.torque], dtype=float))), initial=0.0))
+    wound = thresholds().largest_windup / most if most > 0 else np.inf
+    unit = data.units.get(joint.torque) or quantity_of(data.machine, joint.torque).unit
+    return min(wound, thresholds().softest_drive if unit == "N mm" else np.inf) / one
 
 
 def largest_slope(joint: Joint, column: Array, one: float) -> float:
@@ -71,7 +95,7 @@ def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Bu
     return tuple(
         family.linear(
             target, (direction,), dict.fromkeys(("play", "before its first move")[:k], unit), partial(changes, k),
-            largest=largest_error(joint) / one, measure=lambda c: float(c[0]),
+            largest=largest_play(joint) / one, measure=lambda c: float(c[0]),
         )
         for k in ((1, 2) if still > 1 else (1,))
     )  # fmt: skip
@@ -85,7 +109,7 @@ def _compliance(family: EffectFamily, formulation: Formulation, target: str) -> 
     effect = family.linear(
         target, (torque,), {"kappa": f"{name}/{'(N mm)' if joint.kind == 'rotary' else 'N'}"},
         lambda q, data: {joint.reading: -one * data[torque][:, None]},
-        largest=largest_slope(joint, formulation.data[torque], one),
+        largest=largest_compliance(joint, formulation.data, one),
     )  # fmt: skip
     return (effect,)
 
@@ -95,6 +119,7 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     columns = tuple(declared(joint.velocity, joint.name, "velocity") for joint in joints)
     needs(formulation.data, *columns)
     most = min(largest_slope(joint, formulation.data[joint.velocity], 1.0) for joint in joints)
+    most = min(most, thresholds().largest_lag)
     effect = family.linear(
         target, columns, {"tau": "s"},
         lambda q, data: {joint.reading: data[joint.velocity][:, None] for joint in joints}, largest=most,
@@ -116,7 +141,10 @@ def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     return tuple(
         family.linear(
             target, (column,), {"a": f"{name}/K"}, partial(changes, late),
-            largest=largest_slope(joint, warmth(run, late, column, roles.time, run) - zero_at, one),
+            largest=min(
+                largest_slope(joint, warmth(run, late, column, roles.time, run) - zero_at, one),
+                largest_warm_zero(joint) / one,
+            ),
         )
         for late in time_constants(run, roles.time)
     )  # fmt: skip
@@ -126,24 +154,27 @@ scale = recipe(
     "gear", "A gear ratio, the pitch of a screw, or the scale of an encoder is not the stated one",
     "reading_i += k reading_i", channel="reading", columns=("the reading",), unit="1", targets="each joint",
     targets_in=each("joints"), make=_scale, label="scale error", resolved_by=LONGER_ARC,
+    bounds=("largest_scale",),
 )  # fmt: skip
 backlash = recipe(
     "backlash", "A drive has play", "reading_i -= play / 2 * direction_i", channel="reading",
     columns=("the direction",), unit="that of the joint", targets="each joint", targets_in=each("joints"),
-    make=_backlash, never_negative="play",
+    make=_backlash, never_negative="play", bounds=("largest_play",),
 )  # fmt: skip
 compliance = recipe(
     "compliance", "A drive gives way to its torque, or its force", "reading_i -= kappa torque_i", channel="reading",
     columns=("the torque",), unit="that of the joint by N mm, or by N", targets="each joint", targets_in=each("joints"),
-    make=_compliance, never_negative="compliance",
+    make=_compliance, never_negative="compliance", bounds=("softest_drive", "largest_windup"),
 )  # fmt: skip
 lag = recipe(
     "lag", "A joint, or all of them, are read too early or too late", "reading_i += tau velocity_i",
     channel="reading", columns=("the velocity",), unit="s", targets="each joint, all",
     targets_in=each("joints", and_all=True), make=_lag, label="timing lag", label_of_all="timing lag of all joints",
+    bounds=("largest_lag", "largest_angle"),
 )  # fmt: skip
 zero = recipe(
     "thermal_zero", "The zero of a joint moves with temperature", "reading_i += a T, T follows the temperature",
     channel="reading", columns=("the temperature",), unit="that of the joint by K", targets="each joint",
     targets_in=each("joints"), make=_zero, label="thermal shift of the zero",
+    bounds=("largest_warm_zero", "largest_angle"),
 )  # fmt: skip

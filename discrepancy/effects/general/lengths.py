@@ -6,8 +6,10 @@ seen. Counted from the mean of the run the model is the same, and the calibrated
 that is held is known for one temperature, so its column must be relative to that, and stays as it is.
 """
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
@@ -43,6 +45,20 @@ def warmth(data: MeasuredData, late: float, column: str, clock: str, run: Measur
     """
     if not late:
         return np.asarray(data[column], dtype=float)
+    of = (data[clock], data[column], run[clock], run[column])
+    for known, then, warm in _WARM:  # the same for each joint and link that follows the thermometer
+        if then == late and all(a is b for a, b in zip(known, of)):
+            return warm
+    warm = _followed(data, late, column, clock, run)
+    warm.flags.writeable = False
+    _WARM.append((of, late, warm))
+    return warm
+
+
+_WARM: deque[tuple[tuple[Any, ...], float, Array]] = deque(maxlen=4 * _FORMS)
+
+
+def _followed(data: MeasuredData, late: float, column: str, clock: str, run: MeasuredData) -> Array:
     asked, measured = (np.asarray(data[name], dtype=float) for name in (clock, column))
     known, then = (np.asarray(run[name], dtype=float) for name in (clock, column))
     # times and readings of the thermometer, (k,), of `run` and of the rows of `data` from the same run
@@ -119,7 +135,8 @@ def grown(
         return {name: (q[name] * (warm[column] - own_at.get(name, 0.0)))[:, None] for name, column in heat.items()}
 
     forms = (partial(changes, late) for late in time_constants(run, clock))
-    return tuple(family.linear(target, columns, {"alpha": "1/K"}, form) for form in forms)
+    largest = thresholds().largest_growth
+    return tuple(family.linear(target, columns, {"alpha": "1/K"}, form, largest=largest) for form in forms)
 
 
 def _forced(
@@ -132,10 +149,13 @@ def _forced(
     needs(formulation.data, force)
     if turns and not np.ptp(np.sign(formulation.data[force])) > 0:
         raise NotTestable(f"column {force} never changes its sign", (force,))
+    known = {p.name: p.start for p in formulation.parameters} | dict(formulation.fixed)
+    most = float(np.max(np.abs(form(formulation.data[force]))))
+    strained = thresholds().largest_strain * abs(float(known.get(length.quantity, 0.0))) / most if most > 0 else 0.0
     return (
         family.linear(
             target, (force,), {coefficient: f"{length.unit}{per}"},
-            lambda q, data: {length.quantity: form(data[force])[:, None]},
+            lambda q, data: {length.quantity: form(data[force])[:, None]}, largest=strained or np.inf,
         ),
     )  # fmt: skip
 
@@ -144,17 +164,17 @@ growth = recipe(
     "thermal_length", "A member, or all of them, grow with temperature", ("length_i *= 1 + alpha T, T follows the "
         "temperature"), channel="link", columns=("the temperature",), unit="1/K", targets="each length, all",
     targets_in=each("lengths", and_all=True), make=_growth, label="thermal growth",
-    label_of_all="thermal growth of all members",
+    label_of_all="thermal growth of all members", bounds=("largest_growth",),
 )  # fmt: skip
 stretch = recipe(
     "axial_compliance", "A member gives way to the force along it", "length_i += k force_i", channel="link",
     columns=("the force",), unit="mm/N", targets="each length", targets_in=each("lengths"),
-    make=partial(_forced, "k", "/N", False, lambda force: force),
+    make=partial(_forced, "k", "/N", False, lambda force: force), bounds=("largest_strain",),
 )  # fmt: skip
 clearance = recipe(
     "clearance", "The joints of a member have play along it", "length_i += play / 2 * sign(force_i)", channel="link",
     columns=("the force",), unit="mm", targets="each length", targets_in=each("lengths"),
-    make=partial(_forced, "play", "", True, lambda force: 0.5 * np.sign(force)),
+    make=partial(_forced, "play", "", True, lambda force: 0.5 * np.sign(force)), bounds=("largest_strain",),
 )  # fmt: skip
 free_number = recipe(
     "free_number", "A number that is held is not the stated one", "number += c", channel="link", columns=(),
@@ -192,6 +212,7 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     effect = family.linear(
         target, instrument.velocity, {"tau": "s"},
         lambda q, data: {name: data[velocity][:, None] for name, velocity in pairs.items()},
+        largest=thresholds().largest_lag,
     )  # fmt: skip
     return (effect,)
 
@@ -199,10 +220,10 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
 scale = recipe(
     "instrument_scale", "An instrument reads too large or too small", "measured -= k measured", channel="prediction",
     columns=("what it measures",), unit="1", targets="each instrument", targets_in=each("instruments"), make=_scale,
-    label="scale error",
+    label="scale error", bounds=("largest_scale",),
 )  # fmt: skip
 lag = recipe(
     "instrument_lag", "An instrument is read too early or too late", "measured_i += tau velocity_i",
     channel="prediction", columns=("the velocity of what it measures",), unit="s", targets="each instrument",
-    targets_in=each("instruments"), make=_lag, label="timing lag",
+    targets_in=each("instruments"), make=_lag, label="timing lag", bounds=("largest_lag",),
 )  # fmt: skip

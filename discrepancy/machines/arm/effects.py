@@ -83,7 +83,7 @@ def _bends(formulation: Formulation, target: str) -> Built:
     across = changes({}, formulation.data)
     if not np.ptp(across[names[0]]) + np.ptp(across[names[1]]) > 0:
         raise NotTestable(f"gravity asks the same of {target} across its axis in every pose")
-    most = thresholds().largest_angle / max(float(np.max(np.abs(across[name]))) for name in names)
+    most = thresholds().largest_windup / max(float(np.max(np.abs(across[name]))) for name in names)
     return (bending.linear(target, (), {"k": "rad/(N mm)"}, changes, largest=most),)
 
 
@@ -115,4 +115,5 @@ bending = EffectFamily(
     "bending", "arm", "The bearing of a joint, and the link behind it, give way to gravity across the axis",
     formula="the axis of joint i leans by k times the moment across it", channel="link", columns=(),
     unit="rad/(N mm)", targets=("each joint",), build=_bends, targets_in=_joints, label="bending across the axis",
+    bounds=("largest_windup",),
 ).enter()  # fmt: skip

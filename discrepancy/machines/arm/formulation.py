@@ -26,7 +26,7 @@ from calibench.discrepancy.checks.wild import without_wild
 from calibench.discrepancy.machines.arm import readings
 from calibench.discrepancy.machines.arm.sockets import in_sockets, with_held
 from calibench.discrepancy.model.formulations import Predicted
-from calibench.discrepancy.model.machine import Description, Formulation, Quantities, Quantity, Stated
+from calibench.discrepancy.model.machine import Description, Formulation, Quantities, Quantity, Slopes, Stated
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive
 from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
 from calibench.discrepancy.registries import describe, machines
@@ -152,7 +152,6 @@ class _Target:
     def seen(self, q: Quantities) -> Numbers:
         """Return the place [mm], (n, 3), or with the turn [mrad], (n, 6)."""
         way = self._walk(q)
-        self._walked.clear()
         if self.tool is None:
             return way.target
         turned = way.flange[0]
@@ -160,13 +159,12 @@ class _Target:
             turned = turned @ _tool_turn(k, q[TOOL_TURNS[k]])
         return np.concatenate([way.target, MILLI * small_vector_of(np.asarray(turned @ self._seat(q)))], axis=1)
 
-    def slopes(self, q: Quantities) -> dict[str, Array]:
+    def slopes(self, q: Quantities) -> Mapping[str, Array]:
         """Return the derivative of `seen` in each quantity."""
         way = self._walk(q)
-        self._walked[:] = [(q, tuple(q.values()), way)]
-        places = walk.slopes(self.chain, way)
         if self.tool is None:
-            return places
+            return Slopes(walk.slope_names(self.chain, way), partial(self._slope, q))
+        places = walk.slopes(self.chain, way)
         tool_axes, turned = {}, way.flange[0]
         for k in (2, 1, 0):
             tool_axes[TOOL_TURNS[k]] = turned[..., :, k]
@@ -181,12 +179,18 @@ class _Target:
             for name in (*places, *tool_axes, *AIM)
         }
 
+    def _slope(self, q: Quantities, name: str) -> Array:
+        last = self._walked and self._walked[0][0] is q  # nobody changes quantities whose slopes are kept
+        return walk.slope(self.chain, self._walked[0][2] if last else self._walk(q), name)
+
     def _walk(self, q: Quantities) -> walk.Walk:
-        """Return the kinematics at q; `seen` asks for the same numbers again after `slopes`."""
+        """Return the kinematics at q, the last one from the cache: `seen` and each slope ask for the same numbers."""
         for known, values, way in self._walked:
             if known is q and all(a is b for a, b in zip(values, q.values(), strict=True)):
                 return way
-        return walk.walk(self.chain, self.base, q)
+        way = walk.walk(self.chain, self.base, q)
+        self._walked[:] = [(q, tuple(q.values()), way)]
+        return way
 
     def _seat(self, q: Quantities) -> Numbers:
         """Return `_seat_of`, cached: nearly all calls have the same start."""

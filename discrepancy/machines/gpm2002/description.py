@@ -196,6 +196,7 @@ describe(
             Stated("nominal", "names", 'nominal={"la1":244}'),
         ),
         helpful=("x", "y"),
+        orders={"speed": "velocity", "heading": "velocity"},
         plan=planned,
         pool=reachable,
         completed=with_tracker,

@@ -97,6 +97,7 @@ gear = Recipe(
 ).enter(
     "gpm2002", JOINTS, cause="A gear ratio, or the scale of an encoder, is not the stated one",
     formula="enc_i += k enc_i", columns=("enc_{i}",), label="gear-ratio error",
+    bounds=("largest_ratio",),
 )  # fmt: skip
 
 
@@ -158,7 +159,8 @@ def _tracker(formulation: Formulation, target: str) -> tuple[Effect, ...]:
     if stated and not max(np.ptp(v) for v in changes({}, data).values()) > 0:
         raise NotTestable("columns speed and heading are constant", ("speed", "heading"))
     twins = ("lag all",) if data.has("vel_1", "vel_2", "vel_3") else ()
-    return (tracker_lag.linear(target, ("x", "y", *columns), {"tau": "s"}, changes, twins=twins),)
+    most = thresholds().largest_lag
+    return (tracker_lag.linear(target, ("x", "y", *columns), {"tau": "s"}, changes, twins=twins, largest=most),)
 
 
 lag = joints.lag.enter(
@@ -171,7 +173,7 @@ lag = joints.lag.enter(
 tracker_lag = EffectFamily(
     "tracker_lag", "gpm2002", "The tracker is read too early or too late", formula="(x, y) += tau (v_x, v_y)",
     channel="reading", columns=("x", "y", "speed, heading or vel_1..3"), unit="s", targets=("tracker",),
-    build=_tracker, twins="with x, y: `tracker_lag tracker` and `lag all`",
+    build=_tracker, twins="with x, y: `tracker_lag tracker` and `lag all`", bounds=("largest_lag",),
 ).enter()  # fmt: skip
 
 

@@ -276,5 +276,6 @@ describe(
         replaced=_REPLACED,
         files={".dat": read_tpoint},
         corrected=pointing_model,
+        orders={"side": "side of the pier"},
     ),
 )

@@ -1,0 +1,668 @@
+"""The search for a formula: orthogonal forward selection over the grammar, on scores projected off calibration.
+
+Each product of shapes is a column that a score test judges at once (Billings' FROLS with calibration as its first
+terms). Numbers inside a shape are scanned, then refined. Of several formulas the one of least description is kept:
+twice the log-likelihood, less log N for each number, less twice the log of the count of formulas as long. A first term
+must beat the best of all columns on drawn noise. A formula is added to the model only where it predicts left-out poses,
+and left-out blocks of the run, better than smooth functions do; beside it these may take what it leaves.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import nan
+from typing import final
+
+import numpy as np
+from scipy.optimize import minimize
+
+from calibench.discrepancy.diagnostics.score import ProjectedScores, family_wise, projected_scores, signatures
+from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
+from calibench.discrepancy.fitting.fit import Fit, fit, orthonormal, predicted, reading_order
+from calibench.discrepancy.formula.effect import FormulaEffect, class_of, free_numbers
+from calibench.discrepancy.formula.grammar import LETTERS, SMOOTH_NUMBERS, Atom, Run, Term, formula_text
+from calibench.discrepancy.labels import quantity_of
+from calibench.discrepancy.model.machine import Formulation
+from calibench.discrepancy.model.model import Model
+from calibench.discrepancy.model.roles import columns_of, inputs_of, roles_of
+from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.report import Amplitude, Coefficient, Formula, FormulaRival
+from calibench.discrepancy.search.smoother import fit_smooth, left_out
+from calibench.discrepancy.thresholds import thresholds
+from calibench.discrepancy.validation import folds
+from calibench.problems.base import Array
+
+_LONGEST = 3  # terms
+_PARTS = 4  # of the poses: one is kept from both searches
+_SURE = 2.0  # standard errors, over its readings, by which a formula must predict it better
+_LEVEL = 0.003  # probability of any first term on noise
+_KEPT = (1, 3, 1)  # formulas that are followed at each length
+_TRIED = (10, 6, 6)  # best columns, or pairs of them, that are refined, at each length
+_SEEN = 0.03  # part of a column's length that calibration must leave
+_WITHIN = 6.0  # of description, twice the log-likelihood: rivals of the formula that is told
+_FURTHER = 12.0  # gain of a further term
+_RIVALS = 6
+_MANY = 16  # columns: of more, one of a product must be the part's own
+_DRAWN, _DRAWN_ROWS = 100, 1500
+_HARMONICS = (1.0, 2.0, 3.0)
+_WAVES = np.arange(0.5, 8.01, 0.5)  # a turn, or over the run
+_SPANS = np.geomspace(0.03, 3.0, 9)  # of the range of a column: widths and times that are scanned
+_WIDTHS = np.geomspace(0.02, 0.7, 9)
+_WHOLE = 0.06  # of a turn: a number of waves this near to a whole one is tried as that
+_ALIKE = 0.99999  # correlation of two columns of which one is enough
+_OUTSIDE = 3.0  # of description, that an error of an instrument costs where one of a joint says the same
+_NUMBERS = 4_000_000  # held at once
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Column:
+    """A column as the grammar sees it: atoms that enter products, and all that are tried in its place."""
+
+    name: str
+    atoms: tuple[Atom, ...]
+    every: tuple[Atom, ...]
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A formula with the orthonormal columns of its terms, what it explains of the scores, and its description."""
+
+    terms: tuple[Term, ...]
+    T: float
+    worth: float
+    p: float = 0.0
+
+    @property
+    def structure(self) -> tuple[object, ...]:
+        return tuple(sorted(term.structure for term in self.terms))
+
+
+def with_formula(
+    ground: Fit, smooth: Fit, free: Sequence[SmoothTerm], whole: Formulation, seed: int
+) -> tuple[Fit, Formula | None]:
+    """Return the fit with a formula, alone or with smooth functions of what it leaves, and the formula as it is told.
+
+    `ground` has the names that stand and no smooth functions; `smooth` is what is kept where no formula is better.
+    `whole` has the held-out rows too.
+    """
+    formulation = ground.model.formulation
+    if len(ground.r) - len(ground.x) < 12 or not np.all(np.isfinite(ground.r)) or ground.exact:
+        return smooth, None
+    found = _answer_of(ground, whole, seed)
+    if found is None:
+        return smooth, None
+    at, best, rivals, units, search = found
+    beside = fit_smooth(at, tuple(free))
+    blocks = [folds(formulation.data, thresholds().folds), _blocks(formulation)]
+
+    def errors(one: Fit) -> list[float]:
+        return [float(np.sum(left_out(one, fold) ** 2)) for fold in blocks]
+
+    old, better = errors(smooth), []
+    for one in (at, beside) if beside is not at else (at,):
+        new = errors(one)
+        if new[0] <= old[0] and sum(new) < sum(old):
+            better.append(one)
+    if not better or not _predicts(ground, best, whole, free, seed):
+        return smooth, None
+    final = better[0]
+    if len(better) == 2:  # smooth functions of the rest stay where they add more than chance
+        gained = min(a - b for a, b in zip(errors(at), errors(beside)))
+        final = beside if gained > 2 * np.log(len(ground.r)) else at
+    return final, _told(final, ground, best, rivals, units, search)
+
+
+_Answer = tuple[Fit, "_Found", tuple["_Found", ...], tuple[str, ...], "_Search"]
+
+
+def _answer_of(ground: Fit, whole: Formulation, seed: int) -> _Answer | None:
+    """Return the fit with the best formula, it and its rivals, the units of its sizes, and the search; or None."""
+    search, about = _Search(ground, whole), ground
+    again = True
+    while True:
+        found = search.best(np.random.default_rng(seed))
+        if found is None:
+            return None
+        best, rivals = found
+        units = tuple(
+            unit for term in best.terms for unit in (term.unit_of(search.unit(term.quantity)),) * len(term.parts)
+        )
+        at = _fitted(ground, best.terms, units, search.run, about)
+        if at is None:
+            return None
+        # a large error bends the fit without it: slopes are taken again where the formula brought the machine
+        gained = ground.noise.gained(ground.cost, at.cost, at.degrees)
+        if not again or abs(gained - search.first.gain(best.T, 1)) < _WITHIN:
+            return at, best, rivals, units, search
+        again = False
+        p, k = len(ground.x), len(ground.x) + len(units)
+        about = replace(at, model=ground.model, x=at.x[:p], r=at.r - at.J[:, p:k] @ at.x[p:k], J=at.J[:, :p])
+        search = _Search(about, whole)
+
+
+def _predicts(ground: Fit, best: _Found, whole: Formulation, free: Sequence[SmoothTerm], seed: int) -> bool:
+    """Return whether a formula searched for on three of four poses predicts the others better than smooth functions.
+
+    Both are found anew, as what was chosen on all rows has seen the rows left out; surely better, unless it is of the
+    structure of the `best` of all rows. From very many rows on, it is not
+    asked: what is chosen among that many is hardly chance.
+    """
+    formulation, noise = ground.model.formulation, ground.noise
+    out = folds(formulation.data, _PARTS) == _PARTS - 1
+    if len(out) >= thresholds().many_readings or not out.any():
+        return True
+    plain = Noise(noise.scale, noise.autocorrelation, noise.t_degrees, profiled=noise.profiled)
+    part = fit(Model(formulation.on(formulation.data.rows(~out)), ground.model.effects), plain, ground.x)
+    rest = formulation.data.rows(out)
+    smooth, found = fit_smooth(part, tuple(free)), _answer_of(part, whole, seed)
+    if found is None:
+        return False
+
+    def errors(one: Fit) -> Array:
+        return np.asarray((noise.scores(predicted(one.model, one.x, rest, Noise())) ** 2).sum(axis=1))
+
+    at, before = found[0], errors(smooth)
+    gained = [before - errors(one) for one in (at, fit_smooth(at, tuple(free)))]
+    sure = 0.0 if found[1].structure == best.structure else _SURE  # one that is found twice is hardly chance
+    return any(float(g.sum()) > sure * float(np.sqrt(np.sum(g**2))) for g in gained)
+
+
+def _fitted(
+    ground: Fit, terms: tuple[Term, ...], units: tuple[str, ...], run: Run, about: Fit
+) -> Fit | None:  # fmt: skip
+    """Return the fit with a formula, its numbers fitted too where that leads to a minimum; None where nothing does."""
+    at = None
+    for free in dict.fromkeys((free_numbers(terms), ())):
+        effect = FormulaEffect(terms, run, units, free)
+        x = np.concatenate([about.x, np.zeros(len(effect.coefficients))])
+        held = FormulaEffect(terms, run, units)
+        first = fit(ground.model.with_effects(held), ground.noise, x[: len(x) - len(free)])
+        x[: len(first.x)] = first.x
+        one = fit(ground.model.with_effects(effect), ground.noise, x) if free else first
+        if np.isfinite(one.cost) and one.cost <= min(first.cost * (1 + 1e-6), ground.cost):
+            at = one
+            break
+    return at
+
+
+def _blocks(formulation: Formulation) -> Array:
+    """Return the fifth of the run in which each row was read, (n,)."""
+    order = np.argsort(np.argsort(reading_order(formulation.data), kind="stable"), kind="stable")
+    return np.asarray(order * thresholds().folds // max(len(order), 1))
+
+
+def _told(
+    final: Fit, ground: Fit, best: _Found, rivals: Sequence[_Found], units: tuple[str, ...], search: "_Search"
+) -> Formula:
+    effect = next(e for e in final.model.effects if isinstance(e, FormulaEffect))
+    place = final.model.place_of(effect)
+    c, sd = final.x[place], np.sqrt(np.maximum(np.diag(final.covariance())[place], 0.0))
+    terms, k, reach = effect.at(c), len(units), final.reach
+    sizes = tuple(
+        Coefficient(name, float(value), unit, float(spread))
+        for name, value, unit, spread in zip(effect.coefficients[:k], c, units, sd)
+    )
+    numbers = []
+    for (i, j), part, spread in zip(effect.free, c[k:], sd[k:]):
+        start, atom = effect.terms[i].atoms[j], terms[i].atoms[j]
+        waves = atom.shape in ("sin", "cos", "wave")
+        if waves and atom.unit != "rad":
+            value, unit = 2 * np.pi / atom.number, atom.unit
+            numbers.append(Coefficient(f"period over {atom.column}", value, unit, value * spread / (1 + part)))
+        else:
+            unit = "1" if waves else "s" if atom.shape == "lag" else atom.unit
+            name = f"waves a turn of {atom.column}" if waves else f"number of {atom.text()}"
+            numbers.append(Coefficient(name, atom.number, unit, float(start.number * spread)))
+    y = search.first
+    excess = y.total - y.degrees
+    share = float(np.clip((best.T - k) / excess, 0.0, 1.0)) if excess > 0 else nan
+    changed = effect.shift(final.at.recorded, final.model.formulation.data, c)
+    reachable = {name: float(np.max(np.abs(change))) for name, change in changed.items()}
+    return Formula(
+        text=formula_text(terms), sizes=sizes, numbers=tuple(numbers),
+        intervals=tuple(
+            Amplitude(s.value, s.unit, (s.value - reach * s.sd, s.value + reach * s.sd)) for s in (*sizes, *numbers)
+        ),
+        largest=tuple(Amplitude(v, search.unit(n)) for n, v in reachable.items()),
+        changes=tuple(reachable), share=share, smooth_beside=final.model.effects[-1] is not effect,
+        rivals=tuple(FormulaRival(formula_text(r.terms), best.worth - r.worth) for r in rivals),
+        structure=tuple(
+            (t.quantity, *(f"{a.shape} {a.column}" for a in sorted(t.atoms, key=lambda a: a.column))) for t in terms
+        ),
+        code=class_of(terms, units, search.machine),
+    )  # fmt: skip
+
+
+@final
+class _Search:
+    """The grammar over one fit: which quantities may err over which columns, and score tests of any of its terms."""
+
+    def __init__(self, about: Fit, whole: Formulation) -> None:
+        self.fit, self.first = about, projected_scores(about)
+        self.machine, self.formulation = whole.data.machine, about.model.formulation
+        self.run = Run.of(whole)
+        at, rows = about.at, about.at.misclosure
+        self.q, self.data = at.recorded, at.model.formulation.data
+        self.apart = self.formulation.decorrelate(rows) is rows and at.whiten.band is None
+        self.columns: dict[str, _Column] = {}
+        for column in map(self._column, self._names()):
+            if column is not None and not any(self._alike(column.name, name) for name in self.columns):
+                self.columns[column.name] = column
+        self.parts = self._parts()
+        joints = {joint.reading for joint in roles_of(self.formulation).joints}
+        self.outside = {s.column for s in self.formulation.sensors} - joints if joints else set()
+        self.terms: dict[str, list[Term]] = {}
+        for name, own in self.parts.items():
+            terms = [Term(name, (a,)) for c in self.columns.values() for a in c.every]
+            terms += [Term(name, pair) for pair in self._pairs(own)]
+            if terms:
+                self.terms[name] = sorted(terms, key=lambda term: len(term.parts))  # a block has one rank
+        self.values: dict[Atom, Array] = {}
+        every = list(dict.fromkeys(a for terms in self.terms.values() for t in terms for a in t.atoms))
+        of_one = [atom for atom in every if atom.shape != "wave"]
+        self.table = np.stack([np.ones(len(self.data)), *(self.value(a)[:, 0] for a in of_one)], axis=0)
+        place = {atom: k + 1 for k, atom in enumerate(of_one)}
+        self.factors = {  # of the terms with one size, the rows of the table whose product they are, (m, 2)
+            name: np.array([[place[a] for a in t.atoms] + [0] * (2 - len(t.atoms)) for t in terms if len(t.parts) == 1])
+            for name, terms in self.terms.items()
+        }
+        self.slopes: dict[str, Array] = {}
+        self.count = [
+            max(1, sum(len(term.atoms) == 1 for terms in self.terms.values() for term in terms)),
+            max(1, sum(len(term.atoms) == 2 for terms in self.terms.values() for term in terms)),
+        ]
+
+    # what there is
+
+    def unit(self, name: str) -> str:
+        joints = roles_of(self.formulation).joints
+        joint = next((j for j in joints if j.reading == name), None)
+        sensor = next((s for s in self.formulation.sensors if s.column == name), None)
+        known = quantity_of(self.machine, name).unit or self.data.units.get(name, "")
+        return (joint.unit if joint else "") or (sensor.unit if sensor else "") or known or self._unit_by_role(name)
+
+    def _unit_by_role(self, name: str) -> str:
+        roles = roles_of(self.formulation)
+        for joint in roles.joints:
+            if name == joint.velocity:
+                return f"{joint.unit}/s"
+            if name == joint.torque:
+                return "N mm" if joint.kind == "rotary" else "N"
+        warm = (roles.temperature, *(j.temperature for j in roles.joints), *(one.temperature for one in roles.lengths))
+        if any(name == one.force for one in roles.lengths):
+            return "N"
+        return "s" if name == roles.time == "t_s" else "K" if name in warm else ""
+
+    def _names(self) -> tuple[str, ...]:
+        roles, data = roles_of(self.formulation), self.formulation.data
+        met = self.formulation.covariates(self.fit.at.recorded)
+        names = [*(j.reading for j in roles.joints), *columns_of(roles)]
+        names += [name for one in met.values() for name in one]
+        known = {*self.run.columns, *self.formulation.readings}
+        return tuple(n for n in dict.fromkeys(names) if n in data and (n in known or data[n].dtype.kind in "iuf"))
+
+    def _parts(self) -> Mapping[str, tuple[str, ...]]:
+        """Return the quantities that may err, with the columns that are a part's own."""
+        roles, slopes = roles_of(self.formulation), self.fit.at.slopes
+        shared = [roles.time, roles.temperature]
+        parts: dict[str, list[str]] = {}
+        for joint in roles.joints:
+            parts[joint.reading] = [joint.reading, joint.direction, joint.velocity, joint.torque, joint.temperature]
+        for one in self.formulation.sensors:
+            parts.setdefault(one.column, [*parts, *roles.columns])
+        for length in roles.lengths:
+            parts[length.quantity] = [length.force, length.temperature]
+        return {
+            name: tuple(n for n in dict.fromkeys((*own, *shared)) if n in self.columns)
+            for name, own in parts.items()
+            if name in slopes and np.any(slopes[name])
+        }
+
+    def _column(self, name: str) -> _Column | None:
+        whole = self.run.columns.get(name)
+        u = np.asarray(self.q[name] if name in self.q else self.data[name], dtype=float).real
+        if u.ndim != 1 or not np.all(np.isfinite(u)) or not np.ptp(u) > 1e-9 * np.max(np.abs(u)):
+            return None
+        levels, low, high = len(np.unique(u)), float(u.min()), float(u.max())
+        unit, roles = self.unit(name), roles_of(self.formulation)
+        span, origin = high - low, 0.0
+        if name == roles.time:
+            origin = float(whole.min()) if whole is not None else low
+
+        def of(shape: str, numbers: Iterable[float] = (nan,)) -> list[Atom]:
+            return [Atom(name, shape, float(k), origin, unit) for k in numbers]
+
+        if levels == 2:
+            return _Column(name, tuple(of("u")), tuple(of("u")))
+        if levels <= 4:
+            signed = of("abs") + of("sign") if low < 0 < high else []
+            return _Column(name, (*of("u"), *of("square")), (*of("u"), *of("square"), *signed))
+        memory = whole is not None and len(self.data) <= 20_000
+        widths = _WIDTHS * span / 2
+        operators = of("play", widths) + of("slip", widths) if memory else []
+        powers = of("u") + of("square") + of("cube")
+        rotary = any(j.reading == name and j.kind == "rotary" for j in roles.joints) or (unit == "rad" and span > 0.5)
+        if name == roles.time:
+            waves = of("wave", 2 * np.pi * np.arange(1.0, 12.1, 0.5) / span)
+            return _Column(name, (*of("u"), *of("exp", span * np.array([0.1, 0.4]))),
+                           (*of("u"), *of("square"), *of("exp", span * _SPANS), *waves))  # fmt: skip
+        if rotary:
+            first = of("u") + of("sin", _HARMONICS) + of("cos", _HARMONICS)
+            sensor = np.max(np.asarray(self.formulation.sigma.get(name, 0.0)))
+            moved = of("side", (max(6 * float(sensor), 1e-6 * span),)) if memory else []
+            waves = of("sin", _WAVES) + of("cos", _WAVES) + of("wave", _WAVES)
+            return _Column(name, tuple(first + moved), tuple(powers + waves + operators + moved))
+        if low < 0 < high:
+            number = (*of("tanh", widths), *of("dead", widths), *of("fall", widths))
+            plain = of("u") + of("abs") + of("sign") + of("signed square")
+            return _Column(name, (*plain, *of("square")), (*plain, *powers[1:], *of("root"), *number, *operators))
+        delayed = of("lag", self._time_span() * _SPANS) if memory and self.run.clock else []
+        waves = of("wave", 2 * np.pi * np.arange(1.0, 6.1, 0.5) / span) if name in inputs_of(self.formulation) else []
+        saturated = of("tanh", widths)
+        return _Column(name, tuple(powers[:2]), (*powers, *of("root"), *saturated, *delayed, *operators, *waves))
+
+    def _alike(self, one: str, other: str) -> bool:
+        """Return whether two columns say the same: a temperature in two units, an angle and where it leads."""
+        u, v = (self.run.read(name, self.q, self.data) for name in (one, other))
+        return bool(abs(np.corrcoef(u, v)[0, 1]) > _ALIKE)
+
+    def _time_span(self) -> float:
+        return float(np.ptp(self.run.columns[self.run.clock])) or 1.0
+
+    def _pairs(self, own: Sequence[str]) -> Iterable[tuple[Atom, Atom]]:
+        """Return the products that are tried for a part at once."""
+        names = list(self.columns)
+        for k, one in enumerate(names):
+            for other in names[k + 1 :]:
+                if len(names) <= _MANY or one in own or other in own:
+                    for a in self.columns[one].atoms:
+                        yield from ((a, b) for b in self.columns[other].atoms)
+
+    def value(self, atom: Atom) -> Array:
+        if atom not in self.values:
+            self.values[atom] = atom.values(self.q, self.data, self.run)
+        return self.values[atom]
+
+    # score tests
+
+    def _slope(self, quantity: str) -> Array:
+        if quantity not in self.slopes:
+            slope = self.fit.at.slopes[quantity]
+            self.slopes[quantity] = self.fit.at.whiten(slope).reshape(slope.shape)
+        return self.slopes[quantity]
+
+    def column_of(self, term: Term) -> Array:
+        """Return the whitened signature of a unit of each size of a term, (N, k)."""
+        value = np.ones((len(self.data), 1))
+        for atom in term.atoms:
+            value = (value[:, :, None] * self.value(atom)[:, None, :]).reshape(len(value), -1)
+        return signatures(self.fit, {term.quantity: value})
+
+    def scan(
+        self, on: ProjectedScores, quantity: str, blocks: Iterable[tuple[Array, int]], extra: Array | None = None
+    ) -> tuple[Array, Array, Array]:
+        """Return T, rank and, of `extra` scores (N, d), the largest T, of columns (n, m) that go k by k together."""
+        targets = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])])
+        p, n = on.Q.shape[1], len(self.data)
+        if self.apart:
+            slope = self._slope(quantity)
+            pull = np.einsum("nc,nct->nt", slope, targets.reshape(n, slope.shape[1], -1))
+            pair = np.einsum("nc,nc->n", slope, slope)
+        T, ranks, most = [], [], np.zeros(0 if extra is None else extra.shape[1])
+        for V, k in blocks:
+            if self.apart:
+                across = V.T @ pull
+                v = V.reshape(n, -1, k).transpose(1, 2, 0)
+                gram = (v * pair) @ v.transpose(0, 2, 1) if k > 1 else None
+                square = pair @ V**2 if gram is None else None
+            else:
+                D = signatures(self.fit, {quantity: V})
+                across, d = D.T @ targets, D.reshape(len(D), -1, k)
+                gram = np.einsum("nmi,nmj->mij", d, d) if k > 1 else None
+                square = (D**2).sum(axis=0) if gram is None else None
+            if square is not None:
+                left = square - (across[:, :p] ** 2).sum(axis=1)
+                seen = left > _SEEN**2 * np.maximum(square, 1e-300)
+                inverse = np.where(seen, 1 / np.where(seen, left, 1.0), 0.0)
+                each = across[:, p:] ** 2 * inverse[:, None]
+                rank = seen.astype(int)
+            else:
+                assert gram is not None
+                A = across.reshape(len(gram), k, -1)
+                left2 = gram - A[:, :, :p] @ A[:, :, :p].transpose(0, 2, 1)
+                size = np.sqrt(np.maximum(np.einsum("mii->mi", gram), 1e-300))
+                values, vectors = np.linalg.eigh(left2 / size[:, :, None] / size[:, None, :])
+                kept = values > _SEEN**2
+                z = vectors.transpose(0, 2, 1) @ (A[:, :, p:] / size[:, :, None])
+                each = (z**2 * np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)[:, :, None]).sum(axis=1)
+                rank = kept.sum(axis=1)
+            T.append(each[:, 0])
+            ranks.append(rank)
+            if extra is not None and len(each):
+                most = np.maximum(most, each[:, 1:].max(axis=0))
+        return np.concatenate(T), np.concatenate(ranks), most
+
+    def _all_blocks(self, quantity: str) -> Iterable[tuple[Array, int]]:
+        """Return the values of all terms of a quantity, as `_blocks_of` does."""
+        factors, most = self.factors[quantity], max(1, _NUMBERS // len(self.data))
+        for start in range(0, len(factors), most):
+            first, second = factors[start : start + most].T
+            yield (self.table[first] * self.table[second]).T, 1
+        yield from self._blocks_of(self.terms[quantity][len(factors) :])
+
+    def _blocks_of(self, terms: Sequence[Term]) -> Iterable[tuple[Array, int]]:
+        """Return the values of terms of one quantity, in blocks of one rank, in their order."""
+        at, n = 0, len(self.data)
+        while at < len(terms):
+            k, end = len(terms[at].parts), at
+            while end < len(terms) and len(terms[end].parts) == k and (end - at) * k * n < _NUMBERS:
+                end += 1
+            values = np.empty((n, (end - at) * k), order="F")
+            for j, term in enumerate(terms[at:end]):
+                value = self.value(term.atoms[0])
+                for atom in term.atoms[1:]:
+                    other = self.value(atom)
+                    one = value.shape[1] == other.shape[1] == 1
+                    value = value * other if one else (value[:, :, None] * other[:, None, :]).reshape(n, -1)
+                values[:, j * k : (j + 1) * k] = value
+            yield values, k
+            at = end
+
+    def worth(self, T: float, rank: int, terms: Sequence[Term], on: ProjectedScores) -> float:
+        """Return the description that a formula saves: what it explains, less its numbers and its place in the list."""
+        numbers = rank + sum(
+            a.shape in SMOOTH_NUMBERS | {"play", "slip", "dead"}
+            and not (a.unit == "rad" and a.shape in ("sin", "cos", "wave") and a.number == round(a.number))
+            for term in terms for a in term.atoms
+        )  # fmt: skip
+        paid = numbers * np.log(len(on.y)) + self.place_of(terms)
+        paid += sum(_OUTSIDE for term in terms if term.quantity in self.outside)
+        return self.gain(self.first, T, rank) - float(paid)
+
+    def place_of(self, terms: Sequence[Term]) -> float:
+        """Return what the place of some terms in the list of all costs, in twice the log-likelihood."""
+        return float(sum(2 * np.log(self.count[len(term.atoms) - 1]) for term in terms))
+
+    def gain(self, on: ProjectedScores, T: float, rank: int) -> float:
+        """Return twice the log-likelihood that T of the scores brings; the rest is noise, of variance 1 at least.
+
+        By the stated noise alone a chance part of a large rest would be worth much.
+        """
+        if on.profiled:
+            return on.gain(T, rank)
+
+        def cost(rest: float) -> float:
+            mean = rest / max(on.degrees, 1)
+            return on.degrees * float(mean if mean <= 1 else 1 + np.log(mean))
+
+        return cost(on.total) - cost(max(on.total - T, 0.0))
+
+    def forward(
+        self, on: ProjectedScores, before: tuple[Term, ...], rng: np.random.Generator | None
+    ) -> tuple[list[_Found], float]:
+        """Return the best formulas of one term more, each structure once, and p of the best against drawn noise."""
+        scored: list[tuple[float, int, Term]] = []
+        most_tried = _TRIED[min(len(before), len(_TRIED) - 1)]
+        drawn, most = None, np.zeros(0)
+        if rng is not None and len(on.y) <= _DRAWN_ROWS:
+            drawn = rng.standard_normal((len(on.y), _DRAWN))
+            drawn -= on.Q @ (on.Q.T @ drawn)
+            most = np.zeros(_DRAWN)
+        for quantity, terms in self.terms.items():
+            T, ranks, top = self.scan(on, quantity, self._all_blocks(quantity), drawn)
+            most = np.maximum(most, top) if drawn is not None else most
+            best = np.argsort(-T)[: 3 * most_tried]
+            scored += [(float(T[k]), int(ranks[k]), terms[k]) for k in best if ranks[k]]
+        scored.sort(key=lambda s: -self._step_worth(s[0], s[1], s[2], on))
+        if not scored:
+            return [], 1.0
+        explained, rank, _ = scored[0]
+        tests = sum(self.count)
+        law = np.sort([on.test(float(t), 1) for t in most]) if drawn is not None else np.empty(0)
+        p = family_wise(on.test(explained, rank), law, tests)
+        tried: dict[tuple[object, ...], Term] = {}
+        shown: set[tuple[str, int]] = set()  # each quantity with its best single column and its best pair
+        for _, _, term in scored:
+            place, kind = (term.quantity, *sorted(a.column for a in term.atoms)), (term.quantity, len(term.atoms))
+            first = kind not in shown and len(shown) < most_tried // 2
+            if place not in tried and (first or len(tried) < most_tried):
+                shown.add(kind)
+                tried[place] = term
+        done = [one for term in tried.values() for one in self._refined(on, term, before)]
+        unique: dict[tuple[object, ...], _Found] = {}
+        for one in sorted(done, key=lambda f: -f.worth):
+            unique.setdefault(one.structure, one)
+        return list(unique.values()), p
+
+    def _step_worth(self, T: float, rank: int, term: Term, on: ProjectedScores) -> float:
+        return self.gain(on, T, rank) - rank * float(np.log(len(on.y))) - self.place_of((term,))
+
+    def _refined(self, on: ProjectedScores, term: Term, before: tuple[Term, ...]) -> list[_Found]:
+        """Return the best terms over the same columns, whatever their shapes, their numbers refined."""
+        every = [self.columns[a.column].every for a in term.atoms]
+        places: list[Term] = []
+        if len(every) == 1:
+            places = [Term(term.quantity, (a,)) for a in every[0]]
+        else:  # all shapes of one column beside the best of the other, in turn
+            fixed = list(term.atoms)
+            for _ in range(2):
+                for k in range(2):
+                    tries = [Term(term.quantity, (a, fixed[1]) if k == 0 else (fixed[0], a)) for a in every[k]]
+                    tries = sorted((t for t in tries if len(t.parts) <= 2), key=lambda t: len(t.parts))
+                    T, ranks, _ = self.scan(on, term.quantity, self._blocks_of(tries))
+                    worths = [self._step_worth(float(t), int(r), one, on) if r else -np.inf
+                              for t, r, one in zip(T, ranks, tries)]  # fmt: skip
+                    places += [tries[j] for j in np.argsort(worths)[-4:]]
+                    fixed = list(tries[int(np.argmax(worths))].atoms)
+        places = sorted(dict.fromkeys(places), key=lambda t: len(t.parts))
+        T, ranks, _ = self.scan(on, term.quantity, self._blocks_of(places))
+        by_shape: dict[tuple[object, ...], tuple[float, Term]] = {}
+        for t, r, one in zip(T, ranks, places):
+            worth = self._step_worth(float(t), int(r), one, on) if r else -np.inf
+            if worth > by_shape.get(one.structure, (-np.inf, one))[0]:
+                by_shape[one.structure] = (worth, one)
+        kept = sorted(by_shape.values(), key=lambda pair: -pair[0])[:2]
+        return [self._with_terms((*before, self._polished(on, one))) for _, one in kept]
+
+    def _polished(self, on: ProjectedScores, term: Term) -> Term:
+        """Return the term with the numbers inside its shapes refined beside what is there."""
+        moving = [k for k, a in enumerate(term.atoms) if np.isfinite(a.number) and a.shape != "side"]
+
+        def explained(one: Term) -> float:
+            value = np.ones((len(self.data), 1))
+            for atom in one.atoms:
+                other = self.value(atom) if atom in self.values else atom.values(self.q, self.data, self.run)
+                value = (value[:, :, None] * other[:, None, :]).reshape(len(value), -1)
+            T, ranks, _ = self.scan(on, one.quantity, [(value, value.shape[1])])
+            return self.gain(on, float(T[0]), int(ranks[0]))
+
+        if not moving or len(self.data) > 20_000:
+            return term
+        start = np.array([term.atoms[k].number for k in moving])
+
+        def moved(x: Array) -> Term:
+            return term.with_numbers({k: float(s * np.exp(v)) for k, s, v in zip(moving, start, x)})
+
+        ended = minimize(
+            lambda x: -explained(moved(np.clip(x, -0.7, 0.7))), np.zeros(len(moving)), method="Nelder-Mead",
+            options={
+                "maxfev": 30 * len(moving), "xatol": 1e-4, "fatol": 0.01,
+                "initial_simplex": np.vstack([np.zeros(len(moving)), 0.08 * np.eye(len(moving))]),
+            },
+        )  # type: ignore[call-overload]  # fmt: skip
+        best = moved(np.clip(ended.x, -0.7, 0.7))
+        whole = {
+            k: float(round(best.atoms[k].number))
+            for k in moving
+            if best.atoms[k].unit == "rad" and best.atoms[k].shape in ("sin", "cos", "wave")
+            and abs(best.atoms[k].number - round(best.atoms[k].number)) < _WHOLE and round(best.atoms[k].number)
+        }  # fmt: skip
+        if whole:
+            simple = best.with_numbers(whole)
+            if explained(simple) >= -float(ended.fun) - len(whole) * np.log(len(on.y)):
+                return simple
+        return best
+
+    def _beside(self, terms: Sequence[Term]) -> tuple[ProjectedScores, float, int]:
+        """Return the scores projected off some terms as well, what these explain, and their rank."""
+        first = self.first
+        if not terms:
+            return first, 0.0, 0
+        D = np.concatenate([self.column_of(term) for term in terms], axis=1)
+        size = np.sqrt((D**2).sum(axis=0))
+        left = D / np.where(size > 0, size, 1.0)
+        for _ in range(2):
+            left = left - first.Q @ (first.Q.T @ left)
+        U = orthonormal(left, 1e-3) if left.size else left
+        z = U.T @ first.y
+        return replace(first, y=first.y - U @ z, Q=np.concatenate([first.Q, U], axis=1)), float(z @ z), U.shape[1]
+
+    def _with_terms(self, terms: tuple[Term, ...]) -> _Found:
+        ordered = tuple(t for name in dict.fromkeys(t.quantity for t in terms) for t in terms if t.quantity == name)
+        on, T, rank = self._beside(ordered)
+        return _Found(ordered, T, self.worth(T, rank, ordered, on))
+
+    def best(self, rng: np.random.Generator) -> tuple[_Found, tuple[_Found, ...]] | None:
+        """Return the formula of least description with its rivals; None where the best term may be chance."""
+        level = [_Found((), 0.0, 0.0)]
+        top: _Found | None = None
+        seen: dict[tuple[object, ...], _Found] = {}
+        for length in range(_LONGEST):
+            grown: list[_Found] = []
+            for one in level[: _KEPT[length]]:
+                on = self._beside(one.terms)[0]
+                if sum(len(t.parts) for t in one.terms) > len(LETTERS) - 2 or on.degrees < 8:
+                    continue
+                after, p = self.forward(on, one.terms, rng if not length else None)
+                if p > _LEVEL:
+                    continue
+                grown += [a for a in after if a.worth > one.worth + (_FURTHER if one.terms else 0.0)]
+            for a in grown:
+                if a.structure not in seen or seen[a.structure].worth < a.worth:
+                    seen[a.structure] = a
+            level = sorted({id(a): a for a in grown}.values(), key=lambda f: -f.worth)
+            if not level:
+                break
+            if top is None or level[0].worth > top.worth + _FURTHER:
+                top = level[0]
+            elif length:
+                break
+        if top is None:
+            return None
+        # exchange: each term is searched for again beside the others, which also finds its rivals
+        for _ in range(2 if len(top.terms) > 1 else 0):
+            changed = False
+            for k in range(len(top.terms)):
+                others = tuple(t for j, t in enumerate(top.terms) if j != k)
+                for a in self.forward(self._beside(others)[0], others, None)[0]:
+                    seen[a.structure] = max(seen.get(a.structure, a), a, key=lambda f: f.worth)
+                    if a.worth > top.worth + 0.5:
+                        top, changed = a, True
+                if changed:
+                    break
+            if not changed:
+                break
+        near = [f for f in seen.values() if f.structure != top.structure and top.worth - f.worth < _WITHIN]
+        near.sort(key=lambda f: -f.worth)
+        return top, tuple(near[:_RIVALS])

@@ -1,0 +1,100 @@
+"""The effects that a simulator has under its own names: offsets, and a parameter that is another in other readings."""
+
+from functools import partial
+
+import numpy as np
+
+from calibench.discrepancy.effects.general import columns
+from calibench.discrepancy.effects.general.joints import largest_error
+from calibench.discrepancy.effects.general.lengths import time_constants, warmth
+from calibench.discrepancy.effects.general.recipe import Built, each, named, recipe
+from calibench.discrepancy.model.effect import EffectFamily, LinearEffect, NotTestable, needs
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured import MeasuredData
+from calibench.discrepancy.model.roles import roles_of
+from calibench.problems.base import Array
+
+
+def _input_offset(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    [joint] = named(roles_of(formulation).joints, target)
+    return (
+        family.linear(
+            target, (), {"c": joint.unit}, lambda q, data: {joint.reading: np.ones((len(data), 1))},
+            largest=largest_error(joint),
+        ),
+    )  # fmt: skip
+
+
+def _output_offset(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    unit = next((s.unit for s in formulation.sensors if s.column == target), "")
+    return (family.linear(target, (), {"c": unit}, lambda q, data: {target: -np.ones((len(data), 1))}),)
+
+
+def _over(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    """Return a parameter that follows a column, of a temperature also late."""
+    parameter, _, column = target.partition(" over ")
+    run, roles = formulation.data, roles_of(formulation)
+    needs(run, column)
+    if not np.any([np.any(s) for s in (formulation.slopes(_recorded(formulation))[parameter],)]):
+        raise NotTestable(f"no prediction depends on {parameter}")
+    values = np.asarray(run[column], dtype=float)
+    zero = 0.0 if values.min() <= 0.0 <= values.max() else float(values.mean())
+    size = float(np.max(np.abs(values - zero)))
+    late = (
+        time_constants(run, roles.time)
+        if column in (roles.temperature, *(j.temperature for j in roles.joints))
+        else (0.0,)
+    )
+
+    def changes(constant: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        follows = warmth(data, constant, column, roles.time, run) - zero
+        return {parameter: (follows / size)[:, None]}
+
+    def form(constant: float) -> LinearEffect:
+        return family.linear(target, (column,), {"c": ""}, partial(changes, constant))
+
+    return tuple(form(constant) for constant in late)
+
+
+def _recorded(formulation: Formulation) -> dict[str, Array]:
+    from calibench.discrepancy.model.model import Model
+
+    model = Model(formulation)
+    return model.quantities(model.start)[0]
+
+
+def _parameters_over(formulation: Formulation) -> tuple[str, ...]:
+    """Return each parameter over each column that no part of the machine is read by, the clock among them."""
+    roles = roles_of(formulation)
+    if not roles.joints:  # rows that depend on each other
+        return ()
+    names = (*(p.name for p in formulation.parameters), *formulation.fixed)
+    over = dict.fromkeys(c for c in (*roles.columns, roles.temperature, roles.time) if c)
+    return tuple(f"{p} over {c}" for p in names for c in over)
+
+
+FAMILIES = (
+    columns.power.enter("simulator"),
+    recipe(
+        "input_offset", "An input is off by a constant", "u += c", channel="reading", columns=("the input",),
+        unit="that of the input", targets="each input", targets_in=each("joints"), make=_input_offset,
+        label="offset",
+    ).enter("simulator"),
+    recipe(
+        "output_offset", "What is measured is off by a constant", "measured += c", channel="prediction", columns=(),
+        unit="that of the measurement", targets="each measured column", targets_in=lambda f: tuple(f.readings),
+        make=_output_offset, label="offset",
+    ).enter("simulator"),
+    recipe(
+        "parameter_over", "A parameter is another one where a column is", "p += c u / max|u|, u from its mean or 0",
+        channel="link", columns=("the column",), unit="that of the parameter", targets="parameters over columns",
+        targets_in=_parameters_over, make=_over, label="change",
+    ).enter("simulator"),
+    columns.frame_drift.enter(
+        "simulator", name="output_drift", cause="What is measured drifts evenly during the run", label="drift",
+        formula="measured -= d s; s from 0 to 1 over the run",
+    ),
+    columns.frame_shift.enter(
+        "simulator", name="output_step", cause="What is measured steps once during the run", label="step",
+    ),
+)  # fmt: skip

@@ -1,0 +1,345 @@
+"""`SimulatorMachine`: any program that predicts what is measured; its inputs are columns, its parameters have bounds.
+
+Each input is a joint of the machine's roles, each measured column an instrument, so that the general families look for
+errors of all of them; the parameters have families of their own (`effects`). What an error of an input needs beside it
+are columns of the file (`q_dir`, `q_vel`, `q_torque`, `q_temp` of an input q); the first two follow from a clock if
+there is one. A row is a reading of its own. Where rows depend on each other, which is tried, inputs have no effects.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+import sys
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.core.notes import Code, Note
+from calibench.core.options import shown, suggest
+from calibench.core.words import counted, one_line, plain, print_plain
+from calibench.discrepancy.machines.simulator import caller as calls
+from calibench.discrepancy.machines.simulator.caller import Caller, Names, Simulator, duration, simulators
+from calibench.discrepancy.machines.simulator.local import FEW, LocalModel, Variable
+from calibench.discrepancy.model.formulations import BOOKKEEPING, OfRows, Predicted
+from calibench.discrepancy.model.machine import Description, Numbers, Quantities
+from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete
+from calibench.discrepancy.model.roles import Instrument, Joint, Roles
+from calibench.discrepancy.registries import describe, machines
+from calibench.problems.base import Array, Parameter
+
+RATE, WAY = "rate of ", "direction of "  # before an input: its derivative in time, and the sign of its last change
+_OF_ROWS = (*BOOKKEEPING, "split", "place_x", "place_y")
+_NO_UNIT = "units"  # of an input whose unit no file states: a number of its column
+_LONG = 30.0  # s: what takes longer is told beforehand
+_SEARCH = 12  # passes of a search, about, beside those of calibration and slopes
+_CALIBRATIONS = 3
+
+
+@machines.register("simulator")
+@final
+@dataclass(frozen=True)
+class SimulatorMachine:
+    """A simulator: a Python function, a command or an FMU that predicts what is measured.
+
+    `call` is FILE.py:FUNCTION, `command` a program with {args} or {NAME} in its words, `fmu` a file; one of these.
+    `inputs` are columns, `parameters` name -> nominal, lower, upper; one with a single number is held. `measured` are
+    the columns that it predicts, in its order, `sigma` their noise: a number for all, or name -> number or column. A
+    file of Python may state them as INPUTS, PARAMETERS and OUTPUTS (a mapping to the noise, or names). With `rows=one`
+    a function is called for each row. `time` is the column of the clock; `covariates` are the columns that an error may
+    follow, by default all others. `workers` are the processes that call it, by default one for each core.
+    """
+
+    call: str = ""
+    command: str = ""
+    fmu: str = ""
+    rows: Literal["all", "one"] = "all"
+    inputs: tuple[str, ...] = ()
+    parameters: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict)
+    measured: tuple[str, ...] = ()
+    sigma: float | Mapping[str, float | str] | None = None
+    time: str = ""
+    covariates: tuple[str, ...] = ()
+    workers: int = 0
+    name: str = field(default="simulator", init=False)
+
+    def code(self) -> str:
+        """Return the digest of the simulator's own code, beside the machine's."""
+        self._one_door()
+        try:
+            return calls.code_of(self.call, self.command, self.fmu)
+        except ValueError as error:
+            raise DataError(f"machine.call={self.call}: {error}") from None
+
+    def formulate(self, data: MeasuredData) -> Predicted:
+        """Return the prediction by the calibrated simulator's local model. Raises `DataError` for what does not fit."""
+        self._one_door()
+        inputs, numbers, measured = self._declared(data)
+        names = Names(inputs, tuple(numbers), tuple(measured))
+        code = self.code()
+        there = [c for c in (*inputs, *measured) if c not in data or data[c].dtype.kind not in "iuf"]
+        if there:
+            raise DataError(f"{data.name}: {there[0]}: no column of numbers; {suggest(there[0], _numbers_of(data))}")
+        deviations = [s for s in measured.values() if isinstance(s, str)]
+        clock = self.time or ("t_s" if "t_s" in data else "")
+        data = complete(data, (*measured, *inputs, *deviations, *((clock,) if clock else ())))
+        data = _moved(data, inputs, clock)
+        table = (
+            np.stack([np.asarray(data[u], dtype=float) for u in inputs], axis=-1)
+            if inputs
+            else np.zeros((len(data), 0))
+        )
+        known = Caller(self._simulator(names), names, code, self.rows == "one" or not self.call, self._workers())
+        variables = [
+            Variable(u, True, k, float(np.ptp(table[:, k])) or max(1.0, abs(float(table[0, k]))))
+            for k, u in enumerate(inputs)
+        ]
+        for k, (p, (value, lower, upper)) in enumerate(numbers.items()):
+            bounded = upper > lower
+            wide = upper - lower if bounded else max(abs(value), 1.0)
+            edges = (lower, upper) if bounded else (-np.inf, np.inf)
+            variables.append(Variable(p, False, k, wide, *edges))
+        free = {p: limits[1] < limits[2] for p, limits in numbers.items()}
+        stated = [s if isinstance(s, int | float) else np.nan for s in measured.values()]
+        start = np.array([limits[0] for limits in numbers.values()])
+        local = LocalModel(known, table, tuple(variables), start, np.array(stated, dtype=float))
+        try:
+            _say_beforehand(known, known.begin(table, start), local)
+        except DataError:
+            raise
+        except Exception as error:  # whatever a simulator of a user's raises
+            at = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{Path(at.filename).name}, line {at.lineno}"
+            one_row = "" if known.one else "; it is given all rows at once: machine.rows=one calls it for each"
+            said = f"{type(error).__name__}: {one_line(str(error))} ({where})"
+            raise DataError(f"the simulator failed at the nominal parameters: {said}{one_row}") from error
+        local.prepare()
+        seen = np.stack([np.asarray(data[y], dtype=float) for y in measured], axis=-1)
+        fitted = np.asarray(data["split"]) != "hold" if data.has("split") else np.ones(len(data), dtype=bool)
+        local.calibrate(seen, fitted, np.array([*free.values()], dtype=np.bool_))
+        found = dict(zip(numbers, local.parameters.tolist()))
+        data = self._with_rates_of_outputs(data, local, names, clock)
+        if not local.independent:
+            text = (
+                "rows depend on each other: the table is simulated as a whole, and errors of inputs are not looked for"
+            )
+            data = data.with_note(Code.SIMULATOR_ROWS, text, inputs)
+        numbers_of_rows = {int(n): k for k, n in enumerate(data.row_numbers)}
+        of_rows = _OnRows(local, {_row(u): k for k, u in enumerate(table)}, numbers_of_rows)
+        predict, slopes = of_rows(data)
+        sensors = tuple(Sensor(y, f"output {y}", data.units.get(y, ""), part=y) for y in measured)
+        return Predicted(
+            data, predict,
+            tuple(Parameter(p, "", found[p], *limits[1:]) for p, limits in numbers.items() if free[p]),
+            measured=measured, inputs=inputs, held={p: limits[0] for p, limits in numbers.items() if not free[p]},
+            unit="", instruments=sensors, roles=self._roles(data, local, names, clock), slopes=slopes, of_rows=of_rows,
+        )  # fmt: skip
+
+    def _one_door(self) -> None:
+        given = [key for key in ("call", "command", "fmu") if getattr(self, key)]
+        if len(given) != 1:
+            both = " and ".join(f"machine.{key}=" for key in given) or "none"
+            raise DataError(
+                f"machine=simulator: {both} is given; one of machine.call=FILE.py:FUNCTION, "
+                'machine.command="./sim {args}" and machine.fmu=FILE is needed'
+            )
+
+    def _simulator(self, names: Names) -> Simulator:
+        if self.command:
+            return calls.of_command(self.command, names)
+        if self.fmu:
+            return calls.of_fmu(self.fmu, names)
+        return calls.of_function(simulators.factory(self.call), names, self.rows == "one")
+
+    def _workers(self) -> int:
+        return self.workers or os.cpu_count() or 1
+
+    def _declared(
+        self, data: MeasuredData
+    ) -> tuple[tuple[str, ...], dict[str, tuple[float, float, float]], dict[str, float | str | None]]:
+        """Return inputs, parameter -> nominal and bounds, and measured column -> noise: of the words, else the file."""
+        inputs: Any = self.inputs
+        parameters: Any = dict(self.parameters)
+        outputs: Any = self.measured
+        if self.call:
+            inputs = inputs or self._stated("INPUTS") or ()
+            parameters = parameters or self._stated("PARAMETERS") or {}
+            outputs = outputs or self._stated("OUTPUTS") or ()
+            arguments = inspect.signature(simulators.factory(self.call)).parameters.values()
+            if not parameters:
+                parameters = {a.name: a.default for a in arguments if isinstance(a.default, int | float | tuple)}
+            if not inputs:
+                inputs = tuple(a.name for a in arguments if a.default is a.empty and a.name not in parameters)
+        for word, value in (("inputs", inputs), ("parameters", parameters), ("measured", outputs)):
+            if not value:
+                upper = {"inputs": "INPUTS", "parameters": "PARAMETERS", "measured": "OUTPUTS"}[word]
+                where = f", or {upper} = ... in the file" if self.call else ""
+                raise DataError(f"machine.{word}= is missing{where}: a simulator has {word}")
+        numbers = {str(p): _limits(str(p), value) for p, value in dict(parameters).items()}
+        measured: dict[str, float | str | None] = (
+            dict(outputs) if isinstance(outputs, Mapping) else dict.fromkeys(map(str, outputs))
+        )
+        if isinstance(self.sigma, Mapping):
+            for name in self.sigma:
+                if name not in measured:
+                    raise DataError(f"machine.sigma: {name} is not measured; {suggest(name, measured)}")
+            measured |= self.sigma
+        elif self.sigma is not None:
+            measured = dict.fromkeys(measured, self.sigma)
+        twice = {*inputs} & {*numbers} | {*inputs} & {*measured} | {*numbers} & {*measured}
+        if twice:
+            raise DataError(f"{', '.join(sorted(twice))}: a name is an input, a parameter or measured: one of these")
+        return tuple(map(str, inputs)), numbers, measured
+
+    def _stated(self, name: str) -> Any:
+        try:
+            return calls.stated_in(self.call, name)
+        except ValueError as error:
+            raise DataError(f"machine.call={self.call}: {error}") from None
+
+    def _roles(self, data: MeasuredData, local: LocalModel, names: Names, clock: str) -> Roles:
+        def beside(u: str, ending: str, made: str = "") -> str:
+            return next((c for c in (f"{u}{ending}", f"{made}{u}") if c != u and c in data), "")
+
+        joints = []
+        for u in names.inputs if local.independent else ():
+            unit = data.units.get(u, "")
+            kind: Literal["rotary", "sliding"] = "rotary" if unit in ("rad", "deg") else "sliding"
+            joints.append(Joint(
+                u, u, kind, unit or _NO_UNIT, direction=beside(u, "_dir", WAY), velocity=beside(u, "_vel", RATE),
+                torque=beside(u, "_torque"), temperature=beside(u, "_temp"),
+            ))  # fmt: skip
+        used = {c for j in joints for c in (j.reading, j.direction, j.velocity, j.torque, j.temperature)}
+        others = tuple(
+            c
+            for c in (self.covariates or _numbers_of(data))
+            if c not in (*names.inputs, *names.outputs, clock) and c not in data.computed and c not in used
+        )
+        for c in self.covariates:
+            if c not in data:
+                raise DataError(f"machine.covariates={c}: no column; {suggest(c, _numbers_of(data))}")
+        instruments = tuple(Instrument(y, (y,), (f"{RATE}{y}",) if f"{RATE}{y}" in data else ()) for y in names.outputs)
+        heat = next((c for c in ("temp_K", "temperature") if c in data), "")
+        of_run = "" if clock in names.inputs else clock  # time within a trial is an input, and no clock of the run
+        return Roles(tuple(joints), (), of_run, heat, instruments, tuple(c for c in others if np.ptp(data[c])))
+
+    def _with_rates_of_outputs(self, data: MeasuredData, local: LocalModel, names: Names, clock: str) -> MeasuredData:
+        """Return the data with the rate of each output, where time itself is an input: its slope there."""
+        if clock not in local.slopes:
+            return data
+        rates = {f"{RATE}{y}": local.slopes[clock][:, k] for k, y in enumerate(names.outputs)}
+        return _with_computed(data, rates)
+
+
+def _limits(name: str, value: Any) -> tuple[float, float, float]:
+    """Return nominal, lower and upper of a parameter; one number is held."""
+    numbers = [value] if isinstance(value, int | float) and not isinstance(value, bool) else value
+    try:
+        numbers = [float(v) for v in numbers]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) == 1:
+        numbers *= 3
+    if len(numbers) != 3 or not np.isfinite(numbers).all() or not numbers[1] <= numbers[0] <= numbers[2]:
+        raise DataError(
+            f"parameter {name}: {shown(value)}: its nominal value, lower and upper bound are needed, such as "
+            f"[1.2, 0.5, 3.0], or one number, which is held"
+        )
+    return numbers[0], numbers[1], numbers[2]
+
+
+def _row(u: Array) -> bytes:
+    return np.ascontiguousarray(u, dtype=float).tobytes()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _OnRows:
+    """The prediction for the rows of any data: those of the table by their inputs, others by calls."""
+
+    local: LocalModel
+    places: Mapping[bytes, int]
+    numbers: Mapping[int, int]
+
+    def __call__(self, data: MeasuredData) -> OfRows:
+        names = self.local.caller.names.inputs
+        given = np.stack([np.asarray(data[u], dtype=float) for u in names], axis=-1)
+        rows = self._rows(data, given)
+
+        def predict(q: Quantities) -> Numbers:
+            return self.local.predict(rows, q)
+
+        def slopes(q: Quantities) -> dict[str, Array]:
+            return self.local.slopes_at(rows, q)
+
+        return predict, slopes
+
+    def _rows(self, data: MeasuredData, given: Array) -> NDArray[np.intp]:
+        """Return the place of each row in the table, -1 for none; where rows depend on each other, by its number."""
+        if self.local.independent:
+            return np.array([self.places.get(_row(u), -1) for u in given], dtype=np.intp)
+        rows = np.array([self.numbers.get(int(n), -1) for n in data.row_numbers], dtype=np.intp)
+        return np.where((rows >= 0) & (self.local.inputs[rows] == given).all(axis=1), rows, -1)
+
+    def remarks(self) -> tuple[Note, ...]:
+        """Return what the search asked of the simulator: the notes of a report."""
+        known, local = self.local.caller, self.local
+        times = plain(known.rows / max(local.number, 1), 3)
+        noise = max(float(np.max(local.noise / local.scale)), 0.0)
+        how = f"in {duration(known.seconds)} on {counted(known.workers, 'core')}" if known.run else "by this command"
+        text = (
+            f"the simulator was called for {counted(known.rows, 'row')}, {times} times the table, {known.run} of them "
+            f"{how}, the others had been kept; its own noise is {noise:.1g} times that of the readings"
+        )
+        values = {"rows": known.rows, "run": known.run, "seconds": known.seconds, "noise": noise}
+        return (Note(Code.SIMULATOR_CALLS, text, values=values),)
+
+
+def _say_beforehand(known: Caller, seconds: float, local: LocalModel) -> None:
+    """Tell on the terminal how long the simulator, `seconds` for the whole table, will take, where it takes long."""
+    p, n = len(known.names.parameters), local.number
+    of_few = min(FEW / n, 1.0) * (9 + 16 * len(local.variables))  # noise and steps
+    passes = int(_CALIBRATIONS * (2 * p + 2) + 2 * len(local.variables) + p * (p + 1) / 2 + of_few + _SEARCH)
+    ahead = seconds * passes / max(known.workers, 1)
+    if ahead > _LONG:
+        a_call = f"{duration(seconds / n)} a row" if known.one else f"{duration(seconds)} for all rows"
+        print_plain(
+            f"simulator: {a_call}, about {passes} times {n} rows: {duration(ahead)} on "
+            f"{counted(known.workers, 'core')}, less what was kept before; calls are kept in {known.folder}, so a "
+            "command that is killed goes on",
+            file=sys.stderr, flush=True,
+        )  # fmt: skip
+
+
+def _numbers_of(data: MeasuredData) -> tuple[str, ...]:
+    """Return the columns of numbers that describe a reading."""
+    return tuple(c for c in data.columns if c not in _OF_ROWS and data[c].dtype.kind in "iuf")
+
+
+def _moved(data: MeasuredData, inputs: Sequence[str], clock: str) -> MeasuredData:
+    """Return the data with rate and direction of each input along the clock, where the file has no columns of them."""
+    if not clock or clock in inputs or len(data) < 3:
+        return data
+    t, at = np.unique(np.asarray(data[clock], dtype=float), return_inverse=True)
+    made: dict[str, Array] = {}
+    for u in (u for u in inputs if u != clock and len(t) >= 3):
+        values = np.bincount(at, np.asarray(data[u], dtype=float), len(t)) / np.bincount(at, minlength=len(t))
+        if f"{u}_vel" not in data:
+            made[f"{RATE}{u}"] = np.gradient(values, t)[at]
+        if f"{u}_dir" not in data:
+            moves = np.sign(np.diff(values, prepend=values[:1]))
+            last = np.maximum.accumulate(np.where(moves != 0, np.arange(len(t)), 0))
+            made[f"{WAY}{u}"] = moves[last][at]
+    return _with_computed(data, made)
+
+
+def _with_computed(data: MeasuredData, made: Mapping[str, Array]) -> MeasuredData:
+    return replace(data.with_columns(dict(made)), computed=data.computed | {*made})
+
+
+describe("simulator", Description(part_of=str, own_units=True, replaced=("frame_drift", "frame_shift", "polynomial")))

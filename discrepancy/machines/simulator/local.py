@@ -1,0 +1,383 @@
+"""`LocalModel`: a simulator near where it was calibrated, from few calls: values, slopes and curvatures of all rows.
+
+A search asks for thousands of predictions, each a little away from the last. What lies between is told by a quadratic
+about the calibrated simulator, corrected by the nearest place at which the simulator itself was called; where the terms
+that a quadratic of single variables lacks could reach `_TRUST` of the noise, it is called there. So the simulator's
+calls follow what the search visits, not what it asks. Rows that it does not know (new ones, shuffled ones) are called.
+
+The noise of the simulator itself (a solver's tolerance) is told by the difference table of calls very near to each
+other (ECnoise: More and Wild, SIAM J. Sci. Comput. 33(3), 2011). The step of a central difference is that at which the
+third difference stands out of this noise by a factor between 1.5 and 6 (Shi, Xie, Xuan and Nocedal, Optim. Methods
+Softw. 37(5), 2022, sec. 3): smaller ones are noise, larger ones curvature.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.core.words import one_line
+from calibench.discrepancy.machines.simulator.caller import Caller
+from calibench.discrepancy.model.machine import Quantities
+from calibench.discrepancy.model.measured import DataError
+from calibench.problems.base import Array
+
+_TRUST = 0.05  # of the noise of a reading, rms: the error of the local model beyond which the simulator is called
+_PLACES = 48  # places of calls that are remembered
+_TABLE = 8  # calls of a difference table, which has columns up to the sixth
+_NEAR = 1e-9  # of the range of a number: apart from each other by it, calls of a difference table
+_RATIO = (1.5, 6.0)  # of the third difference over the noise
+_ROUNDS = 12  # of fitting a step
+_LONGEST = 0.05  # of the range of a number: the longest step
+FEW = 8  # rows on which noise and steps are told, where rows are independent
+_TINY = float(np.finfo(float).eps)
+_REPEATS = 6  # calibrations, each about the last one's place
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Variable:
+    """A number that is varied: its place among inputs or parameters, its range, and its limits."""
+
+    name: str
+    is_input: bool
+    at: int
+    width: float
+    lower: float = -math.inf
+    upper: float = math.inf
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A place where the simulator was called: inputs (n, k), parameters (n, p), values (n, m), NaN where it was not."""
+
+    inputs: Array
+    parameters: Array
+    values: Array
+
+
+@final
+@dataclass(eq=False)
+class LocalModel:
+    """The simulator over the rows of one table. `noise` and `scale` (m,) are its own and that of the readings."""
+
+    caller: Caller
+    inputs: Array
+    variables: tuple[Variable, ...]
+    parameters: Array
+    scale: Array
+    noise: Array = field(default_factory=lambda: np.zeros(0))
+    steps: Mapping[str, float] = field(default_factory=dict)
+    independent: bool = True
+    takes_rows: bool = True  # parameters that differ from row to row
+    slopes: dict[str, Array] = field(default_factory=dict)
+    curves: dict[str, Array] = field(default_factory=dict)
+    mixed: dict[tuple[str, str], Array] = field(default_factory=dict)  # of two parameters: they make up for each other
+    reaches: dict[str, Array] = field(default_factory=dict)  # the root of a curvature, rms over the rows, (m,)
+    places: list[Place] = field(default_factory=list)
+
+    @property
+    def number(self) -> int:
+        """Return the number of rows of the table."""
+        return len(self.inputs)
+
+    def prepare(self) -> None:
+        """Call the simulator as it is, and tell what it can be asked for, its noise, and the steps of differences."""
+        n = self.number
+        [values] = self.caller.ask([(self.inputs, self.parameters)])
+        if not np.isfinite(values).all():
+            rows = np.flatnonzero(~np.isfinite(values).all(axis=1))
+            raise DataError(
+                f"the simulator gives no finite number in {len(rows)} of {n} rows at the nominal parameters (the first "
+                f"is row {rows[0] + 1}); leave these rows out (valid=0), or state other nominal parameters"
+            )
+        self.places = [self._place(self.inputs, self.parameters, values)]
+        few = np.unique(np.linspace(0, n - 1, min(n, FEW)).astype(int))
+        size = np.maximum(np.max(np.abs(values), axis=0), 1e-300)
+        if len(few) < n:
+            [alone] = self.caller.ask([(self.inputs[few], self.parameters)])
+            apart = np.abs(alone - values[few])
+            self.independent = bool((apart <= 1e-9 * size).all())
+        rows = few if self.independent else np.arange(n)
+        self.noise = np.maximum(self._own_noise(rows), _TINY * size)
+        if len(few) < n and not self.independent:  # a noise of its own is no dependence
+            self.independent = bool((apart <= 10 * self.noise + 1e-9 * size).all())
+        if self.independent:
+            try:
+                [each] = self.caller.ask([(self.inputs[few], np.tile(self.parameters, (len(few), 1)))])
+                self.takes_rows = bool((np.abs(each - values[few]) <= 10 * self.noise + 1e-9 * size).all())
+            except Exception:  # whatever a function of numbers does with arrays
+                self.takes_rows = False
+        else:
+            self.takes_rows = False
+        known = [v for v in self.variables if self.independent or not v.is_input]
+        self.steps = {v.name: self._step(v, few if self.independent else np.arange(n)) for v in known}
+
+    def calibrate(self, measured: Array, fitted: NDArray[np.bool_], free: NDArray[np.bool_]) -> None:
+        """Move the parameters that are `free` (p,) to the least squares over the rows that are `fitted`; differentiate.
+
+        `measured` is (n, m). Where nobody states the noise, `scale` is NaN and taken from what is left.
+        """
+        names = [v for v in self.variables if not v.is_input]
+        own = [v for v in names if free[v.at]]
+        told = np.isfinite(self.scale)
+        for _ in range(_REPEATS):
+            self._differentiate(names, self.places[-1])
+            left = measured - self.places[-1].values
+            spread = np.median(np.abs(left[fitted]), axis=0) / 0.6745
+            self.scale = np.where(told, self.scale, np.maximum(spread, self.noise))
+            if not own:
+                break
+            weight = 1 / np.maximum(self.scale, 1e-300)
+            J = np.stack([self.slopes[v.name] for v in own], axis=-1)[fitted] * weight[None, :, None]
+            r = (left[fitted] * weight).ravel()
+            J = J.reshape(len(r), -1)
+            length = np.linalg.norm(J, axis=0)
+            length = np.where(length > 0, length, 1.0)
+            step = np.linalg.lstsq(J / length, r, rcond=1e-9)[0] / length
+            moved = float(np.sqrt(np.mean((J @ step) ** 2)))
+            if not self._moved(own, step, measured, fitted) or moved < 0.05:
+                break
+        last = self.places[-1]
+        self.parameters, self.places = last.parameters[0], [last, *self.places[:-1]]
+        self.scale = np.where(told, self.scale, np.maximum(self.scale, self.noise))
+        self._differentiate([v for v in self.variables if v.name in self.steps], last)
+        self._mix(names, last)
+
+    def _moved(self, own: list[Variable], step: Array, measured: Array, fitted: NDArray[np.bool_]) -> bool:
+        """Go by the step, or a part of it, to a better place within the limits; return whether there is one."""
+        at = self.places[-1]
+        now = float(np.mean((((measured - at.values) / self.scale)[fitted]) ** 2))
+        for part in (1.0, 0.5, 0.25, 0.1):
+            p = at.parameters[0].copy()
+            for v, change in zip(own, step):
+                edge = 0.01 * v.width
+                p[v.at] = float(np.clip(p[v.at] + part * change, v.lower + edge, v.upper - edge))
+            try:
+                [values] = self.caller.ask([(self.inputs, p)])
+            except Exception:  # a shorter step is tried
+                continue
+            if np.isfinite(values).all() and np.mean((((measured - values) / self.scale)[fitted]) ** 2) < now:
+                self.places.append(self._place(self.inputs, p, values))
+                self.parameters = p
+                return True
+        return False
+
+    def predict(self, rows: NDArray[np.intp], q: Quantities) -> Array:
+        """Return the prediction, (n, m), for `rows` of the table, -1 for one that it does not have, at quantities q."""
+        inputs, parameters = self._asked(len(rows), q)
+        if (rows < 0).any() or not self.slopes:
+            return self._called(rows, inputs, parameters)
+        best, least = None, math.inf
+        away = self._parts(rows, inputs, parameters, self.places[0])
+        for place in reversed(self.places):
+            if np.isnan(place.values[rows, 0]).any():
+                continue
+            gone = self._bend(self._parts(rows, inputs, parameters, place))
+            from_base = self._parts(rows, place.inputs[rows], place.parameters[rows], self.places[0])
+            off = gone * (gone + 2 * self._bend(from_base))
+            error = float(np.sqrt(np.max(np.mean((off / self.scale) ** 2, axis=0))))
+            if error < least:
+                best, least = place, error
+        same = parameters.ndim == 1 or bool(np.ptp(parameters, axis=0).max(initial=0.0) == 0)
+        able = same or self.takes_rows or self.caller.one
+        if best is None or (least > _TRUST and able):
+            try:
+                values = self._called(rows, inputs, parameters)
+            except Exception as error:  # whatever a simulator does far from where it is at home
+                if best is None:
+                    raise DataError(f"the simulator failed: {type(error).__name__}: {one_line(str(error))}") from error
+                values = np.full((len(rows), len(self.scale)), np.nan)
+            if np.isfinite(values).all() or best is None:
+                n, m = self.number, values.shape[1]
+                whole = Place(self.inputs.copy(), np.tile(self.parameters, (n, 1)), np.full((n, m), np.nan))
+                whole.inputs[rows], whole.parameters[rows], whole.values[rows] = inputs, parameters, values
+                self.places = [self.places[0], *self.places[1:][-_PLACES:], whole]
+                return values
+        there = self._parts(rows, best.inputs[rows], best.parameters[rows], self.places[0])
+        return np.asarray(best.values[rows] + self._quadratic(rows, away) - self._quadratic(rows, there))
+
+    def slopes_at(self, rows: NDArray[np.intp], q: Quantities) -> dict[str, Array]:
+        """Return the derivative of the prediction in each variable, name -> (n, m); 0 in one that is never varied."""
+        inputs, parameters = self._asked(len(rows), q)
+        m = len(self.caller.names.outputs)
+        if (rows < 0).any() or not self.slopes:
+            found = {}
+            for v in self.variables:
+                if v.name not in self.steps:
+                    continue
+                h = self.steps[v.name]
+                up, down = (self._called(rows, *_varied(v, inputs, parameters, s)) for s in (h, -h))
+                found[v.name] = (up - down) / (2 * h)
+        else:
+            away = self._parts(rows, inputs, parameters, self.places[0])
+            found = {n: self.slopes[n][rows] + 2 * self.curves[n][rows] * away[n][:, None] for n in self.slopes}
+            for (a, b), bend in self.mixed.items():
+                found[a] = found[a] + bend[rows] * away[b][:, None]
+                found[b] = found[b] + bend[rows] * away[a][:, None]
+        return {v.name: found.get(v.name, np.zeros((len(rows), m))) for v in self.variables}
+
+    def _asked(self, n: int, q: Quantities) -> tuple[Array, Array]:
+        """Return inputs (n, k) and parameters, (p,) or (n, p) where an effect changes them from row to row."""
+        names = self.caller.names
+        inputs = np.stack([np.broadcast_to(np.asarray(q[u], dtype=float), n) for u in names.inputs], axis=-1)
+        each = [np.asarray(q[p], dtype=float) for p in names.parameters]
+        if all(np.ndim(p) == 0 for p in each):
+            return inputs, np.array([float(p) for p in each])
+        wide = np.stack([np.broadcast_to(p, n) for p in each], axis=-1)
+        return inputs, wide[0] if n and np.ptp(wide, axis=0).max(initial=0.0) == 0 else wide
+
+    def _called(self, rows: NDArray[np.intp], inputs: Array, parameters: Array) -> Array:
+        """Return what the simulator itself gives; of rows that depend on each other the whole table is simulated."""
+        if self.independent or (rows < 0).any():
+            return self.caller.ask([(inputs, parameters)])[0]
+        whole = self.inputs.copy()
+        whole[rows] = inputs
+        return np.asarray(self.caller.ask([(whole, parameters)])[0][rows])
+
+    def _place(self, inputs: Array, parameters: Array, values: Array) -> Place:
+        return Place(inputs, np.tile(parameters, (len(inputs), 1)), values)
+
+    def _parts(self, rows: NDArray[np.intp], inputs: Array, parameters: Array, place: Place) -> dict[str, Array]:
+        """Return how far each variable is from a place, name -> (n,)."""
+        away = inputs - place.inputs[rows]
+        off = parameters - place.parameters[rows]
+        return {v.name: (away if v.is_input else off)[:, v.at] for v in self.variables if v.name in self.slopes}
+
+    def _bend(self, away: Mapping[str, Array]) -> Array:
+        """Return the root of the largest second-order term that these distances could have, (n, m) of rows and outputs.
+
+        Of two variables the mixed curvature is at most the geometric mean of their own where the function is convex.
+        """
+        n, m = len(next(iter(away.values()))), self.places[0].values.shape[1]
+        total = np.zeros((n, m))
+        for name, change in away.items():
+            if np.any(change):
+                total = total + self.reaches[name] * np.abs(change)[:, None]
+        return total
+
+    def _quadratic(self, rows: NDArray[np.intp], away: Mapping[str, Array]) -> Array:
+        total = np.zeros((len(rows), self.places[0].values.shape[1]))
+        for name, change in away.items():
+            if np.any(change):
+                d = change[:, None]
+                total += (self.slopes[name][rows] + self.curves[name][rows] * d) * d
+        for (a, b), bend in self.mixed.items():
+            if np.any(away[a]) and np.any(away[b]):
+                total += bend[rows] * (away[a] * away[b])[:, None]
+        return total
+
+    def _differentiate(self, variables: list[Variable], at: Place) -> None:
+        """Take slopes and curvatures of `variables` at a place of all rows, all calls side by side."""
+        p = at.parameters[0]
+        questions = []
+        for v in variables:
+            h = self.steps[v.name]
+            questions += [_varied(v, at.inputs, p, s) for s in self._offsets(v, h, p)]
+        answers = self.caller.ask(questions)
+        for k, v in enumerate(variables):
+            h, (one, two) = self.steps[v.name], answers[2 * k : 2 * k + 2]
+            first, second = self._offsets(v, h, p)
+            if first * second < 0:
+                slope, bend = (one - two) / (2 * first), (one - 2 * at.values + two) / (2 * h * h)
+            else:
+                slope = (4 * one - two - 3 * at.values) / (2 * first)
+                bend = (two - 2 * one + at.values) / (2 * h * h)
+            if not (np.isfinite(slope).all() and np.isfinite(bend).all()):
+                raise DataError(
+                    f"the simulator gives no finite number where {v.name} is {abs(h):.3g} off; state narrower bounds"
+                )
+            bend = np.where(np.abs(bend) > 2 * self.noise / (h * h), bend, 0.0)
+            self.slopes[v.name], self.curves[v.name] = slope, bend
+            self.reaches[v.name] = np.sqrt(np.sqrt(np.mean(bend**2, axis=0)))
+
+    def _mix(self, variables: list[Variable], at: Place) -> None:
+        """Take the mixed curvatures of parameters: those that make up for each other move far together."""
+        p = at.parameters[0]
+        pairs = [(a, b) for k, a in enumerate(variables) for b in variables[:k]]
+        first = {v.name: self._offsets(v, self.steps[v.name], p)[0] for v in variables}
+        questions = [_varied(v, at.inputs, p, first[v.name]) for v in variables]
+        for a, b in pairs:
+            questions.append(_varied(b, *_varied(a, at.inputs, p, first[a.name]), first[b.name]))
+        answers = self.caller.ask(questions)
+        one = dict(zip(first, answers))
+        for (a, b), both in zip(pairs, answers[len(variables) :]):
+            area = first[a.name] * first[b.name]
+            bend = (both - one[a.name] - one[b.name] + at.values) / area
+            sure = np.isfinite(bend) & (np.abs(bend) > 4 * self.noise / abs(area))
+            self.mixed[a.name, b.name] = np.where(sure, bend, 0.0)
+
+    def _offsets(self, v: Variable, h: float, p: Array) -> tuple[float, float]:
+        """Return the two offsets of a difference: to both sides, or to one where a limit is nearer than the step."""
+        if v.is_input or (p[v.at] - h >= v.lower and p[v.at] + h <= v.upper):
+            return h, -h
+        return (h, 2 * h) if p[v.at] - h < v.lower else (-h, -2 * h)
+
+    def _own_noise(self, rows: NDArray[np.intp]) -> Array:
+        """Return the standard deviation of the simulator's own noise in each output, (m,)."""
+        here, width = self.inputs[rows], np.array([v.width for v in self.variables if not v.is_input])
+        questions = [(here, self.parameters + _NEAR * k * width) for k in range(_TABLE)]
+        if not len(width):
+            [u] = [v for v in self.variables if v.is_input][:1]
+            questions = [_varied(u, here, self.parameters, _NEAR * k * u.width) for k in range(_TABLE)]
+        table = np.stack(self.caller.ask(questions))
+        found, sign = [], []
+        gamma = 1.0
+        for k in range(1, _TABLE - 1):
+            table = np.diff(table, axis=0)
+            gamma *= k / (2 * (2 * k - 1))
+            found.append(np.sqrt(np.mean(gamma * table**2, axis=(0, 1))))
+            sign.append(np.any(np.diff(np.sign(table), axis=0) != 0, axis=(0, 1)))
+        levels, signs = np.stack(found), np.stack(sign)
+        noise = levels[-1].copy()
+        for j in range(levels.shape[1]):  # the first three columns that agree within a factor of 4, and change signs
+            for k in range(len(levels) - 2):
+                three = levels[k : k + 3, j]
+                if three.min() > 0 and three.max() <= 4 * three.min() and signs[k, j]:
+                    noise[j] = levels[k, j]
+                    break
+        return np.asarray(noise)
+
+    def _step(self, v: Variable, rows: NDArray[np.intp]) -> float:
+        """Return the step of the central difference in one variable."""
+        longest = _LONGEST * v.width
+        size = np.max(np.abs(self.places[0].values), axis=0)
+        first = float(np.max(np.cbrt(self.noise / np.maximum(size, 1e-300)))) * v.width
+        h, low, high = min(first, longest), 0.0, math.inf
+        here = self.inputs[rows]
+        for _ in range(_ROUNDS):
+            places = (3, 1, -1, -3)
+            if not v.is_input and not (
+                self.parameters[v.at] - 3 * h >= v.lower and self.parameters[v.at] + 3 * h <= v.upper
+            ):
+                sign = 1 if self.parameters[v.at] - 3 * h < v.lower else -1
+                places = (3 * sign, 2 * sign, sign, 0)
+            a, b, c, d = self.caller.ask([_varied(v, here, self.parameters, k * h) for k in places])
+            third = np.sqrt(np.mean((a - 3 * b + 3 * c - d) ** 2, axis=0))
+            ratio = float(np.max(third / (math.sqrt(20.0) * self.noise)))
+            if not math.isfinite(ratio) or ratio > _RATIO[1]:
+                high = h
+            elif ratio < _RATIO[0]:
+                if h >= longest:
+                    break
+                low = h
+            else:
+                break
+            h = min(4 * h if math.isinf(high) else math.sqrt(low * high) if low > 0 else high / 4, longest)
+        return h
+
+
+def _varied(v: Variable, inputs: Array, parameters: Array, change: float) -> tuple[Array, Array]:
+    if v.is_input:
+        moved = inputs.copy()
+        moved[:, v.at] += change
+        return moved, parameters
+    p = np.array(parameters, dtype=float)
+    p[..., v.at] += change
+    return inputs, p

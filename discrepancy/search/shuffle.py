@@ -1,0 +1,260 @@
+"""The control that a name of order, direction or time must pass: rows that change these among each other lose it.
+
+What such a name explains must hang on which row was read when, after which, from which side, or how fast. So the
+columns of its formula are exchanged among rows that are alike otherwise, and what it explains is asked again beside all
+other findings: one projection for each shuffle. The most that any place or target of its family explains counts, as
+the search has looked at all of them. Rows are alike that are of one pose, where poses were visited again, or else of a
+stretch of the joint's way: the side from which a joint comes goes with where it stands, and an error over its way must
+not count for play. The readings of a visit stay together. A walk of the zero, which has an order, passes.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibench.discrepancy.diagnostics import score
+from calibench.discrepancy.fitting.fit import Fit
+from calibench.discrepancy.model.effect import Effect, has_free_period, name_of, still_open
+from calibench.discrepancy.model.machine import Formulation, Quantities
+from calibench.discrepancy.model.measured import MeasuredData
+from calibench.discrepancy.model.roles import inputs_of, roles_of
+from calibench.discrepancy.registries import description_of
+from calibench.discrepancy.report import Shuffled
+from calibench.discrepancy.search.form import forms_of
+from calibench.discrepancy.search.select import penalty
+from calibench.discrepancy.thresholds import thresholds
+from calibench.problems.base import Array
+
+Rows = NDArray[np.integer[Any]]  # places of rows
+
+_STRETCHES = 8  # of a joint's way, in each of which rows are alike
+_EACH = 6  # visits in a stretch, at least
+_FEWEST = 6  # visits that can change places with others: with fewer a shuffle is hardly one
+_REVISITED = 0.5  # part of the visits, from which on poses count as visited again
+_NUMBERS = 3  # coefficients of an effect, up to which its whole family is shuffled
+_FULL = 1e-12  # of the square of a unit column
+
+
+def order_of(effect: Effect, formulation: Formulation) -> tuple[str, tuple[str, ...]]:
+    """Return the order that an effect lives on (time, direction, velocity) and the columns that tell it; "" and ()."""
+    roles, data = roles_of(formulation), formulation.data
+    words = {j.direction: "direction" for j in roles.joints} | {j.velocity: "velocity" for j in roles.joints}
+    words |= {name: "velocity" for one in roles.instruments for name in one.velocity}
+    words |= {roles.time: "time", **description_of(data.machine).orders}
+    met = [name for name in effect.columns if name in words and name in data]
+    if not met or has_free_period(effect):
+        return "", ()
+    read = {*formulation.readings, *inputs_of(formulation)}
+    return words[met[0]], tuple(name for name in effect.columns if name in data and name not in read)
+
+
+def shuffled(at: Fit, effect: Effect, beside: Effect, family: Sequence[Effect]) -> Shuffled | None:
+    """Return how much `effect` explains in the place of `beside`, with its order and with shuffled ones; or None.
+
+    `at` is the fit with all findings, `beside` among them; `family` are the candidates with which `effect` competed.
+    None for an effect without an order, and where too few rows can change places.
+    """
+    formulation = at.at.model.formulation
+    word, columns = order_of(effect, formulation)
+    if not columns:
+        return None
+    t, rng = thresholds(), np.random.default_rng(0)
+    classes = _alike(effect, formulation)
+    if not classes.enough:
+        return None
+    on = score.projected_scores(_without(at, beside))
+    each = len(effect.coefficients) <= _NUMBERS and len(on.y) < t.drawn_rows and _by_rows(effect, at, classes, columns)
+    rivals = [e for e in family if len(e.coefficients) <= _NUMBERS and order_of(e, formulation)[1]] if each else []
+    score_of = _Sums(at, on, [effect, *rivals]) if each else _OneByOne(at, on, effect, columns)
+    straight = np.arange(len(formulation.data))
+    own, more, times = score_of.gains(straight)[0], 0, 0
+    for _ in range(t.shuffles):
+        times += 1
+        more += bool(np.max(score_of.gains(classes.draw(rng))) >= own)
+        if (more + 1) / (t.shuffles + 1) > t.shuffled_p:
+            break  # more of them change nothing
+    return Shuffled(word, more, times, (more + 1) / (times + 1))
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Classes:
+    """Visits, by the rows of each, and the class of rows that are alike to which each visit belongs, (v,)."""
+
+    rows: tuple[Rows, ...]
+    of: Rows
+
+    @property
+    def enough(self) -> bool:
+        sizes = np.bincount(self.of)
+        return int(sizes[sizes > 1].sum()) >= _FEWEST
+
+    @cached_property
+    def _square(self) -> Rows | None:
+        """Return the rows of all visits, (v, m), where each has as many; else None."""
+        return np.stack(self.rows) if len({len(own) for own in self.rows}) == 1 else None
+
+    def draw(self, rng: np.random.Generator) -> Rows:
+        """Return for each row the row whose order it gets, (n,)."""
+        mixed = np.lexsort((rng.random(len(self.of)), self.of))
+        place = np.argsort(self.of, kind="stable")
+        source = np.empty(sum(map(len, self.rows)), dtype=int)
+        if self._square is not None:
+            source[self._square[place]] = self._square[mixed]
+            return source
+        for to, by in zip(place, mixed):
+            own, other = self.rows[to], self.rows[by]
+            source[own] = other[np.minimum(np.arange(len(own)), len(other) - 1)]
+        return source
+
+
+def _alike(effect: Effect, formulation: Formulation) -> _Classes:
+    data = formulation.data
+    n = len(data)
+    visit = np.unique(data["visit_id"], return_inverse=True)[1] if data.has("visit_id") else np.arange(n)
+    order = np.argsort(visit, kind="stable")
+    rows = tuple(np.split(order, np.flatnonzero(np.diff(visit[order])) + 1))
+    first = np.array([own[0] for own in rows])
+    if data.has("pose_id"):
+        pose = np.unique(np.asarray(data["pose_id"])[first], return_inverse=True)[1]
+        again = np.bincount(pose)[pose] > 1
+        if again.mean() >= _REVISITED:
+            return _Classes(rows, pose)
+    met = set(effect.columns)
+    joints = [
+        j for j in roles_of(formulation).joints if j.name == effect.target or met & {j.direction, j.velocity} - {""}
+    ]
+    stretches = min(_STRETCHES, len(first) // _EACH)
+    if len(joints) != 1 or joints[0].reading not in data or stretches < 2:
+        return _Classes(rows, np.zeros(len(first), dtype=int))
+    stands = np.asarray(data[joints[0].reading], dtype=float)[first]
+    ends = np.quantile(stands, np.linspace(0, 1, stretches + 1)[1:-1])
+    return _Classes(rows, np.searchsorted(ends, stands))
+
+
+def _without(at: Fit, effect: Effect) -> Fit:
+    """Return a fit to first order without an effect and its forms; only its residuals and Jacobian are meant."""
+    gone = [at.model.place_of(one) for one in (effect, *forms_of(effect, at.model.effects))]
+    out = np.concatenate([np.arange(place.start, place.stop) for place in gone])
+    return replace(at, r=at.r - at.J[:, out] @ at.x[out], J=np.delete(at.J, out, axis=1))
+
+
+def _moved(data: MeasuredData, columns: Sequence[str], source: Rows) -> MeasuredData:
+    return data.with_columns({name: np.asarray(data[name])[source] for name in columns})
+
+
+def _basis(effect: Effect, at: Fit, data: MeasuredData) -> dict[str, Array]:
+    return effect.basis(at.at.recorded, data, np.zeros(len(effect.coefficients)))
+
+
+def _by_rows(effect: Effect, at: Fit, classes: _Classes, columns: Sequence[str]) -> bool:
+    """Return whether what an effect changes in a row hangs on these columns alone, and the noise of rows on no other.
+
+    Then its changes can be shuffled instead of the columns, and no row's whitening reads another row.
+    """
+    data, rows = at.at.model.formulation.data, at.at.misclosure
+    if at.at.whiten.band is not None or at.at.model.formulation.decorrelate(rows) is not rows:
+        return False
+    source = classes.draw(np.random.default_rng(1))
+    plain, moved = _basis(effect, at, data), _basis(effect, at, _moved(data, columns, source))
+    return all(np.allclose(np.asarray(plain[name])[source], moved[name]) for name in plain)
+
+
+class _Sums:
+    """The linear gains of effects whose changes are shuffled, by sums over rows."""
+
+    def __init__(self, at: Fit, on: score.ProjectedScores, effects: Sequence[Effect]) -> None:
+        self.on, self.paid, self.groups = on, np.empty(len(effects)), []
+        data, targets = at.at.model.formulation.data, np.column_stack([on.Q, on.y])
+        white: dict[str, Array] = {}
+        alike: dict[tuple[object, ...], list[int]] = {}
+        changes = [_basis(effect, at, data) for effect in effects]
+        for k, (effect, change) in enumerate(zip(effects, changes)):
+            self.paid[k] = penalty(effect, 1, len(on.y))
+            alike.setdefault((*change, len(effect.coefficients)), []).append(k)
+            for name in change:
+                if name not in white:
+                    slope = at.at.slopes[name]
+                    white[name] = at.at.whiten(slope).reshape(slope.shape)
+        pulls = {name: np.einsum("nc,nct->nt", one, targets.reshape(*one.shape, -1)) for name, one in white.items()}
+        for (*names, _), own in alike.items():
+            stacked = {name: np.stack([np.asarray(changes[k][name]).T for k in own]) for name in map(str, names)}
+            pairs = {
+                (one, other): np.einsum("nc,nc->n", white[one], white[other]) for one in stacked for other in stacked
+            }
+            self.groups.append((np.array(own), stacked, {name: pulls[name] for name in stacked}, pairs))
+
+    def gains(self, source: Rows) -> Array:
+        """Return the gain of each effect with its order taken from the rows `source`, (K,)."""
+        found = np.full(len(self.paid), -np.inf)
+        for own, changes, pulls, pairs in self.groups:
+            moved = {name: change[:, :, source] for name, change in changes.items()}
+            across = sum(change @ pulls[name] for name, change in moved.items())
+            square = sum((moved[one] * pair) @ moved[other].transpose(0, 2, 1) for (one, other), pair in pairs.items())
+            size = np.sqrt(np.diagonal(square, axis1=1, axis2=2))
+            size = np.where(size > 0, size, 1.0)
+            b, absorbed = across[:, :, -1] / size, across[:, :, :-1] / size[:, :, None]
+            left = square / size[:, :, None] / size[:, None, :] - absorbed @ absorbed.transpose(0, 2, 1)
+            values, vectors = np.linalg.eigh(left)
+            kept = values > max(thresholds().visible ** 2, _FULL)
+            along = np.einsum("kij,ki->kj", vectors, b) ** 2
+            T = np.where(kept, along / np.where(kept, values, 1.0), 0.0).sum(axis=1)
+            for k, explained, rank in zip(own, T, kept.sum(axis=1)):
+                more = (rank - 1) * float(np.log(len(self.on.y)))
+                found[k] = self.on.gain(float(explained), int(rank)) - self.paid[k] - more if rank else -np.inf
+        return found
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _OneByOne:
+    """The linear gain of one effect of any kind, its columns shuffled."""
+
+    at: Fit
+    on: score.ProjectedScores
+    effect: Effect
+    columns: tuple[str, ...]
+
+    def gains(self, source: Rows) -> Array:
+        """Return the gain with the order of the rows `source`, (1,)."""
+        [(found, _)] = score.score_all(self.at, self.on, [_Moved(self.effect, self.columns, source)])
+        own = penalty(self.effect, found.m, len(self.on.y))
+        return np.array([self.on.gain(found.T, found.m) - own if found.m else -np.inf])
+
+
+class _Moved:
+    """An `Effect` whose columns are those of other rows."""
+
+    def __init__(self, of: Effect, moved: Sequence[str], source: Rows) -> None:
+        self.of, self.moved, self.source = of, moved, source
+        self.family, self.target, self.coefficients, self.positions = of.family, of.target, of.coefficients, 1
+        self.formula, self.channel, self.columns, self.twins = of.formula, of.channel, of.columns, of.twins
+        self.units, self.unit = of.units, of.unit
+
+    def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        return self.of.shift(q, _moved(data, self.moved, self.source), c)
+
+    def basis(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
+        return self.of.basis(q, _moved(data, self.moved, self.source), c)
+
+    def amplitude(self, c: Array) -> float:
+        return self.of.amplitude(c)
+
+
+def controls(at: Fit, sets: Sequence[Sequence[Effect]], candidates: Sequence[Effect]) -> list[Mapping[str, Shuffled]]:
+    """Return for each set, the first of which is in the fit, name -> the control of those that live on an order."""
+    taken = {name_of(own[0]) for own in sets}
+    found: list[Mapping[str, Shuffled]] = []
+    for own in sets:
+        open_to = still_open(candidates, taken - {name_of(own[0])})
+        told = {}
+        for effect in own:
+            family = [e for e in open_to if e.family == effect.family]
+            if (one := shuffled(at, effect, own[0], family)) is not None:
+                told[name_of(effect)] = one
+        found.append(told)
+    return found

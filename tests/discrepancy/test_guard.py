@@ -1,0 +1,53 @@
+"""A name is a claim: what errs on its part beside it, and waves that one set shows, are told with it."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from calibench.discrepancy.report import UNCONFIRMED
+from tests.foreign import causes, machines
+from tests.foreign.run import case, in_a_set, plainly, told
+
+
+@pytest.mark.parametrize(("seed", "machine"), [(918001, "gpm2002"), (918103, "arm")])
+def test_friction_that_falls_with_speed_brings_no_lag(seed: int, machine: str) -> None:
+    said = told("foreign", seed, machine=machine, cause="stribeck")
+    assert [f["family"] for f in said["findings"]] == ["backlash"]
+    assert "velocity" in said["findings"][0]["form"]
+
+
+def test_a_sag_to_one_side_that_grows_is_no_plain_harmonic() -> None:
+    said = told("foreign", 916101, machine="mount")
+    assert said["cause"] == "sag"
+    assert said["verdict"] == "partly"
+    assert all("may be another cause" in f["caution"] for f in said["findings"])
+
+
+def test_waves_of_a_free_period_wait_for_a_second_set() -> None:
+    said = told("foreign", 917000, machine="arm")
+    assert said["cause"] == "beat"
+    assert said["findings"]
+    assert all(UNCONFIRMED in f["caution"] for f in said["findings"])
+    assert not plainly(said)
+
+
+@pytest.mark.parametrize(("machine", "cause"), [("gpm2002", "drift"), ("arm", "backlash"), ("mount", "slip")])
+def test_a_cause_in_a_form_of_its_own_keeps_its_name_without_a_caution(machine: str, cause: str) -> None:
+    said = told("off_form", 915002, machine=machine, cause=cause)
+    assert in_a_set(said)
+    assert not any(f["caution"] for f in said["findings"] if f["family"] == cause)
+
+
+def test_the_foreign_machines_share_nothing_with_the_package() -> None:
+    for module in (machines, causes):
+        tree = ast.parse(Path(str(module.__file__)).read_text())
+        names = [n.module or "" for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
+        names += [a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names]
+        assert {name.split(".")[0] for name in names} <= {"__future__", "collections", "dataclasses", "typing", "numpy",
+                                                          "tests"}  # fmt: skip
+
+
+def test_a_foreign_case_is_the_same_every_time() -> None:
+    one, other = (case("foreign", 916101).columns for _ in range(2))
+    assert all((one[name] == other[name]).all() for name in one)

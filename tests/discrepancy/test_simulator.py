@@ -1,0 +1,365 @@
+"""A user's own simulator as a machine: what it is asked, what is kept, and what is found at its inputs and outputs."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from hashlib import blake2b
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibench import testing
+from calibench.bench.cli import main
+from calibench.core.notes import Code
+from calibench.discrepancy import DataError, MeasuredData, explain, machines
+from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, of_function
+from calibench.discrepancy.machines.simulator.local import LocalModel, Variable
+from calibench.discrepancy.model.effect import name_of
+
+SPRING = """
+import numpy as np
+
+INPUTS = ("u", "t")
+PARAMETERS = {"k": (2.0, 1.0, 4.0), "tau": (0.5, 0.2, 1.5), "mass": 0.0}
+OUTPUTS = {"y": 0.002, "z": 0.002}
+
+
+def answer(inputs, parameters):
+    u, t, p = inputs["u"], inputs["t"], parameters
+    rise = 1 - np.exp(-t / (p["tau"] + 0.3 * p["mass"]))
+    return {"y": u / p["k"] * rise, "z": np.sin(u) * rise + 0.1 * p["k"] * t}
+
+
+def together(inputs, parameters):
+    said = answer(inputs, parameters)
+    return {"y": np.cumsum(said["y"]) / 10, "z": said["z"]}
+
+
+def of_row(u, t, k, tau, mass):
+    said = answer({"u": u, "t": t}, {"k": k, "tau": tau, "mass": mass})
+    return said["y"], said["z"]
+
+
+def jumps(inputs, parameters):
+    return {name: np.round(y, 5) for name, y in answer(inputs, parameters).items()}
+
+
+def broken(inputs, parameters):
+    raise ArithmeticError("no equilibrium")
+"""
+
+
+@pytest.fixture
+def spring(tmp_path, monkeypatch) -> Path:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    name = (
+        f"spring_{blake2b(str(tmp_path).encode(), digest_size=4).hexdigest()}"  # one file of a name is known at a time
+    )
+    file = tmp_path / f"{name}.py"
+    file.write_text(SPRING)
+    return file
+
+
+def readings(seed: int = 0, n: int = 120, **hidden: float) -> MeasuredData:
+    """Return what a spring of k = 2.2, tau = .55 answers, with what is hidden at its inputs and outputs."""
+    rng = np.random.default_rng(seed)
+    u, t = rng.uniform(-1.5, 1.5, n), rng.uniform(0.2, 2.0, n)
+    box, side = rng.integers(0, 2, n).astype(float), rng.choice([-1.0, 1.0], n)
+    true = u - hidden.get("play", 0.0) / 2 * side
+    later = t + hidden.get("late", 0.0)
+    rise = 1 - np.exp(-later / (0.55 + 0.3 * hidden.get("mass", 0.0) * box))
+    y = true / 2.2 * rise * (1 + hidden.get("scale", 0.0))
+    z = np.sin(true) * rise + 0.22 * later
+    columns = {"u": u, "t": t, "u_dir": side, "box": box, "y": y, "z": z}
+    columns |= {name: columns[name] + 0.002 * rng.standard_normal(n) for name in ("y", "z")}
+    split = np.where(np.arange(n) % 3 == 0, "hold", "train")
+    return MeasuredData({**columns, "split": split}, "simulator", {}, "spring")
+
+
+def simulator(file: Path, function: str = "answer", **options: object):
+    return machines.make("simulator", call=f"{file}:{function}", workers=1, **options)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "name"),
+    [
+        ({"play": 0.03}, "backlash u"),
+        ({"late": 0.01}, "input_offset t"),
+        ({"mass": 0.1}, "parameter_over mass over box"),
+        ({"scale": 0.03}, "instrument_scale y"),
+    ],
+)
+def test_what_is_hidden_at_inputs_parameters_and_outputs_is_named_and_closes_the_gap(spring, hidden, name):
+    report = explain(simulator(spring), readings(**hidden))
+    named = [{rival.effect for rival in finding.set} | {finding.effect} for finding in report.findings]
+    assert any(name in names for names in named), (report.verdict, named)
+    assert report.gap.held_out_after < 1.25 * report.gap.noise_floor < report.gap.held_out_before
+
+
+@pytest.mark.parametrize("law", testing.MACHINE_LAWS, ids=lambda law: law.__name__)
+def test_a_simulator_keeps_the_laws_of_a_users_own_machine(spring, law):
+    law(simulator(spring), readings())
+
+
+def test_a_sound_simulator_misses_nothing(spring):
+    assert explain(simulator(spring), readings()).verdict == "none"
+
+
+def test_the_general_families_are_looked_for_without_a_word_of_a_simulator(spring):
+    found = {effect.family for effect in catalogue(simulator(spring).formulate(readings())).candidates}
+    assert {"gear", "backlash", "instrument_scale", "free_number", "power", "periodic_error"} <= found
+    names = {name_of(effect) for effect in catalogue(simulator(spring).formulate(readings())).candidates}
+    assert {"input_offset u", "output_offset z", "parameter_over k over box", "free_number mass"} <= names
+
+
+@pytest.mark.parametrize("function", ["answer", "jumps"])
+def test_the_local_model_is_the_simulator_wherever_a_search_goes(spring, function):
+    formulation = simulator(spring, function).formulate(readings())
+    local, rng = formulation.of_rows.local, np.random.default_rng(1)
+    n = len(formulation.data)
+    rows = np.arange(n)
+    recorded = {name: np.asarray(formulation.data[name], dtype=float) for name in ("u", "t")}
+    for size in (0.001, 0.01, 0.1, 0.5):
+        q = {name: value + size * rng.standard_normal(n) for name, value in recorded.items()}
+        q |= {"k": np.asarray(2.2 + 0.3 * size), "tau": np.asarray(0.55 - 0.2 * size), "mass": 0.1 * size * np.ones(n)}
+        [true] = local.caller.ask(
+            [
+                (
+                    np.stack([q["u"], q["t"]], axis=-1),
+                    np.stack([q["k"] * np.ones(n), q["tau"] * np.ones(n), q["mass"]], axis=-1),
+                )
+            ]
+        )
+        off = (local.predict(rows, q) - true) / local.scale
+        assert np.sqrt(np.mean(off**2)) < 0.1, size
+
+
+def test_what_lies_between_two_calls_costs_none(spring):
+    formulation = simulator(spring).formulate(readings())
+    local, rows = formulation.of_rows.local, np.arange(len(formulation.data))
+    q = {name: np.asarray(formulation.data[name], dtype=float) for name in ("u", "t")}
+    q |= dict(zip(("k", "tau", "mass"), map(np.asarray, local.parameters)))
+    before = local.caller.rows
+    for step in (1e-5, 1e-4, 1e-3):
+        local.predict(rows, {**q, "u": q["u"] + step})
+        local.slopes_at(rows, {**q, "k": q["k"] + step})
+    assert local.caller.rows == before
+
+
+def noisy(level: float):
+    """Return a simulator whose solver's tolerance makes errors of `level`, the same for the same numbers."""
+
+    def answer(inputs, parameters):
+        x = inputs["x"]
+        error = np.sin(1e12 * (x + parameters["a"])) * np.sqrt(2)
+        return {"y": np.sin(x) * parameters["a"] + level * error}
+
+    return answer
+
+
+def local_of(level: float) -> LocalModel:
+    names, x = Names(("x",), ("a",), ("y",)), np.linspace(0.3, 1.2, 60)[:, None]
+    caller = Caller(of_function(noisy(level), names, one=False), names, f"noisy{level}", one=False)
+    variables = (Variable("x", True, 0, 0.9), Variable("a", False, 0, 2.0, 0.5, 2.5))
+    return LocalModel(caller, x, variables, np.array([1.5]), np.array([1e-3]))
+
+
+@pytest.mark.parametrize("level", [1e-9, 1e-7, 1e-5])
+def test_a_step_follows_the_noise_of_the_simulator(level):
+    local = local_of(level)
+    local.prepare()
+    assert level / 4 < local.noise[0] < 4 * level
+    x = local.inputs[:, 0]
+    local.calibrate(1.5 * np.sin(x)[:, None], np.full(len(x), True), np.array([False]))
+    off = local.slopes["x"][:, 0] - 1.5 * np.cos(x)
+    # noise over a step, and the third derivative times its square, balance at about three times the noise to 2/3
+    assert np.sqrt(np.mean(off**2)) < 10 * level ** (2 / 3)
+
+
+def test_rows_that_depend_on_each_other_are_simulated_as_a_whole(spring):
+    data = readings(n=60)
+    rng = np.random.default_rng(3)
+    columns = {**data.columns, "y": np.cumsum(data["y"]) / 10 + 0.002 * rng.standard_normal(60)}
+    formulation = simulator(spring, "together").formulate(MeasuredData(columns, "simulator", {}, "spring"))
+    assert not formulation.roles.joints
+    assert Code.SIMULATOR_ROWS in [note.code for note in formulation.data.notes]
+    part = formulation.on(formulation.data.rows(np.arange(60) % 2 == 0))
+    q = {name: np.asarray(part.data[name]) for name in ("u", "t", "y", "z")} | {"mass": np.asarray(0.0)}
+    q |= {p.name: np.asarray(p.start) for p in part.parameters}
+    assert np.sqrt(np.mean(part.constraints(q)[:, 1] ** 2)) < 0.01
+
+
+def test_a_function_of_one_row_says_what_a_function_of_all_says(spring):
+    both = [simulator(spring, "of_row", rows=rows).formulate(readings()) for rows in ("all", "one")]
+    both.append(simulator(spring).formulate(readings()))
+    start = [[p.start for p in one.parameters] for one in both]
+    np.testing.assert_allclose(start[0], start[1], rtol=1e-6)
+    np.testing.assert_allclose(start[0], start[2], rtol=1e-6)
+
+
+COMMAND = """
+import math, sys
+u, t, k, tau, mass = map(float, sys.argv[1:])
+rise = 1 - math.exp(-t / (tau + 0.3 * mass))
+print("a word before")
+print(u / k * rise, math.sin(u) * rise + 0.1 * k * t)
+"""
+
+
+def test_a_command_is_a_simulator(spring, tmp_path):
+    (tmp_path / "sim.py").write_text(COMMAND)
+    given = {"inputs": ("u", "t"), "measured": ("y", "z"), "sigma": 0.002}
+    given["parameters"] = {"k": (2.0, 1.0, 4.0), "tau": (0.5, 0.2, 1.5), "mass": 0.0}
+    names = Names(("u", "t"), ("k", "tau", "mass"), ("y", "z"))
+    from calibench.discrepancy.machines.simulator.caller import of_command
+
+    u = np.array([[1.0, 0.5], [-0.3, 1.5]])
+    said = of_command(f"{sys.executable} -S {tmp_path / 'sim.py'} {{args}}", names)(u, np.array([2.0, 0.5, 0.0]))
+    named = of_command(f"{sys.executable} -S {tmp_path / 'sim.py'} {{u}} {{t}} {{k}} {{tau}} {{mass}}", names)
+    rise = 1 - np.exp(-u[:, 1] / 0.5)
+    np.testing.assert_allclose(said[:, 0], u[:, 0] / 2 * rise, rtol=1e-12)
+    np.testing.assert_array_equal(said, named(u, np.array([2.0, 0.5, 0.0])))
+    with pytest.raises(DataError, match=r"exit code 1.*2 numbers \(y, z\)"):
+        of_command(f"{sys.executable} {tmp_path / 'sim.py'} 1", names)(u, np.array([2.0, 0.5, 0.0]))
+    with pytest.raises(DataError, match="No such file"):
+        of_command("./not_there {args}", names)(u, np.array([2.0, 0.5, 0.0]))
+
+
+SLOW = (
+    SPRING
+    + """
+import time
+from pathlib import Path
+
+def slow(u, t, k, tau, mass):
+    time.sleep(0.006)
+    with open(Path(__file__).with_name("called"), "a") as file:
+        file.write("x")
+    said = answer({"u": u, "t": t}, {"k": k, "tau": tau, "mass": mass})
+    return float(said["y"]), float(said["z"])
+"""
+)
+
+
+def asked(folder: Path, *words: str) -> list[str]:
+    csv = folder / "spring.csv"
+    if not csv.exists():
+        data = readings(n=20)
+        lines = [",".join(data.columns), *(",".join(map(str, row)) for row in zip(*data.columns.values()))]
+        csv.write_text("\n".join(lines) + "\n")
+    return ["discover", "machine=simulator", f"data={csv}", f"results={folder}/results", "pages=none", *words]
+
+
+def test_a_killed_search_goes_on_where_it_was(spring, tmp_path):
+    """Kill a search among its calls; the next one makes the others, and says what the undisturbed one says."""
+    spring.write_text(SLOW)
+    words = asked(tmp_path, f"machine.call={spring}:slow", "machine.rows=one", "--json")
+    called = tmp_path / "called"
+    code = "import sys; from calibench.bench.cli import main; main(sys.argv[1:])"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    while not (called.exists() and called.stat().st_size > 150):
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    time.sleep(0.3)  # its children end with it
+    before = called.stat().st_size
+    done = [
+        subprocess.run([sys.executable, "-c", code, *words, "--retry"], capture_output=True, text=True) for _ in "ab"
+    ]
+    lines = [json.loads(one.stdout) for one in done]
+    [first], [second] = ([n for n in line["notes"] if n["code"] == "simulator_calls"] for line in lines)
+    assert (
+        first["values"]["rows"] - first["values"]["run"] > 0.7 * before - 64
+    )  # a part of 16 rows of each process is lost
+    assert second["values"]["run"] == 0
+    assert second["values"]["rows"] == first["values"]["rows"]
+    assert lines[0]["verdict"] == lines[1]["verdict"] == "none"
+
+
+def test_a_long_simulation_says_beforehand_what_it_will_take(spring, tmp_path, monkeypatch, capsys):
+    from calibench.discrepancy.machines.simulator import formulation
+
+    monkeypatch.setattr(formulation, "_LONG", 0.0)
+    simulator(spring, "answer").formulate(readings(n=30))
+    said = capsys.readouterr().err
+    assert "times 30 rows" in said
+    assert "a command that is killed goes on" in said
+    assert duration(42.4) == "43 s"
+    assert duration(5400.0) == "1.5 h"
+
+
+def test_an_edited_simulator_is_searched_again(spring, tmp_path, capsys):
+    words = asked(tmp_path, f"machine.call={spring}:answer")
+    with suppress(SystemExit):
+        main(words)
+    assert "searched before" not in capsys.readouterr().out
+    with suppress(SystemExit):
+        main(words)
+    assert "searched before" in capsys.readouterr().out
+    spring.write_text(SPRING.replace("0.1 * p", "0.12 * p"))
+    os.utime(spring, ns=(1, 1))
+    with suppress(SystemExit):
+        main(words)
+    assert "searched before" not in capsys.readouterr().out
+
+
+def test_nothing_that_a_data_file_names_is_run(spring, tmp_path, capsys):
+    """A file of data that states a call, a command, or formulas, is data: one line refuses it, or it says nothing."""
+    mark = tmp_path / "mark"
+    stated = {"machine": "simulator", "call": f"{spring}:answer", "command": f"touch {mark}", "fmu": "x.fmu"}
+    (tmp_path / "bad.csv").write_text(f"# measured_data: {json.dumps(stated)}\nu,t,y,z\n" + "1,1,0.4,0.9\n" * 20)
+    with pytest.raises(SystemExit) as ended:
+        raise SystemExit(main(["discover", "machine=simulator", f"data={tmp_path}/bad.csv", f"results={tmp_path}/r"]))
+    assert ended.value.code == 2
+    assert "one of machine.call=" in capsys.readouterr().err
+    assert not mark.exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "one of machine.call="),
+        ({"call": "answer", "command": "./sim"}, "machine.call= and machine.command= is given"),
+        ({"call": "answer", "parameters": {"k": (2.0, 3.0, 4.0)}}, "parameter k: .* nominal value, lower and upper"),
+        ({"call": "answer", "inputs": ("v", "t")}, "v: no column of numbers"),
+        ({"call": "answer", "sigma": {"x": 0.1}}, "machine.sigma: x is not measured"),
+        ({"call": "broken"}, r"failed at the nominal parameters: ArithmeticError: no equilibrium \(spring_"),
+        ({"call": "not_there"}, "not_there"),
+        ({"command": "./sim {args}"}, "machine.inputs= is missing"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(spring, options, message):
+    if "call" in options:
+        options = {**options, "call": f"{spring}:{options['call']}"}
+    with pytest.raises((DataError, ValueError), match=message):
+        machines.make("simulator", **options).formulate(readings())
+
+
+def test_the_report_predicts_new_rows_and_says_how_often_it_called(spring):
+    report = explain(simulator(spring), readings())
+    [note] = [note for note in report.notes if note.code is Code.SIMULATOR_CALLS]
+    assert note.values["rows"] > 120
+    ahead = report.predict({"u": [0.5, -0.5], "t": [1.0, 1.0], "u_dir": [1, 1], "box": [0, 0]})
+    np.testing.assert_allclose(ahead.measured["y"], np.array([0.5, -0.5]) / 2.2 * (1 - np.exp(-1 / 0.55)), atol=2e-3)
+
+
+def test_time_within_a_trial_gives_outputs_a_rate_and_so_a_lag(spring):
+    formulation = simulator(spring, time="t").formulate(readings())
+    names = {name_of(effect) for effect in catalogue(formulation).candidates}
+    assert {"instrument_lag y", "instrument_lag z"} <= names
+    assert not any(name.startswith("drift t") for name in names)  # time does not drift over itself
+    local, (k, tau) = formulation.of_rows.local, (p.start for p in formulation.parameters)
+    u, t = formulation.data["u"], formulation.data["t"]
+    np.testing.assert_allclose(formulation.data["rate of y"], u / k / tau * np.exp(-t / tau), atol=1e-6)
+    assert local.independent

@@ -1,0 +1,1 @@
+"""Machines and causes of which the package knows nothing, and the rates of what is said of them."""

@@ -1,0 +1,48 @@
+"""The generator of foreign cases: sizes are what is seen, and its judge counts what it says."""
+
+import numpy as np
+import pytest
+
+from tests.foreign.causes import FOREIGN, noise
+from tests.foreign.machines import MACHINES
+from tests.foreign.run import case, plainly, wilson
+
+
+@pytest.mark.parametrize("machine", sorted(MACHINES))
+@pytest.mark.parametrize("cause", sorted(FOREIGN))
+def test_each_cause_errs_on_each_machine(machine: str, cause: str) -> None:
+    drawn = case("foreign", 7, cause=cause, machine=machine, rows=200, visible=3.0)
+    sound = case("sound", 7, machine=machine, rows=200)
+    assert drawn.visible in (0.0, 3.0)
+    assert set(drawn.columns) == set(sound.columns)
+    assert all(np.isfinite(c).all() for c in drawn.columns.values() if c.dtype.kind == "f")
+
+
+@pytest.mark.parametrize("machine", sorted(MACHINES))
+def test_what_calibration_takes_up_leaves_nothing(machine: str) -> None:
+    m = MACHINES[machine](np.random.default_rng(1), 200)
+    offset = np.zeros_like(m.day.q)
+    offset[:, 0] = 1e-4  # the zero of an encoder
+    none = np.zeros((len(m.day.t), m.push.shape[-1]))
+    assert np.abs(m.left(offset, none)).max() < 1e-3 * np.abs(m.angle).max() * 1e-4
+
+
+@pytest.mark.parametrize("law", ["gauss", "t3", "t4", "mixed", "carried", "patchy"])
+def test_noise_of_every_law_is_of_unit_size(law: str) -> None:
+    day = MACHINES["mount"](np.random.default_rng(2), 4000).day
+    middle = np.median([np.sqrt(np.mean(noise(np.random.default_rng(s), day, 1, law) ** 2)) for s in range(9)])
+    assert middle == pytest.approx(1.0, abs=0.08)
+
+
+def test_a_name_with_a_caution_is_not_plain() -> None:
+    name = {"family": "drift", "caution": "", "form": ""}
+    assert plainly({"verdict": "named", "findings": [name]})
+    assert not plainly({"verdict": "named", "findings": [name | {"caution": "may be another cause"}]})
+    assert not plainly({"verdict": "partly", "findings": [name]})
+    assert plainly({"verdict": "named", "findings": [name | {"form": "size depends"}]}, strict=True)
+
+
+def test_the_interval_of_none_of_many_is_narrow() -> None:
+    low, high = wilson(0, 1000)
+    assert low == pytest.approx(0, abs=1e-12)
+    assert high < 0.004
