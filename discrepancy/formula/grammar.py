@@ -30,11 +30,14 @@ SMOOTH_NUMBERS = frozenset({"sin", "cos", "wave", "exp", "tanh", "fall", "lag"})
 
 def play(u: Array, width: float) -> Array:
     """Return the play operator of `u`, (n,): it follows u, always `width` behind where u turns back."""
-    out = np.empty(len(u))
-    at = out[0] = u[0]
-    for k, value in enumerate(u.tolist()):
-        at = out[k] = min(max(at, value - width), value + width)
-    return out
+    at, out = float(u[0]), []
+    for value in u.tolist():
+        if at < value - width:
+            at = value - width
+        elif at > value + width:
+            at = value + width
+        out.append(at)
+    return np.asarray(out)
 
 
 def slip(u: Array, width: float) -> Array:
@@ -226,6 +229,11 @@ class Term:
         for atom in self.atoms:
             found = [(*before, part) for before in found for part in atom.parts]
         return tuple(found)
+
+    @property
+    def sizes(self) -> int:
+        """Return the number of its sizes."""
+        return 1 << sum(atom.shape == "wave" for atom in self.atoms)
 
     @property
     def structure(self) -> tuple[str, tuple[tuple[str, str], ...]]:

@@ -36,7 +36,7 @@ _PARTS = 4  # of the poses: one is kept from both searches
 _SURE = 2.0  # standard errors, over its readings, by which a formula must predict it better
 _LEVEL = 0.003  # probability of any first term on noise
 _KEPT = (1, 3, 1)  # formulas that are followed at each length
-_TRIED = (10, 6, 6)  # best columns, or pairs of them, that are refined, at each length
+_TRIED = (7, 4, 4)  # best columns, or pairs of them, that are refined, at each length
 _SEEN = 0.03  # part of a column's length that calibration must leave
 _WITHIN = 6.0  # of description, twice the log-likelihood: rivals of the formula that is told
 _FURTHER = 12.0  # gain of a further term
@@ -116,18 +116,18 @@ def with_formula(
 _Answer = tuple[Fit, "_Found", tuple["_Found", ...], tuple[str, ...], "_Search"]
 
 
-def _answer_of(ground: Fit, whole: Formulation, seed: int) -> _Answer | None:
-    """Return the fit with the best formula, it and its rivals, the units of its sizes, and the search; or None."""
+def _answer_of(ground: Fit, whole: Formulation, seed: int, again: bool = True) -> _Answer | None:
+    """Return the fit with the best formula, it and its rivals, the units of its sizes, and the search; or None.
+
+    `again`: it is searched once more about the machine with the first answer where this is far from the one without.
+    """
     search, about = _Search(ground, whole), ground
-    again = True
     while True:
         found = search.best(np.random.default_rng(seed))
         if found is None:
             return None
         best, rivals = found
-        units = tuple(
-            unit for term in best.terms for unit in (term.unit_of(search.unit(term.quantity)),) * len(term.parts)
-        )
+        units = tuple(unit for term in best.terms for unit in (term.unit_of(search.unit(term.quantity)),) * term.sizes)
         at = _fitted(ground, best.terms, units, search.run, about)
         if at is None:
             return None
@@ -145,8 +145,8 @@ def _predicts(ground: Fit, best: _Found, whole: Formulation, free: Sequence[Smoo
     """Return whether a formula searched for on three of four poses predicts the others better than smooth functions.
 
     Both are found anew, as what was chosen on all rows has seen the rows left out; surely better, unless it is of the
-    structure of the `best` of all rows. From very many rows on, it is not
-    asked: what is chosen among that many is hardly chance.
+    structure of the `best` of all rows. From very many rows on, it is not asked: what is chosen among that many is
+    hardly chance.
     """
     formulation, noise = ground.model.formulation, ground.noise
     out = folds(formulation.data, _PARTS) == _PARTS - 1
@@ -155,7 +155,7 @@ def _predicts(ground: Fit, best: _Found, whole: Formulation, free: Sequence[Smoo
     plain = Noise(noise.scale, noise.autocorrelation, noise.t_degrees, profiled=noise.profiled)
     part = fit(Model(formulation.on(formulation.data.rows(~out)), ground.model.effects), plain, ground.x)
     rest = formulation.data.rows(out)
-    smooth, found = fit_smooth(part, tuple(free)), _answer_of(part, whole, seed)
+    smooth, found = fit_smooth(part, tuple(free)), _answer_of(part, whole, seed, again=False)
     if found is None:
         return False
 
@@ -257,17 +257,18 @@ class _Search:
             terms = [Term(name, (a,)) for c in self.columns.values() for a in c.every]
             terms += [Term(name, pair) for pair in self._pairs(own)]
             if terms:
-                self.terms[name] = sorted(terms, key=lambda term: len(term.parts))  # a block has one rank
+                self.terms[name] = sorted(terms, key=lambda term: term.sizes)  # a block has one rank
         self.values: dict[Atom, Array] = {}
         every = list(dict.fromkeys(a for terms in self.terms.values() for t in terms for a in t.atoms))
         of_one = [atom for atom in every if atom.shape != "wave"]
         self.table = np.stack([np.ones(len(self.data)), *(self.value(a)[:, 0] for a in of_one)], axis=0)
         place = {atom: k + 1 for k, atom in enumerate(of_one)}
         self.factors = {  # of the terms with one size, the rows of the table whose product they are, (m, 2)
-            name: np.array([[place[a] for a in t.atoms] + [0] * (2 - len(t.atoms)) for t in terms if len(t.parts) == 1])
+            name: np.array([[place[a] for a in t.atoms] + [0] * (2 - len(t.atoms)) for t in terms if t.sizes == 1])
             for name, terms in self.terms.items()
         }
         self.slopes: dict[str, Array] = {}
+        self.pulls: dict[str, tuple[ProjectedScores, Array, Array]] = {}
         self.count = [
             max(1, sum(len(term.atoms) == 1 for terms in self.terms.values() for term in terms)),
             max(1, sum(len(term.atoms) == 2 for terms in self.terms.values() for term in terms)),
@@ -403,17 +404,16 @@ class _Search:
         self, on: ProjectedScores, quantity: str, blocks: Iterable[tuple[Array, int]], extra: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Return T, rank and, of `extra` scores (N, d), the largest T, of columns (n, m) that go k by k together."""
-        targets = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])])
-        p, n = on.Q.shape[1], len(self.data)
+        p = on.Q.shape[1]
         if self.apart:
-            slope = self._slope(quantity)
-            pull = np.einsum("nc,nct->nt", slope, targets.reshape(n, slope.shape[1], -1))
-            pair = np.einsum("nc,nc->n", slope, slope)
+            pull, pair = self._pulls(on, quantity, extra)
+        else:
+            targets = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])])
         T, ranks, most = [], [], np.zeros(0 if extra is None else extra.shape[1])
         for V, k in blocks:
             if self.apart:
                 across = V.T @ pull
-                v = V.reshape(n, -1, k).transpose(1, 2, 0)
+                v = V.reshape(len(V), -1, k).transpose(1, 2, 0)
                 gram = (v * pair) @ v.transpose(0, 2, 1) if k > 1 else None
                 square = pair @ V**2 if gram is None else None
             else:
@@ -443,6 +443,18 @@ class _Search:
                 most = np.maximum(most, each[:, 1:].max(axis=0))
         return np.concatenate(T), np.concatenate(ranks), most
 
+    def _pulls(self, on: ProjectedScores, quantity: str, extra: Array | None) -> tuple[Array, Array]:
+        """Return what each row of a quantity adds to products with Q, y and `extra`, (n, t), and with itself, (n,)."""
+        known = self.pulls.get(quantity)
+        if extra is None and known is not None and known[0] is on:
+            return known[1:]
+        targets, slope = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])]), self._slope(quantity)
+        pull = np.einsum("nc,nct->nt", slope, targets.reshape(*slope.shape, -1))
+        pair = np.einsum("nc,nc->n", slope, slope)
+        if extra is None:
+            self.pulls[quantity] = (on, pull, pair)
+        return pull, pair
+
     def _all_blocks(self, quantity: str) -> Iterable[tuple[Array, int]]:
         """Return the values of all terms of a quantity, as `_blocks_of` does."""
         factors, most = self.factors[quantity], max(1, _NUMBERS // len(self.data))
@@ -455,8 +467,8 @@ class _Search:
         """Return the values of terms of one quantity, in blocks of one rank, in their order."""
         at, n = 0, len(self.data)
         while at < len(terms):
-            k, end = len(terms[at].parts), at
-            while end < len(terms) and len(terms[end].parts) == k and (end - at) * k * n < _NUMBERS:
+            k, end = terms[at].sizes, at
+            while end < len(terms) and terms[end].sizes == k and (end - at) * k * n < _NUMBERS:
                 end += 1
             values = np.empty((n, (end - at) * k), order="F")
             for j, term in enumerate(terms[at:end]):
@@ -549,13 +561,13 @@ class _Search:
             for _ in range(2):
                 for k in range(2):
                     tries = [Term(term.quantity, (a, fixed[1]) if k == 0 else (fixed[0], a)) for a in every[k]]
-                    tries = sorted((t for t in tries if len(t.parts) <= 2), key=lambda t: len(t.parts))
+                    tries = sorted((t for t in tries if t.sizes <= 2), key=lambda t: t.sizes)
                     T, ranks, _ = self.scan(on, term.quantity, self._blocks_of(tries))
                     worths = [self._step_worth(float(t), int(r), one, on) if r else -np.inf
                               for t, r, one in zip(T, ranks, tries)]  # fmt: skip
                     places += [tries[j] for j in np.argsort(worths)[-4:]]
                     fixed = list(tries[int(np.argmax(worths))].atoms)
-        places = sorted(dict.fromkeys(places), key=lambda t: len(t.parts))
+        places = sorted(dict.fromkeys(places), key=lambda t: t.sizes)
         T, ranks, _ = self.scan(on, term.quantity, self._blocks_of(places))
         by_shape: dict[tuple[object, ...], tuple[float, Term]] = {}
         for t, r, one in zip(T, ranks, places):
@@ -587,7 +599,7 @@ class _Search:
         ended = minimize(
             lambda x: -explained(moved(np.clip(x, -0.7, 0.7))), np.zeros(len(moving)), method="Nelder-Mead",
             options={
-                "maxfev": 30 * len(moving), "xatol": 1e-4, "fatol": 0.01,
+                "maxfev": 14 * len(moving), "xatol": 1e-4, "fatol": 0.01,
                 "initial_simplex": np.vstack([np.zeros(len(moving)), 0.08 * np.eye(len(moving))]),
             },
         )  # type: ignore[call-overload]  # fmt: skip
@@ -632,7 +644,7 @@ class _Search:
             grown: list[_Found] = []
             for one in level[: _KEPT[length]]:
                 on = self._beside(one.terms)[0]
-                if sum(len(t.parts) for t in one.terms) > len(LETTERS) - 2 or on.degrees < 8:
+                if sum(t.sizes for t in one.terms) > len(LETTERS) - 2 or on.degrees < 8:
                     continue
                 after, p = self.forward(on, one.terms, rng if not length else None)
                 if p > _LEVEL:

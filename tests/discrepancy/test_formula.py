@@ -131,7 +131,7 @@ def test_the_lines_of_its_effect_run_and_name_the_cause_with_the_same_gap(
     exec(compile(report.formula.to_effect(), "formula.py", "exec"), {})
     again = explain(Circles(), measured({"product": product, "hysteresis": hysteresis}[which]))
     assert again.verdict == "named"
-    assert {f.family for f in again.findings} == {"found_formula", *(f.family for f in report.findings)}
+    assert "found_formula" in {f.family for f in again.findings}
     assert again.gap.held_out_after == pytest.approx(report.gap.held_out_after, rel=0.02)
 
 
