@@ -86,7 +86,8 @@ class Page:
         return render(
             "discovery/page/templates/discovery.html.j2",
             title=f"{report.case}: is anything missing from the model of {report.machine}?",
-            verdict=report.verdict, mark=mark, word=word, moved=moved, correction=self.correction, noise=self.noise,
+            verdict=report.verdict, formula=report.formula is not None, mark=mark, word=word,
+            moved=moved, correction=self.correction, noise=self.noise,
             about=" · ".join(f"{key} {value}" for key, value in self.about_data.items()),
             first=[as_sentence(note, report.parameters) for note in words.notes_among(report.notes, words.FIRST)],
             headline=words.headline(report),
