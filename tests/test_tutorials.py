@@ -7,6 +7,7 @@ import tomllib
 
 import pytest
 
+from calibench.discrepancy import machines
 from calibench.discrepancy.registries import effects
 from tests.tutorial_session import DOCS, PAGES, alike, play
 
@@ -15,6 +16,7 @@ QUICK = ("hand-eye.md",)
 
 @pytest.fixture
 def own_folder(tmp_path, monkeypatch):
+    machines.names()  # with the effects of each, which would else be gone with those that a page enters
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     for kept in ("_factories", "_options", "_order"):  # effects that a page enters are gone with it
