@@ -31,18 +31,21 @@ def page(runs: pd.DataFrame) -> str:
     """Return the page: how the table was made, and the field method by method."""
     cells = counted(runs)
     problems = list(dict.fromkeys(cells.sort_values("dimension", kind="stable")["problem"]))
-    alike: dict[tuple[str, ...], list[str]] = {}  # cells -> methods
+    kinds: dict[tuple[str, ...], list[str]] = {}  # method and cells -> how it ends
     for (method, ends), mine in cells.groupby(["method", "ends"], sort=False):
         by = mine.set_index("problem")
         shown = (_cell(by.loc[name]) if name in by.index else _NOT_RUN for name in problems)
-        alike.setdefault((str(ends) or "spends it", *shown), []).append(f"`{method}`")
+        kinds.setdefault((str(method), *shown), []).append(str(ends) or "spends it")
+    alike: dict[tuple[str, ...], list[str]] = {}  # how they end and cells -> methods
+    for (method, *line), ends in kinds.items():
+        alike.setdefault((", ".join(ends), *line), []).append(f"`{method}`")
     rows = [[", ".join(methods), *line] for line, methods in alike.items()]
     blocks = [
         "# The field",
         text(
             f"Every method of the registry on {len(problems)} problems at {int(runs['budget'].max())} evaluations from"
             " random starts: how many runs reached the goal (the last target), and, where not all did, the median of"
-            " the best value. Methods with the same cells share a row. A local method is shown in two kinds: as it"
+            " the best value. What has the same cells shares a row. A local method is shown in two kinds: as it"
             " *stops* by its test, and as it *restarts* at random points, the same for all, until the budget is spent."
             " A method that draws nothing and ignores its start runs once."
             f" {_NOT_RUN}: was not run, or cannot run there. {_CUT}: the time limit ended some of the runs."

@@ -1,7 +1,6 @@
-"""What the measured experiments of Pashkevich et al. 2008 support: the page docs/orthoglide-experiments.md.
+"""What the measured experiments of Pashkevich et al. 2008 support: a page of `bench paper`, every number computed.
 
-Every number is computed: ``python -m calibench.bench.papers.pashkevich2008.experiments FILE``. `bench paper` writes it
-too, beside the ledger.
+docs/orthoglide-experiments.md is what it finds, without the tables of each set.
 """
 
 import sys
@@ -23,8 +22,8 @@ WEIGHTING = {False: "least squares", True: "weighted, eq. (14)"}
 LEAN, LONE = "guide_lean cyclic", "guide_lean axis z"
 _SHOWN = 3  # candidates of a set in the table
 _COMMANDS = """```text
-bench paper                                                  # writes this page to results/paper/, beside the ledger
-python -m calibench.bench.papers.pashkevich2008.experiments orthoglide-experiments.md    # this page alone
+bench paper                                                  # results/paper/orthoglide-experiments.md: all tables
+python -m calibench.bench.papers.pashkevich2008.experiments orthoglide-experiments.md    # this alone
 bench discover machine=orthoglide data=exp2                  # the verdict on one set
 ```"""
 
@@ -36,8 +35,9 @@ def write_page(path: Path) -> Path:
     return path
 
 
-def page(results: Experiments) -> str:
-    """Return the page in Markdown."""
+def page(results: Experiments, whole: bool = True) -> str:
+    """Return the page in Markdown: the `whole` of it, or what is found without the tables of each set."""
+    tables = (_each_set, _added_later, _pattern) if whole else ()
     parts = [
         "# What the Orthoglide's experiments support",
         _COMMANDS,
@@ -47,9 +47,7 @@ def page(results: Experiments) -> str:
             below come from the command. What the candidates mean: `bench list effects`."""
         ),
         *_in_short(results),
-        *_each_set(results),
-        *_added_later(results),
-        *_pattern(results),
+        *(part for section in tables for part in section(results)),
         *_verdicts(results),
     ]
     return "\n\n".join(parts) + "\n"
@@ -72,7 +70,7 @@ def _in_short(results: Experiments) -> Iterable[str]:
         p; that the best of as many does as well where nothing is missing has p = {first.p_tried:.2f} by least squares
         and {first_weighted.p_tried:.2f} (`{first_weighted.name}`) weighted by eq. (14); a name needs .01.
         `{ADDED_LATER}` entered the catalogue after these experiments had been fitted: with that choice paid for they
-        are {results.prices["exp2", False][0].right:.2f} and {results.prices["exp2", True][0].right:.2f} (below). One
+        are {results.prices["exp2", False][0].right:.2f} and {results.prices["exp2", True][0].right:.2f}. One
         coefficient would have to explain {two.needed:.0%} of the twelve numbers to come below .05,
         {results.sets["exp2_t1", False].needed:.1%} of six.""",
         f"""**Two accounts lead, and the data cannot separate them.** *All three alike*, one number: a handed pattern in

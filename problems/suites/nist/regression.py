@@ -110,7 +110,7 @@ class NistRegression:
     def _slopes(self, x: Array) -> Array:
         b = vector(self.name, x, len(self.parameters))
         with np.errstate(all="ignore"):
-            return np.stack(MODELS[self.options["name"]].columns(b, self.table.x), axis=1)
+            return MODELS[self.options["name"]].slopes(b, self.table.x)
 
     @property
     def _rounding(self) -> float:
