@@ -87,9 +87,12 @@ def method_titles(table: pd.DataFrame) -> pd.Series:
     """Return for each row its method, with the options that are not the default; one's own as beside the others."""
     import pandas as pd
 
-    rows = zip(table["optimizer"], table["optimizer_options"], method_names(table), strict=True)
-    titles = [method_name(name, options) if name in optimizers.registry else beside for name, options, beside in rows]
-    return pd.Series(titles, index=table.index, dtype=str)
+    rows = list(zip(table["optimizer"], table["optimizer_options"], method_names(table), strict=True))
+    titles = {
+        (name, options, beside): method_name(name, options) if name in optimizers.registry else beside
+        for name, options, beside in dict.fromkeys(rows)
+    }
+    return pd.Series([titles[row] for row in rows], index=table.index, dtype=str)
 
 
 def several(table: Columns) -> list[str]:

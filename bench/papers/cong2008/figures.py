@@ -114,8 +114,9 @@ def runs_of(runs: pd.DataFrame, problem: str, options: Mapping[str, Any]) -> pd.
     """Return the runs of `problem` with these options and all others as they are by default: no noise, its own plan."""
     wanted = json.loads(canonical(options_of(problems.make(problem, **options))))
     mine = runs[runs["problem"] == problem]
-    have = [json.loads(text) for text in mine["problem_options"]]
-    return mine[np.array([all(h.get(key, v) == v for key, v in wanted.items()) for h in have], dtype=bool)]
+    have = {text: json.loads(text) for text in mine["problem_options"].unique()}
+    fits = [text for text, held in have.items() if all(held.get(key, v) == v for key, v in wanted.items())]
+    return mine[mine["problem_options"].isin(fits)]
 
 
 def _asked(cell: pd.DataFrame) -> dict[str, Any]:
