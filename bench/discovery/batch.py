@@ -96,7 +96,12 @@ def others_of(named: str, machine: str) -> list[Source]:
 
 def search_digest(machine: Machine) -> str:
     """Return the digest of the code that searches a machine's data: the machine's, its effects', the procedure's."""
-    of_effects = {digest_of(getattr(family.build, "func", family.build)) for family in families(machine.name)}
+    of_effects = {
+        digest_of(getattr(part, "func", part))
+        for family in families(machine.name)
+        for part in (family.build, getattr(family.build, "__wrapped__", None), family.targets_in)
+        if part is not None
+    }
     # by its function, which loads the module: one that is not loaded has no digest
     of_search = digest_of(machine), sorted(of_effects), module_digest(discrepancy.carried.__module__)
     code = getattr(machine, "code", None)  # of the simulator that a machine calls

@@ -176,7 +176,9 @@ def words_of(roles: Roles) -> dict[str, str]:
                 joint.velocity: "velocity", joint.torque: "torque" if rotary else "force",
                 joint.temperature: "temperature"}  # fmt: skip
         meanings |= {
-            name: f"{word} of {joint.label or joint.name}" for name, word in each.items() if name not in meanings
+            name: f"{word} of {joint.label or joint.name}"
+            for name, word in each.items()
+            if name not in meanings and name != joint.name  # a joint that is called as its column needs no words
         }
     for length in roles.lengths:
         each = {length.quantity: "length", length.force: "force along", length.temperature: "temperature"}

@@ -85,6 +85,19 @@ def test_a_search_has_one_digest_before_and_after_its_code_was_loaded():
     subprocess.run([sys.executable, "-c", script], check=True)
 
 
+def test_the_digest_of_a_search_is_of_the_code_that_makes_its_effects(monkeypatch):
+    modules = set()
+
+    def seen(part):
+        modules.add(getattr(part, "__module__", ""))
+        return ""
+
+    monkeypatch.setattr(batch, "digest_of", seen)
+    batch.search_digest(discrepancy.machines.make("gpm2002"))
+    general = {f"calibench.discrepancy.effects.general.{room}" for room in ("joints", "columns")}
+    assert modules >= {"calibench.discrepancy.machines.gpm2002.effects", *general}
+
+
 def test_json_is_a_line_a_file_in_order_and_nothing_else(results, folder, capsys):
     code, out, _ = call(f"discover machine=gpm2002 data={folder} results={results} --json", capsys)
     assert code == 1

@@ -78,6 +78,7 @@ def readings(seed: int = 0, n: int = 120, **hidden: float) -> MeasuredData:
     rise = 1 - np.exp(-later / (0.55 + 0.3 * hidden.get("mass", 0.0) * box))
     y = true / 2.2 * rise * (1 + hidden.get("scale", 0.0))
     z = np.sin(true) * rise + 0.22 * later
+    z = z * (1 + hidden.get("warm", 0.0) * box)
     columns = {"u": u, "t": t, "u_dir": side, "box": box, "y": y, "z": z}
     columns |= {name: columns[name] + 0.002 * rng.standard_normal(n) for name in ("y", "z")}
     split = np.where(np.arange(n) % 3 == 0, "hold", "train")
@@ -95,6 +96,7 @@ def simulator(file: Path, function: str = "answer", **options: object):
         ({"late": 0.01}, "input_offset t"),
         ({"mass": 0.1}, "parameter_over mass over box"),
         ({"scale": 0.03}, "instrument_scale y"),
+        ({"warm": 0.03}, "output_gain z over box"),
     ],
 )
 def test_what_is_hidden_at_inputs_parameters_and_outputs_is_named_and_closes_the_gap(spring, hidden, name):

@@ -46,6 +46,7 @@ class Recipe:
             twins = twins_of(formulation, target)
             return tuple(replace(effect, twins=twins) for effect in built)  # type: ignore[type-var]
 
+        build.__wrapped__ = self.make  # type: ignore[attr-defined]  # whose code it is
         return replace(family, build=build).enter()
 
 

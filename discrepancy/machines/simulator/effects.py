@@ -1,5 +1,6 @@
 """The effects that a simulator has under its own names: offsets, and a parameter that is another in other readings."""
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -11,7 +12,8 @@ from calibench.discrepancy.effects.general.recipe import Built, each, named, rec
 from calibench.discrepancy.model.effect import EffectFamily, LinearEffect, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
-from calibench.discrepancy.model.roles import roles_of
+from calibench.discrepancy.model.roles import Roles, roles_of
+from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
 
@@ -30,6 +32,27 @@ def _output_offset(family: EffectFamily, formulation: Formulation, target: str) 
     return (family.linear(target, (), {"c": unit}, lambda q, data: {target: -np.ones((len(data), 1))}),)
 
 
+def _output_gain(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    output, _, column = target.partition(" over ")
+    needs(formulation.data, column)
+    follows = _course(formulation.data, column)
+    return (
+        family.linear(
+            target, (output, column), {"k": "1"},
+            lambda q, data: {output: -np.asarray(q[output] * follows(np.asarray(data[column], dtype=float)))[:, None]},
+            largest=thresholds().largest_scale,
+        ),
+    )  # fmt: skip
+
+
+def _course(run: MeasuredData, column: str) -> Callable[[Array], Array]:
+    """Return what a column is from its mean, or from 0 where it has both signs, over the largest such in `run`."""
+    values = np.asarray(run[column], dtype=float)
+    zero = 0.0 if values.min() <= 0.0 <= values.max() else float(values.mean())
+    size = float(np.max(np.abs(values - zero)))
+    return lambda u: (u - zero) / size
+
+
 def _over(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     """Return a parameter that follows a column, of a temperature also late."""
     parameter, _, column = target.partition(" over ")
@@ -37,9 +60,7 @@ def _over(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     needs(run, column)
     if not np.any([np.any(s) for s in (formulation.slopes(_recorded(formulation))[parameter],)]):
         raise NotTestable(f"no prediction depends on {parameter}")
-    values = np.asarray(run[column], dtype=float)
-    zero = 0.0 if values.min() <= 0.0 <= values.max() else float(values.mean())
-    size = float(np.max(np.abs(values - zero)))
+    course = _course(run, column)
     late = (
         time_constants(run, roles.time)
         if column in (roles.temperature, *(j.temperature for j in roles.joints))
@@ -47,8 +68,7 @@ def _over(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     )
 
     def changes(constant: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        follows = warmth(data, constant, column, roles.time, run) - zero
-        return {parameter: (follows / size)[:, None]}
+        return {parameter: course(warmth(data, constant, column, roles.time, run))[:, None]}
 
     def form(constant: float) -> LinearEffect:
         return family.linear(target, (column,), {"c": ""}, partial(changes, constant))
@@ -69,8 +89,11 @@ def _parameters_over(formulation: Formulation) -> tuple[str, ...]:
     if not roles.joints:  # rows that depend on each other
         return ()
     names = (*(p.name for p in formulation.parameters), *formulation.fixed)
-    over = dict.fromkeys(c for c in (*roles.columns, roles.temperature, roles.time) if c)
-    return tuple(f"{p} over {c}" for p in names for c in over)
+    return tuple(f"{p} over {c}" for p in names for c in _covariates(roles))
+
+
+def _covariates(roles: Roles) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(c for c in (*roles.columns, roles.temperature, roles.time) if c))
 
 
 FAMILIES = (
@@ -89,6 +112,12 @@ FAMILIES = (
         "parameter_over", "A parameter is another one where a column is", "p += c u / max|u|, u from its mean or 0",
         channel="link", columns=("the column",), unit="that of the parameter", targets="parameters over columns",
         targets_in=_parameters_over, make=_over, label="change",
+    ).enter("simulator"),
+    recipe(
+        "output_gain", "An instrument's scale changes with a column", "measured -= k measured u / max|u|, u from its "
+        "mean or 0", channel="prediction", columns=("the column",), unit="1", targets="measured columns over columns",
+        targets_in=lambda f: tuple(f"{y} over {c}" for y in f.readings for c in _covariates(roles_of(f))),
+        make=_output_gain, label="change of scale", bounds=("largest_scale",),
     ).enter("simulator"),
     columns.frame_drift.enter(
         "simulator", name="output_drift", cause="What is measured drifts evenly during the run", label="drift",
