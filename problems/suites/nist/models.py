@@ -36,11 +36,11 @@ class Model:
 
 
 def _three_decays(b: Array, x: Array) -> Array:
-    return b[0] * np.exp(-b[1] * x[0]) + b[2] * np.exp(-b[3] * x[0]) + b[4] * np.exp(-b[5] * x[0])
+    return np.asarray(b[0] * np.exp(-b[1] * x[0]) + b[2] * np.exp(-b[3] * x[0]) + b[4] * np.exp(-b[5] * x[0]))
 
 
 def _two_peaks(b: Array, x: Array) -> Array:
-    return (
+    return np.asarray(
         b[0] * np.exp(-b[1] * x[0])
         + b[2] * np.exp(-((x[0] - b[3]) ** 2) / b[4] ** 2)
         + b[5] * np.exp(-((x[0] - b[6]) ** 2) / b[7] ** 2)
