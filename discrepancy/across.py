@@ -15,28 +15,16 @@ from scipy.special import chdtrc, ndtri
 
 from calibench.core.process import one_thread
 from calibench.discrepancy.checks.validate import listen, validate
-from calibench.discrepancy.diagnostics.noise import noise_at, sound_fit
 from calibench.discrepancy.diagnostics.score import projected_scores, score_all
-from calibench.discrepancy.diagnostics.smooth_term import smooth_columns
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.fitting.fit import (
-    PLACE,
-    Fit,
-    amplitude_interval,
-    fit,
-    fit_from_several,
-    orthonormal,
-    project_off,
-    wider,
-)
-from calibench.discrepancy.fitting.rank import Held, determined
-from calibench.discrepancy.model.effect import Catalogue, ChangePoint, Effect, Untestable, has_free_period, name_of
+from calibench.discrepancy.fitting.fit import PLACE, Fit, amplitude_interval, fit, orthonormal, project_off
+from calibench.discrepancy.model.effect import ChangePoint, Effect, Untestable, has_free_period, is_possible, name_of
 from calibench.discrepancy.model.machine import Machine, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.model.roles import roles_of
-from calibench.discrepancy.procedure import in_order
-from calibench.discrepancy.report import UNCONFIRMED, Amplitude, Carried, CarriedVerdict, Finding, Report
+from calibench.discrepancy.procedure import calibrated, in_order
+from calibench.discrepancy.report import Amplitude, Carried, CarriedVerdict, Caution, Doubt, Finding, Report
 from calibench.discrepancy.search.form import forms_of
 from calibench.discrepancy.search.select import delta_bic
 from calibench.discrepancy.thresholds import thresholds
@@ -47,6 +35,7 @@ _APART = 2.5758  # standard errors: sizes that differ by less agree, as 99 of 10
 _FORMULA = 0.1  # of a size: no formula is exact physics, and other poses weigh its error otherwise
 _OF_RUN = "it follows the time of its run, which no other run shares"
 _LOST = "the machine has no value there with all that is expected"
+_BEYOND = "the size that fits there is one that no machine has"
 _DIGITS = 1e-10  # of the largest singular value, below which a direction is rounding
 _HELD = 1e-9  # of the squares of a column: what only one pose determines stays where it is without that pose
 
@@ -80,14 +69,12 @@ def carried(report: Report, others: Sequence[MeasuredData]) -> Report:
 
 def _judged(finding: Finding, rows: Sequence[Carried]) -> Finding:
     """Return a finding whose doubt, that it is of these readings alone, is settled by other sets where they can."""
-    lost = [row.case for row in rows if row.verdict == "does not carry"]
-    if any(row.verdict == "carries" for row in rows):
-        settled = ""
-    elif lost:
-        settled = f"is periodic over these readings, and not over those of {', '.join(lost)}"
-    else:
+    lost = tuple(row.case for row in rows if row.verdict == "does not carry")
+    others = tuple(one for one in finding.caution if one.code is not Doubt.UNCONFIRMED)
+    if others == finding.caution or (not (confirmed := any(row.verdict == "carries" for row in rows)) and not lost):
         return finding
-    return replace(finding, caution=finding.caution.replace(UNCONFIRMED, settled).strip("; "))
+    settled = () if confirmed else (Caution(Doubt.NOT_ELSEWHERE, cases=lost),)
+    return replace(finding, caution=(*others, *settled))
 
 
 @final
@@ -106,6 +93,7 @@ class _OfPeriod:
     coefficients: tuple[str, ...] = field(init=False)
     units: tuple[str, ...] = field(init=False)
     unit: str = field(init=False)
+    largest: float = field(init=False)
     positions: int = 1
 
     def __post_init__(self) -> None:
@@ -113,6 +101,7 @@ class _OfPeriod:
         vars(self).update(
             family=of.family, target=of.target, formula=of.formula, channel=of.channel, columns=of.columns,
             twins=of.twins, coefficients=of.coefficients[:-1], units=of.units[:-1], unit=of.unit,
+            largest=getattr(of, "largest", np.inf),
         )  # fmt: skip
 
     def shift(self, q: Quantities, data: MeasuredData, c: Array) -> dict[str, Array]:
@@ -145,6 +134,12 @@ class _Expected:
     def c(self) -> Array:
         return np.asarray(self.weights @ self.numbers)
 
+    def there(self, joint: Fit) -> tuple[Array, Array]:
+        """Return the coefficients of the effect in a fit of another set, (k,), and their covariance."""
+        places = np.concatenate([np.arange(len(joint.x))[joint.model.place_of(e)] for e in self.effects])
+        spread = self.weights @ _covariance(joint)[np.ix_(places, places)] @ self.weights.T
+        return np.asarray(self.weights @ joint.x[places]), np.asarray(spread)
+
     def held(self) -> "_Expected":
         """Return the same at the period that it had, where that was fitted."""
         [effect, *forms] = self.effects
@@ -172,7 +167,9 @@ def _expected(finding: Finding, first: Fit) -> _Expected | None:
 
 def _in_another(findings: Sequence[Finding], first: Fit, machine: Machine, other: MeasuredData) -> list[Carried]:
     """Return what one other set says of each finding."""
-    base, known = _calibrated(machine, other)
+    whole = validate(machine, listen(other)[0], in_order)
+    fitted = calibrated(whole, np.ones(len(whole.data), dtype=bool))
+    base, known = fitted.base, catalogue(fitted.whole)
     rows: list[Carried] = []
     testable: list[_Expected] = []
     for finding in findings:
@@ -183,18 +180,6 @@ def _in_another(findings: Sequence[Finding], first: Fit, machine: Machine, other
             testable.append(one)
     of_run = [c for c in known.candidates if name_of(c) in {row.effect for row in rows if row.why == _OF_RUN}]
     return [*rows, *(_refitted(testable, base, of_run, other.name) if testable else ())]
-
-
-def _calibrated(machine: Machine, data: MeasuredData) -> tuple[Fit, Catalogue]:
-    """Return the machine without effects fitted to all rows, under the noise they show, and what they can test."""
-    whole = validate(machine, listen(data)[0], in_order)
-    plain, _ = fit_from_several(whole)
-    _, plain, lacking = determined(whole, plain)
-    whole = Held(whole, frozenset(u.name for u in lacking)) if lacking else whole
-    sound, suspects, _, _ = sound_fit(plain)
-    noise, _ = noise_at(sound, suspects, whole)
-    base = sound if noise == sound.noise else fit(Model(plain.model.formulation), noise, sound.x, about=sound)
-    return wider(base, smooth_columns(base.at.model.formulation, base.x)), catalogue(whole)
 
 
 def _why_not(one: _Expected, base: Fit, untestable: Sequence[Untestable]) -> str:
@@ -249,6 +234,12 @@ def _refitted(expected: Sequence[_Expected], base: Fit, of_run: Sequence[Effect]
     settled = _beside(base, free, own) if any(a is not b for a, b in zip(free, held)) else joint
     if not (settled.converged and np.isfinite(settled.cost)):
         free, settled = held, joint
+    beyond = [one for one in free if not is_possible(one.effects[0], one.effects[0].amplitude(one.there(settled)[0]))]
+    if beyond:  # the bounds of a search: the others are fitted without it
+        names = {one.finding.effect for one in beyond}
+        left = [one for one in expected if one.finding.effect not in names]
+        told = [_row(one.finding, case, "not testable there", _BEYOND) for one in beyond]
+        return [*told, *(_refitted(left, base, of_run, case) if left else ())]
     return [_compared(one, settled, gains, case) for one, gains in zip(free, shown, strict=True)]
 
 
@@ -299,9 +290,7 @@ def _covariance(found: Fit) -> Array:
 def _compared(one: _Expected, joint: Fit, gains: tuple[float, float], case: str) -> Carried:
     """Return the verdict on one finding by its size in another set."""
     effect, before, (gain, unseen) = one.effects[0], one.c, gains
-    places = np.concatenate([np.arange(len(joint.x))[joint.model.place_of(e)] for e in one.effects])
-    c = one.weights @ joint.x[places]
-    spread = one.weights @ _covariance(joint)[np.ix_(places, places)] @ one.weights.T
+    c, spread = one.there(joint)
     both = spread + one.spread
     apart = _standard_errors(c - before, both)
     agrees = _standard_errors(c - before, both + _FORMULA**2 * np.outer(before, before)) <= _APART

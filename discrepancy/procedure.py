@@ -2,22 +2,32 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibench.core.notes import Code, Note
 from calibench.core.process import one_thread
 from calibench.discrepancy import report as reports
 from calibench.discrepancy.checks.validate import listen, refuse_unused, validate
-from calibench.discrepancy.diagnostics.far_readings import Standing, standing_out
-from calibench.discrepancy.diagnostics.noise import law_at, learned_beside, noise_at, outliers_under, sound_fit
+from calibench.discrepancy.diagnostics.far_readings import Pattern, Standing, standing_out
+from calibench.discrepancy.diagnostics.noise import carried, law_at, learned_beside, noise_at, outliers_under, sound_fit
 from calibench.discrepancy.diagnostics.score import smallest_amplitude, uncancelled
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, joint_terms, smooth_columns, smooth_terms
 from calibench.discrepancy.effects import catalogue
-from calibench.discrepancy.fitting.fit import PLACE, Fit, ResidualProblem, fit, fit_from_several, keeping_fits, wider
-from calibench.discrepancy.fitting.rank import Held, determined, spread
+from calibench.discrepancy.fitting.fit import (
+    PLACE,
+    Fit,
+    ResidualProblem,
+    fit,
+    fit_from_several,
+    keeping_fits,
+    thinned,
+    wider,
+)
+from calibench.discrepancy.fitting.rank import Held, Undetermined, determined, spread
 from calibench.discrepancy.formula import with_formula
 from calibench.discrepancy.labels import quantity_of
 from calibench.discrepancy.model.effect import Catalogue, Effect, has_free_period
@@ -78,23 +88,15 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
     split = np.asarray(whole.data["split"]) if whole.data.has("split") else np.full(len(whole.data), "train")
     hold = split == "hold"
     # fit: the machine without effects, under the noise that repeats show
-    fitted = whole.on(whole.data.rows(~hold))
-    plain, notes_of_fit = fit_from_several(fitted)
-    fitted, plain, lacking = determined(fitted, plain)
-    if lacking and notes_of_fit:  # the parameters that led the fit away from the nominal machine may be held now
-        plain, notes_of_fit = fit_from_several(fitted)
     parameters = {p.name: p for p in whole.parameters}
-    whole = Held(whole, frozenset(u.name for u in lacking)) if lacking else whole
-    sound, suspects, no_noise, misstated = sound_fit(plain)
-    noise, notes_of_noise = noise_at(sound, suspects, whole)
-    base = sound if noise == sound.noise else fit(Model(plain.model.formulation), noise, sound.x, about=sound)
-    base = wider(base, smooth_columns(base.at.model.formulation, base.x))
+    first = calibrated(whole, ~hold)
+    whole, base, lacking, suspects = first.whole, first.base, first.lacking, first.suspects
     # test, and where: every name of the catalogue, and smooth terms over each column
     terms, known = smooth_terms(base), catalogue(whole)
     refuse_unused(machine.name, data, asked)
     # name, add, refit: until what remains looks like noise
     selection, base, suspects, notes_of_noise = _selected(
-        base, known.candidates, terms, suspects, notes_of_noise, rng, level
+        base, known.candidates, terms, suspects, first.notes_of_noise, rng, level
     )
     # names of order that shuffled rows lose, and what each set is beside all others
     selection, orders = held_by_order(selection, base, known.candidates, terms)
@@ -118,7 +120,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
     # none and noise mean small: not where far more is left, where readings far off are no noise, or rows stand out
     standing = standing_out(final if findings else base, unseen)
     if verdict in ("none", "noise"):
-        if _is_large(final, gap, unseen, suspects, standing) or (no_noise and standing is None):
+        if _is_large(final, gap, unseen, suspects, standing) or (first.no_noise and standing is None):
             verdict, final = "unknown", fit_smooth(base, free)
             gap, lone = gap_of(base, final, unseen, suspects, rng)
         elif standing is not None:
@@ -134,12 +136,13 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         if formula is not None:
             final = after
             gap, lone = gap_of(base, final, unseen, suspects, rng)
+            notes_of_noise = (*notes_of_noise, *_note_of_thinned(base))
     doubted = base.noise.profiled and not unknown_noise_of(base.model.formulation)
     others = _at_other_noise(base, known.candidates, terms, suspects, rest, seed, level) if doubted else ()
     findings = tuple(map(_of_these_readings, findings))
     search = Search(
         machine=machine.name, base=base, final=final, selection=selection, verdict=verdict, findings=findings,
-        gap=gap, lone=lone, standing=standing, no_noise=no_noise,
+        gap=gap, lone=lone, standing=standing, no_noise=first.no_noise,
     )  # fmt: skip
     # the notes of the data as they hold now that the search is done
     of_data = []
@@ -151,7 +154,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
             note = Note(Code.NOISE_UNSTATED, text, note.columns)
         of_data.append(note)
     held = [u.note(parameters[u.name]) for u in lacking]
-    given = (*held, *notes_of_fit, *of_data, *misstated, *notes_of_noise, *remarks_of(whole))
+    given = (*held, *first.notes_of_fit, *of_data, *first.misstated, *notes_of_noise, *remarks_of(whole))
     names, sd = [p.name for p in base.model.formulation.parameters], spread(final, lacking)
     changes = {
         n: reports.ParameterChange(float(base.x[k]), float(final.x[k]), float(sd[k])) for k, n in enumerate(names)
@@ -164,6 +167,51 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         other_noise=others, formula=formula,
         fitted=reports.Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base), machine),
         seconds=time.process_time() - began,
+    )  # fmt: skip
+
+
+def _note_of_thinned(base: Fit) -> tuple[Note, ...]:
+    rows, kept = len(base.at.misclosure), len(thinned(base).at.misclosure)
+    if kept == rows:
+        return ()
+    text = f"the formula was looked for on {kept} of {rows} rows, evenly spaced, and fitted to all of them"
+    return (Note(Code.ROWS_THINNED, text, values={"kept": kept, "rows": rows}),)
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """A machine without effects fitted to rows of `whole`, under the noise that they show, and what was seen there.
+
+    `lacking` are the parameters that the rows do not determine: they are held in `whole`. `suspects` are laws of the
+    noise, and `no_noise` far readings that something carries.
+    """
+
+    whole: Formulation
+    base: Fit
+    lacking: tuple[Undetermined, ...]
+    suspects: tuple[NoiseFinding, ...]
+    no_noise: tuple[Pattern, ...]
+    notes_of_fit: tuple[Note, ...]
+    misstated: tuple[Note, ...]
+    notes_of_noise: tuple[Note, ...]
+
+
+def calibrated(whole: Formulation, rows: NDArray[np.bool_]) -> Calibrated:
+    """Return the machine without effects fitted to `rows` (n,) of `whole`."""
+    fitted = whole.on(whole.data.rows(rows))
+    plain, notes_of_fit = fit_from_several(fitted)
+    fitted, plain, lacking = determined(fitted, plain)
+    if lacking and notes_of_fit:  # the parameters that led the fit away from the nominal machine may be held now
+        plain, notes_of_fit = fit_from_several(fitted)
+    whole = Held(whole, frozenset(u.name for u in lacking)) if lacking else whole
+    sound, suspects, no_noise, misstated = sound_fit(plain)
+    noise, notes_of_noise = noise_at(sound, suspects, whole)
+    base = sound if noise == sound.noise else fit(Model(plain.model.formulation), noise, sound.x, about=sound)
+    return Calibrated(
+        whole=whole, base=wider(base, smooth_columns(base.at.model.formulation, base.x)), lacking=lacking,
+        suspects=suspects, no_noise=no_noise, notes_of_fit=notes_of_fit, misstated=misstated,
+        notes_of_noise=notes_of_noise,
     )  # fmt: skip
 
 
@@ -248,6 +296,14 @@ def _selected(
     """Return the selection, the fit without effects, the suspects that remain, and notes on the noise."""
     model = Model(base.model.formulation)
     found = select_stepwise(base, candidates, terms, rng, level)
+    # noise that is carried on looks like errors over the time; where it explains the alarm, nothing is missing
+    share = carried(found.fit) if found.alarm and base.noise.profiled and not base.noise.autocorrelation else 0.0
+    if share:
+        there = fit(model, replace(base.noise, autocorrelation=share), base.x)
+        calm = select_stepwise(there, candidates, terms, rng, level)
+        if not calm.alarm:
+            text = f"no pose is read again; {100 * share:.0f} % of the noise is taken to be carried on"
+            return calm, there, suspects, (*notes, Note(Code.NOISE_CARRIED, text, values={"part": share}))
     # repeats that were approached from both sides differ by the play of a joint, which looks like wild readings: a
     # suspect that has less than one such reading beside the effects is cleared
     at, wild = found.fit, [s for s in suspects if s.family == "outlier"] if found.sets else []
@@ -300,7 +356,7 @@ def _of_these_readings(finding: reports.Finding) -> reports.Finding:
     """Return a finding with the doubt that a wave of fitted period deserves until another set confirms it."""
     if FREE_PERIOD not in (c.name for c in finding.coefficients):
         return finding
-    return replace(finding, caution="; ".join(filter(None, (finding.caution, reports.UNCONFIRMED))))
+    return replace(finding, caution=(*finding.caution, reports.Caution(reports.Doubt.UNCONFIRMED)))
 
 
 def _short_of(verdict: reports.Verdict, left: reports.Left | None, noise: float = 1.0) -> reports.Verdict:

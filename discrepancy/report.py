@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from enum import StrEnum
 from math import isfinite, nan
 from typing import Any, Literal, cast, final, get_args
 
@@ -27,7 +28,6 @@ SCHEMA_VERSION = 1
 _ROUNDS, _SETTLED = 50, 1e-12  # an instrument whose scale is wrong makes its own reading part of what it will read
 _OF_THE_SEARCH = ("candidates", "fitted")  # parts that a report keeps to itself
 Verdict = Literal["none", "negligible", "noise", "named", "ambiguous", "partly", "unknown"]
-UNCONFIRMED = "is periodic over these readings; another set (across=) tells whether it always is"  # a caution
 CarriedVerdict = Literal["carries", "does not carry", "not testable there"]
 
 
@@ -69,6 +69,28 @@ class Coefficient:
 
 
 @final
+class Doubt(StrEnum):
+    """Why a name may not be the cause; readers get its words on the page and on the terminal."""
+
+    FORMULA_ERROR = "formula_error"  # a small name beside a large one: the error of that one's formula
+    OTHER_CAUSE = "other_cause"  # beside the name, the same part errs over columns by more than formulas are off
+    ONE_CAUSE = "one_cause"  # one error of a part over columns explains as much as all names together
+    UNCONFIRMED = "unconfirmed"  # a wave of fitted period, which no other set has confirmed
+    NOT_ELSEWHERE = "not_elsewhere"  # a wave of fitted period that other sets do not have
+
+
+@final
+@dataclass(frozen=True)
+class Caution:
+    """A doubt about a name: its code, and the `columns`, the `part` of the machine or the `cases` that it is of."""
+
+    code: Doubt
+    columns: tuple[str, ...] = ()
+    part: str = ""
+    cases: tuple[str, ...] = ()
+
+
+@final
 @dataclass(frozen=True)
 class Shuffled:
     """The control of a name that lives on an order: `by` is time, direction or velocity.
@@ -89,9 +111,9 @@ class Finding:
 
     `visible` is its size in sigma: the rms of its signature in the whitened constraints after calibration. `form` tells
     how it differs from the catalogue's formula ("size depends on the angle of joint 2"): then it is like the effect of
-    that name, and not that effect. `caution` is a doubt about the name. `coefficients` are the numbers of its formula.
-    `period` is that of a periodic effect, in the unit of its argument; 0 otherwise. `shuffled` is the control of a name
-    that lives on order, direction or time; None for any other.
+    that name, and not that effect. `caution` has the doubts about the name. `coefficients` are the numbers of its
+    formula. `period` is that of a periodic effect, in the unit of its argument; 0 otherwise. `shuffled` is the control
+    of a name that lives on order, direction or time; None for any other.
     """
 
     effect: str
@@ -103,7 +125,7 @@ class Finding:
     separated_by: str | None
     visible: float = 0.0
     form: str = ""
-    caution: str = ""
+    caution: tuple[Caution, ...] = ()
     coefficients: tuple[Coefficient, ...] = ()
     period: float = 0.0
     shuffled: Shuffled | None = None

@@ -57,7 +57,7 @@ def told(name: str, found: Within) -> Sequence[str]:
     ]
     for finding in report.findings:
         size, names = finding.amplitude, " or ".join(f"{r.effect} ({r.weight:.2f})" for r in finding.set)
-        more = "; ".join(word for word in (finding.form, finding.caution) if word)
+        more = "; ".join(word for word in (finding.form, *(c.code for c in finding.caution)) if word)
         ends = f"{size.ci95[0]:.3g} to {size.ci95[1]:.3g}"
         period = f", period {finding.period:.3g}" if finding.period else ""
         lines.append(f"  {names}: {size.value:.3g} {size.unit} ({ends}){period}{': ' + more if more else ''}")

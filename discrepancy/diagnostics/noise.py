@@ -11,13 +11,14 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from scipy.fft import dct
 from scipy.optimize import minimize
 from scipy.special import fdtrc, gammainc, ndtr
 
 from calibench.core.notes import Code, Note
 from calibench.core.words import plain
 from calibench.discrepancy.diagnostics.far_readings import Pattern, columns_of, pattern_of
-from calibench.discrepancy.fitting.fit import Fit, fit, linearise, orthonormal, readings_of
+from calibench.discrepancy.fitting.fit import Fit, fit, linearise, orthonormal, reading_order, readings_of
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import blamable, kinds_of, sensor_of
 from calibench.discrepancy.model.model import Model, relearned, told_by_middle
@@ -270,6 +271,29 @@ def noise_at(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -
         behind = max(len(unknown) * told_by_middle(len(data), sound.J.shape[1] / len(whole.readings)), repeats.n_pairs)
         noise = replace(noise, profiled=True, known=min(noise.known, behind))
     return noise, remarks
+
+
+_SLOW = 20  # waves over the run: what is as slow is no noise
+_SHARES = np.linspace(0.0, 0.6, 31)  # of the noise, that are carried on
+_CARRIED_SURE = 9.0  # twice the log-likelihood over noise that is not carried on
+
+
+def carried(at: Fit) -> float:
+    """Return the part of the noise that what a fit leaves carries from one reading to the next; 0 where that is chance.
+
+    By the likelihood of its waves over the run (Whittle 1953), but for the slow ones: what changes slowly is no noise.
+    """
+    order = reading_order(at.model.formulation.data)
+    r = np.asarray(at.r).reshape(len(order), -1)[np.argsort(order, kind="stable")]
+    if len(r) <= 2 * _SLOW:
+        return 0.0
+    powers = np.mean(dct(r, axis=0, norm="ortho")[_SLOW + 1 :] ** 2, axis=1)
+    turns = np.cos(np.pi * np.arange(_SLOW + 1, len(r)) / len(r))
+    shapes = 1 / (1 - 2 * _SHARES[:, None] * turns + _SHARES[:, None] ** 2)
+    scales = np.mean(powers / shapes, axis=1)
+    likely = -r.shape[1] * np.sum(np.log(scales[:, None] * shapes), axis=1)
+    best = int(np.argmax(likely))
+    return float(_SHARES[best]) if likely[best] - likely[0] > _CARRIED_SURE else 0.0
 
 
 def learned_beside(at: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Formulation, Noise, tuple[Note, ...]]:

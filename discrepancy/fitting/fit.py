@@ -8,7 +8,7 @@ readings a part is fitted first; all of them are fitted from where that ends.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
@@ -16,6 +16,7 @@ from hashlib import blake2b
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_solve, lstsq, qr
 from scipy.special import stdtrit
 
@@ -192,10 +193,24 @@ def wider(found: Fit, extra: Mapping[str, Array]) -> Fit:
 
 def part_of(model: Model, noise: Noise) -> tuple[Model, Noise]:
     """Return the model and the noise of a random part of very many readings, the same at every call."""
-    data = model.formulation.data
-    some = np.sort(np.random.default_rng(0).choice(len(data), thresholds().part_readings, replace=False))
+    n = len(model.formulation.data)
+    return _of_rows(model, noise, np.sort(np.random.default_rng(0).choice(n, thresholds().part_readings, False)))
+
+
+def _of_rows(model: Model, noise: Noise, some: NDArray[np.int_]) -> tuple[Model, Noise]:
     extra = {name: v if np.ndim(v) == 0 else np.asarray(v)[some] for name, v in noise.extra.items()}
-    return Model(model.formulation.on(data.rows(some)), model.effects), replace(noise, extra=extra)
+    formulation = model.formulation
+    return Model(formulation.on(formulation.data.rows(some)), model.effects), replace(noise, extra=extra)
+
+
+def thinned(found: Fit) -> Fit:
+    """Return a fit at `drawn_rows` of its residuals, evenly spaced: of very many, a part tells the same."""
+    n, c = found.at.misclosure.shape
+    some = np.unique(np.linspace(0, n - 1, min(n, thresholds().drawn_rows // c)).round().astype(int))
+    if len(some) == n:
+        return found
+    model, noise = _of_rows(found.model, found.noise, some)
+    return fit_at(model, noise, found.x, readings_of(found.at.model)[some], found.converged)
 
 
 def linearise(model: Model, noise: Noise, x: Array, adjusted: Array, readings: Array) -> Linearised:
@@ -453,7 +468,7 @@ class _End:
     alive: tuple[Any, ...]
 
 
-_ENDS: ContextVar[dict[tuple[Any, ...], _End] | None] = ContextVar("ends", default=None)
+_ENDS: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("ends", default=None)
 
 
 @contextmanager
@@ -464,6 +479,18 @@ def keeping_fits() -> Iterator[None]:
         yield
     finally:
         _ENDS.reset(before)
+
+
+def made_once(of: tuple[Any, ...], make: Callable[[], Fit]) -> Fit:
+    """Return the fit that `make` makes `of` some objects; inside `keeping_fits`, the one that it made before."""
+    ends = _ENDS.get()
+    if ends is None:
+        return make()
+    key = tuple(map(id, of))
+    if key not in ends:
+        ends[key] = make(), of  # kept alive, as ids are those of live objects
+    made: Fit = ends[key][0]
+    return made
 
 
 def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, about: Fit | None = None) -> Fit:

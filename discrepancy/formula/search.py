@@ -1,23 +1,26 @@
 """The search for a formula: orthogonal forward selection over the grammar, on scores projected off calibration.
 
 Each product of shapes is a column that a score test judges at once (Billings' FROLS with calibration as its first
-terms). Numbers inside a shape are scanned, then refined. Of several formulas the one of least description is kept:
-twice the log-likelihood, less log N for each number, less twice the log of the count of formulas as long. A first term
-must beat the best of all columns on drawn noise. A formula is added to the model only where it predicts left-out poses,
-and left-out blocks of the run, better than smooth functions do; beside it these may take what it leaves.
+terms). Numbers inside a shape are scanned, then refined; of very many rows a part is scanned, and all are fitted. Of
+several formulas the one of least description is kept: twice the log-likelihood, less log N for each number, less twice
+the log of the count of formulas as long. A first term must beat the best of all columns on drawn noise. A formula is
+added to the model only where it predicts left-out poses, and left-out blocks of the run, better than smooth functions
+do; beside it these may take what it leaves.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, combinations
 from math import nan
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from calibench.discrepancy.diagnostics.score import ProjectedScores, family_wise, projected_scores, signatures
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
-from calibench.discrepancy.fitting.fit import Fit, fit, orthonormal, predicted, reading_order
+from calibench.discrepancy.fitting.fit import Fit, fit, orthonormal, predicted, reading_order, thinned
 from calibench.discrepancy.formula.effect import FormulaEffect, class_of, free_numbers
 from calibench.discrepancy.formula.grammar import LETTERS, SMOOTH_NUMBERS, Atom, Run, Term, formula_text
 from calibench.discrepancy.labels import quantity_of
@@ -51,6 +54,7 @@ _WHOLE = 0.06  # of a turn: a number of waves this near to a whole one is tried 
 _ALIKE = 0.99999  # correlation of two columns of which one is enough
 _OUTSIDE = 3.0  # of description, that an error of an instrument costs where one of a joint says the same
 _NUMBERS = 4_000_000  # held at once
+_LONG = 20_000  # rows of a run, of more of which no shape with a memory is tried
 
 
 @final
@@ -113,6 +117,14 @@ def with_formula(
     return final, _told(final, ground, best, rivals, units, search)
 
 
+def _of_one(square: Array, absorbed: Array, across: Array) -> tuple[Array, NDArray[np.int_]]:
+    """Return T along scores, (m, t), and the rank of m columns of length `square`, less what calibration absorbs."""
+    left = square - absorbed
+    seen = left > _SEEN**2 * np.maximum(square, 1e-300)
+    inverse = np.where(seen, 1 / np.where(seen, left, 1.0), 0.0)
+    return np.asarray(across**2 * inverse[:, None]), seen.astype(int)
+
+
 _Answer = tuple[Fit, "_Found", tuple["_Found", ...], tuple[str, ...], "_Search"]
 
 
@@ -121,7 +133,7 @@ def _answer_of(ground: Fit, whole: Formulation, seed: int, again: bool = True) -
 
     `again`: it is searched once more about the machine with the first answer where this is far from the one without.
     """
-    search, about = _Search(ground, whole), ground
+    search, about = _Search(thinned(ground), whole), ground
     while True:
         found = search.best(np.random.default_rng(seed))
         if found is None:
@@ -132,13 +144,19 @@ def _answer_of(ground: Fit, whole: Formulation, seed: int, again: bool = True) -
         if at is None:
             return None
         # a large error bends the fit without it: slopes are taken again where the formula brought the machine
-        gained = ground.noise.gained(ground.cost, at.cost, at.degrees)
+        part = len(search.fit.r) / len(ground.r)
+        gained = part * ground.noise.gained(ground.cost, at.cost, at.degrees)
         if not again or abs(gained - search.first.gain(best.T, 1)) < _WITHIN:
             return at, best, rivals, units, search
         again = False
-        p, k = len(ground.x), len(ground.x) + len(units)
-        about = replace(at, model=ground.model, x=at.x[:p], r=at.r - at.J[:, p:k] @ at.x[p:k], J=at.J[:, :p])
-        search = _Search(about, whole)
+        about = _without(at, len(ground.x), len(units))
+        search = _Search(_without(thinned(at), len(ground.x), len(units)), whole)
+
+
+def _without(at: Fit, p: int, sizes: int) -> Fit:
+    """Return a fit of p numbers and a formula with so many `sizes` as it is without the formula, to first order."""
+    model, k = Model(at.model.formulation, at.model.effects[:-1]), p + sizes
+    return replace(at, model=model, x=at.x[:p], r=at.r - at.J[:, p:k] @ at.x[p:k], J=at.J[:, :p])
 
 
 def _predicts(ground: Fit, best: _Found, whole: Formulation, free: Sequence[SmoothTerm], seed: int) -> bool:
@@ -252,27 +270,22 @@ class _Search:
         self.parts = self._parts()
         joints = {joint.reading for joint in roles_of(self.formulation).joints}
         self.outside = {s.column for s in self.formulation.sensors} - joints if joints else set()
-        self.terms: dict[str, list[Term]] = {}
-        for name, own in self.parts.items():
-            terms = [Term(name, (a,)) for c in self.columns.values() for a in c.every]
-            terms += [Term(name, pair) for pair in self._pairs(own)]
-            if terms:
-                self.terms[name] = sorted(terms, key=lambda term: term.sizes)  # a block has one rank
         self.values: dict[Atom, Array] = {}
-        every = list(dict.fromkeys(a for terms in self.terms.values() for t in terms for a in t.atoms))
-        of_one = [atom for atom in every if atom.shape != "wave"]
-        self.table = np.stack([np.ones(len(self.data)), *(self.value(a)[:, 0] for a in of_one)], axis=0)
-        place = {atom: k + 1 for k, atom in enumerate(of_one)}
-        self.factors = {  # of the terms with one size, the rows of the table whose product they are, (m, 2)
-            name: np.array([[place[a] for a in t.atoms] + [0] * (2 - len(t.atoms)) for t in terms if t.sizes == 1])
-            for name, terms in self.terms.items()
-        }
-        self.slopes: dict[str, Array] = {}
-        self.pulls: dict[str, tuple[ProjectedScores, Array, Array]] = {}
-        self.count = [
-            max(1, sum(len(term.atoms) == 1 for terms in self.terms.values() for term in terms)),
-            max(1, sum(len(term.atoms) == 2 for terms in self.terms.values() for term in terms)),
-        ]
+        every = [a for c in self.columns.values() for a in c.every]
+        self.waves = [(a,) for a in every if a.shape == "wave"]
+        self.products, self.own = self._products([a for a in every if a.shape != "wave"])
+        atoms = list(dict.fromkeys(a for product in self.products for a in product))
+        place = {atom: k + 1 for k, atom in enumerate(atoms)}
+        self.table = np.stack([np.ones(len(self.data)), *(self.value(a)[:, 0] for a in atoms)], axis=0)
+        # of each product, the rows of the table that it multiplies, (m, 2)
+        self.factors = np.array([[place[a] for a in p] + [0] * (2 - len(p)) for p in self.products]).reshape(-1, 2)
+        self.held: dict[bytes, Array] = {}
+        self.weights: dict[str, tuple[Array, Array]] = {}
+        self.pulls: dict[str, tuple[ProjectedScores, Array]] = {}
+        self.lengths: dict[tuple[str, int], tuple[Array, Array]] = {}
+        single = len(every) * len(self.own)
+        pairs = sum(len(own) for own in self.own.values()) - (len(every) - len(self.waves)) * len(self.own)
+        self.count = [max(1, single), max(1, pairs)]
 
     # what there is
 
@@ -339,7 +352,7 @@ class _Search:
         if levels <= 4:
             signed = of("abs") + of("sign") if low < 0 < high else []
             return _Column(name, (*of("u"), *of("square")), (*of("u"), *of("square"), *signed))
-        memory = whole is not None and len(self.data) <= 20_000
+        memory = whole is not None and len(self.run.places) <= _LONG
         widths = _WIDTHS * span / 2
         operators = of("play", widths) + of("slip", widths) if memory else []
         powers = of("u") + of("square") + of("cube")
@@ -371,14 +384,17 @@ class _Search:
     def _time_span(self) -> float:
         return float(np.ptp(self.run.columns[self.run.clock])) or 1.0
 
-    def _pairs(self, own: Sequence[str]) -> Iterable[tuple[Atom, Atom]]:
-        """Return the products that are tried for a part at once."""
-        names = list(self.columns)
-        for k, one in enumerate(names):
-            for other in names[k + 1 :]:
-                if len(names) <= _MANY or one in own or other in own:
-                    for a in self.columns[one].atoms:
-                        yield from ((a, b) for b in self.columns[other].atoms)
+    def _products(self, single: Sequence[Atom]) -> tuple[list[tuple[Atom, ...]], dict[str, Array]]:
+        """Return the shapes of one size and the products of two, and which of them are tried for each part at once."""
+        products: list[tuple[Atom, ...]] = [(atom,) for atom in single]
+        own: dict[str, list[int]] = {name: list(range(len(products))) for name in self.parts if single or self.waves}
+        for one, other in combinations(self.columns.values(), 2):
+            pairs = [(a, b) for a in one.atoms for b in other.atoms]
+            for name, places in own.items():
+                if len(self.columns) <= _MANY or {one.name, other.name} & {*self.parts[name]}:
+                    places += range(len(products), len(products) + len(pairs))
+            products += pairs
+        return products, {name: np.array(places, dtype=int) for name, places in own.items()}
 
     def value(self, atom: Atom) -> Array:
         if atom not in self.values:
@@ -387,11 +403,20 @@ class _Search:
 
     # score tests
 
-    def _slope(self, quantity: str) -> Array:
-        if quantity not in self.slopes:
-            slope = self.fit.at.slopes[quantity]
-            self.slopes[quantity] = self.fit.at.whiten(slope).reshape(slope.shape)
-        return self.slopes[quantity]
+    def _weights(self, quantity: str) -> tuple[Array, Array] | None:
+        """Return the whitened signature W of a change in each row, and what W'W is; None where neither fits in memory.
+
+        Where each row's noise is its own these are (n, c), and (n,) of a diagonal; else (N, n) and (n, n).
+        """
+        if quantity not in self.weights:
+            n, slope = len(self.data), self.fit.at.slopes[quantity]
+            if self.apart:
+                white = self.fit.at.whiten(slope).reshape(slope.shape)
+                self.weights[quantity] = white, np.einsum("nc,nc->n", white, white)
+            elif n * slope.size <= _NUMBERS // 4:
+                white = signatures(self.fit, {quantity: np.eye(n)})
+                self.weights[quantity] = white, white.T @ white
+        return self.weights.get(quantity)
 
     def column_of(self, term: Term) -> Array:
         """Return the whitened signature of a unit of each size of a term, (N, k)."""
@@ -405,30 +430,13 @@ class _Search:
     ) -> tuple[Array, Array, Array]:
         """Return T, rank and, of `extra` scores (N, d), the largest T, of columns (n, m) that go k by k together."""
         p = on.Q.shape[1]
-        if self.apart:
-            pull, pair = self._pulls(on, quantity, extra)
-        else:
-            targets = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])])
+        targets = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])])
         T, ranks, most = [], [], np.zeros(0 if extra is None else extra.shape[1])
         for V, k in blocks:
-            if self.apart:
-                across = V.T @ pull
-                v = V.reshape(len(V), -1, k).transpose(1, 2, 0)
-                gram = (v * pair) @ v.transpose(0, 2, 1) if k > 1 else None
-                square = pair @ V**2 if gram is None else None
+            across, gram = self._across(quantity, V, k, on, targets)
+            if k == 1:
+                each, rank = _of_one(gram[:, 0, 0], (across[:, :p] ** 2).sum(axis=1), across[:, p:])
             else:
-                D = signatures(self.fit, {quantity: V})
-                across, d = D.T @ targets, D.reshape(len(D), -1, k)
-                gram = np.einsum("nmi,nmj->mij", d, d) if k > 1 else None
-                square = (D**2).sum(axis=0) if gram is None else None
-            if square is not None:
-                left = square - (across[:, :p] ** 2).sum(axis=1)
-                seen = left > _SEEN**2 * np.maximum(square, 1e-300)
-                inverse = np.where(seen, 1 / np.where(seen, left, 1.0), 0.0)
-                each = across[:, p:] ** 2 * inverse[:, None]
-                rank = seen.astype(int)
-            else:
-                assert gram is not None
                 A = across.reshape(len(gram), k, -1)
                 left2 = gram - A[:, :, :p] @ A[:, :, :p].transpose(0, 2, 1)
                 size = np.sqrt(np.maximum(np.einsum("mii->mi", gram), 1e-300))
@@ -441,27 +449,69 @@ class _Search:
             ranks.append(rank)
             if extra is not None and len(each):
                 most = np.maximum(most, each[:, 1:].max(axis=0))
-        return np.concatenate(T), np.concatenate(ranks), most
+        return np.concatenate([np.zeros(0), *T]), np.concatenate([np.zeros(0, dtype=int), *ranks]), most
 
-    def _pulls(self, on: ProjectedScores, quantity: str, extra: Array | None) -> tuple[Array, Array]:
-        """Return what each row of a quantity adds to products with Q, y and `extra`, (n, t), and with itself, (n,)."""
-        known = self.pulls.get(quantity)
-        if extra is None and known is not None and known[0] is on:
-            return known[1:]
-        targets, slope = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])]), self._slope(quantity)
-        pull = np.einsum("nc,nct->nt", slope, targets.reshape(*slope.shape, -1))
-        pair = np.einsum("nc,nc->n", slope, slope)
-        if extra is None:
-            self.pulls[quantity] = (on, pull, pair)
-        return pull, pair
+    def _across(self, quantity: str, V: Array, k: int, on: ProjectedScores, targets: Array) -> tuple[Array, Array]:
+        """Return products of the whitened columns of V, (n, m), with targets (N, t), and k by k with each other."""
+        known, v = self._weights(quantity), V.reshape(len(V), -1, k).transpose(1, 2, 0)
+        if known is None:
+            D = signatures(self.fit, {quantity: V})
+            d = D.reshape(len(D), -1, k)
+            return D.T @ targets, np.einsum("nmi,nmj->mij", d, d)
+        pull, square = self._pull(quantity, on, targets), known[1]
+        if k == 1:
+            return V.T @ pull, (square @ V**2 if square.ndim == 1 else (V * (square @ V)).sum(axis=0))[:, None, None]
+        other = v * square if square.ndim == 1 else v @ square
+        return V.T @ pull, other @ v.transpose(0, 2, 1)
 
-    def _all_blocks(self, quantity: str) -> Iterable[tuple[Array, int]]:
-        """Return the values of all terms of a quantity, as `_blocks_of` does."""
-        factors, most = self.factors[quantity], max(1, _NUMBERS // len(self.data))
-        for start in range(0, len(factors), most):
-            first, second = factors[start : start + most].T
-            yield (self.table[first] * self.table[second]).T, 1
-        yield from self._blocks_of(self.terms[quantity][len(factors) :])
+    def _pull(self, quantity: str, on: ProjectedScores, targets: Array) -> Array:
+        """Return what each row adds to products with targets (N, t), (n, t); that of Q and y is kept."""
+        last, t = self.pulls.get(quantity), on.Q.shape[1] + 1
+        if targets.shape[1] == t and last is not None and last[0] is on:
+            return last[1]
+        white = self.weights[quantity][0]
+        pull = np.einsum("nc,nct->nt", white, targets.reshape(*white.shape, -1)) if self.apart else white.T @ targets
+        self.pulls[quantity] = on, pull[:, :t]
+        return np.asarray(pull)
+
+    def _everything(
+        self, on: ProjectedScores, quantity: str, extra: Array | None
+    ) -> tuple[Array, Array, Array]:  # fmt: skip
+        """Return what `scan` does, of all products of a part and then its waves.
+
+        Lengths, and what calibration absorbs of them, are the same beside any terms and are computed once.
+        """
+        own, waves = self.own[quantity], self._blocks_of([Term(quantity, wave) for wave in self.waves])
+        if (known := self._weights(quantity)) is None:
+            return self.scan(on, quantity, chain(((V.T, 1) for _, V in self._values(own)), waves), extra)
+        targets = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])])
+        pull, square, p = self._pull(quantity, on, targets), known[1], self.first.Q.shape[1]
+        more = on.Q.shape[1] - p
+        T, ranks, most = [], [], np.zeros(0 if extra is None else extra.shape[1])
+        for start, V in self._values(own):
+            if (quantity, start) not in self.lengths:
+                whole = V**2 @ square if square.ndim == 1 else (V * (V @ square)).sum(axis=1)
+                self.lengths[quantity, start] = whole, ((V @ pull[:, :p]) ** 2).sum(axis=1)
+            size, absorbed = self.lengths[quantity, start]
+            across = V @ pull[:, p:]
+            each, rank = _of_one(size, absorbed + (across[:, :more] ** 2).sum(axis=1), across[:, more:])
+            T.append(each[:, 0])
+            ranks.append(rank)
+            if extra is not None and len(each):
+                most = np.maximum(most, each[:, 1:].max(axis=0))
+        last = self.scan(on, quantity, waves, extra)
+        return np.concatenate([*T, last[0]]), np.concatenate([*ranks, last[1]]), np.maximum(most, last[2])
+
+    def _values(self, own: Array) -> Iterable[tuple[int, Array]]:
+        """Yield the values of products, (m, n), block by block, each with its number."""
+        most = max(1, _NUMBERS // len(self.data))
+        for start in range(0, len(own), most):
+            if (values := self.held.get(own.tobytes())) is None:
+                first, second = self.factors[own[start : start + most]].T
+                values = self.table[first] * self.table[second]
+            if len(own) <= most:  # parts of the same columns share them
+                self.held[own.tobytes()] = values
+            yield start, values
 
     def _blocks_of(self, terms: Sequence[Term]) -> Iterable[tuple[Array, int]]:
         """Return the values of terms of one quantity, in blocks of one rank, in their order."""
@@ -521,11 +571,12 @@ class _Search:
             drawn = rng.standard_normal((len(on.y), _DRAWN))
             drawn -= on.Q @ (on.Q.T @ drawn)
             most = np.zeros(_DRAWN)
-        for quantity, terms in self.terms.items():
-            T, ranks, top = self.scan(on, quantity, self._all_blocks(quantity), drawn)
+        for quantity, own in self.own.items():
+            T, ranks, top = self._everything(on, quantity, drawn)
             most = np.maximum(most, top) if drawn is not None else most
-            best = np.argsort(-T)[: 3 * most_tried]
-            scored += [(float(T[k]), int(ranks[k]), terms[k]) for k in best if ranks[k]]
+            for k in np.argsort(-T)[: 3 * most_tried]:
+                atoms = self.products[own[k]] if k < len(own) else self.waves[k - len(own)]
+                scored += [(float(T[k]), int(ranks[k]), Term(quantity, atoms))] if ranks[k] else []
         scored.sort(key=lambda s: -self._step_worth(s[0], s[1], s[2], on))
         if not scored:
             return [], 1.0
@@ -589,7 +640,7 @@ class _Search:
             T, ranks, _ = self.scan(on, one.quantity, [(value, value.shape[1])])
             return self.gain(on, float(T[0]), int(ranks[0]))
 
-        if not moving or len(self.data) > 20_000:
+        if not moving or len(self.run.places) > _LONG:
             return term
         start = np.array([term.atoms[k].number for k in moving])
 

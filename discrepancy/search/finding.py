@@ -20,7 +20,7 @@ from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.model.roles import roles_of, words_of
 from calibench.discrepancy.registries import description_of, family_of
-from calibench.discrepancy.report import Amplitude, Coefficient, Finding, Rival
+from calibench.discrepancy.report import Amplitude, Caution, Coefficient, Doubt, Finding, Rival
 from calibench.discrepancy.search.form import forms_of
 from calibench.discrepancy.search.select import Option, spared, told_apart
 from calibench.discrepancy.search.standing import left_scale
@@ -33,7 +33,6 @@ _SAME = 1e-6  # of a signature: rounding, and what is of second order
 _PARTS = "look at the parts themselves"
 _TOGETHER = 0.5  # part of a column's variance: another column that explains so much goes together with it
 _NOT_POSES = "a known length, a second instrument, or a reading of another kind"
-FORMULA_ERROR = "may be the error of the first formula"
 
 
 def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
@@ -122,7 +121,7 @@ def with_cautions(findings: Sequence[Finding], whole: Mapping[str, float]) -> tu
         before = sum(f.visible**2 for f in larger)
         there = sum(max(f.visible**2, whole.get(f.effect, 0.0)) for f in larger if f.target == one.target)
         small = 0 < one.visible**2 < thresholds().formula_error * max(before, there)
-        larger.append(replace(one, caution=FORMULA_ERROR) if small else one)
+        larger.append(replace(one, caution=(Caution(Doubt.FORMULA_ERROR),)) if small else one)
     return tuple(larger)
 
 

@@ -1,10 +1,11 @@
-"""The guard against causes that no catalogue has: is more wrong with a named part than the error of a formula?
+"""The guard against causes that no catalogue has: a name stands where its form is confirmed, not where none refuses it.
 
-Without its own name a cause brings the nearest one. What that leaves lies on the same part, and follows what its
-formula does not know: another joint, two joints together, the time, a speed. So the part of each name gets any smooth
-function of one column, coarse and fine, or of two columns, and the name itself times such a function. A real cause in a
-form of its own leaves some thousandths to hundredths of what the name explains; a foreign one leaves more. What is left
-must be significant, among all functions tried, and more than formulas may be off.
+Without its own name a cause brings the nearest ones. What they explain is compared, by marginal likelihood, with smooth
+errors of the same part over what was met: Gaussian processes over one column or over two. Three accounts are weighed.
+The names, each off its formula by as much as formulas are; the names beside a smooth error that is no form of theirs,
+as it follows columns that they do not know, or is larger; and one smooth error instead of them. Several causes that
+meet on one part are rare, a foreign cause that several names share is not: they must explain far more than one
+function. A likelihood counts the numbers that a function needs, so no error is held out, and few rows do not decide.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,143 +15,284 @@ from typing import final
 
 import numpy as np
 
-from calibench.discrepancy.diagnostics.score import projected_scores
-from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, curve
-from calibench.discrepancy.fitting.fit import Fit, project_off, reading_order
-from calibench.discrepancy.labels import part_label, quantity_label
-from calibench.discrepancy.model.effect import Effect
-from calibench.discrepancy.model.roles import roles_of, words_of
-from calibench.discrepancy.noise.whiten import whitener
+from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
+from calibench.discrepancy.fitting.fit import Fit, orthonormal, project_off, reading_order
+from calibench.discrepancy.model.effect import Effect, name_of, whole_of
+from calibench.discrepancy.model.measured import MeasuredData
+from calibench.discrepancy.noise.whiten import Whitener, whitener
 from calibench.discrepancy.registries import description_of
-from calibench.discrepancy.report import Finding
-from calibench.discrepancy.search.form import product
+from calibench.discrepancy.report import Caution, Doubt, Finding
+from calibench.discrepancy.search.form import forms_of
+from calibench.discrepancy.search.smoother import Component
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
-_TERMS, _FINE, _SIDE, _BEND = 8, 20, 4, 3  # of one column, of one in detail, along each side of two, times the name
+_WAVES, _SIDE = 24, 7  # cosines over one column, and along each side of two
+_LENGTHS = (0.08, 0.16, 0.32, 0.64)  # of a column's range
+_SIZES = np.geomspace(0.05, 100.0, 14)  # of a smooth error, in standard deviations of the noise
+_OFF = np.array([0.0, 0.2, 0.4, 0.67, 1.0])  # sizes of the error of a form, parts of what formulas may be off
 _LEVELS = 4  # values up to which a column is a few states and not a number
-_FULL = 1e-3  # of a column's length: what calibration and names leave less of is not looked at
-_PAIRS = 150  # most pairs of columns
+_TOP = 2  # columns whose functions explain most, that are tried together with each other one
+_OWN = 0.02  # of the variance of a name's change: what a function of one column leaves of it, where it is one of that
+_SIGN = 0.95  # of the rows, in which a direction is the sign of a velocity
 _LEAST = 60  # degrees of freedom: with fewer nothing tells a cause from another
+_FURTHER = 20.0  # log odds against another name on the same part: measured on foreign causes and on pairs of true ones
+_RANK = 1e-10
+_SAME = 1e-3  # of the square: slopes that differ by less are the same
+_TINY = 1e-300
 
 
 @final
 @dataclass(frozen=True)
-class Rest:
-    """What a smooth function of `columns` explains on the part of a name: `gain`, squares of the scores beyond chance.
+class Account:
+    """Log-likelihoods of names and a smooth error over `columns`, and of that error `alone`.
 
-    `p` holds for all functions that were tried. `times` says whether the function multiplies the name. `worth` is what
-    it brings in twice the log-likelihood, less one for each of its numbers.
+    `form`: it is the error of the names' forms; `beside`: of any size; `larger`: larger than forms are off.
     """
 
     columns: tuple[str, ...]
-    p: float
-    gain: float
-    times: bool
-    worth: float
+    form: float
+    beside: float
+    larger: float
+    alone: float
 
 
 def with_doubts(
-    findings: Sequence[Finding], base: Fit, at: Fit, terms: Sequence[SmoothTerm], whole: Mapping[str, float],
-    level: float,
+    findings: Sequence[Finding], at: Fit, terms: Sequence[SmoothTerm]
 ) -> tuple[tuple[Finding, ...], bool]:  # fmt: skip
-    """Return the findings, with a caution where another cause may be behind a name, and whether there is such a one.
-
-    Names of several parts may share one cause: a function on one part that explains as much beside `base`, the fit
-    without effects, as all of them do is no less likely than they are together. `whole` is the energy of the signature
-    of each finding before calibration absorbs a part of it, over all scores.
-    """
+    """Return the findings, with a caution where another cause may be behind a name, and whether there is such a one."""
     effects = {f"{e.family} {e.target}": e for e in at.model.effects}
-    words, machine = words_of(roles_of(at.model.formulation)), at.model.formulation.data.machine
-    found, foreign, alone = [], False, ""
-    part = description_of(machine).part_of
-    if len({part(one.target) for one in findings if one.effect in effects and not one.caution}) > 1:
-        numbers = at.J.shape[1] - base.J.shape[1]
-        least = at.noise.gained(base.cost, at.cost, at.degrees) - numbers - thresholds().close
-        for one in findings:
-            if alone or one.effect not in effects:
-                continue
-            tried = rests(base, effects[one.effect], terms, at.x[at.model.place_of(effects[one.effect])])
-            best = max(tried, key=lambda rest: rest.worth, default=None)
-            if best is not None and best.worth >= least:
-                over = " and ".join(f"the {quantity_label(machine, name, words)}" for name in best.columns)
-                where = part_label(machine, one.target)
-                alone = f"may be another cause: one error of {where} over {over} explains as much as all these names"
-    for one in findings:
-        effect = effects.get(one.effect)
-        if effect is None:
-            found.append(one)
-            continue
-        caution = one.caution
-        named = max(one.visible**2 * len(at.r), whole.get(one.effect, 0.0))
-        if alone:
-            caution, foreign = caution or alone, True
-        left = [rest for rest in rests(at, effect, terms) if rest.p < level]
-        if left and left[0].gain > thresholds().formula_error * named:
-            over = " and ".join(f"the {quantity_label(machine, name, words)}" for name in left[0].columns)
-            caution = caution or f"may be another cause: beside it the same part errs over {over}"
-            foreign = True
-        found.append(replace(one, caution=caution))
-    return tuple(found), foreign
+    part = description_of(at.model.formulation.data.machine).part_of
+    groups: dict[str, list[Finding]] = {}
+    for one in (one for one in findings if one.effect in effects):
+        groups.setdefault(part(one.target), []).append(one)
+    together = [[one for own in groups.values() for one in own]] if len(groups) > 1 else []
+    doubts: dict[str, Caution] = {}
+    for own in (*groups.values(), *together):
+        sure = [one for one in own if not one.caution] or own[:1]
+        waves = [whole_of(effects[one.effect]) for one in sure]  # sine and cosine of one wave are one cause
+        claims = len({frozenset({one.effect} if wave is None else wave.coefficients) for one, wave in zip(sure, waves)})
+        named = [effects[one.effect] for one in sure]
+        errors = [effects[one.effect] for one in own if one not in sure]
+        columns, instead = _doubt(at, terms, named, errors, claims)
+        doubt = Caution(Doubt.ONE_CAUSE, columns, sure[0].target) if instead else Caution(Doubt.OTHER_CAUSE, columns)
+        doubts |= {one.effect: doubt for one in own if columns and one.effect not in doubts}
+    some = (
+        replace(one, caution=(doubts[one.effect],)) if one.effect in doubts and not one.caution else one
+        for one in findings
+    )
+    return tuple(some), bool(doubts)
 
 
-def rests(fitted: Fit, effect: Effect, terms: Sequence[SmoothTerm], c: Array | None = None) -> list[Rest]:
-    """Return what smooth functions explain on the part of `effect` beside a fit, the largest first.
+def _doubt(
+    at: Fit, terms: Sequence[SmoothTerm], named: Sequence[Effect], errors: Sequence[Effect], claims: int
+) -> tuple[tuple[str, ...], bool]:
+    """Return the columns of a smooth error that puts names in doubt, () for none, and whether it is instead of them."""
+    tried, own = accounts(at, terms, named, errors)
+    if not tried:
+        return (), False
+    t = thresholds()
+    known = {name for e in named for name in own[name_of(e)]}
+    exact = max(one.form for one in tried)
+    within = max((one.form for one in tried if {*one.columns} <= known), default=exact)
+    rest = max(tried, key=lambda one: one.larger if {*one.columns} <= known else one.beside)
+    more = rest.larger if {*rest.columns} <= known else rest.beside
+    # a function of what the only name is a function of says no other thing than the name
+    free = [one for one in tried if claims > 1 or not {*one.columns} <= own[name_of(named[0])]]
+    only = max(free, key=lambda one: one.alone, default=None)
+    if only is not None and only.alone - exact + _FURTHER * (claims - 1) > t.close / 2:
+        return only.columns, True
+    return (rest.columns if more - within > (t.further_gain + t.close) / 2 else ()), False
 
-    `c` are the coefficients of the effect, by default those that it has in the fit.
+
+def accounts(
+    at: Fit, terms: Sequence[SmoothTerm], named: Sequence[Effect], errors: Sequence[Effect] = ()
+) -> tuple[list[Account], Mapping[str, set[str]]]:
+    """Return what smooth errors say of names on their part, and name -> the columns of which it is a function.
+
+    `errors` are names that may be the error of the form of these: what they explain is left to that.
     """
-    numbers = fitted.x[fitted.model.place_of(effect)] if c is None else c
-    own = effect.basis(fitted.at.recorded, fitted.model.formulation.data, numbers)
-    at, kinds, t = fitted.at, fitted.at.misclosure.shape[1], thresholds()
-    n, data, whiten, r, J = len(at.misclosure), at.model.formulation.data, at.whiten, fitted.r, fitted.J
-    some = np.unique(np.linspace(0, n - 1, min(n, t.drawn_rows // kinds)).round().astype(int))
-    if len(some) < n:  # of very many readings a part tells the same
-        order = reading_order(data)[some]
-        whiten = whitener(at.reading_slopes[some], at.sigma[some], fitted.noise.autocorrelation, order)
-        r, J = whiten(at.misclosure[some]), whiten(at.columns[some])
-    on = projected_scores(replace(fitted, r=r, J=J))
-    if on.degrees < _LEAST:
-        return []
-    tried = list(_functions({name: column[some] for name, column in data.columns.items()}, terms))
-    found = []
-    for columns, waves, times in tried:
-        raw = sum(
-            at.slopes[name][some][:, :, None] * (product(waves, change[some]) if times else waves)[:, None, :]
-            for name, change in own.items()
-        )
-        D = whiten(np.asarray(raw))
-        lengths = np.linalg.norm(D, axis=0)
-        D = D[:, lengths > 0] / lengths[lengths > 0]
-        left = project_off(D, on.Q, times=2)
-        squares, vectors = np.linalg.eigh(left.T @ left)
-        seen = squares > _FULL**2
-        z = (np.stack([on.y, on.tested]) @ left) @ vectors[:, seen] / np.sqrt(squares[seen])
-        (T, tested), m = (z**2).sum(axis=1), int(seen.sum())
-        if m:
-            p = on.test(float(tested), m)
-            grown = n / len(some)
-            found.append(
-                Rest(columns, min(1.0, p * len(tried)), float(T - m) * grown, times, on.gain(float(T), m) * grown - m)
-            )
-    return sorted(found, key=lambda rest: -rest.gain)
-
-
-def _functions(
-    columns: Mapping[str, Array], terms: Sequence[SmoothTerm]
-) -> Iterator[tuple[tuple[str, ...], Array, bool]]:
-    """Yield the columns of functions, the functions (n, m), and whether they multiply the name."""
-    values: dict[str, Array] = {}
+    part = _Part.of(at, named, errors)
+    if part.degrees < _LEAST:
+        return [], {}
+    data = at.model.formulation.data
+    columns: dict[str, Component] = {}
     for term in terms:
         for name, low, high in zip(term.covariates, term.low, term.high):
-            x = np.asarray(columns[name], dtype=float)
-            if name not in values and np.isfinite(x).all() and high > low:
-                few = bool(term.levels) or len(np.unique(x)) <= _LEVELS
-                values[name] = curve(x, low, high, 2 if few else _FINE + 1)[:, 1:]
-    for name, waves in values.items():
-        yield (name,), waves[:, :_TERMS], False
-        yield (name,), waves[:, : _BEND - 1], True
-        if waves.shape[1] > _TERMS:
-            yield (name,), waves, False
-    for a, b in list(combinations(values, 2))[:_PAIRS]:
-        one, other = values[a][:, : _SIDE - 1], values[b][:, : _SIDE - 1]
-        yield (a, b), np.concatenate([one, other, product(one, other)], axis=1), False
+            x = np.asarray(data[name], dtype=float)
+            if name not in columns and np.isfinite(x).all() and high > low:
+                values = np.unique(x)
+                levels = tuple(map(float, values)) if len(values) <= _LEVELS else ()
+                columns[name] = Component("", name, "", (name,), (low,), (high,), _WAVES, levels)
+    # a function of a direction is one of the velocity that has this sign
+    signs = {name: np.sign(np.asarray(data[name], dtype=float)) for name in columns}
+    own = {
+        name_of(e): {name for name, sign in signs.items() if name in e.columns or _is_sign(sign, e.columns, data)}
+        for e in named
+    }
+    for effect, values in part.changes:
+        own[name_of(effect)] |= {name for name, one in columns.items() if _is_of(values, one.waves(data.columns)[0])}
+    tried = [part.account((name,), *one.waves(data.columns)) for name, one in columns.items()]
+    best = sorted(tried, key=lambda one: -max(one.larger, one.alone))[:_TOP]
+    met = dict.fromkeys(
+        [*(name for names in own.values() for name in sorted(names)), *(one.columns[0] for one in best)]
+    )
+    for a, b in combinations(columns, 2):
+        if a in met or b in met:
+            tried.append(part.account((a, b), *_over_two(columns[a], columns[b], data.columns)))
+    return tried, own
+
+
+def _is_sign(sign: Array, columns: Sequence[str], data: MeasuredData) -> bool:
+    return len(np.unique(sign)) > 1 and any(np.mean(sign == data[name]) > _SIGN for name in columns)
+
+
+def _is_of(values: Array, waves: Array) -> bool:
+    A, y = np.column_stack([np.ones(len(values)), waves]), values - values.mean()
+    left = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
+    return bool(left @ left < _OWN * (y @ y))
+
+
+def _over_two(one: Component, other: Component, data: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Return the functions of two columns, (n, m), and their frequencies, (m,)."""
+    sides = []
+    for side in (one, other):
+        waves, frequencies = replace(side, count=_SIDE).waves(data)
+        if not side.levels:
+            waves, frequencies = np.insert(waves, 0, 1.0, axis=1), np.insert(frequencies, 0, 0.0)
+        sides.append((waves, frequencies))
+    (a, slow), (b, fast) = sides
+    squares = (slow[:, None] ** 2 + fast**2).ravel()
+    some = squares > 0 if squares.any() else np.ones(len(squares), dtype=bool)
+    return (a[:, :, None] * b[:, None, :]).reshape(len(a), -1)[:, some], np.sqrt(squares[some])
+
+
+def _priors(frequencies: Array, over: int) -> Iterator[Array]:
+    """Yield relative variances of the weights of waves over some columns: smooth ones, and over one a walk."""
+    if not frequencies.any():
+        yield np.full(len(frequencies), 1 / len(frequencies))
+        return
+    walk = [frequencies**-2.0] if over == 1 else []
+    for shape in (*(np.exp(-0.5 * (frequencies * length) ** 2) for length in _LENGTHS), *walk):
+        yield shape / shape.sum()
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The scores y (N,) with what names explain, and their columns (N, k), which `variances` scale, on some rows.
+
+    `slopes` are those of the quantities that they change, alike ones once; `sets` the places of all of them and of
+    those of each name. `off` is how large, in the scores, errors of their forms may be; `changes` the names' effects.
+    """
+
+    y: Array
+    Q: Array
+    columns: Array
+    variances: Array
+    slopes: Sequence[Array]
+    sets: Sequence[Sequence[int]]
+    off: float
+    changes: Sequence[tuple[Effect, Array]]
+    rows: Array
+    white: Whitener
+    gain: float
+    least: float  # variance of the noise
+
+    @property
+    def degrees(self) -> int:
+        return int(len(self.y) - self.Q.shape[1])
+
+    @classmethod
+    def of(cls, at: Fit, named: Sequence[Effect], errors: Sequence[Effect]) -> "_Part":
+        """Return the part of names, and of their forms, in a fit; of very many readings some rows tell the same."""
+        model, gain, n, c = at.model, at.noise.gain, *at.at.misclosure.shape
+        data = model.formulation.data
+        rows = np.unique(np.linspace(0, n - 1, min(n, thresholds().drawn_rows // c)).round().astype(int))
+        white, r, J = at.at.whiten, at.r, at.J
+        if len(rows) < n:
+            order = reading_order(data)[rows]
+            white = whitener(at.at.reading_slopes[rows], at.at.sigma[rows], at.noise.autocorrelation, order)
+            r, J = white(at.at.misclosure[rows]), white(at.at.columns[rows])
+        own = [effect for e in named for effect in (e, *forms_of(e, model.effects))]
+        places = [model.place_of(e) for e in own]
+        out = [model.place_of(one) for e in errors for one in (e, *forms_of(e, model.effects))]
+        J = J * gain
+        signs = [J[:, place] @ at.x[place] for place in places]
+        kept = np.delete(np.arange(len(at.x)), np.concatenate([np.arange(len(at.x))[p] for p in (*places, *out)]))
+        Q, rest = orthonormal(J[:, kept], _RANK), sum(J[:, place] @ at.x[place] for place in out)
+        columns = [J[:, place] for place in places]
+        variances = [
+            np.mean(sign**2) / np.maximum(np.mean(one**2, axis=0), _TINY) / one.shape[1]
+            for sign, one in zip(signs, columns)
+        ]
+        slopes: list[Array] = []
+        sets: list[list[int]] = []
+        changes: list[tuple[Effect, Array]] = []
+        for effect, place in zip(own, places):
+            acting = []
+            for name, basis in effect.basis(at.at.recorded, data, at.x[place]).items():
+                slope = np.asarray(at.at.slopes[name])
+                acting.append(next((k for k, other in enumerate(slopes) if _alike(slope, other)), len(slopes)))
+                slopes += [slope] if acting[-1] == len(slopes) else []
+                changes += [(effect, np.asarray(basis) @ at.x[place])] if effect in named else []
+            sets += [sorted({*acting})]
+        every = [[*range(len(slopes))], *(one for one in sets if len(one) < len(slopes))]
+        return cls(
+            y=project_off(at.noise.scores(r) - sum(signs) - rest, Q), Q=Q,
+            columns=project_off(np.concatenate(columns, axis=1), Q, times=2), variances=np.concatenate(variances),
+            slopes=slopes, sets=[list(one) for one in dict.fromkeys(map(tuple, every))],
+            off=float(np.sqrt(thresholds().formula_error * np.mean(sum(signs) ** 2))), changes=changes, rows=rows,
+            white=white, gain=gain, least=0.0 if at.noise.profiled else 1.0,
+        )  # fmt: skip
+
+    def account(self, columns: tuple[str, ...], waves: Array, frequencies: Array) -> Account:
+        """Return what a smooth error of these functions (n, m) says of the names."""
+        raw = [
+            self.white(slope[self.rows][:, :, None] * waves[self.rows][:, None, :]) * self.gain for slope in self.slopes
+        ]
+        sizes = [float(np.mean(one**2)) or 1.0 for one in raw]
+        seen = [project_off(one, self.Q, times=2) for one in raw]
+        found = Account(columns, *[-np.inf] * 4)
+        for k, acting in enumerate(self.sets):
+            A = np.concatenate([self.columns, *(seen[j] for j in acting)], axis=1)
+            G, b = A.T @ A, A.T @ self.y
+            for prior in _priors(frequencies, len(columns)):
+                variances = np.concatenate([prior / sizes[j] for j in acting]) / len(acting)
+                alone = self._likely(G, b, variances, _SIZES, named=False)
+                found = replace(found, alone=max(found.alone, float(alone.max())))
+                if k:
+                    continue
+                off = _OFF * self.off
+                likely = self._likely(G, b, variances, np.concatenate([off, _SIZES]), named=True)
+                form, beside = likely[: len(off)], likely[len(off) :]
+                larger = np.max(beside, where=self.off < _SIZES, initial=-np.inf)
+                found = replace(
+                    found, form=max(found.form, float(form.max())), beside=max(found.beside, float(beside.max())),
+                    larger=max(found.larger, float(larger)),
+                )  # fmt: skip
+        return found
+
+    def _likely(self, G: Array, b: Array, variances: Array, sizes: Array, *, named: bool) -> Array:
+        """Return the log-likelihood, but for a constant, with and without the names, for each size of the error."""
+        k, total, lost = len(self.variances), float(self.y @ self.y), 0.0
+        rest, along = G[k:, k:], b[k:]
+        if named:
+            s = np.sqrt(self.variances)
+            L = np.linalg.cholesky(np.eye(k) + s[:, None] * G[:k, :k] * s)
+            solved = np.linalg.solve(L, s[:, None] * np.column_stack([G[:k, k:], b[:k]]))
+            C, d = solved[:, :-1], solved[:, -1]
+            rest, along, total, lost = rest - C.T @ C, along - C.T @ d, total - float(d @ d), np.log(np.diag(L)).sum()
+        some = variances > _RANK * variances.max()
+        roots = np.sqrt(variances[some])
+        values, vectors = np.linalg.eigh(roots[:, None] * rest[np.ix_(some, some)] * roots)
+        squares, a = (vectors.T @ (roots * along[some])) ** 2, sizes[:, None] ** 2
+        wider = 1 + a * np.maximum(values, 0.0)
+        left = np.maximum(total - (a * squares / wider).sum(axis=1), _TINY)
+        noise = np.maximum(self.least, left / self.degrees)
+        return np.asarray(-0.5 * (self.degrees * np.log(noise) + left / noise + np.log(wider).sum(axis=1)) - lost)
+
+
+def _alike(one: Array, other: Array) -> bool:
+    """Return whether two slopes, (n, c) each, are the same but for a factor."""
+    return bool(np.sum(one * other) ** 2 > (1 - _SAME) * np.sum(one**2) * np.sum(other**2))

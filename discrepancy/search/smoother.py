@@ -7,6 +7,7 @@ one after the other, while they also predict left-out poses better. Outside the 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -16,7 +17,7 @@ from calibench.core.tables.cells import between
 from calibench.core.words import plain
 from calibench.discrepancy.diagnostics.score import projected_scores
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, smooth_columns
-from calibench.discrepancy.fitting.fit import Fit, fit, project_off, reading_order
+from calibench.discrepancy.fitting.fit import Fit, fit, made_once, project_off, reading_order
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
@@ -109,14 +110,18 @@ class Smooth:
 
 def fit_smooth(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     """Return the fit with the smooth functions that these data support; `base` itself where none predicts."""
-    current = base
-    # scores of heavy-tailed noise are clipped, and smooth errors with them, so another pass fits the remaining error
-    for _ in range(_PASSES if np.isfinite(base.noise.t_degrees) else 1):
-        after = _once(current, terms)
-        if after is current:
-            break
-        current = after
-    return current
+
+    def found() -> Fit:
+        current = base
+        # scores of heavy-tailed noise are clipped, and smooth errors with them: another pass fits the remaining error
+        for _ in range(_PASSES if np.isfinite(base.noise.t_degrees) else 1):
+            after = _once(current, terms)
+            if after is current:
+                break
+            current = after
+        return current
+
+    return made_once((base, *terms), found)
 
 
 def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
@@ -139,6 +144,7 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     # each component with its cosines in the scores, also projected off calibration, and the variances of their weights,
     # (lengths, m), for an rms of about 1 in the scores
     tried: list[tuple[Component, Array, Array, Array]] = []
+    squares: list[Array] = []  # their products with each other
     for term, quantity in ((one, quantity) for one in terms for quantity in one.quantities):
         # as many cosines as the poses can tell, and no more
         count = min(_WAVES, max(4, len(some) // 4)) if len(term.covariates) == 1 else _SIDE
@@ -151,7 +157,8 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
         shapes = [np.exp(-0.5 * (frequencies * length) ** 2) for length in _LENGTHS[: 1 if term.levels else None]]
         middle = np.sqrt(np.mean(raw**2)) or 1.0
         variances = np.stack([shape / shape.sum() for shape in shapes]) / middle**2
-        tried.append((component, raw, project_off(raw, on.Q), variances))
+        tried.append((component, raw, seen := project_off(raw, on.Q), variances))
+        squares.append(seen.T @ seen)
 
     # the most likely ones in turn, with the variance of each weight; `B` are their columns scaled to a variance of 1
     chosen: dict[int, Array] = {}
@@ -159,11 +166,18 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     best = errors_left_out(J, y, fold, np.full(J.shape[1], _HELD)) ** 2
     while len(chosen) < min(t.smooth_most, len(tried)):
         rest = _rest(B, on.y, on.degrees)
-        fitted = {
-            k: _likeliest(seen, lengths, B / rest, on.y / rest, on.degrees, 1 / rest**2)
+        scaled, y_scaled = B / rest, on.y / rest
+        known = cho_factor(np.eye(B.shape[1]) + scaled.T @ scaled) if B.shape[1] else None
+        open_to = {
+            k: _Beside.of(seen, squares[k], lengths, scaled, y_scaled, known, on.degrees, 1 / rest**2)
             for k, (_, _, seen, lengths) in enumerate(tried)
             if k not in chosen
         }
+        fitted: dict[int, tuple[float, Array]] = {}
+        for k in sorted(open_to, key=lambda k: -open_to[k].most):
+            if fitted and open_to[k].most < max(worth for worth, _ in fitted.values()):
+                break  # nor can any that follows be likelier
+            fitted[k] = open_to[k].likeliest()
         k = max(fitted, key=lambda k: fitted[k][0])
         if fitted[k][0] < t.smooth_gain:
             break
@@ -224,28 +238,58 @@ def _rest(B: Array, y: Array, degrees: int) -> float:
     return float(np.sqrt(square))
 
 
-def _likeliest(seen: Array, lengths: Array, B: Array, y: Array, degrees: int, least: float) -> tuple[float, Array]:
-    """Return the gain in log-likelihood of a component beside the chosen ones, B, and the variances of its weights."""
-    G, b, total = seen.T @ seen, seen.T @ y, float(y @ y)
-    if B.shape[1]:
-        known = cho_factor(np.eye(B.shape[1]) + B.T @ B)
-        C, d = B.T @ seen, B.T @ y
-        solved = cho_solve(known, np.column_stack([C, d]))
-        G, b, total = G - C.T @ solved[:, :-1], b - C.T @ solved[:, -1], total - float(d @ solved[:, -1])
-    best = (-np.inf, 0.0, 0)
-    for length, variances in enumerate(lengths):
-        some = variances > _NOTHING * variances.max()  # a long length has few cosines
-        roots = np.sqrt(variances[some])
-        values, vectors = np.linalg.eigh(roots[:, None] * G[np.ix_(some, some)] * roots)
-        squares = (vectors.T @ (roots * b[some])) ** 2
-        a = _SIZES[:, None] ** 2
-        sizes = 1 + a * np.maximum(values, 0)
-        left = total - (a * squares / sizes).sum(axis=1)
-        rest = np.maximum(least, left / degrees)
-        worth = -0.5 * (degrees * np.log(rest) + left / rest - total + np.log(sizes).sum(axis=1))
-        k = int(np.argmax(worth))
-        best = max(best, (float(worth[k]), _SIZES[k], length), key=lambda solved: solved[0])
-    return best[0], best[1] ** 2 * lengths[best[2]]
+@final
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """A component beside the chosen ones: products of its cosines, with each other G (m, m) and with the scores b.
+
+    `total` are the squares of the scores that the chosen ones leave; `lengths` has the variances of its weights.
+    """
+
+    G: Array
+    b: Array
+    total: float
+    lengths: Array
+    degrees: int
+    least: float
+
+    @classmethod
+    def of(
+        cls, seen: Array, G: Array, lengths: Array, B: Array, y: Array, known: tuple[Array, bool] | None, degrees: int,
+        least: float,
+    ) -> "_Beside":  # fmt: skip
+        """Return it of cosines `seen` (N, m), of square G, beside columns B, of which `known` is the factor."""
+        b, total = seen.T @ y, float(y @ y)
+        if known is not None:
+            C, d = B.T @ seen, B.T @ y
+            solved = cho_solve(known, np.column_stack([C, d]))
+            G, b, total = G - C.T @ solved[:, :-1], b - C.T @ solved[:, -1], total - float(d @ solved[:, -1])
+        return cls(G, b, total, lengths, degrees, least)
+
+    @cached_property
+    def most(self) -> float:
+        """Return a number that no length and no size exceed in gain: weights are free but for the largest variance."""
+        held = np.eye(len(self.b)) / (_SIZES[-1] ** 2 * self.lengths.max())
+        left = self.total - float(self.b @ np.linalg.solve(self.G + held, self.b))
+        rest = max(self.least, left / self.degrees)
+        return -0.5 * (self.degrees * float(np.log(rest)) + left / rest - self.total)
+
+    def likeliest(self) -> tuple[float, Array]:
+        """Return the gain in log-likelihood, and the variances of the weights."""
+        best = (-np.inf, 0.0, 0)
+        for length, variances in enumerate(self.lengths):
+            some = variances > _NOTHING * variances.max()  # a long length has few cosines
+            roots = np.sqrt(variances[some])
+            values, vectors = np.linalg.eigh(roots[:, None] * self.G[np.ix_(some, some)] * roots)
+            squares = (vectors.T @ (roots * self.b[some])) ** 2
+            a = _SIZES[:, None] ** 2
+            sizes = 1 + a * np.maximum(values, 0)
+            left = self.total - (a * squares / sizes).sum(axis=1)
+            rest = np.maximum(self.least, left / self.degrees)
+            worth = -0.5 * (self.degrees * np.log(rest) + left / rest - self.total + np.log(sizes).sum(axis=1))
+            k = int(np.argmax(worth))
+            best = max(best, (float(worth[k]), _SIZES[k], length), key=lambda solved: solved[0])
+        return best[0], best[1] ** 2 * self.lengths[best[2]]
 
 
 NEAR = 0.3  # of what is more than noise: a formula that explains less is no hint

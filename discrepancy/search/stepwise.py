@@ -397,8 +397,7 @@ def judge(
         blamed.append(noise)
     verdict, findings = _verdict_of(selection, base, blamed, level)
     if verdict in ("named", "ambiguous", "partly"):
-        energies = {own[0].name: energy_of(own[0]) for own in selection.sets if len(own[0].fit.r)}
-        findings, foreign = guard.with_doubts(findings, base, selection.fit, terms, energies, level)
+        findings, foreign = guard.with_doubts(findings, selection.fit, terms)
         verdict = "partly" if foreign else verdict
     if verdict != "unknown":
         return verdict, findings, selection

@@ -11,7 +11,7 @@ import pytest
 from calibench.bench.discovery.page.page import across_table
 from calibench.bench.discovery.page.words import across_sentences, doubt_sentences, headline
 from calibench.discrepancy import Joint, MeasuredData, Report, Roles, carried, explain
-from calibench.discrepancy.report import UNCONFIRMED
+from calibench.discrepancy.report import Caution, Doubt
 from tests.discrepancy.test_general_families import Arm, readings
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
@@ -72,6 +72,13 @@ def test_a_backlash_that_was_halved_is_another_one():
     assert row.apart > 5
 
 
+def test_a_size_that_no_machine_has_is_none_there_either():
+    report, row = _only(_of_play(), _day(2, _play(0.5)))
+    assert (row.verdict, row.why) == ("not testable there", "the size that fits there is one that no machine has")
+    assert not np.isfinite(row.there.value)
+    assert "no machine has" in across_sentences(report)[0]
+
+
 def test_each_set_answers_by_itself_in_the_order_of_the_findings():
     report = carried(_of_play(), [_day(2), _day(3, _play(3e-4))])
     assert [(row.case, row.verdict) for row in report.across] == [("day 2", "does not carry"), ("day 3", "carries")]
@@ -119,14 +126,14 @@ def test_a_run_of_its_own_slip_does_not_spoil_what_carries():
 
 def test_a_wave_is_periodic_over_its_readings_until_another_set_has_it():
     report = _of_wave()
-    assert [(f.effect, f.caution) for f in report.findings] == [("periodic_error elbow", UNCONFIRMED)]
+    assert [(f.effect, f.caution) for f in report.findings] == [("periodic_error elbow", (Caution(Doubt.UNCONFIRMED),))]
     assert report.verdict == "named"
     assert "is periodic over these readings" in doubt_sentences(report)[0]
     assert ", periodic over these readings: period 369." in headline(report)
     confirmed, row = _only(report, _day(2, _wave()))
     assert row.verdict == "carries"
     assert row.period == pytest.approx(report.findings[0].period, rel=0.01)
-    assert [f.caution for f in confirmed.findings] == [""]
+    assert [f.caution for f in confirmed.findings] == [()]
     assert ", period 369." in headline(confirmed)
 
 
@@ -135,14 +142,26 @@ def test_the_doubt_of_several_waves_is_one_sentence():
     other = replace(wave, effect="periodic_error shoulder", target="shoulder")
     [said] = doubt_sentences(replace(_of_wave(), findings=(wave, other), other_noise=()))
     assert "elbow" in said
-    assert f"shoulder: each {UNCONFIRMED}." in said
+    assert "shoulder: each is periodic over these readings; another set" in said
 
 
 @pytest.mark.parametrize("other", [None, _wave(phase=np.pi / 2), _wave(order=21.4)], ids=["none", "phase", "period"])
 def test_a_wave_that_another_set_does_not_have_is_of_its_readings_alone(other):
     report, row = _only(_of_wave(), _day(2, *[other] * (other is not None)))
     assert row.verdict == "does not carry"
-    assert report.findings[0].caution == "is periodic over these readings, and not over those of day 2"
+    assert report.findings[0].caution == (Caution(Doubt.NOT_ELSEWHERE, cases=("day 2",)),)
+    assert "periodic over these readings, and not over those of day 2." in doubt_sentences(report)[0]
+
+
+def test_other_sets_are_one_sentence_however_many_findings_there_are():
+    report = carried(_of_play(), [_day(2)])
+    [row], [play] = report.across, report.findings
+    second = replace(play, effect="slip elbow", family="slip")
+    both = replace(report, findings=(play, second), across=(row, replace(row, effect="slip elbow", gain=-0.2)))
+    [said] = across_sentences(both)
+    assert said.count("Of other sets") == 1
+    assert said.count("does not carry to day 2") == 2
+    assert across_table(both).rows[1][-2] == "0"
 
 
 def test_other_sets_go_into_the_report_and_come_back():

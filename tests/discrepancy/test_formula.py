@@ -8,14 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import cho_factor
 
 from benchmarks.blind.gpm2002.simulate import case
 from calibench.bench.discovery.page.words import formula_sentences, gap_sentence, headline
 from calibench.discrepancy import Constraints, Joint, MeasuredData, Roles, explain
+from calibench.discrepancy.fitting.fit import thinned
 from calibench.discrepancy.formula.effect import FormulaEffect
 from calibench.discrepancy.formula.grammar import Atom, Run, Term, lag, play, side, slip
 from calibench.discrepancy.registries import effects
 from calibench.discrepancy.report import Report
+from calibench.discrepancy.search.smoother import _Beside
+from calibench.discrepancy.thresholds import THRESHOLDS, using
 from calibench.problems.base import Array, Parameter
 
 pytestmark = pytest.mark.usefixtures("at_one_noise")
@@ -131,7 +135,7 @@ def test_the_lines_of_its_effect_run_and_name_the_cause_with_the_same_gap(
     exec(compile(report.formula.to_effect(), "formula.py", "exec"), {})
     again = explain(Circles(), measured({"product": product, "hysteresis": hysteresis}[which]))
     assert again.verdict == "named"
-    assert "found_formula" in {f.family for f in again.findings}
+    assert [f.family for f in again.findings] == ["found_formula"]  # the cause is one, and so is the name
     assert again.gap.held_out_after == pytest.approx(report.gap.held_out_after, rel=0.02)
 
 
@@ -185,3 +189,24 @@ def test_rows_of_the_run_know_what_came_between_them() -> None:
     np.testing.assert_allclose(run.play(some["pull"], "pull", some, 20.0), whole[::3])
     new = replace(data, columns=dict(data.columns))
     np.testing.assert_allclose(run.play(new["pull"], "pull", new, 20.0), play(new["pull"], 20.0))
+
+
+def test_a_part_of_very_many_rows_is_the_fit_at_these_rows() -> None:
+    found = told("product").before.fit
+    n, c = found.at.misclosure.shape
+    with using(replace(THRESHOLDS, drawn_rows=40 * c)):
+        part = thinned(found)
+    some = np.unique(np.linspace(0, n - 1, 40).round().astype(int))
+    assert part.r.reshape(-1, c) == pytest.approx(found.r.reshape(n, c)[some])
+    assert part.J.reshape(40, c, -1) == pytest.approx(found.J.reshape(n, c, -1)[some])
+    assert thinned(found) is found
+
+
+def test_no_smooth_function_is_likelier_than_its_bound() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        seen, y = rng.standard_normal((80, 12)), rng.standard_normal(80) * 3
+        lengths = np.exp(-np.outer([0.1, 0.5, 2.0], np.arange(12.0)))
+        B = rng.standard_normal((80, 5))
+        one = _Beside.of(seen, seen.T @ seen, lengths, B, y, cho_factor(np.eye(5) + B.T @ B), 70, 1.0)
+        assert one.likeliest()[0] <= one.most

@@ -11,6 +11,7 @@ from calibench.bench.discovery.page.words import doubt_sentences, headline
 from calibench.discrepancy import MeasuredData, Report, explain
 from calibench.discrepancy.diagnostics.score import ProjectedScores, Scored, Subspace
 from calibench.discrepancy.noise.whiten import Noise
+from calibench.discrepancy.report import Doubt
 from calibench.discrepancy.search.stepwise import _together
 from tests.discrepancy.orthoglide_score import explained
 from tests.few import few
@@ -44,9 +45,9 @@ def test_play_whose_size_goes_with_the_angle_is_like_play_and_not_play(off: floa
 def test_a_small_effect_beside_a_large_one_may_be_the_error_of_its_formula() -> None:
     report = _told(case(1, xy=True, family="backlash", lam=6.0, noise="gauss"))
     first, *others = report.findings
-    assert (first.effect, first.caution) == ("backlash joint 1", "")
+    assert (first.effect, first.caution) == ("backlash joint 1", ())
     assert others
-    assert all(f.caution == "may be the error of the first formula" for f in others)
+    assert all([c.code for c in f.caution] == [Doubt.FORMULA_ERROR] for f in others)
     assert report.verdict == "named"
 
 

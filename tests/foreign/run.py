@@ -119,7 +119,7 @@ def told(kind: str, seed: int, **asked: Any) -> dict[str, Any]:
         "findings": [
             {"effect": f.effect, "family": f.family, "target": f.target, "set": [r.effect for r in f.set],
              "families": [[r.family, r.target] for r in f.set], "visible": f.visible, "form": f.form,
-             "caution": f.caution}
+             "caution": [one.code for one in f.caution]}
             for f in report.findings
         ],
         "where": [[p.target, p.covariate, p.p] for p in report.where[:3]],

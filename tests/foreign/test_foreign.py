@@ -35,9 +35,9 @@ def test_noise_of_every_law_is_of_unit_size(law: str) -> None:
 
 
 def test_a_name_with_a_caution_is_not_plain() -> None:
-    name = {"family": "drift", "caution": "", "form": ""}
+    name = {"family": "drift", "caution": [], "form": ""}
     assert plainly({"verdict": "named", "findings": [name]})
-    assert not plainly({"verdict": "named", "findings": [name | {"caution": "may be another cause"}]})
+    assert not plainly({"verdict": "named", "findings": [name | {"caution": ["other_cause"]}]})
     assert not plainly({"verdict": "partly", "findings": [name]})
     assert plainly({"verdict": "named", "findings": [name | {"form": "size depends"}]}, strict=True)
 

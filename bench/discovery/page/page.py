@@ -180,7 +180,7 @@ def across_table(report: Report) -> Table:
     """Return what other sets of the machine say of each finding; no row where none was asked."""
     cell, rows = macros(_CELLS), []
     for row in report.across:
-        numbers = [f"{v:.{digits}f}" if isfinite(v) else "–" for v, digits in (
+        numbers = [f"{round(v, digits) + 0.0:.{digits}f}" if isfinite(v) else "–" for v, digits in (
             (row.apart, 1), (row.gain, 0), (row.held_out_gain, 0),
         )]  # fmt: skip
         verdict = cell.cause(cell.strong(row.verdict) if row.verdict == "carries" else row.verdict, row.why)

@@ -19,7 +19,7 @@ from calibench.discrepancy.labels import effect_label, part_label, quantity_labe
 from calibench.discrepancy.model.effect import IN_ROWS
 from calibench.discrepancy.noise.laws import is_of_noise
 from calibench.discrepancy.remarks import NOISE_UNSTATED
-from calibench.discrepancy.report import UNCONFIRMED, Amplitude, Finding, Place, Report, Rival
+from calibench.discrepancy.report import Amplitude, Caution, Doubt, Finding, Place, Report, Rival
 from calibench.discrepancy.search.finding import BEGINS, FREE_PERIOD
 from calibench.discrepancy.search.smoother import NEAR
 
@@ -149,13 +149,14 @@ def _where(report: Report, column: str) -> str:
 def doubt_sentences(report: Report) -> list[str]:
     """Return the doubts on the names, and which names hold if the noise is not as stated."""
     machine = report.machine
-    by_caution: dict[str, list[Finding]] = {}
-    for f in report.findings:
-        by_caution.setdefault(f.caution if f.caution == UNCONFIRMED else f"{f.effect} {f.caution}", []).append(f)
+    alike: dict[tuple[str, str], list[Finding]] = {}
+    for f in (f for f in report.findings if f.caution):
+        alone = "" if [one.code for one in f.caution] == [Doubt.UNCONFIRMED] else f.effect
+        alike.setdefault((alone, "; ".join(caution_words(report, one) for one in f.caution)), []).append(f)
     doubted = []
-    for first, *more in (some for some in by_caution.values() if some[0].caution):
+    for (_, doubt), (first, *more) in alike.items():
         doubtful = _join([_label(machine, f) for f in (first, *more)])
-        doubted.append(f"{doubtful}{': each' if more else ',' if first.form else ''} {first.caution}.")
+        doubted.append(f"{doubtful}{': each' if more else ',' if first.form else ''} {doubt}.")
     said = [f"{line[:1].upper()}{line[1:]}" for line in doubted]
     names = [f for f in report.findings if not is_noise(f)]
     known = {f.effect for f in report.findings}  # the headline has their full words
@@ -180,6 +181,20 @@ def doubt_sentences(report: Report) -> list[str]:
     return said
 
 
+def caution_words(report: Report, caution: Caution) -> str:
+    """Return a doubt as what is said of its name."""
+    over = " and ".join(f"the {quantity_label(report.machine, name, report.words)}" for name in caution.columns)
+    part = part_label(report.machine, caution.part) or "the readings"
+    names = " as all these names" if len(report.findings) > 1 else ""
+    return {
+        Doubt.FORMULA_ERROR: "may be the error of the first formula",
+        Doubt.OTHER_CAUSE: f"may be another cause: beside it the same part errs over {over}",
+        Doubt.ONE_CAUSE: f"may be another cause: one error of {part} over {over} explains as much{names}",
+        Doubt.UNCONFIRMED: "is periodic over these readings; another set (across=) tells whether it always is",
+        Doubt.NOT_ELSEWHERE: f"is periodic over these readings, and not over those of {', '.join(caution.cases)}",
+    }[caution.code]
+
+
 def control_sentences(report: Report) -> list[str]:
     """Return of the names that live on order, direction or time how often shuffled rows explain as much."""
     alike: dict[tuple[str, int, int], list[str]] = {}
@@ -201,7 +216,7 @@ _CARRY = {
 
 
 def across_sentences(report: Report) -> list[str]:
-    """Return a sentence a finding on the other sets of the machine: which of them carry it, with its size there."""
+    """Return a sentence on the other sets of the machine: which of them carry each finding, with its size there."""
     said = []
     for finding in report.findings:
         parts = []
@@ -213,8 +228,8 @@ def across_sentences(report: Report) -> list[str]:
                     cases.append(f"{row.case} ({'; '.join(filter(None, (row.why, f'{size} there' if size else '')))})")
             parts += [words.format(_join(cases))] if cases else []
         if parts:
-            said.append(f"Of other sets of this machine: {_label(report.machine, finding)} {', '.join(parts)}.")
-    return said
+            said.append(f"{_label(report.machine, finding)} {', '.join(parts)}")
+    return [f"Of other sets of this machine: {'; '.join(said)}."] if said else []
 
 
 def _label(machine: str, finding: Finding) -> str:
@@ -393,7 +408,7 @@ def _free_period(finding: Finding, brief: bool = False) -> str:
         return ""
     reach = 1.96 * last.sd
     ends = None if brief else (finding.period - reach, finding.period + reach)
-    here = "periodic over these readings: " if finding.caution.endswith(UNCONFIRMED) else ""
+    here = "periodic over these readings: " if Doubt.UNCONFIRMED in (c.code for c in finding.caution) else ""
     words, turn = f"{here}period {amount(finding.period, last.unit, ends)}", _TURN.get(last.unit, 0.0)
     if turn <= finding.period:
         return words

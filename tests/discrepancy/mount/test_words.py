@@ -17,7 +17,7 @@ from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.labels import effect_label
 from calibench.discrepancy.machines.mount import Mount
 from calibench.discrepancy.machines.mount.description import planned
-from calibench.discrepancy.report import Left, OtherNoise, Place, Report
+from calibench.discrepancy.report import Caution, Doubt, Left, OtherNoise, Place, Report
 
 
 @cache
@@ -109,10 +109,11 @@ def test_what_would_be_named_at_another_noise_is_said_by_name() -> None:
 
 def test_a_term_is_explained_once_and_called_by_its_code_then() -> None:
     report = _flexure()
-    report = replace(report, findings=tuple(replace(f, caution="may be something else") for f in report.findings))
+    doubt = (Caution(Doubt.FORMULA_ERROR),)
+    report = replace(report, findings=tuple(replace(f, caution=doubt) for f in report.findings))
     assert "TF (the tube droops" in headline(report)
     assert doubt_sentences(report) == [
-        "TF may be something else.",
+        "TF may be the error of the first formula.",
         "Repeats do not tell the noise. At half the noise, TF would be named, with something left that has no name; at "
         "twice the noise, TF would be named.",
     ]

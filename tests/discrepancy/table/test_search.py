@@ -38,7 +38,6 @@ def enso():
     return discrepancy.explain(Table(), data)
 
 
-@pytest.mark.slow
 def test_the_three_cycles_of_enso_are_named_and_no_fourth(enso):
     assert [f.effect for f in enso.findings] == ["cycle month", "cycle second month", "cycle third month"]
     assert enso.verdict == "named"
