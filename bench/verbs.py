@@ -137,8 +137,15 @@ class PosesWords:
     box: Annotated[tuple[float, ...] | None, Word(
         "plan.box", "[300,900,-500,500,0,800]", "keep the tip inside a box of the base [mm]",
         form="[x0,x1,y0,y1,z0,z1]")] = None
+    keep_out: Annotated[tuple[float, ...] | None, Word(
+        "plan.keep_out", "[-800,800,-900,-400,0,700]", "keep arm and target out of boxes of the base [mm]",
+        form="[x0,x1,y0,y1,z0,z1,...]")] = None
+    off: Annotated[float, Word(
+        "plan.off", "0.5", "what a number may be off unread [mm, mrad]", form="MM",
+        above=0, needed="an error [mm, mrad] above 0 is needed")] = 0.5
     seed: Annotated[int, Word("plan.seed", "0", "another N draws other poses to choose from", form="N")] = 0
-    to: Annotated[Path | None, Word("plan.to", "poses.csv", "write the poses to a file [rad]", form="FILE")] = None
+    to: Annotated[Path | None, Word(
+        "plan.to", "poses.csv", "write poses [rad, mm], joint targets, a drawing of the gain", form="FILE")] = None
 
 
 @final

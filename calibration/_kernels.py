@@ -131,13 +131,27 @@ def jacobian(
 
 
 @njit()
-def targets(
-    x: Array, template: Array, free: Index, fixed: Array, align: Array, sliding: Index, stands: Array
-) -> Array:  # fmt: skip
-    """Return the targets of one candidate, (n, 9): place [mm], and the x and y axes of its frame."""
-    full, seen = _whole(x, template, free), np.empty((stands.shape[0], 9, 1))
-    _targets(full, fixed, align, sliding, stands, True, seen, 1)
-    return seen[:, :, 0].copy()
+def poses(
+    p: Array, free: Index, fixed: Array, align: Array, sliding: Index, stands: Array, oriented: bool
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return targets, (n, 9): place [mm] and the x and y axes; and their screws in the `free` of p, (n, 3 or 6, k).
+
+    A screw is the shift [mm] of the target and, where `oriented`, its turn [rad], both in the world.
+    """
+    n, joints = stands.shape[0], sliding.size
+    full, seen = _whole(p, p, free[:0]), np.empty((n, 9, 1))
+    link, ways, moved = np.empty((joints + 2, 12)), np.empty((joints + 2, 18)), np.empty(6 * free.size * WIDE)
+    frames, places = np.empty((joints + 3) * 12 * WIDE), np.empty((joints + 2) * 3 * WIDE)
+    links(full, fixed, align, link, ways, frames)
+    screws, which = np.empty((n, 6 if oriented else 3, free.size)), np.empty(WIDE, dtype=np.int64)
+    for first in range(0, n, WIDE):
+        for i in range(WIDE):
+            which[i] = min(first + i, n - 1)
+        live = min(WIDE, n - first)
+        screws_of(
+            which, full, free, sliding, stands, link, ways, frames, places, moved, seen, screws, first, live
+        )  # fmt: skip
+    return seen[:, :, 0].copy(), screws
 
 
 @part()

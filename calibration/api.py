@@ -15,7 +15,7 @@ from calibench.calibration.calibrate import Calibration, Level, calibrate_arm
 from calibench.calibration.hand_eye import HandEye, calibrate_hand_eye
 from calibench.calibration.hand_eye_start import Flange, Mounting, Read, Setup
 from calibench.calibration.model import KNOWN_TO
-from calibench.calibration.poses import By, Design, Limits, design_poses
+from calibench.calibration.poses import OFF, By, Design, Limits, design_poses
 from calibench.calibration.readings import table_of
 from calibench.calibration.start import HowRead
 
@@ -48,13 +48,15 @@ def design(
     urdf_or_table: str | Path | Arm, count: int, readings: Any = None, *, by: By = "D", sigma: float | None = None,
     sigma_rotation: float | None = None, observe: str = "", rotation: str = "",
     target: Sequence[float] = (0.0, 100.0, 100.0), limits: Limits | None = None,
-    box: Sequence[Sequence[float]] | None = None, seed: int = 0, columns: Mapping[str, str] | None = None,
+    box: Sequence[Sequence[float]] | None = None, keep_out: Sequence[Sequence[Sequence[float]]] = (),
+    off: float = OFF, seed: int = 0, columns: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None, names: Sequence[str] = (), base: str = "", tip: str = "",
     convention: str = "",
 ) -> Design:  # fmt: skip
     """Return the `count` poses that are worth most to measure, beside those of `readings` where there are any.
 
-    `box`, ((x0, x1), (y0, y1), (z0, z1)) [mm] in the base, holds the tip; the other options are those of
+    `box`, ((x0, x1), (y0, y1), (z0, z1)) [mm] in the base, holds the tip, and the arm keeps out of each box of
+    `keep_out`; the other options are those of
     ``bench design machine=arm plan.n=``. Raises `ValueError` in one line.
     """
     how, start = HowRead(observe, rotation), None
@@ -68,7 +70,8 @@ def design(
         start = how.start(table, arm.chain)
     return design_poses(
         arm, count, start=start, by=by, sigma=sigma, sigma_rotation=sigma_rotation, rotations=observe == "pose",
-        target=target, limits=limits, box=None if box is None else np.asarray(box, dtype=float), seed=seed,
+        target=target, limits=limits, box=None if box is None else np.asarray(box, dtype=float),
+        keep_out=[np.asarray(one, dtype=float) for one in keep_out], off=off, seed=seed,
     )  # fmt: skip
 
 

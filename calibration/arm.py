@@ -38,6 +38,14 @@ class Arm:
     text: bytes = b""
     tip: str = ""
 
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """Return what was seen in the arm's own file: units that sizes tell, and what is wrong beside the chain."""
+        if self.robot is not None:
+            return self.robot.beside(self.chain)
+        words = self.table.notes if self.table is not None else ()
+        return tuple(Note(Code.UNIT, f"{self.path.name}: {text}") for text in words)
+
     def mistake(self, table: Table, how: HowRead) -> Note | None:
         """Return with which one change of the arm's own table the readings fit, where they do not as it stands."""
         change = "" if self.table is None else mistake_of_table(self.table, table, how)

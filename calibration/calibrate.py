@@ -1,7 +1,7 @@
 """The calibration of an arm from beginning to end: read, start, fit, hold out, choose, and the answer as a value.
 
-The levels (frames, zeros, geometry, gains) are fitted one after the other; the one that predicts poses best that were
-held out (by the file, or in turn) is the answer, and a richer one must be better by more than chance would make it.
+The levels (frames, zeros, geometry, gains) are fitted one after the other, and `choose` takes the one that predicts
+poses best that were left out.
 """
 
 from collections.abc import Iterable, Mapping
@@ -16,11 +16,13 @@ import numpy as np
 
 from calibench.calibration import fit as fitting
 from calibench.calibration.arm import Arm, Files, placement
-from calibench.calibration.determined import LEVELS, is_length, order_of
+from calibench.calibration.choose import choose
+from calibench.calibration.determined import LEVELS, information_of, is_length, order_of
 from calibench.calibration.fit import Fit, HeldOut
 from calibench.calibration.frames import stepped
 from calibench.calibration.kinematics import forward, nominal
 from calibench.calibration.model import KNOWN_TO, ArmModel, model_of
+from calibench.calibration.normal import normal_blocks, root_of
 from calibench.calibration.poses import foretold, ranges
 from calibench.calibration.readings import Readings, Table, joints_beside, poses_of
 from calibench.calibration.rigid import Array, Index, Mask, rpy_of
@@ -32,13 +34,13 @@ from calibench.core.words import plain
 
 SCHEMA_VERSION = 1
 Level = Literal["auto", "frames", "zeros", "geometry", "gains"]
+_FRAMES = ("base_", "tool_")
 WRITTEN = ("frames", "zeros", "geometry")
 _SPOILT = 0.75  # of the squares of what is left: a step that makes more leaves less than half of it
 _FAR = 3.0  # times the error that is foretold among the poses that were read: beyond, a note says so
 _NARROW = 0.25  # of the way between a joint's limits
 _MANY = 0.1  # of the poses: more wild ones are no mishaps
 _FEW = 40  # poses: with as many the numbers are sure
-_SAME = 0.999  # of a column's square that others explain: they look alike
 _STILL = 1e-9  # mm or rad: no pose tells a number of the target that moves by less from draw to draw
 _TELLS = 0.05  # of a column, below which another's share in it is not told
 _FEWEST = 5  # fewest poses of a part that is reported
@@ -49,7 +51,7 @@ _WORDS = {
     **{number: number for number in ("theta", "d", "a", "alpha", "beta")},
 }  # fmt: skip
 _TO_JSON = (
-    "observed", "base", "tip", "joints", "poses", "fitted", "folds", "chosen", "levels", "changes",
+    "observed", "base", "tip", "joints", "poses", "fitted", "folds", "chosen", "tolerance", "levels", "changes",
     "undetermined", "wild", "regions", "by_joint", "over_joints", "frames", "scatter", "notes", "files", "seconds",
 )  # fmt: skip
 
@@ -88,15 +90,17 @@ class Change:
 @final
 @dataclass(frozen=True)
 class Undetermined:
-    """A number that keeps its nominal value: the numbers that act like it, or how uncertain it would be [mm, mrad].
+    """A number that the readings do not tell: the numbers that act like it, or how well it is known by them [mm, mrad].
 
-    Where `known_to` is finite other poses would tell it: it acts like no other number, and moves what is read.
+    Where `known_to` is finite other poses would tell it, and it is off its nominal value by a `change` [mm, rad] that
+    lies within the maker's tolerance. Others keep their nominal value.
     """
 
     parameter: str
     reason: str
     like: tuple[str, ...] = ()
     known_to: float = nan
+    change: float = 0.0
 
 
 @final
@@ -155,7 +159,8 @@ class Calibration:
     `source` is what describes the arm (URDF, or table), `observed` what was read: position, pose, or sockets. `levels`
     are the errors of poses that were not fitted for each level that was tried, `before` and `after` those of the
     nominal arm and of the one that is written (`error_before`, `error_after`: rms [mm]): `chosen`, fitted to `fitted`
-    of the `poses`, all but those that the file holds back. `without_gains` [mm] is what is left of it where nobody
+    of the `poses`, all but those that the file holds back, with the maker's lengths and angles taken for true to the
+    `tolerance` [mm, mrad]. `without_gains` [mm] is what is left of it where nobody
     scales the joints' readings, NaN where none are scaled. `scatter` is what is left of a coordinate [mm] and of a
     rotation [rad]. `frames` are base (in the tracker) and target (on the tip): x y z [mm], roll pitch yaw [rad].
     """
@@ -173,6 +178,7 @@ class Calibration:
     fitted: int
     folds: str
     chosen: str
+    tolerance: float
     levels: tuple[Error, ...]
     before: Error
     after: Error
@@ -203,7 +209,7 @@ class Calibration:
 
     @property
     def held(self) -> tuple[Undetermined, ...]:
-        """Return the numbers that keep their nominal values, each with the reason."""
+        """Return the numbers that the readings do not tell, each with the reason."""
         return self.undetermined
 
     def written(self, data: str = "") -> Files:
@@ -230,7 +236,7 @@ class Calibration:
             "schema_version": SCHEMA_VERSION, "case": self.case,
             "urdf" if self.arm.table is None else "dh": str(self.arm.path),
             **{key: finite(getattr(self, key)) for key in _TO_JSON}, "before": finite(self.before),
-            "after": finite(self.after),
+            "after": finite(self.after), "covariance": self.fit.covariance_by_name(),
         }  # fmt: skip
 
 
@@ -268,30 +274,32 @@ def calibrate_arm(
     except DataError as error:
         raise arm.refusal(error, table, how) from None
 
-    judged = {one: fitting.cross_validate(fits[one], orders[one]) for one in LEVELS}
+    choice = choose(fits, WRITTEN if level == "auto" else (level,), fits["gains" if level == "gains" else "geometry"])
+    fits, judged, chosen = dict(choice.fits), dict(choice.unseen), choice.level
+    fit, wild = fits[chosen], fits[chosen].wild
     poses = np.arange(len(model.joints)) if model.position is None else poses_of(model.joints)
-    chosen = _best_level(judged, fits, poses[train]) if level == "auto" else level
-    fit, wild, folds = fits[chosen], fits[chosen].wild, f"every fifth pose left out in turn, {fitting.FOLDS} times"
     places, different = len(np.unique(model.place)), len(np.unique(poses_of(model.joints)))
+    folds = f"each left out once, in {choice.folds} groups"
     if readings.hold is not None:
         folds = f"the {int(readings.hold.sum())} rows that the file holds back"
     elif model.position is None and places > 1:
-        folds = f"places left out in turn, {min(fitting.FOLDS, places)} groups of {places}"
+        folds = f"each of {places} places left out once, in {choice.folds} groups"
     elif different < len(readings):
-        folds = f"every fifth of {different} different ones left out in turn with its repeats, {fitting.FOLDS} times"
+        folds = f"each of {different} different ones left out once with its repeats, in {choice.folds} groups"
     if not train.all():  # a row that is held back is wild as a fitted one is, but beside those that are held back
         judged = {one: fitting.predict(fits[one], model, ~train) for one in LEVELS}
         wild = np.zeros(len(train), dtype=bool)
         wild[train] = fit.wild
         for sizes in (judged[chosen].position, judged[chosen].rotation):
             wild[~train] |= False if sizes is None else fitting.far_out(sizes[~train])
-    levels = {one: _error(one, judged[one], ~wild, poses, distance) for one in LEVELS}
+    levels = {
+        one: _error(one, judged[one], ~wild, poses, distance, fits[one].spent if train.all() else 0.0) for one in LEVELS
+    }
     draws, without_gains = fitting.resample(fit, resamples), _without_gains(fit, model, judged[chosen], wild)
 
     mistake = arm.mistake(table, how)
     notes: list[Note] = [mistake] if mistake else [*_far_off(levels[chosen].rms, model, readings)]
-    notes += [Note(Code.UNIT, f"{arm.path.name}: {text}") for text in (arm.table.notes if arm.table else ())]
-    notes += readings.notes
+    notes += [*arm.notes, *readings.notes]
     notes += _notes(levels, fit, chosen, model, readings.where(train), without_gains, judged=judged, wild=wild)
     again = int(np.isin(poses[~train], poses[train]).sum())
     if again:  # they say little of others
@@ -313,9 +321,9 @@ def calibrate_arm(
     return Calibration(
         case=table.name, arm=arm, readings=readings, fit=fit, source=chain.source, observed=readings.observed,
         base=chain.base, tip=chain.tip, joints=chain.driven, poses=len(readings), fitted=int(train.sum()), folds=folds,
-        chosen=chosen, levels=tuple(levels.values()), before=levels["frames"], after=levels[chosen],
-        error_before=levels["frames"].rms, error_after=levels[chosen].rms,
-        changes=_changes_of(arm, fit, draws), undetermined=_undetermined_of(fit),
+        chosen=chosen, tolerance=fit.model.tolerance, levels=tuple(levels.values()), before=levels["frames"],
+        after=levels[chosen], error_before=levels["frames"].rms, error_after=levels[chosen].rms,
+        changes=_changes_of(arm, fit, draws), undetermined=_undetermined_of(fit, fits["geometry"]),
         wild=tuple(Wild(readings.label(int(i)), float(size[i])) for i in worst_first), regions=regions,
         by_joint=by_joint, over_joints=over_joints(drawn), drawn=drawn, without_gains=without_gains,
         scatter=(fit.model.sigma[0], fit.model.sigma[1]),
@@ -326,28 +334,11 @@ def calibrate_arm(
     )  # fmt: skip
 
 
-def _best_level(judged: dict[str, HeldOut], fits: dict[str, Fit], poses: Index) -> str:
-    """Return the level that predicts what was not fitted best: a richer one has to be better by a standard error."""
-    chosen, sigma = WRITTEN[0], fits[WRITTEN[-1]].model.sigma
-    squares = {  # of each pose's error, position and rotation each over its scatter
-        level: (one.position / sigma[0]) ** 2 + (0.0 if one.rotation is None else (one.rotation / sigma[1]) ** 2)
-        for level, one in judged.items()
-    }
-    for level in WRITTEN[1:]:
-        better = squares[chosen] - squares[level]
-        known = ~(fits[level].wild | fits[chosen].wild) & np.isfinite(better)
-        there = np.unique(poses[known], return_inverse=True)[1]
-        gain = np.asarray(np.bincount(there, better[known]), dtype=float)  # repeats of a pose as one
-        if len(gain) > 1 and gain.mean() > gain.std(ddof=1) / np.sqrt(len(gain)):
-            chosen = level
-    return chosen
-
-
-def _error(level: str, errors: HeldOut, known: Mask, poses: Index, distance: float) -> Error:
+def _error(level: str, errors: HeldOut, known: Mask, poses: Index, distance: float, spent: float) -> Error:
     position = np.where(known, errors.position, np.nan)
     there = position[np.isfinite(position)]
     return Error(
-        level=level, rms=fitting.rms(position), ci95=fitting.rms_interval(position, poses=poses),
+        level=level, rms=fitting.rms(position), ci95=fitting.rms_interval(position, poses, spent),
         median=float(np.median(there)), largest=float(there.max()),
         rotation=nan if errors.rotation is None else fitting.rms(np.where(known, errors.rotation, np.nan)),
         spans=fitting.rms(errors.spans - distance) if len(errors.spans) and distance else nan,
@@ -422,7 +413,7 @@ def _notes(
         text = f"{poses} poses are few: some {_FEW} make the numbers sure, and bench design says which"
         yield Note(Code.FEW_POSES, text, values={"poses": poses})
     if fit.model.position is not None and chosen != "frames":
-        inside, outside = foretold(fit, chosen)
+        inside, outside = foretold(fit)
         if outside > max(_FAR * inside, fit.model.sigma[0]):
             read, limits = ranges(fit.model)
             whole, part = limits[1] - limits[0], read[1] - read[0]
@@ -464,11 +455,11 @@ def _step(fit: Fit, readings: Readings) -> Iterable[Note]:
 
 def _changes_of(arm: Arm, fit: Fit, draws: Array) -> tuple[Change, ...]:
     """Return the changes of the kept parameters of the joints, with the interval that the `draws` (b, k) give."""
-    changes, model = [], fit.model
+    changes, model, badly = [], fit.model, _known_to(fit)
     for k, place in enumerate(fit.kept):
         name = model.names[place]
         kind, _, joint = name.partition("_")
-        if kind not in ("base", "tool"):
+        if kind not in ("base", "tool") and place not in badly:
             nominal = 1.0 if kind == "gain" else 0.0
             low, high = np.quantile(draws[:, k], [0.025, 0.975]) - nominal
             unit = "mm" if is_length(name, model.sliding) else "" if kind == "gain" else "rad"
@@ -494,32 +485,44 @@ def _changes_of(arm: Arm, fit: Fit, draws: Array) -> tuple[Change, ...]:
     return tuple(changes)
 
 
-def _undetermined_of(fit: Fit) -> tuple[Undetermined, ...]:
-    """Return the parameters of the joints that keep their nominal values, each with the reason."""
-    names, kept = fit.model.names, set(fit.kept.tolist())
-    rest = [k for k in order_of(names, "geometry", fit.model.sliding) if k not in kept]
-    rest = [k for k in rest if not names[k].startswith(("base_", "tool_"))]
-    both = np.array([*fit.kept.tolist(), *rest], dtype=np.int64)
-    rows = fit.model.jacobian(fit.p, both, fit.weights)[0].reshape(-1, len(both))
-    ours, others = rows[:, : len(kept)], rows[:, len(kept) :]
+def _undetermined_of(fit: Fit, geometry: Fit) -> tuple[Undetermined, ...]:
+    """Return the numbers of the arm that the readings do not tell, by `fit` and by the one that frees all geometry."""
+    names, model, kept = geometry.model.names, geometry.model, geometry.kept.tolist()
+    order = order_of(names, "geometry", model.sliding)
+    rest = [k for k in order if k not in kept and not names[k].startswith(_FRAMES)]
+    both = np.array([*kept, *rest], dtype=np.int64)
+    rows = root_of(normal_blocks(model, geometry.p, both, geometry.weights).gram[0])
+    ours, others = np.split(rows, [len(kept)], axis=1)
     scale = np.linalg.norm(ours, axis=0) + 1e-12
     shares = np.linalg.lstsq(ours / scale, others, rcond=1e-10)[0]
-    left = others - (ours / scale) @ shares
-    undetermined = []
+    undetermined = {}
     for j, place in enumerate(rest):
-        size, beyond = float(np.linalg.norm(others[:, j])), float(np.linalg.norm(left[:, j]))
-        if size < 1e-9:
-            undetermined.append(Undetermined(names[place], "moves no reading"))
-        elif beyond**2 <= (1 - _SAME) * size**2:
-            order = np.argsort(-np.abs(shares[:, j]))
-            like = tuple(names[fit.kept[i]] for i in order[:3] if abs(shares[i, j]) > _TELLS * size)
-            undetermined.append(Undetermined(names[place], f"looks like {' with '.join(like)}", like))
-        else:
-            unit = "mm" if is_length(names[place], fit.model.sliding) else "mrad"
-            sd = max((1.0 if unit == "mm" else 1e3) / beyond, 0.01)
-            reason = f"these poses would tell it to {plain(sd, 2)} {unit} only"
-            undetermined.append(Undetermined(names[place], reason, known_to=sd))
-    return tuple(undetermined)
+        size = float(np.linalg.norm(others[:, j]))
+        most = np.argsort(-np.abs(shares[:, j]))[:3]
+        like = tuple(names[kept[i]] for i in most if abs(shares[i, j]) > _TELLS * size) if size > 1e-9 else ()
+        undetermined[place] = Undetermined(
+            names[place], f"looks like {' with '.join(like)}" if like else "moves no reading", like
+        )
+    for place, (known_to, within) in _known_to(fit).items():
+        unit = "mm" if is_length(names[place], model.sliding) else "mrad"
+        size = 1.0 if unit == "mm" else 1e3
+        reason = f"these poses tell it to {plain(size * known_to, 2)} {unit}"
+        reason += f", its {model.chain.source} to {plain(size * within, 2)}: it stays near that"
+        moved = float(fit.p[place] - fit.model.start[place])
+        undetermined[place] = Undetermined(names[place], reason, known_to=size * known_to, change=moved)
+    held = "with it free, poses that were not fitted are not predicted better"
+    for place in set(kept) - set(fit.kept.tolist()):
+        if not names[place].startswith((*_FRAMES, "gain_")):
+            undetermined[place] = Undetermined(names[place], held)
+    return tuple(undetermined[k] for k in order if k in undetermined)
+
+
+def _known_to(fit: Fit) -> dict[int, tuple[float, float]]:
+    """Return what the readings alone tell badly: place -> standard errors by them and by the maker, the smaller."""
+    before, both = information_of(fit.model)[fit.kept], 1.0 / np.diag(fit.covariance)
+    alone = np.maximum(both - before, 1e-6 * before)
+    told = zip(fit.kept.tolist(), alone**-0.5, np.where(before > 0, before, np.inf) ** -0.5, strict=True)
+    return {place: (float(by_them), float(within)) for place, by_them, within in told if by_them > within > 0}
 
 
 def _parts_of(drawn: Drawn) -> tuple[tuple[Part, ...], tuple[Part, ...]]:

@@ -6,7 +6,7 @@ name. What was only asked for, and scatter, is no measurement. What fits twice, 
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
@@ -22,7 +22,7 @@ POSITION = ("x", "y", "z")
 EULER = ("rx", "ry", "rz")
 QUATERNION = ("qx", "qy", "qz", "qw")
 OF_A_JOINT = ("direction", "velocity", "torque")  # what a file may tell of each joint, beside its reading
-WARMTH, PAYLOAD, SOCKET, SITE = "temp_K", "payload_kg", "socket", "place"
+WARMTH, PAYLOAD, SOCKET, SITE, TARGET = "temp_K", "payload_kg", "socket", "place", "target"
 WAYS = {
     **{axis: ("mm", f"place along {axis}") for axis in POSITION},
     **{f"r{axis}": ("rad", f"turn about {axis}") for axis in POSITION},
@@ -32,6 +32,7 @@ _BY_BEGIN = {  # before the name of a joint or of a socket: unit and words; what
     "zero_": ("rad", "zero of"), "length_": ("mm", "length of the link to"), "q_": ("", ""),
     "direction_": ("", "direction of"), "velocity_": ("rad/s", "velocity of"), "torque_": ("N mm", "torque of"),
     "pair": ("mm", "sockets"), "socket": ("mm", "socket"),
+    **{f"tool_{one}_": ("mm", f"place along {one} of target") for one in POSITION},
 }  # fmt: skip
 
 
@@ -55,7 +56,8 @@ ARM = Declared(  # of the files of an arm, for a calibration and for a search
         *(Quantity(name, "1") for name in QUATERNION), Quantity("t_s", "s", "time"),
         Quantity("temperature_C", "K", "temperature"), Quantity(WARMTH, "K", "temperature above its middle"),
         Quantity(PAYLOAD, "kg", "payload"), Quantity(SOCKET, "", "socket", text=True),
-        Quantity(SITE, "", "place", text=True), Quantity("split", text=True),
+        Quantity(SITE, "", "place", text=True), Quantity(TARGET, "", "target", text=True),
+        Quantity("split", text=True),
     ),
     named=_of_a_joint,
 )  # fmt: skip
@@ -80,7 +82,10 @@ _TIMES = {"t_s", "t", "time", "timestamp"}
 @final
 @dataclass(frozen=True)
 class Matched:
-    """The columns of a file by what they are; `figaroh`: called as FIGAROH calls them, whose unit is the metre."""
+    """The columns of a file by what they are; `figaroh`: called as FIGAROH calls them, whose unit is the metre.
+
+    `targets` has the places of all targets by name where a row holds several, `position` that of the first of them.
+    """
 
     joints: Mapping[str, str]
     position: Mapping[str, str]
@@ -88,6 +93,7 @@ class Matched:
     other: Mapping[str, str]
     figaroh: bool = False
     notes: tuple[Note, ...] = ()
+    targets: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
 
 _NO_JOINT = "or take its row out, or give it the type fixed"
@@ -117,13 +123,21 @@ def match_columns(
 
     by_joint, notes = _joint_columns(names, joints, door)
     used = set(by_joint.values())
-    position, turns, figaroh = _measured_columns([name for name in names if name not in used], door)
-    used |= {*position.values(), *turns.values()}
+    targets, turns, figaroh = _measured_columns([name for name in names if name not in used], door)
+    unnamed = [name for name in names if name not in used and re.fullmatch(r"column_\d+", name)]
+    if not targets and len(unnamed) in (3, 6, 7):  # of a file without a header beside one of joints
+        targets = {"1": dict(zip(POSITION, unnamed, strict=False))}
+        turns = dict(zip(EULER if len(unnamed) == 6 else QUATERNION, unnamed[3:], strict=False))
+        taken = ", ".join((*POSITION, *turns))
+        text = f"no header: {unnamed[0]} to {unnamed[-1]} are taken for {taken}, in this order"
+        notes = (*notes, Note(Code.COLUMNS_MATCHED, text, tuple(unnamed)))
+    position = next(iter(targets.values()), {})
+    used |= {*turns.values()}.union(*(target.values() for target in targets.values()))
     rest = [name for name in names if name not in used]
     other: dict[str, str] = {}
     for name in rest:
         tokens, plain = _tokens(name), name.strip().lower()
-        if plain in ("socket", "place", "split", "valid", "payload_kg", "temperature_c"):
+        if plain in (SOCKET, SITE, TARGET, "split", "valid", PAYLOAD, "temperature_c"):
             other.setdefault("temperature_C" if plain == "temperature_c" else plain, name)
         elif plain in _TIMES:
             other.setdefault("t_s", name)
@@ -135,7 +149,10 @@ def match_columns(
     for name in rest:
         if (ours := wanted.get(_plain(name))) is not None:
             other.setdefault(ours, name)
-    return Matched(joints=by_joint, position=position, rotation=turns, other=other, figaroh=figaroh, notes=notes)
+    return Matched(
+        joints=by_joint, position=position, rotation=turns, other=other, figaroh=figaroh, notes=notes,
+        targets=targets if len(targets) > 1 else {},
+    )  # fmt: skip
 
 
 def by_their_names(
@@ -241,6 +258,9 @@ def _named(joint: str, names: Sequence[str], door: _Door) -> str | None:
         if wanted in names:
             return wanted
     alike = [name for name in names if _plain(joint) in (_plain(name), _plain(_bare(name)))]
+    if not alike:  # a path, as PlotJuggler writes topics of ROS: /joint_states/elbow_joint/position
+        paths = ((name, name.split("/")) for name in names if name.startswith("/"))
+        alike = [name for name, parts in paths if joint in parts and parts[-1] in (joint, "position")]
     if not alike:
         words = _tokens(joint)
         alike = [name for name in names if [t for t in _tokens(_bare(name)) if t not in _SAID] == words]
@@ -262,8 +282,8 @@ def is_called_joint(name: str, others: Iterable[str]) -> bool:
     return by_words or re.sub(r"\d+", "#", _bare(name).lower()) in stems
 
 
-def _measured_columns(names: Sequence[str], door: _Door) -> tuple[dict[str, str], dict[str, str], bool]:
-    """Return the columns of the first position and rotation that were measured, and whether FIGAROH calls them so."""
+def _measured_columns(names: Sequence[str], door: _Door) -> tuple[dict[str, dict[str, str]], dict[str, str], bool]:
+    """Return the columns of each target's place by its name, of the first one's rotation, and if FIGAROH's they are."""
     groups: dict[tuple[str, str], dict[str, str]] = {}  # (before the axis, the number behind it) -> axis -> column
     for stem in _PLACES:  # numbered axes, such as xyz_1, xyz_2, xyz_3
         numbered = {name: re.fullmatch(rf"{stem}[\s_.\[(]*(\d)[\])]?", _bare(name).lower()) for name in names}
@@ -273,6 +293,10 @@ def _measured_columns(names: Sequence[str], door: _Door) -> tuple[dict[str, str]
             break
     for name in names:
         tokens = _tokens(_bare(name))
+        if "orientation" in tokens:  # of ROS, whose x is that of a quaternion
+            tokens = [*("position" if one == "orientation" else one for one in tokens[:-1]), f"q{tokens[-1]}"]
+        if len(tokens) > 1 and tokens[-1].isdigit():  # x_1 as x1
+            tokens[-2:] = ["".join(tokens[-2:])]
         last = re.fullmatch(r"([a-z]+)(\d*)", tokens[-1]) if tokens else None
         axis = _SPELT.get(last[1]) if last else None
         if last is None or axis is None or only_asked(name):
@@ -283,11 +307,11 @@ def _measured_columns(names: Sequence[str], door: _Door) -> tuple[dict[str, str]
         group[axis] = name
 
     whole = {key: group for key, group in groups.items() if all(axis in group for axis in POSITION)}
-    if len(whole) > 1 and "1" in {number for _, number in whole}:  # FIGAROH's markers
-        whole = {key: group for key, group in whole.items() if key[1] in ("", "1")}
+    fixed = {key: group for key, group in whole.items() if re.search(r"\bbase", key[0])}
+    whole = {key: group for key, group in whole.items() if key not in fixed} or whole
     if ("", "") in whole:  # called by the names of ours
         whole = {("", ""): whole["", ""]}
-    if len(whole) > 1:
+    if len(whole) > 1 and (len({_unnumbered(key) for key in whole}) > 1 or _unnumbered(next(iter(whole))) in whole):
         of_x = [group["x"] for group in whole.values()]
         how = f"{door.column('x', of_x[0])}, and y and z alike"
         raise ValueError(f"{' and '.join(of_x)} could both be the measured x; {how}")
@@ -298,10 +322,19 @@ def _measured_columns(names: Sequence[str], door: _Door) -> tuple[dict[str, str]
             there = next(part[axis] for axis in POSITION if axis in part)
             raise ValueError(f"{there} is there and no {lost}; a position has x, y and z; {door.column(lost, 'NAME')}")
         return {}, {}, False
-    [(key, group)] = whole.items()
+    group = next(iter(whole.values()))
     wanted = next((names for names in (QUATERNION, EULER) if all(axis in group for axis in names)), ())
-    turned = {axis: group[axis] for axis in wanted}
-    return {axis: group[axis] for axis in POSITION}, turned, key == ("", "1")
+    targets = {
+        " ".join(filter(None, key)) or "1": {axis: group[axis] for axis in POSITION}
+        for key, group in {**whole, **fixed}.items()
+    }
+    figaroh = group["x"] == "x1" and TARGET not in names and (len(whole) == 1 or bool(wanted))
+    return targets, {axis: group[axis] for axis in wanted}, figaroh
+
+
+def _unnumbered(key: tuple[str, str]) -> tuple[str, str]:
+    """Return what targets of one rig are called alike: ("smr #", "") of smr 1 and smr 2."""
+    return re.sub(r"\d+", "#", key[0]), "#" if key[1] else ""
 
 
 def _plain(name: str) -> str:

@@ -1,8 +1,8 @@
-"""Which parameters of an arm the readings determine: the rest is held at its nominal value.
+"""Which parameters of an arm the readings determine, and what is known of them before any reading.
 
 Parameters are kept in an order of preference, if they move the readings as those before do not. Of parallel axes the
-tilt is kept (Hayati 1983; Everett, Driels and Mooring 1987). `gauge` decides without noise, the others hold what it
-leaves unsure.
+tilt is kept (Hayati 1983; Everett, Driels and Mooring 1987). What is kept and told badly stays near its nominal value
+by `information_of`; only `select_by_name` holds what the readings leave unsure.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -10,7 +10,8 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from calibench.calibration import kinematics
-from calibench.calibration.model import ArmModel, stacked
+from calibench.calibration.model import ArmModel
+from calibench.calibration.normal import normal_blocks, root_of
 from calibench.calibration.rigid import Array, Index
 
 _ROUNDING = 1e-9  # of the largest column
@@ -25,7 +26,10 @@ _RANK = {
     "theta": 2, "a": 3, "alpha": 4, "beta": 5, "d": 6,
 }  # fmt: skip  # of a URDF, and of a table
 _OF_SLIDING = {"d": 2, "theta": 4}  # the zero of a joint that slides is a length
-_PLACES = {f"{frame}_{axis}" for frame in ("base", "tool") for axis in "xyz"}
+_FRAMES = ("base_", "tool_")
+_GAUGE = 1e-3  # part of a column: what is less than this beside the others takes up .001 mm a mm at most
+_MASTERED = 50.0  # mrad, or mm of a joint that slides: as far as a zero is off
+_PLACES = {f"{frame}_{axis}" for frame in ("base", "tool") for axis in "xyz"}  # and tool_x_2 of the second target
 _UP_TO = {"frames": 1, "zeros": 2, "geometry": 6, "gains": 7}
 
 
@@ -131,33 +135,39 @@ def order_of(names: Sequence[str], level: str, sliding: Collection[str] = ()) ->
     return [k for rank, _, k in sorted(ranks) if rank <= _UP_TO[level]]
 
 
-def select_determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array, first: bool = False) -> Index:
-    """Return which of the parameters in `order` the readings determine, as places in p, sorted.
+def select_determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array) -> Index:
+    """Return which of the parameters in `order` move the readings as none before does, as places in p, sorted.
 
-    What all of `order` leave of the residuals gives the noise. `first` does not take the noise of the model for the
-    least. Of a model with `every`, all of them. None where no number of the frames is told.
+    That is asked of the nominal arm, with the frames of p: no noise and no fit decides it, so that it is the same in
+    every part of the readings. Of a model with `every`, all of them.
     """
+    free = np.array(order, dtype=np.int64)
     if model.every:
-        return np.array(sorted(order), dtype=np.int64)
-    rows = stacked(*model.jacobian(p, np.array(order, dtype=np.int64), weights), weights)
-    residuals = stacked(*model.residuals(p, weights), weights)
-    used = rows.any(axis=1)  # not the wild ones
-    noise = float(np.median(np.abs(unexplained(rows[used], residuals[used])))) / MIDDLE
-    noise = noise if first else max(1.0, noise)
-    bounds = np.array([WORST if is_length(model.names[k], model.sliding) else 1e-3 * WORST for k in order])  # mm, rad
-    frames = np.array([model.names[place].startswith(("base_", "tool_")) for place in order])
-    seats = independent_columns(rows[:, frames], ALIKE)
-    errors = noise * standard_errors(rows[:, frames][:, seats])
-    if (errors > bounds[frames][seats]).all():  # not even by themselves
-        return np.zeros(0, dtype=np.int64)
-    taken = well_determined(rows, ALIKE, np.where(frames, np.inf, bounds), noise)  # nobody states a frame
-    return np.array(sorted(order[k] for k in taken), dtype=np.int64)
+        return np.sort(free)
+    at, frames = model.start, [k for k, name in enumerate(model.names) if name.startswith(_FRAMES)]
+    at[frames] = p[frames]
+    rows = root_of(normal_blocks(model, at, free, weights).gram[0])
+    return np.sort(free[independent_columns(rows, _GAUGE)])
+
+
+def information_of(model: ArmModel) -> Array:
+    """Return what is known of each parameter before any reading, 1 / sd^2, (P,): nothing of base and tool.
+
+    A zero is no matter of the maker's tolerance: whoever masters the joints sets it.
+    """
+    sd = np.full(len(model.names), np.inf)
+    for k, name in enumerate(model.names):
+        if not name.startswith(_FRAMES):
+            kind, _, joint = name.partition("_")
+            mastered = kind == ("d" if joint in model.sliding else "theta") or kind == "zero"
+            sd[k] = (_MASTERED if mastered else model.tolerance) * (1.0 if is_length(name, model.sliding) else 1e-3)
+    return np.asarray(sd**-2)
 
 
 def is_length(name: str, sliding: Collection[str] = ()) -> bool:
     """Return whether a parameter is a length [mm], as the zero of a joint in `sliding` is, and no angle or gain."""
     kind, _, of = name.partition("_")
-    return kind in ("x", "y", "z", "a", "d") or (of in sliding if kind == "zero" else name in _PLACES)
+    return kind in ("x", "y", "z", "a", "d") or (of in sliding if kind == "zero" else name[:6] in _PLACES)
 
 
 def select_by_name(

@@ -23,7 +23,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from calibench.calibration import kinematics
-from calibench.calibration.rigid import Array, cross, rpy, rpy_of, slide, turn
+from calibench.calibration.rigid import Array, Index, cross, inverse, rpy, rpy_of, slide, turn
 from calibench.core.options import suggest
 from calibench.core.tables.cells import between, factor_to_base, is_unit
 from calibench.core.tables.csv_table import Table, read_excel, read_table
@@ -144,15 +144,21 @@ class DhArm:
         chain, values = self._chain(p)
         return kinematics.forward(chain, values, q)
 
-    def jacobian(self, p: Array, q: Array) -> Array:
-        """Return the derivative of the target's pose in all parameters, (n, 6, P), as `kinematics.jacobian` has it."""
+    def jacobian(self, p: Array, q: Array, free: Index | None = None, turns: bool = True) -> Array:
+        """Return the derivative of the target's pose in the parameters `free`, as `kinematics.jacobian` has it."""
         chain, values = self._chain(p)
-        plain, every = kinematics.jacobian(chain, values, q), kinematics.frames(chain, values, q)
-        target, place = every[-1][:, :3, 3], {name: k for k, name in enumerate(self.names)}
-        slopes = np.zeros((len(q), 6, len(self.names)))
-        slopes[:, :, :6], slopes[:, :, -6:] = plain[:, :, :6], plain[:, :, -6:]
+        ways = self._ways(p, chain, values)
+        return np.asarray(
+            kinematics.jacobian(chain, values, q, turns=turns) @ (ways if free is None else ways[:, free])
+        )
+
+    def _ways(self, p: Array, chain: kinematics.Chain, values: Array) -> Array:
+        """Return the derivative of the chain's parameters in those of the table: no posture changes it."""
+        place = {name: k for k, name in enumerate(self.names)}
+        ways = np.zeros((len(values), len(self.names)))
+        ways[range(6), range(6)] = ways[range(-6, 0), range(-6, 0)] = 1.0
         for k, joint in enumerate(chain.joints):
-            slopes[:, :, place[f"gain_{joint.name}"]] = plain[:, :, 13 + 8 * k]
+            ways[13 + 8 * k, place[f"gain_{joint.name}"]] = 1.0
 
         # the steps (number, row, (4, 4)) before each joint, and those behind the last
         table = self.corrected(p)
@@ -165,14 +171,21 @@ class DhArm:
             if row.kind != "fixed":
                 segments.append([])
             segments[-1] += [(one, row.name, made[one][k]) for one in behind]
-        for at, steps in zip(every, segments, strict=False):
+        ends = [*(joint.origin for joint in chain.joints), chain.tail @ chain.tool]
+        firsts = [*range(6, len(values) - 6, 8), len(values) - 6]
+        for end, first, steps in zip(ends, firsts, segments, strict=True):
+            at, six = inverse(end), values[first : first + 6]  # from the placement that stands behind the steps
+            about = np.column_stack([rpy(0.0, six[4], six[5])[:3, 0], rpy(0.0, 0.0, six[5])[:3, 1], _Z])
             for number, name, step in steps:
                 if f"{number}_{name}" in place:
-                    along = at[:, :3, _AXIS[number]]
-                    ways = (along, 0.0 * along) if number in _SHIFTS else (cross(along, target - at[:, :3, 3]), along)
-                    slopes[:, :, place[f"{number}_{name}"]] = np.concatenate(ways, axis=1)
+                    along, column = at[:3, _AXIS[number]], ways[first : first + 6, place[f"{number}_{name}"]]
+                    if number in _SHIFTS:
+                        column[:3] = along
+                    else:
+                        column[:3] = cross(along, six[:3] - at[:3, 3])
+                        column[3:] = np.linalg.solve(about, along)
                 at = at @ step
-        return slopes
+        return ways
 
     def _chain(self, p: Array) -> tuple[kinematics.Chain, Array]:
         """Return the chain of the corrected table, and the vector of what remains: base, tool, gains."""

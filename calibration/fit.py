@@ -7,12 +7,14 @@ draw.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Any, final
 
 import numpy as np
+from scipy.special import chdtri
 
-from calibench.calibration.determined import select_determined
-from calibench.calibration.model import ArmModel, stacked
+from calibench.calibration.determined import WORST, information_of, is_length, select_determined
+from calibench.calibration.model import ArmModel
+from calibench.calibration.normal import covariance_of, normal_blocks, solve
 from calibench.calibration.readings import poses_of
 from calibench.calibration.rigid import Array, Index, Mask
 from calibench.core.words import plain
@@ -37,18 +39,31 @@ class Fit:
     covariance: Array
 
     @property
+    def spent(self) -> float:
+        """Return the part of the residuals that went into numbers, those counting less that were known before."""
+        known = float(information_of(self.model)[self.kept] @ np.diag(self.covariance))
+        a_pose = 3 if self.model.turns is None else 6
+        return (len(self.kept) - known) / max(a_pose * float(self.weights.sum()), 1.0)
+
+    @property
     def weights(self) -> Array:
         """Return 1 for the readings that had an influence, 0 for the wild, (n,)."""
         return np.where(self.wild, 0.0, 1.0)
+
+    def covariance_by_name(self) -> dict[str, Any]:
+        """Return `names`, `units` and the `matrix` of the covariance of the numbers that were free, for JSON."""
+        names = [self.model.names[k] for k in self.kept]
+        units = ["" if n.startswith("gain_") else "mm" if is_length(n, self.model.sliding) else "rad" for n in names]
+        return {"names": names, "units": units, "matrix": self.covariance.tolist()}
 
 
 def fit_arm(model: ArmModel, order: Sequence[int], start: Array | None = None) -> Fit:
     """Return the fit of the parameters in `order` that are determined; wild readings are left out and named."""
     begin = model.start if start is None else start
     p, wild = begin, np.zeros(len(model.joints), dtype=bool)
+    kept = select_determined(model, p, order, np.ones(len(wild)))
     for turn in range(_ROUNDS):
         weights = np.where(wild, 0.0, 1.0)
-        kept = select_determined(model, p, order, weights, first=turn == 0)
         p = _adjust(model, p, kept, weights, soft=not wild.any(), begin=begin)
 
         # the noise of each kind of reading, and which readings are wild
@@ -63,38 +78,38 @@ def fit_arm(model: ArmModel, order: Sequence[int], start: Array | None = None) -
         settled = np.allclose(sigma, model.sigma, rtol=_SAME, atol=0.0)
         model = _with_scatter(replace(model, sigma=(sigma[0], sigma[1])), p, np.where(wild, 0.0, 1.0))
         if turn and np.array_equal(wild, before) and settled:
-            break  # the noise decides what is determined, and what is determined decides the noise
+            break  # the noise decides what is wild, and what is wild decides the noise
 
     weights = np.where(wild, 0.0, 1.0)
-    kept = select_determined(model, p, order, weights)
-    if not len(kept):
-        rest = float(np.median(norms(model.errors(p, weights))))
+    fit = refit(Fit(model, begin, kept, wild, np.zeros((0, 0))), p)
+    frames = [k for k, place in enumerate(kept) if model.names[place].startswith(("base_", "tool_"))]
+    bounds = np.array([WORST if is_length(model.names[kept[k]]) else 1e-3 * WORST for k in frames])
+    if not model.every and (np.sqrt(np.diag(fit.covariance)[frames]) > bounds).all():  # not one number
+        rest = float(np.median(norms(model.errors(fit.p, weights))))
         raise ValueError(
             f"nothing of the arm is determined: {plain(rest, 3)} mm are left of the middle reading; do the joints "
             "and the reading of a row belong together, and did the tracker stand still?"
         )
-    p = _adjust(model, p, kept, weights, soft=False, begin=begin)
-
-    rows, over = stacked(*model.jacobian(p, kept, weights), weights), model.residuals(p, weights)
-    residuals = stacked(*over, weights)
-    spare = max(1, int((weights > 0).sum()) * over[0].shape[1] - len(kept))
-    scale = np.linalg.norm(rows, axis=0) + _FLOOR
-    inverse = np.linalg.pinv((rows / scale).T @ (rows / scale), rcond=1e-13)
-    covariance = inverse / np.outer(scale, scale) * float(residuals @ residuals) / spare
-    return Fit(model, p, kept, wild, np.asarray(covariance))
+    return fit
 
 
-def fit_from(fit: Fit, order: Sequence[int], keep: Mask) -> Array:
+def refit(fit: Fit, p: Array | None = None) -> Fit:
+    """Return the fit of the same parameters to the same readings by the noise and tolerance of its model, from `p`."""
+    model, kept, weights = fit.model, fit.kept, fit.weights
+    p = _adjust(model, fit.p if p is None else p, kept, weights, soft=False, begin=fit.p)
+    sums = normal_blocks(model, p, kept, weights)
+    noise = max(float(sums.square[0]) / max(1.0, float(sums.count[0]) - len(kept)), _FLOOR**2)
+    covariance = noise * covariance_of(sums.gram[0] + np.diag(noise * information_of(model)[kept]))
+    return replace(fit, p=p, covariance=covariance)
+
+
+def fit_from(fit: Fit, keep: Mask) -> Array:
     """Return the parameters of a fit to the poses of `keep` (n,) alone, by steps from a fit to all of them."""
     model, weights = fit.model.at(keep), fit.weights[keep]
-    kept = select_determined(model, fit.p, order, weights)
-    start = model.start
-    frames = [k for k, name in enumerate(model.names) if name.startswith(("base_", "tool_"))]
-    start[frames], start[kept] = fit.p[frames], fit.p[kept]
-    p = _adjust(model, start, kept, weights, soft=False)
+    p = _adjust(model, fit.p, fit.kept, weights, soft=False)
     for _ in range(_AGAIN if model.position is None else 0):  # these sockets by what they leave themselves
         model = _with_scatter(model, p, weights)
-        p = _adjust(model, p, kept, weights, soft=False)
+        p = _adjust(model, p, fit.kept, weights, soft=False)
     return p
 
 
@@ -110,29 +125,26 @@ def _adjust(model: ArmModel, p: Array, kept: Index, weights: Array, soft: bool, 
     p = held
     if not len(kept):
         return p
-    parts = model.residuals(p, weights)
-    damping, value = 1e-6, _value(*parts, weights, soft)
+    nominal, information = model.start[kept], information_of(model)[kept]
+
+    def value_of(p: Array) -> float:
+        return _value(model, p, weights, soft) + float(information @ (p[kept] - nominal) ** 2)
+
+    damping, value = 1e-6, value_of(p)
     for _ in range(_STEPS):
-        by_row = weights / np.sqrt(1 + (parts[0] ** 2).sum(axis=1) / 9) if soft else weights
-        rows = stacked(*model.jacobian(p, kept, weights), by_row)
-        residuals = stacked(*parts, by_row)
-        scale = np.linalg.norm(rows, axis=0) + _FLOOR
-        q, r = np.linalg.qr(np.vstack([rows / scale, np.zeros((len(kept), len(kept)))]))
-        wanted = -(q.T @ np.concatenate([residuals, np.zeros(len(kept))]))
+        sums = normal_blocks(model, p, kept, weights, soft=soft)
+        gram = sums.gram[0] + np.diag(information)
+        slope = sums.slope[0] + information * (p[kept] - nominal)
         for _ in range(12):
-            damped = np.vstack([r, np.sqrt(damping) * np.eye(len(kept))])
-            step = np.linalg.lstsq(damped, np.concatenate([wanted, np.zeros(len(kept))]), rcond=None)[0] / scale
             tried = p.copy()
-            tried[kept] += step
-            there = model.residuals(tried, weights)
-            cost = _value(*there, weights, soft)
+            tried[kept] += solve(gram, slope, damping * np.diag(gram))
+            cost = value_of(tried)
             if cost <= value:
                 break
             damping = max(damping, 1e-9) * 10
         else:
             break
-        gained = value - cost
-        p, parts, value, damping = tried, there, cost, max(damping / 10, 1e-12)
+        gained, p, value, damping = value - cost, tried, cost, max(damping / 10, 1e-12)
         if gained <= _SETTLED * (1 + value):
             break
     return p
@@ -154,7 +166,8 @@ def _with_scatter(model: ArmModel, p: Array, weights: Array) -> ArmModel:
     return replace(model, scatter=np.sqrt(scatter / usual)[model.socket])
 
 
-def _value(over: Array, more: Array, weights: Array, soft: bool) -> float:
+def _value(model: ArmModel, p: Array, weights: Array, soft: bool) -> float:
+    over, more = model.residuals(p, weights)
     square = (over**2).sum(axis=1)
     loss = weights @ (2 * (np.sqrt(1 + square / 9) - 1) * 9 if soft else square)
     value = float(loss + more @ more)
@@ -162,7 +175,7 @@ def _value(over: Array, more: Array, weights: Array, soft: bool) -> float:
 
 
 FOLDS = 5
-_DRAWS = 1000  # of mean squares
+_APART = 2000  # poses that are drawn each by itself
 _FAR = 6.0  # times the median: a posture beyond has no influence on the point of its own socket
 
 
@@ -182,19 +195,24 @@ def predict(fit: Fit, model: ArmModel, there: Mask) -> HeldOut:
     return HeldOut(position, None if model.turns is None else turned, _put(fit.p, model, there, position, turned))
 
 
-def cross_validate(fit: Fit, order: Sequence[int]) -> HeldOut:
-    """Return the errors of all poses of `fit`, each by a fit of the parameters in `order` to those of other folds."""
-    model = fit.model
+def folds_of(model: ArmModel, most: int) -> Index:
+    """Return the fold of each reading, (n,) 0, 1, ...: repeats of a pose are in one, and so is a place of sockets."""
     places = np.unique(model.place)
     if model.position is None and len(places) > 1:
-        fold = np.searchsorted(places, model.place) % min(FOLDS, len(places))
-    else:
-        fold = poses_of(model.joints) % FOLDS
+        return np.asarray(np.searchsorted(places, model.place) % most, dtype=np.int64)
+    return np.asarray(poses_of(model.joints) % most, dtype=np.int64)
+
+
+def cross_validate(fit: Fit) -> HeldOut:
+    """Return the errors of all poses of `fit`, each by a fit of the same parameters to those of other folds."""
+    fold = folds_of(fit.model, FOLDS)
+    return judge(fit.model, fold, [fit_from(fit, np.asarray(fold != k)) for k in range(int(fold.max()) + 1)])
+
+
+def judge(model: ArmModel, fold: Index, by_fold: Sequence[Array]) -> HeldOut:
+    """Return the errors of all poses, those of a fold by the parameters that are given for it."""
     position, turned = np.full((2, len(fold)), np.nan)
-    spans = [np.zeros(0)]
-    for k in range(int(fold.max()) + 1):
-        there = np.asarray(fold == k)
-        spans.append(_put(fit_from(fit, order, ~there), model, there, position, turned))
+    spans = [_put(p, model, np.asarray(fold == k), position, turned) for k, p in enumerate(by_fold)]
     return HeldOut(position, None if model.turns is None else turned, np.concatenate(spans))
 
 
@@ -214,26 +232,37 @@ def _put(p: Array, model: ArmModel, there: Mask, position: Array, turned: Array)
 
 def resample(fit: Fit, count: int, seed: int = 0) -> Array:
     """Return the kept parameters of `count` fits to poses drawn anew, (count, k); sockets are by themselves."""
-    # a draw moves the points of sockets too, and takes another length of their distance within what it is known to
     rng = np.random.default_rng(np.random.SeedSequence([seed, len(fit.kept), len(fit.weights)]))
-    model, k = fit.model, len(fit.kept)
+    if fit.model.position is None:
+        return _resample_sockets(fit, count, rng)
+    pose = poses_of(fit.model.joints) % _APART  # of more, some are drawn together
+    sums, there = normal_blocks(fit.model, fit.p, fit.kept, fit.weights, pose), np.unique(pose[~fit.wild])
+    weights = [np.bincount(rng.choice(there, len(there)), minlength=len(sums.gram)) for _ in range(count)]
+    drawn = sums.by(np.array(weights, dtype=float))
+    known, off = information_of(fit.model)[fit.kept], (fit.p - fit.model.start)[fit.kept]
+    priors = known * off + np.sqrt(known) * rng.normal(size=(count, len(known)))  # before any reading, drawn anew too
+    steps = [solve(gram + np.diag(known), slope) for gram, slope in zip(drawn.gram, drawn.slope + priors, strict=True)]
+    return np.asarray(fit.p[fit.kept] + np.array(steps))
+
+
+def _resample_sockets(fit: Fit, count: int, rng: np.random.Generator) -> Array:
+    # a draw moves the points of sockets too, and takes another length of their distance within what it is known to
+    model, k, socket, n = fit.model, len(fit.kept), fit.model.socket, len(fit.weights)
     rows, more = model.jacobian(fit.p, fit.kept, fit.weights)
     residuals, far = model.residuals(fit.p, fit.weights)
-    groups = [np.flatnonzero(~fit.wild)]
-    if model.position is None:
-        socket, n = model.socket, len(model.socket)
-        groups = [group[socket[group] == s] for group in groups for s in np.unique(socket[group])]
-        points = np.zeros((n, 3, 3 * (int(socket.max()) + 1)))  # slopes of the vector from a socket's point, in it
-        for axis in range(3):
-            points[np.arange(n), axis, 3 * socket + axis] = -1.0
-        rows = np.concatenate([rows, points / model.of_rows[:, None, None]], axis=2)
-        more = np.hstack([more, np.zeros((len(more), rows.shape[2] - k))])
-    scale = np.sqrt((rows**2).sum(axis=(0, 1)) + (more**2).sum(axis=0)) + 1e-12
+    points = np.zeros((n, 3, 3 * (int(socket.max()) + 1)))  # slopes of the vector from a socket's point, in it
+    for axis in range(3):
+        points[np.arange(n), axis, 3 * socket + axis] = -1.0
+    rows = np.concatenate([rows, points / model.of_rows[:, None, None]], axis=2)
+    more = np.hstack([more, np.zeros((len(more), rows.shape[2] - k))])
+    known, off = np.zeros(rows.shape[2]), np.zeros(rows.shape[2])  # before any reading, drawn anew too
+    known[:k], off[:k] = information_of(model)[fit.kept], (fit.p - model.start)[fit.kept]
+    scale = np.sqrt((rows**2).sum(axis=(0, 1)) + (more**2).sum(axis=0) + known) + 1e-12
+    known, off = known / scale**2, off * scale
     rows, more = rows / scale, more / scale
-    grams = np.einsum("nci,ncj->nij", rows, rows).reshape(len(rows), -1)
+    grams = np.einsum("nci,ncj->nij", rows, rows).reshape(n, -1)
     slopes = np.einsum("nci,nc->ni", rows, residuals)
-    pose = np.arange(len(rows)) if model.position is None else poses_of(model.joints)
-    poses = [np.unique(pose[group]) for group in groups]
+    groups = [np.flatnonzero(~fit.wild & (socket == s)) for s in np.unique(socket[~fit.wild])]
 
     if len(far):  # the ball's vector from its socket's point, and the direction of each known distance
         vector = model.errors(fit.p, fit.weights)[0]
@@ -245,17 +274,17 @@ def resample(fit: Fit, count: int, seed: int = 0) -> Array:
 
     draws = np.empty((count, k))
     for draw in range(count):
-        weights = np.zeros(len(rows))
-        for group, there in zip(groups, poses):
-            weights[group] += np.bincount(rng.choice(there, len(there)), minlength=len(rows))[pose[group]]
-        gram = (weights @ grams).reshape(rows.shape[2], -1) + more.T @ more
-        drawn = far
+        weights = np.zeros(n)
+        for group in groups:
+            weights += np.bincount(rng.choice(group, len(group)), minlength=n)
+        gram = (weights @ grams).reshape(rows.shape[2], -1) + more.T @ more + np.diag(known)
+        drawn, prior = far, known * off + np.sqrt(known) * rng.normal(size=len(known))
         if len(far):  # by how much distances grow with the mean place of a socket
             size = np.maximum(np.bincount(socket, weights), 1e-12)
             mean = np.stack([np.bincount(socket, weights * way) / size for way in vector.T], axis=-1)
             grown = ((mean[one] - mean[other]) * along).sum(axis=1) / model.sigma_distance
             drawn = far + grown - rng.normal()
-        step = np.linalg.lstsq(gram, -(weights @ slopes + more.T @ drawn), rcond=1e-12)[0] / scale
+        step = np.linalg.lstsq(gram, -(weights @ slopes + more.T @ drawn + prior), rcond=1e-12)[0] / scale
         draws[draw] = fit.p[fit.kept] + step[:k]
     return draws
 
@@ -266,16 +295,20 @@ def rms(errors: Array) -> float:
     return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
 
 
-def rms_interval(errors: Array, seed: int = 0, poses: Index | None = None) -> tuple[float, float]:
-    """Return the 95 % interval of the rms of errors (n,), by drawing anew the poses, which `poses` (n,) numbers."""
+def rms_interval(errors: Array, poses: Index, spent: float = 0.0) -> tuple[float, float]:
+    """Return the 95 % interval of the rms of errors (n,) of poses not fitted, which `poses` (n,) numbers.
+
+    Mean squares as a chi-square of as many degrees of freedom as their spread over the poses says (Satterthwaite 1946),
+    three a pose at most. Of poses left out in turn a part `spent` of the residuals went into the numbers fitted: only
+    the rest differ independently, and fits that share their readings err alike, which costs that part again.
+    """
     there = np.isfinite(errors)
-    squares = errors[there] ** 2
-    pose = np.arange(len(squares)) if poses is None else np.unique(poses[there], return_inverse=True)[1]
-    known, count = np.bincount(pose, squares), np.bincount(pose)
-    if len(known) < 2:
+    pose = np.unique(poses[there], return_inverse=True)[1]
+    means = np.bincount(pose, errors[there] ** 2) / np.bincount(pose)
+    if len(means) < 2:
         return float("nan"), float("nan")
-    rng = np.random.default_rng(np.random.SeedSequence([seed, len(known)]))
-    drawn = rng.integers(len(known), size=(_DRAWS, len(known)))
-    means = known[drawn].sum(axis=1) / count[drawn].sum(axis=1)
-    low, high = np.sqrt(np.quantile(means, [0.025, 0.975]))
+    mean, square = float((errors[there] ** 2).mean()), float(means.var(ddof=1)) / len(means)
+    freedom = min(2 * mean**2 / square, 3.0 * len(means)) if square > 0 else 3.0 * len(means)
+    freedom *= (1.0 - min(spent, 0.9)) ** 2
+    low, high = np.sqrt(freedom * mean / chdtri(freedom, [0.025, 0.975]))
     return float(low), float(high)

@@ -123,14 +123,19 @@ def equations(poses: Array, read: Array) -> Array:
     return rows
 
 
+_SHOWN = 3000  # poses
+
+
 def _least_median(rows: Array, wanted: Array, first: Numbers) -> tuple[Numbers, Numbers]:
     """Return the numbers that leave the least median, refined on the poses near to it, and which these are."""
     rng = np.random.default_rng(np.random.SeedSequence([len(rows), 15]))
-    picks = np.argsort(rng.random((_HANDFULS, len(rows))), axis=1)[:, :_HANDFUL]
+    some = np.linspace(0, len(rows) - 1, min(len(rows), _SHOWN)).astype(np.int64)  # of many, as many show the median
+    shown, there = rows[some], wanted[some]
+    picks = np.argsort(rng.random((_HANDFULS, len(some))), axis=1)[:, :_HANDFUL]
     best, least = first, np.inf
-    tried = _solved(rows[picks].reshape(_HANDFULS, -1, 15), wanted[picks].reshape(_HANDFULS, -1, 1))[:, :, 0]
-    for part in np.array_split(tried, 1 + len(rows) // 200):  # a few thousand readings fill no memory
-        medians = np.median(((rows @ part.T - wanted[:, :, None]) ** 2).sum(axis=1), axis=0)
+    tried = _solved(shown[picks].reshape(_HANDFULS, -1, 15), there[picks].reshape(_HANDFULS, -1, 1))[:, :, 0]
+    for part in np.array_split(tried, 1 + len(some) // 200):  # they fill no memory
+        medians = np.median(((shown @ part.T - there[:, :, None]) ** 2).sum(axis=1), axis=0)
         if medians.min() < least:
             best, least = part[np.argmin(medians)], float(medians.min())
     before, near = np.zeros(0, dtype=bool), np.ones(len(rows), dtype=bool)
@@ -203,11 +208,17 @@ def stepped(rest: Array, seen: Array) -> tuple[int, float, float] | None:
         rows[:, :, 3 + k] = np.cross(axis, about)
     square = np.cumsum(rows.swapaxes(1, 2) @ rows, axis=0)
     pull = np.cumsum(np.einsum("nci,nc->ni", rows, rest), axis=0)
-    best, step = 0.0, None
-    for k in range(_EDGE, n - _EDGE):
-        before = np.linalg.pinv(square[k - 1]) @ pull[k - 1]
-        after = np.linalg.pinv(square[-1] - square[k - 1]) @ (pull[-1] - pull[k - 1])
-        share = float(before @ pull[k - 1] + after @ (pull[-1] - pull[k - 1])) / float((rest**2).sum())
-        if share > max(best, _PLAIN):
-            best, step = share, (k, float(np.sqrt(((rows @ (after - before)) ** 2).sum(axis=1).mean())), share)
-    return step
+    ends = np.arange(_EDGE, n - _EDGE)
+    first, then = (
+        (square[ends - 1], pull[ends - 1, :, None]),
+        (square[-1] - square[ends - 1], pull[-1] - pull[ends - 1]),
+    )
+    before = np.linalg.pinv(first[0], hermitian=True) @ first[1]
+    after = np.linalg.pinv(then[0], hermitian=True) @ then[1][..., None]
+    shares = (before * first[1]).sum(axis=(1, 2)) + (after[..., 0] * then[1]).sum(axis=1)
+    best = int(np.argmax(shares))
+    share = float(shares[best] / (rest**2).sum())
+    if not share > _PLAIN:
+        return None
+    off = rows @ (after[best] - before[best])
+    return int(ends[best]), float(np.sqrt((off**2).sum(axis=1).mean())), share

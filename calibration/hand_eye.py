@@ -89,7 +89,7 @@ def adjust(model: ArmModel, stated: tuple[float, float]) -> Adjustment:
                 noises[k] = max(float(np.sqrt((fit.weights[:, None] * part**2).sum() / free[k])), _FLOOR)
         sigma, freedom = (noises[0], noises[1]), (free[0], free[1])
         fit = replace(fit, model=replace(fit.model, sigma=sigma))
-        fit = replace(fit, p=fit_from(fit, order, everywhere))
+        fit = replace(fit, p=fit_from(fit, everywhere))
         if np.allclose(sigma, before, rtol=_SETTLED, atol=0.0):
             break
 
@@ -455,7 +455,7 @@ def _unseen(fit: Fit, model: ArmModel, train: Mask, poses: int) -> tuple[Residua
     elif poses < _LEAST_POSES:
         return Residual(0), f"unknown: {_LEAST_POSES} different poses are needed to leave one out"
     else:
-        errors, known = cross_validate(fit, order_of(model.names, "frames")), ~fit.wild
+        errors, known = cross_validate(fit), ~fit.wild
         how = f"every {'fifth' if poses > FOLDS else 'one'} of {poses} different poses left out in turn"
     assert errors.rotation is not None
     return Residual(int(known.sum()), rms(errors.position[known]), rms(errors.rotation[known])), how

@@ -5,7 +5,7 @@
     tool:           tail tool Trans(tool_x, tool_y, tool_z) Rz(tool_rz) Ry(tool_ry) Rx(tool_rx)
 
 Lengths are mm, angles rad, masses kg. All numbers are errors: 0 for the nominal arm, and 1 for a gain; which ones the
-observations determine is for `determined` to say. A complex step passes through `forward` and `frames`.
+observations determine is for `determined` to say. Numbers that differ from row to row are for `walk`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 
-from calibench.calibration.rigid import Array, Index, Numbers, cross, rpy, slide, turn
+from calibench.calibration.rigid import Array, Index, cross
 from calibench.core.options import suggest
 
 Kind = Literal["rotary", "sliding"]
@@ -136,15 +136,14 @@ def nominal(chain: Chain) -> Array:
     return values
 
 
-def vector(chain: Chain, p: Mapping[str, Any] | Numbers) -> Numbers:
+def vector(chain: Chain, p: Mapping[str, Any] | Array) -> Array:
     """Return parameters as a vector in the order of `parameter_names`; what a mapping leaves out is nominal."""
     if not isinstance(p, Mapping):
-        given, needed = np.asarray(p), (12 + 8 * len(chain.joints),)
+        given, needed = np.ascontiguousarray(p, dtype=float), (12 + 8 * len(chain.joints),)
         if given.shape != needed:
             raise ChainError(f"{chain.name}: {given.shape} parameters were given; {needed} are needed")
         return given
-    names = parameter_names(chain)
-    values = nominal(chain).astype(np.result_type(np.float64, *p.values()))
+    names, values = parameter_names(chain), nominal(chain)
     index = {name: k for k, name in enumerate(names)}
     for name, value in p.items():
         if name not in index:
@@ -153,72 +152,41 @@ def vector(chain: Chain, p: Mapping[str, Any] | Numbers) -> Numbers:
     return values
 
 
-def frames(chain: Chain, p: Mapping[str, Any] | Numbers, q: Numbers) -> Numbers:
-    """Return frames in the world, (J + 2, n, 4, 4): of the base, of each joint after its motion, and of the target."""
-    values, q = vector(chain, p), np.atleast_2d(np.asarray(q))
+def forward(chain: Chain, p: Mapping[str, Any] | Array, q: Array) -> Array:
+    """Return where the target is and how it is turned in the world, (n, 4, 4) [mm], at the readings q, (n, columns)."""
+    return _poses(chain, p, q, _NONE, oriented=False)[0]
+
+
+def jacobian(
+    chain: Chain, p: Mapping[str, Any] | Array, q: Array, free: Index | None = None, turns: bool = True
+) -> Array:
+    """Return the derivative of the target's pose in the parameters `free`, or all, (n, 6, k): a screw a parameter.
+
+    Rows 0 to 2 are the shift of the target [mm], rows 3 to 5 its turn as a vector w [rad], both in the world: to first
+    order the rotation R becomes (I + [w]x) R. Without `turns` the first three alone.
+    """
+    every = np.arange(12 + 8 * len(chain.joints), dtype=np.int64)
+    return _poses(chain, p, q, every if free is None else free, oriented=turns)[1]
+
+
+_NONE = np.zeros(0, dtype=np.int64)
+
+
+def _poses(chain: Chain, p: Mapping[str, Any] | Array, q: Array, free: Index, oriented: bool) -> tuple[Array, Array]:
+    # here, as listing the problems must not load the compiler
+    from calibench.calibration import _kernels as kernels
+
+    q = np.atleast_2d(np.asarray(q, dtype=float))
     if q.shape[1] != len(chain.driven):
         raise ChainError(
             f"{chain.name}: q has {q.shape[1]} columns; one is needed for each of {', '.join(chain.driven)}"
         )
-    numbers = values[6:-6].reshape(-1, 8)
-    six = np.concatenate([values[None, :6], numbers[:, :6], values[None, -6:]])
-    placed = rpy(six[:, 3], six[:, 4], six[:, 5])
-    placed[:, :3, 3] = six[:, :3]
-    fixed = np.stack([joint.origin for joint in chain.joints]) @ placed[1:-1]
-
-    by = numbers[:, 7, None] * (chain.positions(q).T + numbers[:, 6, None])  # angles and ways, (J, n)
-    moves = turn(np.stack([joint.axis for joint in chain.joints])[:, None], by)
-    for k, joint in enumerate(chain.joints):
-        if joint.kind != "rotary":
-            moves[k] = slide(joint.axis, by[k])
-
-    poses = [np.broadcast_to(chain.mount @ placed[0], (len(q), 4, 4))]
-    for step in fixed[:, None] @ moves:
-        poses.append(poses[-1] @ step)
-    return np.stack([*poses, poses[-1] @ (chain.tail @ chain.tool @ placed[-1])])
-
-
-def forward(chain: Chain, p: Mapping[str, Any] | Numbers, q: Numbers) -> Numbers:
-    """Return where the target is and how it is turned in the world, (n, 4, 4) [mm], at the readings q, (n, columns)."""
-    return np.asarray(frames(chain, p, q)[-1])
-
-
-def jacobian(chain: Chain, p: Mapping[str, Any] | Array, q: Array) -> Array:
-    """Return the derivative of the target's pose in all parameters, (n, 6, P): a screw a parameter.
-
-    Rows 0 to 2 are the shift of the target [mm], rows 3 to 5 its turn as a vector w [rad], both in the world: to first
-    order the rotation R becomes (I + [w]x) R.
-    """
-    values, q = np.asarray(vector(chain, p), dtype=float), np.atleast_2d(np.asarray(q, dtype=float))
-    every = frames(chain, values, q)
-    target, numbers = every[-1][:, :3, 3], values[6:-6].reshape(-1, 8)
-
-    # screws of the placements, (J + 2, n, 6, 6), behind the frames before them
-    six = np.concatenate([values[None, :6], numbers[:, :6], values[None, -6:]])
-    before = np.concatenate([
-        np.broadcast_to(chain.mount, (1, len(q), 4, 4)),
-        every[:-2] @ np.stack([joint.origin for joint in chain.joints])[:, None],
-        every[-2:-1] @ (chain.tail @ chain.tool),
-    ])  # fmt: skip
-    turned = before[..., :3, :3]
-    lever = target - ((turned @ six[:, None, :3, None])[..., 0] + before[..., :3, 3])
-    cy, sy, cz, sz = np.cos(six[:, 4]), np.sin(six[:, 4]), np.cos(six[:, 5]), np.sin(six[:, 5])
-    none, one = np.zeros(len(six)), np.ones(len(six))
-    about = np.stack([cz * cy, sz * cy, -sy, -sz, cz, none, none, none, one], axis=-1).reshape(-1, 3, 3)
-    w = np.swapaxes(about[:, None] @ np.swapaxes(turned, -1, -2), -1, -2)  # Rz Ry ex, Rz ey and ez, in columns
-    shifts = np.swapaxes(cross(np.swapaxes(w, -1, -2), lever[..., None, :]), -1, -2)
-    upper = np.concatenate([turned, shifts], axis=-1)
-    screws = np.concatenate([upper, np.concatenate([np.zeros_like(turned), w], axis=-1)], axis=-2)
-
-    moved = every[1:-1]  # a joint's own motion leaves its axis as it is
-    axes = (moved[..., :3, :3] @ np.stack([joint.axis for joint in chain.joints])[:, None, :, None])[..., 0]
-    rotary = np.array([joint.kind == "rotary" for joint in chain.joints])[:, None, None]
-    rates = np.concatenate([
-        np.where(rotary, cross(axes, target - moved[..., :3, 3]), axes), np.where(rotary, axes, 0.0)
-    ], axis=-1)[..., None]  # fmt: skip
-    stands = (chain.positions(q).T + numbers[:, 6, None])[..., None, None]
-    joints = np.concatenate([screws[1:-1], numbers[:, 7, None, None, None] * rates, stands * rates], axis=-1)
-    return np.concatenate([screws[0], *joints, screws[-1]], axis=-1)
+    stands = np.ascontiguousarray(chain.positions(q))
+    seen, screws = kernels.poses(vector(chain, p), free, *_fixed_of(chain), stands, oriented)
+    made = np.zeros((len(q), 4, 4))
+    made[:, :3, 3], made[:, :3, 0], made[:, :3, 1] = seen[:, :3], seen[:, 3:6], seen[:, 6:]
+    made[:, :3, 2], made[:, 3, 3] = cross(seen[:, 3:6], seen[:, 6:]), 1.0
+    return made, screws
 
 
 POSITION, POSE, SOCKET, GAP = 0, 1, 3, 4  # as digests of data have them
@@ -276,7 +244,15 @@ def _made(q: Array, groups: Array | Index, values: Array, weight: Array) -> Comp
 
 
 def constants(chain: Chain, readings: Compared, template: Array, free: Index, limit: float) -> tuple[Any, ...]:
-    """Return the arguments of the kernels after x: each joint's frame is turned so that its axis is z."""
+    """Return the arguments of the kernels after x."""
+    stands, kinds = np.ascontiguousarray(chain.positions(readings.q)), readings.groups[:, 0]
+    count = int(readings.groups[kinds == SOCKET, 2].max(initial=-1)) + 1
+    compared = (bool((kinds == POSE).any()), readings.groups, readings.values, readings.weight)
+    return (template, free, *_fixed_of(chain), stands, *compared, count, float(limit), readings.size)
+
+
+def _fixed_of(chain: Chain) -> tuple[Array, Array, Index]:
+    """Return `fixed`, `align` and `sliding` of the kernels: each joint's frame is turned so that its axis is z."""
     turned = []
     for joint in chain.joints:
         towards = np.eye(4)
@@ -291,8 +267,4 @@ def constants(chain: Chain, readings: Compared, template: Array, free: Index, li
     flat = np.ascontiguousarray([np.concatenate([f[:3, :3].ravel(), f[:3, 3]]) for f in fixed])
     align = np.ascontiguousarray([t[:3, :3].ravel() for t in turned])
     sliding = np.array([joint.kind == "sliding" for joint in chain.joints], dtype=np.int64)
-
-    stands, kinds = np.ascontiguousarray(chain.positions(readings.q)), readings.groups[:, 0]
-    count = int(readings.groups[kinds == SOCKET, 2].max(initial=-1)) + 1
-    compared = (bool((kinds == POSE).any()), readings.groups, readings.values, readings.weight)
-    return (template, free, flat, align, sliding, stands, *compared, count, float(limit), readings.size)
+    return flat, align, sliding

@@ -6,7 +6,7 @@ units of the noise; for a ball in sockets the vector from its socket's mean poin
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import final
 
@@ -15,8 +15,9 @@ import numpy as np
 from calibench.calibration.dh import DhArm, DhTable
 from calibench.calibration.kinematics import Chain, forward, jacobian, nominal, parameter_names
 from calibench.calibration.readings import Readings
-from calibench.calibration.rigid import Array, Index, Mask, vector_of
+from calibench.calibration.rigid import Array, Index, Mask, cross, vector_of
 
+WITHIN = 20.0  # mm, or mrad: hardly a tolerance; a closer one would keep up the noise that it leaves
 KNOWN_TO = 0.05  # mm: how well the distance of two printed or drilled sockets is known where nobody says it
 
 
@@ -27,7 +28,10 @@ class ArmModel:
 
     `sigma` is the noise of a position [mm] and of a rotation [rad]; `distance` that of two sockets of a place [mm], 0
     where it is not known. `scatter` (n,) is how many times as far as others the readings of a socket lie apart. `rows`
-    is the arm of a table. With `every` a fit frees all parameters that it is asked for.
+    is the arm of a table. With `every` a fit frees all parameters that it is asked for. `tolerance` [mm, mrad] is the
+    standard error of the arm's nominal lengths and angles before any reading. `target` (n,) is the target of each
+    reading, 0 the one at the end of the chain; the others sit at `seats` (k, 3) [mm] from it, and at the numbers
+    tool_x_K, tool_y_K, tool_z_K from there, which stand before those of the tool.
     """
 
     chain: Chain
@@ -42,11 +46,15 @@ class ArmModel:
     scatter: Array | None = None
     rows: DhArm | None = None
     every: bool = False
+    tolerance: float = WITHIN
+    target: Index | None = None
+    seats: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Return the names of all parameters."""
-        return parameter_names(self.chain) if self.rows is None else self.rows.names
+        names = parameter_names(self.chain) if self.rows is None else self.rows.names
+        return (*names[:-6], *(f"tool_{one}_{k}" for k in range(2, len(self.seats) + 2) for one in "xyz"), *names[-6:])
 
     @property
     def sliding(self) -> frozenset[str]:
@@ -56,14 +64,15 @@ class ArmModel:
     @property
     def start(self) -> Array:
         """Return the nominal parameters: nothing is wrong."""
-        return nominal(self.chain) if self.rows is None else self.rows.nominal
+        start = nominal(self.chain) if self.rows is None else self.rows.nominal
+        return np.concatenate([start[:-6], np.zeros(3 * len(self.seats)), start[-6:]])
 
     @property
     def of_rows(self) -> Array:
         """Return the noise of each position, (n,) [mm]."""
         return self.sigma[0] * (np.ones(len(self.joints)) if self.scatter is None else self.scatter)
 
-    def at(self, keep: Mask) -> ArmModel:
+    def at(self, keep: Mask | Index) -> ArmModel:
         """Return the model of some poses, with its sockets counted from 0 without a gap."""
         position, turns, scatter = (
             None if one is None else one[keep] for one in (self.position, self.turns, self.scatter)
@@ -71,12 +80,48 @@ class ArmModel:
         socket = np.unique(self.socket[keep], return_inverse=True)[1].ravel().astype(np.int64)
         return replace(
             self, joints=self.joints[keep], position=position, turns=turns, socket=socket, place=self.place[keep],
-            scatter=scatter,
+            scatter=scatter, target=None if self.target is None else self.target[keep],
         )  # fmt: skip
 
     def placed(self, p: Array) -> Array:
         """Return the target's pose at each reading, (n, 4, 4)."""
-        return forward(self.chain, p, self.joints) if self.rows is None else self.rows.forward(p, self.joints)
+        arm = self._of_arm(p)
+        poses = forward(self.chain, arm, self.joints) if self.rows is None else self.rows.forward(arm, self.joints)
+        if self.target is not None:
+            poses = poses.copy()
+            poses[:, :3, 3] += self._beside(p, poses)
+        return poses
+
+    def slopes(self, p: Array, free: Index) -> Array:
+        """Return the derivative of the target's pose in the parameters `free`, (n, 6, k), or (n, 3, k) of places."""
+        of, arm, seats = self.rows, self._of_arm(p), 3 * len(self.seats)
+        some, turns = None if seats else free, self.turns is not None or seats > 0
+        slopes = (
+            jacobian(self.chain, arm, self.joints, some, turns)
+            if of is None
+            else of.jacobian(arm, self.joints, some, turns)
+        )
+        if not seats:
+            return slopes
+        more = np.zeros((len(slopes), 6, seats))
+        if self.target is not None:
+            first = forward(self.chain, arm, self.joints) if of is None else of.forward(arm, self.joints)
+            lever = self._beside(p, first)
+            slopes[:, :3] += cross(np.swapaxes(slopes[:, 3:], 1, 2), lever[:, None]).swapaxes(1, 2)
+            for k in range(len(self.seats)):
+                more[:, :3, 3 * k : 3 * k + 3] = np.where((self.target == k + 1)[:, None, None], first[:, :3, :3], 0.0)
+        return np.concatenate([slopes[:, :, :-6], more, slopes[:, :, -6:]], axis=2)[:, :, free]
+
+    def places(self, p: Array) -> Array:
+        """Return where each target sits from the first one, in its frame, (k + 1, 3) [mm]."""
+        return np.concatenate([np.zeros((1, 3)), self.seats + p[-6 - 3 * len(self.seats) : -6].reshape(-1, 3)])
+
+    def _of_arm(self, p: Array) -> Array:
+        return np.concatenate([p[: -6 - 3 * len(self.seats)], p[-6:]]) if len(self.seats) else p
+
+    def _beside(self, p: Array, poses: Array) -> Array:
+        """Return from the first target to that of each reading, (n, 3) [mm], where it stands at `poses`."""
+        return np.asarray(np.einsum("nij,nj->ni", poses[:, :3, :3], self.places(p)[self.target]))
 
     def errors(self, p: Array, weights: Array | None = None, poses: Array | None = None) -> tuple[Array, Array | None]:
         """Return residual positions (n, 3), of a ball from its socket's mean point, and rotations (n, 3) or None."""
@@ -99,8 +144,7 @@ class ArmModel:
 
     def jacobian(self, p: Array, kept: Index, weights: Array) -> tuple[Array, Array]:
         """Return the derivatives of `residuals` in the parameters `kept`: (n, c, k) and (d, k)."""
-        of = self.rows
-        slopes = (jacobian(self.chain, p, self.joints) if of is None else of.jacobian(p, self.joints))[:, :, kept]
+        slopes = self.slopes(p, kept)
         if self.position is not None:
             over = slopes[:, :3] / self.sigma[0]
             if self.turns is not None:
@@ -140,14 +184,16 @@ def model_of(
 ) -> ArmModel:  # fmt: skip
     """Return the model of `readings` with the frames that were found in its chain; of a `table` its numbers."""
     placed = chain.placed(base, chain.tool @ tool)
-    return ArmModel(
+    model = ArmModel(
         chain=placed, joints=readings.joints, position=readings.position, turns=readings.turns,
         socket=readings.socket, place=readings.place, distance=distance,
         sigma_distance=sigma_distance, rows=None if table is None else DhArm(table, placed.mount, placed.tool),
     )  # fmt: skip
-
-
-def stacked(rows: Array, more: Array, weights: Array) -> Array:
-    """Return residuals (n, c), or their slopes (n, c, k), by the `weights` (n,) of readings, and what is `more`."""
-    weighted = np.sqrt(weights).reshape(-1, *[1] * (rows.ndim - 1)) * rows
-    return np.concatenate([weighted.reshape(-1, *rows.shape[2:]), more])
+    if not readings.target.any():
+        return model
+    assert readings.position is not None
+    poses = model.placed(model.start)
+    there = np.einsum("nji,nj->ni", poses[:, :3, :3], readings.position - poses[:, :3, 3])
+    fitted = readings.train
+    seats = [np.median(there[fitted & (readings.target == k)], axis=0) for k in range(1, len(readings.targets))]
+    return replace(model, target=readings.target, seats=np.array(seats))

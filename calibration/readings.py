@@ -13,13 +13,14 @@ from typing import Any, final
 import numpy as np
 from scipy.spatial import KDTree
 
-from calibench.calibration.columns import Matched, by_their_names, is_called_joint, match_columns, only_asked
+from calibench.calibration.columns import TARGET, Matched, by_their_names, is_called_joint, match_columns, only_asked
 from calibench.calibration.frames import frames_of_positions
 from calibench.calibration.kinematics import Chain, forward, nominal
+from calibench.calibration.rig import unfolded
 from calibench.calibration.rigid import Array, Index, Mask, rpy_of
 from calibench.core.notes import Code, DataError, Note
 from calibench.core.tables.cells import split_rows, valid_rows
-from calibench.core.tables.columns import Columns, in_base_units, rename
+from calibench.core.tables.columns import Columns, in_base_units, rename, with_seconds
 from calibench.core.tables.csv_table import heads
 from calibench.core.words import as_columns, counted, listed, plain
 
@@ -29,7 +30,7 @@ _MOVING = 3  # joints at the least, where the arm has as many
 _ALIKE = 1e-3  # rad or mm by which joints differ at most where a pose is taken again
 _HUGE = 1e12  # a value that no instrument gives
 _LISTED = 8  # columns that a note names
-_WORDS = ("socket", "place", "split", "valid")  # columns that are no numbers beside a pose
+_WORDS = ("socket", "place", TARGET, "split", "valid")  # columns that are no numbers beside a pose
 _LENGTH = 0.5  # the most by which a quaternion's length may differ from 1
 TURNS = 4 * np.pi  # rad: no joint turns further
 
@@ -107,7 +108,8 @@ class Readings:
     """n poses: `joints` (n, j) [rad | mm] and what was read at them.
 
     `position` (n, 3) [mm], `turns` (n, 3, 3); `angles` (n, 3 | 4) are the rotations as the file has them. `socket` (n,)
-    counts the sockets of all places from 0, `place` (n,) the places. `hold` (n,) marks what the file keeps back. `rows`
+    counts the sockets of all places from 0, `place` (n,) the places, `target` (n,) those of `targets` on the flange,
+    of which the first is read most. `hold` (n,) marks what the file keeps back. `rows`
     (n,) are those of the table. `sliding` names the joints that are read in mm.
     """
 
@@ -117,6 +119,7 @@ class Readings:
     angles: Array | None
     socket: Index
     place: Index
+    target: Index
     hold: Mask | None
     rows: Index
     table: Table
@@ -125,6 +128,7 @@ class Readings:
     turns: Array | None = None
     notes: tuple[Note, ...] = ()
     sliding: frozenset[str] = frozenset()
+    targets: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.joints)
@@ -141,7 +145,7 @@ class Readings:
         """Return the poses that `keep`, a mask or places, names."""
         cut: dict[str, Any] = {
             key: getattr(self, key)[keep]
-            for key in ("joints", "position", "angles", "socket", "place", "hold", "rows", "turns")
+            for key in ("joints", "position", "angles", "socket", "place", "target", "hold", "rows", "turns")
             if getattr(self, key) is not None
         }
         return replace(self, **cut, other={name: column[keep] for name, column in self.other.items()})
@@ -166,8 +170,10 @@ def columns_of(readings: Readings, distance: float = 0.0) -> tuple[dict[str, Any
         first = {place: readings.socket[readings.place == place].min() for place in np.unique(readings.place)}
         columns["socket"] = readings.socket - np.array([first[place] for place in readings.place])
         columns["place"] = readings.place
+    if readings.targets:
+        columns[TARGET] = np.array(readings.targets)[readings.target]
     columns |= readings.other
-    of_joints = {name: readings.matched.other[name] for name in readings.other}
+    of_joints = {name: readings.matched.other.get(name, name) for name in readings.other}
     units |= {name: unit for name, column in of_joints.items() if (unit := readings.table.units.get(column))}
     if readings.hold is not None:
         columns["split"] = np.where(readings.hold, "hold", "train")
@@ -187,13 +193,9 @@ def read_readings(
 
 
 def _readings(table: Table, chain: Chain, observe: str, copies: bool, option: str) -> Readings:
-    given = [name for name in table.columns if table.columns[name].dtype.kind in "iufb" or name.lower() in _WORDS]
-    matched = match_columns(given, chain.driven, option, chain.source)
-    used = (*matched.joints.values(), *matched.position.values(), *matched.rotation.values())
-    turned, units, unit_notes = by_their_names(table.columns, used, table.units)
-    table = replace(
-        table, columns={**table.columns, **turned}, units={**table.units, **units}, notes=(*table.notes, *unit_notes)
-    )
+    given = readable(table)
+    table, matched, _ = by_target(table, match_columns(given, chain.driven, option, chain.source))
+    given = [name for name in given if name in table.columns]
     sliding = frozenset(joint.name for joint in chain.joints if joint.kind == "sliding")
     bases = {column: "mm" if name in sliding else "rad" for name, column in matched.joints.items()}
     bases |= dict.fromkeys(matched.position.values(), "mm")
@@ -248,14 +250,61 @@ def _readings(table: Table, chain: Chain, observe: str, copies: bool, option: st
         places = table.columns[matched.other["place"]] if "place" in matched.other else np.zeros(len(table), dtype=int)
         place = np.unique(places, return_inverse=True)[1].astype(np.int64)
         socket = np.unique(np.column_stack([place, seat]), axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+    targets, target = np.zeros(0, dtype=str), np.zeros(len(table), dtype=np.int64)
+    if observe != "sockets" and TARGET in matched.other:
+        targets, which = np.unique(np.asarray(table.columns[matched.other[TARGET]]).astype(str), return_inverse=True)
+        order = np.argsort(-np.bincount(which.ravel()[whole], minlength=len(targets)), kind="stable")
+        targets, target = targets[order], np.argsort(order)[which.ravel()]
     readings = Readings(
         observed=observe, joints=joints, position=position, angles=angles, socket=socket, place=place, hold=hold,
+        target=target, targets=tuple(map(str, targets.tolist())),
         rows=np.arange(len(table), dtype=np.int64), table=table, matched=matched,
-        other={n: np.asarray(table.columns[c], dtype=float) for n, c in matched.other.items() if n not in _WORDS},
+        other={n: np.asarray(table.columns[c], dtype=float) for n, c in matched.other.items() if n not in _WORDS}
+        | {name: np.asarray(table.columns[name], dtype=float) for name in beside},
         notes=tuple(notes), sliding=sliding,
     ).where(whole)  # fmt: skip
     _check(readings, whole, chain)
     return readings
+
+
+def readable(table: Table) -> list[str]:
+    """Return the columns that hold numbers, or words that are known."""
+    return [name for name in table.columns if table.columns[name].dtype.kind in "iufb" or name.lower() in _WORDS]
+
+
+def by_target(table: Table, matched: Matched) -> tuple[Table, Matched, Index | None]:
+    """Return the table with one target of the flange in a row, without drift, and the row of each, None for as before.
+
+    Units that names state are turned before, and times that are no seconds.
+    """
+    if (clock := matched.other.get("t_s", "")) and clock not in table.units:
+        columns, told = with_seconds(table.columns, clock)
+        table = replace(table, columns=columns, notes=(*table.notes, *told))
+        if clock not in columns:
+            matched = replace(matched, other={name: c for name, c in matched.other.items() if name != "t_s"})
+    places = [*matched.position.values(), *(c for group in matched.targets.values() for c in group.values())]
+    used = dict.fromkeys((*matched.joints.values(), *places, *matched.rotation.values()))
+    turned, units, notes = by_their_names(table.columns, used, table.units)
+    table = replace(
+        table, columns={**table.columns, **turned}, units={**table.units, **units}, notes=(*table.notes, *notes)
+    )
+    if not matched.position or not (matched.targets or TARGET in matched.other):
+        return table, matched, None
+    of_places = {table.units.get(name, "") for name in places}
+    if len(of_places) > 1:
+        raise DataError(f"{listed(places, _LISTED)} are in several units; units= states one for all of them")
+    unit = of_places.pop() or ("mm" if set(matched.position.values()) == set("xyz") else "")
+    columns, rows, told = unfolded(table.columns, matched, unit)
+    if matched.rotation:
+        text = f"{', '.join(matched.rotation.values())}: rotations are left out beside several targets"
+        told.append(Note(Code.ROTATION_LEFT_OUT, text, tuple(matched.rotation.values())))
+    other = {name: column for name, column in matched.other.items() if name != TARGET}
+    row = table.row[rows]
+    if TARGET in columns:
+        other[TARGET] = TARGET
+        row = np.array([f"{i}, target {name}" for i, name in zip(row.tolist(), columns[TARGET], strict=True)])
+    table = replace(table, columns=columns, file=table.file[rows], row=row, notes=(*table.notes, *told))
+    return table, replace(matched, targets={}, rotation={}, other=other), rows
 
 
 def _check(readings: Readings, whole: Mask, chain: Chain) -> None:
@@ -323,14 +372,12 @@ def _whole_rows(table: Table, matched: Matched, values: Array, angles: Array | N
 
 def poses_of(joints: Array) -> Index:
     """Return the number of each row's pose, (n,), from 0 in the order of the rows; repeats agree to a thousandth."""
-    number = np.full(len(joints), -1, dtype=np.int64)
-    near, count = KDTree(joints), 0
-    for i in range(len(joints)):
-        if number[i] < 0:
+    near, first = KDTree(joints), np.arange(len(joints))  # row of each pose
+    for i in np.flatnonzero(near.query_ball_point(joints, _ALIKE, p=np.inf, return_length=True) > 1):
+        if first[i] == i:
             alike = np.array(near.query_ball_point(joints[i], _ALIKE, p=np.inf))
-            number[alike[number[alike] < 0]] = count
-            count += 1
-    return number
+            first[alike[(first[alike] == alike) & (alike > i)]] = i
+    return np.unique(first, return_inverse=True)[1].astype(np.int64)
 
 
 def joints_beside(readings: Readings, chain: Chain) -> str:

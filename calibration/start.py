@@ -87,6 +87,15 @@ def _start(readings: Readings, chain: Chain, rotation: str, limits: bool) -> Sta
         tool[:3, 3] = ball
         return Start(_within_limits(readings, chain, limits), np.eye(4), tool)
 
+    if readings.target.any():  # by the target that is read most; the others are found from it
+        first = _start(readings.where(readings.target == 0), chain, rotation, limits)
+        known = {name: UNITS[note.values["unit"]] for note in first.readings.notes for name in note.columns
+                 if note.code is Code.UNIT_FOUND}  # fmt: skip
+        scale = np.array([known.get(readings.matched.joints[name], 1.0) for name in chain.driven])
+        position = readings.position * known.get(next(iter(readings.matched.position.values())), 1.0)
+        every = replace(readings, joints=readings.joints * scale, position=position, notes=first.readings.notes)
+        return replace(first, readings=every)
+
     columns = readings.matched.position
     source = "mm" if set(columns.values()) == {"x", "y", "z"} else ""  # of the unit; "" for none
     if any(name in readings.table.units for name in columns.values()):

@@ -1,22 +1,26 @@
 """`read_urdf`: a robot's links and joints from its URDF (without meshes), and the chain between two of its links.
 
-Lengths are mm here, metres there. What cannot be used is a `UrdfError` in one line. Source: wiki.ros.org/urdf/XML
-(link, joint), for `quat_xyzw` its version 1.2. `with_origins` writes new origins into the user's own file.
+The file is read as the parsers of the field read it (tinyxml2), and what is wrong with a link or a joint is kept with
+it: the chain refuses what stands on it, and what stands `beside` it is a note. Lengths are mm here, metres there. What
+cannot be used is a `UrdfError` in one line. Source: wiki.ros.org/urdf/XML (link, joint), for `quat_xyzw` its version
+1.2. `with_origins` writes new origins into the user's own file.
 """
 
 import re
-import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from html import unescape
 from pathlib import Path
 from typing import final
-from xml.parsers import expat
+from xml.etree.ElementTree import Element, TreeBuilder
 
 import numpy as np
 
 from calibench.calibration.kinematics import Chain, ChainError, ChainJoint, Kind, Mimic
 from calibench.calibration.rigid import Array, quaternion, rpy, rpy_of, shift
+from calibench.core.notes import Code, Note
 from calibench.core.options import suggest
 from calibench.core.tables.data_file import MEGABYTE, read_whole
 from calibench.core.words import shortened
@@ -26,6 +30,8 @@ _LONGEST = 1e5  # mm, of all links of an arm together
 _HUGE = 1e9  # of any number but a limit, which is written as 1e308 where there is none
 _LARGEST = 20 * MEGABYTE  # that of a humanoid has .2
 _MOST_LINKS = 2_000  # and as many joints: a hall of ten robots has 500
+_MOST_TAGS = 100_000  # that of a humanoid has 5 000
+_MOST_TOLD = 5  # faults in the text of a note
 _KINDS: dict[str, Kind] = {"revolute": "rotary", "continuous": "rotary", "prismatic": "sliding"}
 _MOVING = (*_KINDS, "floating", "planar")
 
@@ -37,17 +43,24 @@ class UrdfError(ChainError):
 @final
 @dataclass(frozen=True, eq=False)
 class Link:
-    """One link: its mass [kg] and the centre of it (3,) [mm] in the link's frame; None where there is no <inertial>."""
+    """One link: its mass [kg] and the centre of it (3,) [mm] in the link's frame; None where there is no <inertial>.
+
+    `fault` is why an arm with it cannot be used.
+    """
 
     name: str
     mass: float | None = None
     centre: Array | None = None
+    fault: str = ""
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """One joint as the URDF has it (its `type` there); `origin`, (4, 4) [mm], from parent to child at zero."""
+    """One joint as the URDF has it (its `type` there); `origin`, (4, 4) [mm], from parent to child at zero.
+
+    `fault` is why an arm with it cannot be used; its numbers are not those of the file then.
+    """
 
     name: str
     type: str
@@ -58,19 +71,21 @@ class Joint:
     lower: float
     upper: float
     mimic: Mimic | None = None
+    fault: str = ""
 
     @property
     def moves(self) -> bool:
         """Tell whether the joint moves."""
-        return self.type in _MOVING
+        return self.type != "fixed"
 
 
 @final
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A tree of links and joints; `source` is what error messages call it.
+    """Links and joints; `source` is what error messages call them.
 
-    `option` is what stands before base= and tip= where its user writes them: "machine." or "problem.".
+    `option` is what stands before base= and tip= where its user writes them: "machine." or "problem.". `left_over` are
+    words of the file that a parser of URDFs passes over, each with what it is; `xacro` tells that some are of xacro.
     """
 
     name: str
@@ -78,12 +93,38 @@ class Robot:
     joints: tuple[Joint, ...]
     source: str = "the URDF"
     option: str = ""
+    left_over: tuple[str, ...] = ()
+    xacro: bool = False
 
-    @property
+    @cached_property
+    def _above(self) -> dict[str, Joint]:
+        """Return the joint that leads to each link, the first where there are several."""
+        return {joint.child: joint for joint in reversed(self.joints)}
+
+    @cached_property
+    def _behind(self) -> dict[str, list[Joint]]:
+        """Return the joints that hang on each link; a link hangs on one joint, so that no circle begins at a root."""
+        behind: dict[str, list[Joint]] = {}
+        for joint in self.joints:
+            if self._above[joint.child] is joint:
+                behind.setdefault(joint.parent, []).append(joint)
+        return behind
+
+    @cached_property
     def root(self) -> str:
-        """Return the one link that no joint leads to."""
-        children = {joint.child for joint in self.joints}
-        return next(link.name for link in self.links if link.name not in children)
+        """Return the one link that no joint leads to and that a moving joint hangs on."""
+        roots = [name for name in dict.fromkeys(j.parent for j in self.joints) if name not in self._above]
+        arms = [root for root in roots if any(j.moves for j in self._below(root))]
+        if len(arms) > 1:
+            raise self._broken(
+                f"{len(arms)} links hang on nothing ({', '.join(arms)}); join them by a fixed joint, or take "
+                f"{self.option}base={arms[0]}"
+            )
+        if not arms and any(joint.moves for joint in self.joints):
+            raise self._broken(next((j.fault for j in self.joints if j.fault), "no joint that moves hangs on a link"))
+        if not arms:
+            raise self._broken("no joint of it moves; give the whole arm's URDF")
+        return arms[0]
 
     def chain(self, base: str = "", tip: str = "") -> Chain:
         """Return the chain from the link `base` (the root) to the link `tip`.
@@ -91,12 +132,12 @@ class Robot:
         Without `tip` it is the leaf that most moving joints lead to; where several leaves hang on the same moving
         joints, the last link that leads to all of them. A `UrdfError` lists several arms with as many joints.
         """
-        names = [link.name for link in self.links]
+        names = list(dict.fromkeys([*(link.name for link in self.links), *(joint.child for joint in self.joints)]))
         for what, link in (("base", base), ("tip", tip)):
             if link and link not in names:
-                raise UrdfError(f"{self.source}: {self.option}{what}={link!r} is no link of it; {suggest(link, names)}")
-        base, parents = base or self.root, {joint.parent for joint in self.joints}
-        leaves = [name for name in names if name not in parents]
+                raise self._broken(f"{self.option}{what}={link!r} is no link of it; {suggest(link, names)}")
+        base = base or self.root
+        leaves = sorted(set(names) - {joint.parent for joint in self.joints}, key=names.index)
         if not tip:
             below: dict[str, tuple[str, ...]] = {}
             for leaf in leaves:
@@ -107,7 +148,7 @@ class Robot:
                 below[leaf] = tuple(joint.name for joint in path if joint.moves)
             most = max(map(len, below.values()), default=0)
             if most == 0:
-                raise UrdfError(f"{self.source}: no joint moves behind {base!r}; take {self.option}base={self.root}")
+                raise self._broken(f"no joint moves behind {base!r}; take {self.option}base={self.root}")
             best = [leaf for leaf, moving in below.items() if len(moving) == most]
             paths = [[base, *(joint.child for joint in self._path(base, leaf))] for leaf in best]
             shared: str = [steps[0] for steps in zip(*paths, strict=False) if len(set(steps)) == 1][-1]
@@ -119,6 +160,8 @@ class Robot:
                 )
             tip = shared  # of one leaf it is this
         path = self._path(base, tip)
+        if fault := next((one.fault for one in self._on(path, base) if one.fault), ""):
+            raise UrdfError(f"{self.source}: {fault}")
         held, joints = np.eye(4), []
         for joint in path:
             held = held @ joint.origin
@@ -136,8 +179,8 @@ class Robot:
             ))  # fmt: skip
             held = np.eye(4)
         if not joints:
-            raise UrdfError(
-                f"{self.source}: no joint moves between {base!r} and {tip!r}; take {self.option}tip= one of "
+            raise self._broken(
+                f"no joint moves between {base!r} and {tip!r}; take {self.option}tip= one of "
                 f"{', '.join(sorted(leaves))}"
             )
         length = sum(float(np.linalg.norm(origin[:3, 3])) for origin in (*(j.origin for j in joints), held))
@@ -147,6 +190,37 @@ class Robot:
                 "like mm; divide each xyz by 1000"
             )
         return Chain(tuple(joints), held, self.name, base, tip)
+
+    def beside(self, chain: Chain) -> tuple[Note, ...]:
+        """Return what is wrong in the file and not on the chain, as one note at most."""
+        on = {id(one) for one in self._on(self._path(chain.base, chain.tip), chain.base)}
+        joined = {joint.parent for joint in self.joints} | set(self._above)
+        loose = [f"link {link.name!r} hangs on no joint" for link in self.links if link.name not in joined]
+        every: tuple[Link | Joint, ...] = (*self.links, *self.joints)
+        faults = [one.fault for one in every if one.fault and id(one) not in on]
+        if not (told := [*dict.fromkeys([*faults, *loose, *self.left_over])]):
+            return ()
+        text = "; ".join(told[:_MOST_TOLD]) + (f"; and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else "")
+        text = f"{Path(self.source).name}: not read, as it stands beside the arm: {text}"
+        return (Note(Code.BESIDE_THE_ARM, text, values={"faults": told}),)
+
+    def _on(self, path: list[Joint], base: str) -> Iterator[Link | Joint]:
+        """Return the links and joints of a path, with others of the same name or place."""
+        names, children = {joint.name for joint in path}, {joint.child for joint in path}
+        yield from (joint for joint in self.joints if joint.name in names or joint.child in children)
+        yield from (link for link in self.links if link.name == base or link.name in children)
+
+    def _broken(self, text: str) -> UrdfError:
+        """Return the refusal of a file without an arm; what xacro has not expanded is its likely cause."""
+        return UrdfError(f"{self.source}: {_expand(self.source) if self.xacro else text}")
+
+    def _below(self, link: str) -> Iterator[Joint]:
+        """Return all joints that hang on a link, near or far."""
+        below = [link]
+        while below:
+            for joint in self._behind.get(below.pop(), ()):
+                yield joint
+                below.append(joint.child)
 
     def _followed(self, joint: Joint) -> Mimic | None:
         """Return which joint that is read `joint` follows, through those that follow others; None where none."""
@@ -158,6 +232,8 @@ class Robot:
                 raise UrdfError(
                     f"{self.source}: joint {at.name!r} mimics {of!r}, which is no joint of it; {suggest(of, known)}"
                 )
+            if known[of].fault:
+                raise UrdfError(f"{self.source}: joint {at.name!r} mimics {of!r}: {known[of].fault}")
             if of in passed:
                 raise UrdfError(
                     f"{self.source}: joint {at.name!r} mimics {of!r}, which follows it: a circle; leave out one <mimic>"
@@ -170,29 +246,26 @@ class Robot:
 
     def _path(self, base: str, tip: str) -> list[Joint]:
         """Return the joints from `base` to `tip`."""
-        above = {joint.child: joint for joint in self.joints}
-        path, at = [], tip
+        path, at = list[Joint](), tip
         while at != base:
-            if at not in above:
-                raise UrdfError(f"{self.source}: {tip!r} does not hang on {base!r}; take {self.option}base={self.root}")
-            path.append(above[at])
-            at = above[at].parent
+            if at not in self._above or len(path) > len(self.joints):
+                raise self._broken(f"{tip!r} does not hang on {base!r}; take {self.option}base={self.root}")
+            path.append(self._above[at])
+            at = self._above[at].parent
         return path[::-1]
 
     def _carried(self, link: str, path: set[str]) -> tuple[float | None, Array | None]:
         """Return mass and centre of all that hangs on `link` but the arm's own next joints; fingers stand at zero."""
         masses: list[tuple[float, Array]] = []
         known = {each.name: each for each in self.links}
-        behind: dict[str, list[Joint]] = {}
-        for joint in self.joints:
-            behind.setdefault(joint.parent, []).append(joint)
         below = [(link, np.eye(4))]
         while below:
             name, at = below.pop()
-            one = known[name]
+            one = known.get(name, Link(name))
             if one.mass is not None and one.centre is not None:
                 masses.append((one.mass, at[:3, :3] @ one.centre + at[:3, 3]))
-            below += [(j.child, at @ j.origin) for j in behind.get(name, ()) if not (j.moves and j.name in path)]
+            hanging = (j for j in self._behind.get(name, ()) if not j.fault and not (j.moves and j.name in path))
+            below += [(joint.child, at @ joint.origin) for joint in hanging]
         if not masses:
             return None, None
         whole = sum(mass for mass, _ in masses)
@@ -219,61 +292,159 @@ def urdf_text(path: Path) -> bytes:
 
 def parse_urdf(text: str | bytes, source: str = "the URDF", option: str = "") -> Robot:
     """Return the robot of a URDF's text; `source` is what error messages call it, `option` as in `read_urdf`."""
-    plain = text if isinstance(text, str) else text.decode("utf-8", "replace")
-    expand = f"{source}: this is xacro, not URDF; expand it first: xacro {source} > arm.urdf"
-    if "\0" in plain:
-        raise UrdfError(f"{source}: holds NUL bytes, as UTF-16 does; save it as UTF-8")
-    if "<!ENTITY" in plain:
-        raise UrdfError(f"{source}: declares entities (<!ENTITY), which no URDF needs; write their text in their place")
-    try:
-        tree = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, LookupError, ValueError) as problem:  # the latter of encodings
-        if "xacro:" in plain:
-            raise UrdfError(expand) from problem
-        raise UrdfError(f"{source}: no URDF, as it is not XML ({problem}); give the .urdf file itself") from problem
-    if tree.tag != "robot":
-        raise UrdfError(f"{source}: no URDF, as it opens with <{tree.tag}> and not with <robot>")
-    foreign = "{" if "<xacro:" in plain else "\0"  # what a tag of another namespace begins with; a comment says so too
-    if any(one.tag.startswith(foreign) or any("${" in word for word in one.attrib.values()) for one in tree.iter()):
-        raise UrdfError(expand)
+    whole = text.encode() if isinstance(text, str) else text
+    tree, _ = _scan(whole, source)
     for kind in ("link", "joint"):
         if (count := len(tree.findall(kind))) > _MOST_LINKS:
             raise UrdfError(f"{source}: has {count} {kind}s, and at most {_MOST_LINKS} are read; give the arm alone")
-    links = []
-    for each in tree.findall("link"):
-        if not (name := each.get("name")):
-            raise UrdfError(f"{source}: a <link> has no name; give it one")
-        inertial = each.find("inertial")
-        weighs, mass, centre = None if inertial is None else inertial.find("mass"), None, None
-        if inertial is not None and weighs is not None:
-            mass = float(_numbers(weighs.get("value", "0"), 1, f"{source}: link {name!r}, mass")[0])
-            if mass < 0:
-                raise UrdfError(f"{source}: link {name!r} has a mass of {mass:g} kg; it cannot be negative")
-            centre = _placement(inertial.find("origin"), f"{source}: link {name!r}")[:3, 3]
-        links.append(Link(name, mass, centre))
+    links = tuple(_link(each, source) for each in tree.findall("link"))
     joints = tuple(_joint(each, source) for each in tree.findall("joint"))
-    robot = Robot(tree.get("name", "robot"), tuple(links), joints, source, option)
-    _check_tree(robot)
-    return robot
+    tags = dict.fromkeys(each.tag for each in tree.iter())
+    declared = [word.partition(":")[2] for each in tree.iter() for word in each.attrib if word.startswith("xmlns")]
+    left = [f"<{tag}> has a prefix that nothing declares" for tag in tags if not _is_declared(tag, declared)]
+    left += [f"<{tag}> is left over from xacro" for tag in tags if tag.startswith("xacro:")]
+    left += ["${...} is left over from xacro"] if b"${" in whole else []
+    left += ["a name space is declared for all of it"] if "xmlns" in tree.attrib else []
+    xacro = b"${" in whole or any(tag.startswith("xacro:") for tag in tags)
+    return Robot(tree.get("name", "robot"), *_judged(links, joints), source, option, tuple(left), xacro)
 
 
-def _joint(element: ElementTree.Element, source: str) -> Joint:
-    name, kind = element.get("name"), element.get("type", "")
-    if not name:
-        raise UrdfError(f"{source}: a <joint> has no name; give it one")
-    where = f"{source}: joint {name!r}"
-    if kind not in (*_MOVING, "fixed"):
-        raise UrdfError(f"{where} has type={kind!r}; revolute, continuous, prismatic or fixed is needed")
+def _is_declared(tag: str, declared: list[str]) -> bool:
+    prefix, colon, _ = tag.partition(":")
+    return not colon or prefix in ("xacro", *declared)
+
+
+_TAG = re.compile(
+    rb"""<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|<(?P<doctype>![A-Za-z][^>]*)>"""
+    rb"""|<(?P<end>/?)(?P<name>[^\s/>!?"'=<]+)(?P<rest>(?:[^>"'<]|"[^"]*"|'[^']*')*)>""",
+    re.DOTALL,
+)
+_ATTRIBUTE = re.compile(rb"""\s*([^\s="'/<>]+)\s*=\s*("[^"]*"|'[^']*')""")
+
+
+def _scan(text: bytes, source: str) -> tuple[Element, dict[Element, tuple[int, int]]]:
+    """Return the element <robot> of a file, without texts, and where each tag begins and ends.
+
+    Read as tinyxml2 reads, which most parsers of URDFs stand on: prefixes are part of a name, comments may hold dashes,
+    no entity is ever expanded. Tags must close each other and attributes have values between quotation marks.
+    """
+    if b"\0" in text:
+        raise UrdfError(f"{source}: holds NUL bytes, as UTF-16 does; save it as UTF-8")
+    encoding, tree, open_tags = _encoding(text), TreeBuilder(), list[str]()
+    places, at = dict[Element, tuple[int, int]](), text.find(b"<")
+    while at >= 0:
+        match = _TAG.match(text, at)
+        if match is None or len(places) > _MOST_TAGS:
+            raise _no_xml(source, text, at, "a tag that does not end" if match is None else f"above {_MOST_TAGS} tags")
+        if b"!ENTITY" in (match["doctype"] or b""):
+            raise UrdfError(
+                f"{source}: declares entities (<!ENTITY), which no URDF needs; write their text in their place"
+            )
+        if match["name"] is not None:
+            name, rest = match["name"].decode(encoding, "replace"), match["rest"]
+            if not places and name != "robot":
+                raise UrdfError(f"{source}: no URDF, as it opens with <{shortened(name)}> and not with <robot>")
+            if not match["end"]:
+                attributes = _attributes(rest, encoding)
+                if attributes is None:
+                    raise _no_xml(source, text, at, f"<{shortened(name)}> has a word that is no attribute")
+                places[tree.start(name, attributes)] = at, match.end()
+                open_tags.append(name)
+            if match["end"] or rest.endswith(b"/"):
+                if not open_tags or open_tags.pop() != name:
+                    raise _no_xml(source, text, at, f"</{shortened(name)}> closes another tag")
+                tree.end(name)
+                if not open_tags:
+                    return tree.close(), places  # what follows the robot is none of it
+        at = text.find(b"<", match.end())
+    raise _no_xml(source, text, len(text), f"it ends inside <{open_tags[-1]}>" if open_tags else "no tag in it")
+
+
+def _attributes(rest: bytes, encoding: str) -> dict[str, str] | None:
+    """Return the attributes of a tag, the first of a name; None where a word is none."""
+    found: dict[str, str] = {}
+    at = 0
+    while match := _ATTRIBUTE.match(rest, at):
+        found.setdefault(match[1].decode(encoding, "replace"), unescape(match[2][1:-1].decode(encoding, "replace")))
+        at = match.end()
+    return found if rest[at:].strip() in (b"", b"/") else None
+
+
+def _encoding(text: bytes) -> str:
+    """Return the encoding that a file states, if it holds ASCII as ASCII; else UTF-8."""
+    stated = re.match(rb"""\s*<\?xml[^>]*encoding\s*=\s*["']([\w.-]+)""", text)
+    name = stated[1].decode() if stated else "utf-8"
+    try:
+        return name if bytes(range(128)).decode(name).encode() == bytes(range(128)) else "utf-8"
+    except (LookupError, ValueError):
+        return "utf-8"
+
+
+def _no_xml(source: str, text: bytes, at: int, why: str) -> UrdfError:
+    line = 1 + text.count(b"\n", 0, at)
+    return UrdfError(f"{source}: no URDF, as it is not XML ({why}, line {line}); give the .urdf file itself")
+
+
+def _expand(source: str) -> str:
+    return f"this is xacro, not URDF; expand it first: xacro {source} > arm.urdf"
+
+
+def _link(element: Element, source: str) -> Link:
+    if not (name := element.get("name")):
+        return Link("", fault="a <link> has no name; give it one")
+    inertial = element.find("inertial")
+    try:
+        _refuse_xacro([Element("link", name=name), *([] if inertial is None else inertial.iter())], source)
+        weighs = None if inertial is None else inertial.find("mass")
+        if inertial is None or weighs is None:
+            return Link(name)
+        mass = float(_numbers(weighs.get("value", "0"), 1, f"link {name!r}, mass")[0])
+        if mass < 0:
+            raise UrdfError(f"link {name!r} has a mass of {mass:g} kg; it cannot be negative")
+        return Link(name, mass, _placement(inertial.find("origin"), f"link {name!r}")[:3, 3])
+    except UrdfError as fault:
+        return Link(name, fault=str(fault))
+
+
+def _joint(element: Element, source: str) -> Joint:
+    name, kind = element.get("name", ""), element.get("type", "")
+    where = f"joint {name!r}"
     ends = [end.get("link") if (end := element.find(side)) is not None else None for side in ("parent", "child")]
-    if not ends[0] or not ends[1]:
-        raise UrdfError(f"{where} has no <{'child' if ends[0] else 'parent'} link=...>; add it")
-    turns = element.find("axis")
-    axis = np.array([1.0, 0, 0]) if turns is None else _numbers(turns.get("xyz", ""), 3, f"{where}, axis")
+    if not ends[0] or not ends[1]:  # it may be of the arm: nothing tells where it stands
+        why = f"{where} has no <{'child' if ends[0] else 'parent'} link=...>; add it"
+        raise UrdfError(f"{source}: {_expand(source) if '${' in str(element.attrib) else why}")
+    joint = Joint(
+        name=name, type=kind, parent=ends[0], child=ends[1], origin=np.eye(4), axis=np.array([1.0, 0, 0]),
+        lower=-np.inf, upper=np.inf,
+    )  # fmt: skip
+    try:
+        _refuse_xacro([*element.iter()], source)
+        if not name:
+            raise UrdfError("a <joint> has no name; give it one")
+        if kind not in (*_MOVING, "fixed"):
+            raise UrdfError(f"{where} has type={kind!r}; revolute, continuous, prismatic or fixed is needed")
+        joint = replace(joint, origin=_placement(element.find("origin"), where))
+        return _moving(joint, element) if kind in _KINDS else joint
+    except UrdfError as fault:
+        return replace(joint, fault=str(fault))
+
+
+def _refuse_xacro(elements: list[Element], source: str) -> None:
+    """Raise `UrdfError` where numbers or names are yet to be put in, or a part is."""
+    for one in elements:
+        if one.tag.startswith("xacro:") or any("${" in word for word in one.attrib.values()):
+            raise UrdfError(_expand(source))
+
+
+def _moving(joint: Joint, element: Element) -> Joint:
+    """Return the joint with its axis, its limits, and the joint that it follows."""
+    where, turns = f"joint {joint.name!r}", element.find("axis")
+    axis = joint.axis if turns is None else _numbers(turns.get("xyz", ""), 3, f"{where}, axis")
     length = float(np.linalg.norm(axis))
-    if kind in _KINDS and not length > 0:
+    if not length > 0:
         raise UrdfError(f"{where} has the axis 0 0 0; give the direction it turns about or slides along")
-    scale, limit, sides = _MM if kind == "prismatic" else 1.0, element.find("limit"), [-np.inf, np.inf]
-    if limit is not None and kind in ("revolute", "prismatic"):
+    scale, limit, sides = _MM if joint.type == "prismatic" else 1.0, element.find("limit"), [-np.inf, np.inf]
+    if limit is not None and joint.type != "continuous":
         words = [limit.get("lower"), limit.get("upper")]
         for k, one in enumerate(words):
             if one is not None:
@@ -287,13 +458,10 @@ def _joint(element: ElementTree.Element, source: str) -> Joint:
         offset = scale * float(_numbers(follows.get("offset", "0"), 1, f"{where}, mimic")[0])
         gain = float(_numbers(follows.get("multiplier", "1"), 1, f"{where}, mimic")[0])
         mimic = Mimic(str(follows.get("joint")), gain, offset)
-    return Joint(
-        name=name, type=kind, parent=ends[0], child=ends[1], origin=_placement(element.find("origin"), where),
-        axis=axis / (length or 1.0), lower=sides[0], upper=sides[1], mimic=mimic,
-    )  # fmt: skip
+    return replace(joint, axis=axis / length, lower=sides[0], upper=sides[1], mimic=mimic)
 
 
-def _placement(origin: ElementTree.Element | None, where: str) -> Array:
+def _placement(origin: Element | None, where: str) -> Array:
     if origin is None:
         return np.eye(4)
     x, y, z = _MM * _numbers(origin.get("xyz", "0 0 0"), 3, f"{where}, origin xyz")
@@ -318,85 +486,59 @@ def _numbers(text: str, count: int, where: str, most: float = _HUGE) -> Array:
     return values
 
 
-def _check_tree(robot: Robot) -> None:
-    """Raise `UrdfError` where links and joints do not make one tree."""
-    source, names = robot.source, dict.fromkeys(link.name for link in robot.links)
-    if not any(joint.moves for joint in robot.joints):
-        raise UrdfError(f"{source}: no joint of it moves; give the whole arm's URDF")
-    for kind, all_of_kind in (("links", robot.links), ("joints", robot.joints)):
-        twice, count = max(Counter(one.name for one in all_of_kind).items(), key=lambda of: of[1], default=("", 0))
-        if count > 1:
-            raise UrdfError(f"{source}: two {kind} are named {twice!r}; give each a name of its own")
-    above: dict[str, Joint] = {}
-    for joint in robot.joints:
+def _judged(links: tuple[Link, ...], joints: tuple[Joint, ...]) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
+    """Return links and joints with what is wrong between them: names and ends that are there twice, or missing."""
+    names, titles = Counter(link.name for link in links), Counter(joint.name for joint in joints)
+    leading: dict[str, list[Joint]] = {}
+    for joint in joints:
+        leading.setdefault(joint.child, []).append(joint)
+    above = {child: into[0].parent for child, into in leading.items()}
+
+    def fault(joint: Joint) -> str:
+        if titles[joint.name] > 1:
+            return f"two joints are named {joint.name!r}; give each a name of its own"
         for end in (joint.parent, joint.child):
             if end not in names:
-                raise UrdfError(
-                    f'{source}: joint {joint.name!r} names the link {end!r}, which is missing; add <link name="{end}"/>'
-                )
-        if joint.child in above:
-            raise UrdfError(
-                f"{source}: the joints {above[joint.child].name!r} and {joint.name!r} both lead to {joint.child!r}, a "
-                "closed loop; an arm is a tree, so leave one of them out"
+                return f'joint {joint.name!r} names the link {end!r}, which is missing; add <link name="{end}"/>'
+        if len(into := leading[joint.child]) > 1:
+            return (
+                f"the joints {into[0].name!r} and {into[1].name!r} both lead to {joint.child!r}, a closed loop; an arm "
+                "is a tree, so leave one of them out"
             )
-        above[joint.child] = joint
-    for name in names:
-        at, steps = name, 0
-        while at in above:
-            at, steps = above[at].parent, steps + 1
-            if steps > len(above):
-                raise UrdfError(f"{source}: the joint {above[name].name!r} leads back to itself; an arm has no cycle")
-    roots = [name for name in names if name not in above]
-    joined = {joint.parent for joint in robot.joints}
-    if len(roots) > 1:
-        loose = next((name for name in roots if name not in joined), None)
-        remedy = f"link {loose!r} hangs on no joint: leave it out" if loose else "join them by a fixed joint"
-        raise UrdfError(f"{source}: {len(roots)} links hang on nothing ({', '.join(roots)}); {remedy}")
+        at, steps = joint.parent, 0
+        while at in above and steps <= len(above):
+            at, steps = above[at], steps + 1
+        return f"the joint {joint.name!r} leads back to itself; an arm has no cycle" if at in above else ""
+
+    twice = {link: f"two links are named {link!r}; give each a name of its own" for link in names if names[link] > 1}
+    return (
+        tuple(replace(link, fault=link.fault or twice.get(link.name, "")) for link in links),
+        tuple(replace(joint, fault=joint.fault or fault(joint)) for joint in joints),
+    )
 
 
 def with_origins(text: bytes, origins: Mapping[str, Array], comment: str) -> bytes:
     """Return the URDF `text` with new `origins`, joint -> (4, 4) [mm], and a `comment` at its beginning."""
-    # where the content of each joint begins ("" is the robot), and where the tag of its origin stands
-    parser = expat.ParserCreate()
-    inside: dict[str, int] = {}
-    tags: dict[str, tuple[int, int]] = {}
-    names, joint = list[str](), ""  # the open elements, and the last joint
-    tag = re.compile(rb"""(?:[^>"']|"[^"]*"|'[^']*')*>""")  # its end; a > between quotation marks is none
-
-    def begin(name: str, attributes: dict[str, str]) -> None:
-        nonlocal joint
-        at = parser.CurrentByteIndex
-        match = tag.match(whole, at)
-        assert match is not None  # the parser has read it
-        if names == [] and name == "robot":
-            inside[""] = match.end()
-        elif names == ["robot"] and name == "joint":
-            joint = attributes.get("name", "")
-            inside[joint] = match.end()
-        elif names == ["robot", "joint"] and name == "origin":
-            tags[joint] = (at, match.end())
-        names.append(name)
-
-    whole = text
-    parser.StartElementHandler = begin
-    parser.EndElementHandler = lambda _: names.pop()
-    parser.Parse(whole, True)
-    lost = [name for name in origins if name not in inside]
+    robot, places = _scan(text, "the URDF")
+    joints = {joint.get("name", ""): joint for joint in robot.findall("joint")}
+    lost = [name for name in origins if name not in joints]
     if lost:
         raise ValueError(f"joint {lost[0]} stands not in the text of the URDF")
-    changes = [(inside[""], inside[""], f"\n  <!-- {comment.replace('--', '- -')} -->".encode())]
+    _, inside = places[robot]
+    changes = [(inside, inside, f"\n  <!-- {comment.replace('--', '- -')} -->".encode())]
     for name, origin in origins.items():
         xyz, rpy = (  # with the digits of a nanometre and a nanoradian
             " ".join(f"{round(v, 9) + 0.0:.9f}".rstrip("0").rstrip(".") or "0" for v in values)
             for values in (origin[:3, 3] / _MM, rpy_of(origin))
         )
         written = f'xyz="{xyz}" rpy="{rpy}"'.encode()
-        if name in tags:
-            start, end = tags[name]
+        if (tag := joints[name].find("origin")) is not None:
+            start, end = places[tag]
             other = re.sub(rb"""\s+(?:xyz|rpy|quat_xyzw|quat)\s*=\s*(?:"[^"]*"|'[^']*')""", b"", text[start:end])
             changes.append((start, end, other.replace(b"<origin", b"<origin " + written, 1)))
         else:
-            changes.append((inside[name], inside[name], b"\n    <origin " + written + b"/>"))
+            _, inside = places[joints[name]]
+            changes.append((inside, inside, b"\n    <origin " + written + b"/>"))
     for start, end, new in sorted(changes, reverse=True):
         text = text[:start] + new + text[end:]
     return text

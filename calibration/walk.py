@@ -4,8 +4,8 @@
     joint J:  (length_J along the stated way) . stated turn . Trans(x_J, y_J, z_J) . Rz(rz_J) Ry(ry_J) Rx(rx_J) . motion
 
 `turned` is found from the data, so that the three angles stay small; `motion` is about, or along, the axis by the
-reading plus `zero_J`. The target lies at tool_x, tool_y, tool_z in the frame of the flange. A test holds it to
-`kinematics`, which is several times as fast where rows are alike.
+reading plus `zero_J`. The target lies at tool_x, tool_y, tool_z in the frame of the flange. A complex step passes
+through. A test holds it to `kinematics`, which is compiled and tens of times as fast where rows are alike.
 """
 
 from collections.abc import Callable, Mapping

@@ -26,6 +26,7 @@ class Code(StrEnum):
 
     # the file
     FILE = "file", "how a file was read: its header, decimals, variables that are no columns, files that were joined"
+    BESIDE_THE_ARM = "beside_the_arm", "what in a URDF is not read, or wrong, and stands beside the chain of the arm"
     COLUMNS_MATCHED = "columns_matched", "columns were matched to joints otherwise than by their names"
     COLUMNS_UNREAD = "columns_unread", "columns of numbers that nothing reads"
     ROWS_LEFT_OUT = "rows_left_out", "rows without a value, or that the file marks as not valid, are left out"
@@ -59,6 +60,8 @@ class Code(StrEnum):
     FAR_OFF = "far_off", "so much is left that the description is hardly that of the arm"
     NARROW_RANGE = "narrow_range", "beyond the poses that were read the answer is much less sure"
     STEP = "step", "base or tracker moved a little between two rows"
+    TARGETS = "targets", "several targets on the flange are read, each at a place of its own"
+    BASE_DRIFT = "base_drift", "what targets that stand with the base tell of the tracker's drift"
     SCALE = "scale", "the camera sees the board at another scale than the robot's moves have"
     FEW_TURNS = "few_turns", "the flange turned too little for narrow intervals"
     # poses to measure

@@ -8,11 +8,15 @@ import pandas as pd
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing
 from calibench.calibration.calibrate import Calibration, OverJoint
+from calibench.calibration.poses import Design
+from calibench.calibration.rigid import Index
 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
+_DOTS = 3000
 
 
 def calibration_figures(answer: Calibration) -> Iterator[tuple[str, Drawing]]:
@@ -24,9 +28,10 @@ def calibration_figures(answer: Calibration) -> Iterator[tuple[str, Drawing]]:
     with rc_context(STYLE):
         figure = Figure(figsize=(4.6, 2.9), layout="constrained")
         axes = figure.subplots()
-        share = 100 * np.arange(1, len(table) + 1) / max(len(table), 1)
+        places = _some(len(table))
         for name, colour, dash in (("before", _BEFORE, "--"), ("after", _AFTER, "-")):
-            axes.step(np.sort(table[name]), share, where="post", color=colour, ls=dash, lw=1.6, label=name)
+            share, errors = 100 * (places + 1) / max(len(table), 1), np.sort(table[name])[places]
+            axes.step(errors, share, where="post", color=colour, ls=dash, lw=1.6, label=name)
         axes.set(xlabel="error of a pose that was not fitted [mm]", ylabel="poses with less [%]", ylim=(0, 100))
         axes.set_xlim(0, None)
         axes.legend(loc="lower right")
@@ -40,9 +45,9 @@ def calibration_figures(answer: Calibration) -> Iterator[tuple[str, Drawing]]:
         figure = Figure(figsize=(7.2, 3.1), layout="constrained")
         panels = np.atleast_1d(figure.subplots(1, 2, sharex=True, sharey=True))
         for axes, name in zip(panels, ("before", "after")):
-            many = len(table) > 800
+            many, some = len(table) > 800, table.iloc[_some(len(table))]
             dots = axes.scatter(
-                table["x"], table["y"], c=table[name], s=9, cmap="cividis_r", vmin=0, vmax=top, rasterized=many
+                some["x"], some["y"], c=some[name], s=9, cmap="cividis_r", vmin=0, vmax=top, rasterized=many
             )
             axes.set_title(name, fontsize=9, loc="left")
             axes.set(xlabel="x in the base [mm]", aspect="equal")
@@ -52,6 +57,11 @@ def calibration_figures(answer: Calibration) -> Iterator[tuple[str, Drawing]]:
     yield "workspace", (figure, table)
     if answer.over_joints:
         yield "joints", joint_chart(answer.over_joints)
+
+
+def _some(count: int) -> Index:
+    """Return the places of at most `_DOTS` of `count`: more dots and steps are not seen."""
+    return np.unique(np.linspace(0, count - 1, min(count, _DOTS)).astype(np.int64))
 
 
 def joint_chart(over_joints: Sequence[OverJoint]) -> Drawing:
@@ -88,3 +98,32 @@ def draw_joints(axes: Axes, table: pd.DataFrame) -> None:
     axes.grid(axis="x", visible=False)
     axes.set(xlim=(0, len(names)), ylabel="rms error [mm]")
     axes.set_ylim(bottom=0)
+
+
+def gain_chart(design: Design) -> Drawing:
+    """Draw the error of the calibrated arm against the number of further poses, and from where on more hardly help."""
+    table = pd.DataFrame([asdict(one) for one in design.gain])
+    with rc_context(STYLE):
+        figure = Figure(figsize=(4.6, 2.9), layout="constrained")
+        axes = figure.subplots()
+        chosen = table["poses"] <= len(design.joints)
+        for name, colour, label in (
+            ("left_mm", _BEFORE, "of a fresh reading"), ("error_mm", _AFTER, "of the arm's numbers alone")
+        ):  # fmt: skip
+            axes.plot(table["poses"][chosen], table[name][chosen], "-o", color=colour, ms=3, lw=1.4, label=label)
+            rest = table["poses"] >= len(design.joints)
+            axes.plot(table["poses"][rest], table[name][rest], ":", color=colour, lw=1.4)
+        if enough := design.chosen.enough(design.sigma):
+            axes.axvline(enough, color="0.5", lw=0.9, ls="--", label=f"from {enough} on more hardly help")
+        axes.set_xscale("function", functions=(np.sqrt, np.square))
+        most = table["poses"].max()
+        ticks = [n for n in (0, 5, 20, 50, 100, 200, 500, 1000, 2000, 4000) if n <= most and (n == 0 or n > most / 50)]
+        axes.set_xticks(ticks, [str(n) for n in ticks])
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+        near = table["left_mm"].max() < 10 * table["error_mm"].min()
+        axes.yaxis.set_minor_formatter("{x:g}" if near else NullFormatter())
+        beside = f"poses beside {design.measured} measured" if design.measured else "poses"
+        axes.set(xlabel=f"{beside} (dotted: more that are as good)", ylabel="error, rms [mm]", xlim=(0, most))
+        axes.legend()
+    return figure, table

@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from calibench.bench.measured import sources
-from calibench.bench.measured.files import pairs_of, read_sockets, socket_files
+from calibench.bench.measured.files import read_sockets, socket_files
+from calibench.bench.measured.sources import joined, sets
 from calibench.calibration import columns
 from calibench.calibration.readings import Table
-from calibench.core.notes import Code, DataError, Note, once
-from calibench.core.options import suggest
+from calibench.core.notes import DataError, once
 from calibench.core.tables.columns import Columns
 
 _DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "discrepancy" / "demo" / "arm"
@@ -35,46 +34,16 @@ def read_table(named: str, stated: Mapping[str, Any]) -> Table:
         by_label, note = read_sockets(path, ARM, stated)
         whole = _one_after_the_other([_of_one(label, content) for label, content in by_label.items()])
         return replace(whole, name=path.name, notes=(note, *whole.notes))
-    named_sources = sources(named, ARM)
-    several = len(named_sources) > 1
-    read = [_of_one(source.case, source.columns(ARM, stated, part=several)) for source in named_sources]
+    named_sets = sets(named, ARM, stated)
+    several = len(named_sets) > 1
+    contents = [one.columns(ARM, stated, part=several) for one in named_sets]
+    read = [_of_one(one.case, content) for one, content in zip(named_sets, contents, strict=True)]
     if not several:
         return read[0]
-
-    # a column in columns= and units= that none of the files has
-    there = list(dict.fromkeys(name for one in read for name in one.columns))
-    names = pairs_of("columns", stated.get("columns", {}))
-    lost = [("columns", source) for target, source in names.items() if target not in there]
-    known = {*there, *names.values()}
-    lost += [("units", name) for name in pairs_of("units", stated.get("units", {})) if name not in known]
-    for key, name in lost:
-        raise DataError(f"{key}: {name} is no column of {', '.join(one.name for one in read)}; {suggest(name, there)}")
     first = set(read[0].columns)
     if all(set(one.columns) == first for one in read):
         return _one_after_the_other(read)
-
-    # row by row, such as joints and tracker
-    lengths = {one.name: len(one) for one in read}
-    if len(set(lengths.values())) > 1:
-        counts = ", ".join(f"{name} {n}" for name, n in lengths.items())
-        raise DataError(
-            f"files are joined row by row, and these have not as many rows ({counts}); leave out the rows that one of "
-            "them lacks"
-        )
-    joined: dict[str, Any] = {}
-    for one in read:
-        for name in one.columns:
-            if name in joined:
-                floats = joined[name].dtype.kind == "f" and one.columns[name].dtype.kind == "f"
-                if not np.array_equal(joined[name], one.columns[name], equal_nan=floats):
-                    raise DataError(f"{one.name}: column {name} is in another file too, with other numbers; rename one")
-        joined |= one.columns
-    text = f"{', '.join(lengths)} are joined row by row"
-    return Table.of(
-        joined, read[0].name, units={name: unit for one in read for name, unit in one.units.items()},
-        stated={key: value for one in read for key, value in one.stated.items()},
-        notes=once([*(note for one in read for note in one.notes), Note(Code.FILE, text)]),
-    )  # fmt: skip
+    return _of_one(read[0].name, joined(dict(zip([one.name for one in read], contents, strict=True)), stated))
 
 
 def _of_one(name: str, content: Columns) -> Table:

@@ -22,8 +22,11 @@ from calibench.calibration.calibrate import Calibration, Level, calibrate_arm
 from calibench.calibration.model import KNOWN_TO
 from calibench.calibration.poses import Design, design_poses
 from calibench.calibration.readings import columns_of
+from calibench.calibration.rigid import Array
 from calibench.calibration.start import HowRead
 from calibench.core.tables.columns import Columns
+
+MOST_BOXES = 20
 
 
 @final
@@ -139,10 +142,8 @@ def read_design_poses(words: Sequence[str]) -> tuple[Design, Path | None]:
             "readings could show"
         )
     path = file_of_arm(given, "machine.")
-    box = None if given.box is None else np.array(given.box)
-    if box is not None and (box.shape != (6,) or (box[::2] >= box[1::2]).any()):
-        typed = next(word for word in words if word.startswith("plan.box="))
-        raise RequestError(f"{typed}: x0,x1,y0,y1,z0,z1 [mm] in the base, each pair rising, is needed")
+    boxes = _boxes("plan.box", given.box, words, most=1)
+    keep_out = _boxes("plan.keep_out", given.keep_out, words)
     arm = read_arm(path, table=given.dh is not None, convention=given.convention, base=given.base, tip=given.tip)
     start = None
     if given.data:
@@ -153,6 +154,31 @@ def read_design_poses(words: Sequence[str]) -> tuple[Design, Path | None]:
     design = design_poses(
         arm, given.n, start=start, by=given.by, sigma=given.sigma, sigma_rotation=given.sigma_rotation,
         rotations=given.observe == "pose", target=given.target, limits=given.limits,
-        box=None if box is None else box.reshape(3, 2), seed=given.seed,
+        box=boxes[0] if boxes else None, keep_out=keep_out, off=given.off, seed=given.seed,
     )  # fmt: skip
     return design, given.to
+
+
+def _boxes(key: str, numbers: tuple[float, ...] | None, words: Sequence[str], most: int = MOST_BOXES) -> list[Array]:
+    """Return the boxes of a word, (3, 2) [mm] each. Raises `RequestError`."""
+    if numbers is None:
+        return []
+    made = np.array(numbers)
+    if len(made) % 6 or not 6 <= len(made) <= 6 * most or (made[::2] >= made[1::2]).any():
+        typed = next(word for word in words if word.startswith(f"{key}="))
+        raise RequestError(f"{typed}: x0,x1,y0,y1,z0,z1 [mm] in the base, each pair rising, is needed")
+    return list(made.reshape(-1, 3, 2))
+
+
+def write_design(design: Design, to: Path) -> tuple[Path, ...]:
+    """Write poses to the CSV `to`, as targets of joints, and the error against their number; return the files."""
+    from calibench.bench.calibration.figures import gain_chart
+    from calibench.bench.report.shared.drawing import save
+
+    slides = {joint.name for joint in design.chain.joints if joint.kind == "sliding"}
+    heads = [f"{name} [{'mm' if name in slides else 'rad'}]" for name in design.chain.driven]
+    lines = [",".join(heads), *(",".join(f"{value:.6f}" for value in pose) for pose in design.joints)]
+    targets = to.with_name(f"{to.stem}_targets.json")
+    _put(to, ("\n".join(lines) + "\n").encode())
+    _put(targets, (json.dumps(list(design.targets), indent=1) + "\n").encode())
+    return to, targets, *save(f"{to.stem}_gain", gain_chart(design), to.parent)

@@ -48,7 +48,7 @@ def sentences(answer: Calibration) -> list[str]:
         few = [one.parameter for one in answer.undetermined if isfinite(one.known_to)]
         rest = f"{len(answer.undetermined) - len(few)} are not"
         names = ", ".join(few) if len(few) <= _NAMED else f"{len(few)} numbers"
-        rest += f", and these poses tell {names} too badly" if few else ""
+        rest += f", and these poses tell {names} less well than the {answer.source}" if few else ""
         lines.append(f"{len(answer.changes)} numbers of the arm are determined by these data, {rest}")
     worst = max((p for p in answer.by_joint if isfinite(p.after)), key=lambda p: p.after, default=None)
     if worst is not None and worst.after > 1.3 * answer.after.rms:

@@ -10,14 +10,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from calibench.bench.calibration.request import read_design_poses
+from calibench.bench.calibration.request import read_design_poses, write_design
 from calibench.bench.commands.console import print_table
 from calibench.bench.discovery.batch import discover as discover_all
 from calibench.bench.discovery.design import Designed, designed
 from calibench.bench.discovery.page import words as wording
 from calibench.bench.discovery.page.page import smallest, untested_lines
 from calibench.bench.discovery.request import read_design, read_discover
-from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.words import split_flags
 from calibench.core.words import plain, print_plain as print, printable
 from calibench.discrepancy.labels import effect_label
@@ -125,10 +124,7 @@ def design_poses(argv: list[str]) -> int:
     plan, to = read_design_poses(words)
     kinds = {joint.name: joint.kind for joint in plan.chain.joints}
     turns = [(name, kinds.get(name, "rotary") == "rotary") for name in plan.chain.driven]  # and those that slide
-    if to is not None:
-        heads = [f"{name} [{'rad' if turn else 'mm'}]" for name, turn in turns]
-        lines = [",".join(heads), *(",".join(f"{v:.6f}" for v in row) for row in plan.joints)]
-        write_whole(to, lambda file: file.write(("\n".join(lines) + "\n").encode()))
+    files = () if to is None else write_design(plan, to)
     if "--json" in flags:
         print(json.dumps(plan.to_dict(), allow_nan=False))
         return 0
@@ -140,12 +136,14 @@ def design_poses(argv: list[str]) -> int:
         cells = [f"{np.rad2deg(v) if turn else v:.1f}" for v, (_, turn) in zip(joints, turns, strict=True)]
         rows.append([str(k), *cells, " ".join(f"{v:.0f}" for v in target)])
     print_table(["", *(f"{name} [{'°' if turn else 'mm'}]" for name, turn in turns), "target [mm]"], rows)
-    print("\nerror of the calibrated arm over the workspace, from the uncertainty of its numbers alone")
+    print(
+        "\nerror of the calibrated arm over the workspace, rms: by the uncertainty of its numbers alone, and with what"
+    )
+    print(f"no number explains; those after {len(plan.joints)} are of more that are worth as much")
     count = len(plan.joints)
-    steps = [n for n in _STEPS if n < count] + [count]
-    errors = {n: plan.chosen.error[n] for n in steps}
-    rows = [[str(n), "unknown" if error > 20 else f"{plain(error, 3)}"] for n, error in errors.items()]
-    print_table(["poses more", "error [mm, rms]"], rows)
+    steps = {n for n in _STEPS if n < count} | {n for n, _ in plan.chosen.beyond} | {count}
+    rows = [[str(one.poses), plain(one.error_mm, 3), plain(one.left_mm, 3)] for one in plan.gain if one.poses in steps]
+    print_table(["poses more", "its numbers [mm]", "a fresh reading [mm]"], rows)
     enough, scatter = plan.chosen.enough(plan.sigma), f"the scatter of a reading, {plain(plan.sigma, 3)} mm"
     if enough is None:
         print(f"more poses help: the numbers are not yet known to a third of {scatter}")
@@ -155,6 +153,6 @@ def design_poses(argv: list[str]) -> int:
         print(f"from {enough} on more poses hardly help: the numbers are known to a third of {scatter}")
     for note in plan.notes:
         print(f"note: {note}")
-    if to is not None:
-        print(to)
+    for file in files:
+        print(file)
     return 0

@@ -22,7 +22,7 @@ from calibench.bench.discovery.schema import SearchRecord
 from calibench.bench.discovery.store import FindingStore
 from calibench.bench.gate.endings import place_of, text_of
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool
-from calibench.bench.measured.sources import Source, sources
+from calibench.bench.measured.sources import Source, sets, sources
 from calibench.bench.provenance.code_digest import digest_of
 from calibench.bench.provenance.environment import provenance
 from calibench.core.notes import Code, Note
@@ -60,7 +60,7 @@ def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]
 
     Raises `DataError` with nothing written where `data=` names nothing, or one set that cannot be used.
     """
-    listed = sources(request.data, request.build_machine().name)
+    listed = sets(request.data, request.build_machine().name, request.stated)
     alone = len(listed) == 1
     others = others_of(request.across, request.build_machine().name) if request.across else []
     if others and not alone:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 from calibench.bench.discovery.request import DesignRequest
-from calibench.bench.measured.sources import sources
+from calibench.bench.measured.sources import sets
 from calibench.bench.words import RequestError
 from calibench.core.options import coerce, declared_options, suggest
 from calibench.discrepancy import MeasuredData
@@ -34,7 +34,7 @@ class Designed:
 def designed(request: DesignRequest) -> Designed:
     """Return the answer to a request. Raises `RequestError`, `DataError` or `ValueError`, in one line."""
     if request.data:
-        listed = sources(request.data, request.build_machine().name)
+        listed = sets(request.data, request.build_machine().name, request.stated)
         if len(listed) > 1:
             raise RequestError(f"data={request.data}: names {len(listed)} sets; design looks at one")
         data = listed[0].read(request.stated)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from calibench.bench.discovery.batch import others_of
-from calibench.bench.measured.sources import sources
+from calibench.bench.measured.sources import sets
 from calibench.discrepancy import DataError, MeasuredData, Report, carried, explain
 
 Readings = str | Path | MeasuredData
@@ -21,7 +21,7 @@ def discover(machine: str, data: Readings, *, across: Readings | Sequence[Readin
     `DataError` in one line for data that cannot be used.
     """
     if not isinstance(data, MeasuredData):
-        found = sources(str(data), machine)
+        found = sets(str(data), machine, stated)
         if len(found) > 1:
             raise DataError(f"discover: {data} names {len(found)} sets of data; one is needed")
         data = found[0].read(stated)

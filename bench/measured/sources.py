@@ -12,8 +12,16 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
-from calibench.bench.measured.files import ENDINGS, as_measured, declared_by, read_columns, read_sockets, socket_files
-from calibench.core.notes import DataError, once
+from calibench.bench.measured.files import (
+    ENDINGS,
+    as_measured,
+    declared_by,
+    pairs_of,
+    read_columns,
+    read_sockets,
+    socket_files,
+)
+from calibench.core.notes import Code, DataError, Note, once
 from calibench.core.options import suggest
 from calibench.core.tables.columns import Columns, Declared
 from calibench.core.tables.data_file import LARGEST_PARQUET, read_whole
@@ -27,12 +35,16 @@ OF_A_CALIBRATION = "readings.parquet"  # of every calibration, in a folder of it
 @final
 @dataclass(frozen=True)
 class Source:
-    """One set of data: its case name, its file or folder of sockets, and the machine that was asked for."""
+    """One set of data: its case name, its file or folder of sockets, and the machine that was asked for.
+
+    Those `beside` hold other columns of the same rows.
+    """
 
     case: str
     path: Path | None
     machine: str
     printed: str = ""
+    beside: tuple[Source, ...] = ()
 
     def read(self, stated: Mapping[str, Any]) -> MeasuredData:
         """Return the data, what is `stated` before their own metadata; raise `DataError`."""
@@ -51,6 +63,9 @@ class Source:
     def columns(self, declared: Declared, stated: Mapping[str, Any], part: bool = False) -> Columns:
         """Return the columns of the file, perhaps `part` of a table whose other files hold what is stated too."""
         assert self.path is not None
+        if self.beside:
+            alone = replace(self, beside=())
+            return joined({one.case: one.columns(declared, stated, part=True) for one in (alone, *self.beside)}, stated)
         if not socket_files(self.path):
             return read_columns(self.path, declared, stated, part)
         by_label, note = read_sockets(self.path, declared, stated)
@@ -64,6 +79,8 @@ class Source:
         """Return a digest of the file (or files) and the one beside it, "" if unreadable; the name of a printed set."""
         if self.path is None:
             return self.printed
+        if self.beside:
+            return "".join(one.data_id for one in (replace(self, beside=()), *self.beside))
         files = [file.path for file in socket_files(self.path)] or [self.path]
         digest = blake2b(digest_size=8)
         try:
@@ -101,6 +118,67 @@ def sources(named: str, machine: str | Declared) -> list[Source]:
             case += "_"
         cases[case] = replace(source, case=case)
     return list(cases.values())
+
+
+def sets(named: str, machine: str | Declared, stated: Mapping[str, Any]) -> list[Source]:
+    """Return what `sources` does, files of an arm as one set where they hold other columns of as many rows."""
+    declared = machine if isinstance(machine, Declared) else declared_by(machine)
+    listed = sources(named, declared)
+    if declared.machine != "arm" or not 1 < len(listed) <= _MOST_PARTS or any(one.path is None for one in listed):
+        return listed
+    contents = {one.case: one.columns(declared, stated, part=True) for one in listed}
+    names = [set(one.columns) for one in contents.values()]
+    bare = _bare(next(iter(contents.values()))) and len(names[0]) <= _PART
+    if not bare and all(one == names[0] for one in names):
+        return listed
+    try:
+        joined(contents, {})
+    except DataError:  # sets of their own
+        return listed
+    return [replace(listed[0], beside=tuple(listed[1:]))]
+
+
+_MOST_PARTS = 8  # files of one table
+_PART = 7  # columns of a file without a header, which are joints or what was measured alone
+
+
+def _bare(content: Columns) -> bool:
+    return list(content.columns) == [f"column_{k}" for k in range(1, len(content.columns) + 1)]
+
+
+def joined(contents: Mapping[str, Columns], stated: Mapping[str, Any]) -> Columns:
+    """Return the columns of all files, by name, of as many rows; without headers they are counted on."""
+    columns: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    rows = {file: len(next(iter(one.columns.values()))) for file, one in contents.items()}
+    if len(set(rows.values())) > 1:
+        counts = ", ".join(f"{file} {n}" for file, n in rows.items())
+        raise DataError(
+            f"files are joined row by row, and these have not as many rows ({counts}); leave out the rows that one of "
+            "them lacks"
+        )
+    bare = sum(map(_bare, contents.values())) > 1
+    for file, content in contents.items():
+        for name, column in content.columns.items():
+            name = f"column_{len(columns) + 1}" if bare and _bare(content) else name
+            if name in columns:
+                floats = columns[name].dtype.kind == "f" and column.dtype.kind == "f"
+                if not np.array_equal(columns[name], column, equal_nan=floats):
+                    raise DataError(f"{file}: column {name} is in another file too, with other numbers; rename one")
+            columns[name] = column
+        units |= content.units
+
+    # a column in columns= and units= that none of the files has
+    names = pairs_of("columns", stated.get("columns", {}))
+    lost = [("columns", source) for target, source in names.items() if target not in columns]
+    known = {*columns, *names.values()}
+    lost += [("units", name) for name in pairs_of("units", stated.get("units", {})) if name not in known]
+    for key, name in lost:
+        raise DataError(f"{key}: {name} is no column of {', '.join(contents)}; {suggest(name, list(columns))}")
+    text = f"{', '.join(contents)} are joined row by row"
+    notes = once([*(note for one in contents.values() for note in one.notes), Note(Code.FILE, text)])
+    metadata = {key: value for one in contents.values() for key, value in one.metadata.items()}
+    return Columns(columns, metadata, notes=notes, units=units)
 
 
 def shipped_path(name: str, machine: str) -> Path:

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from benchmarks.arms.frames import FRAMES, framed, freed
 from benchmarks.arms.series import SERIES, URDF, series
-from calibench.calibration.fit import rms, rms_interval
+from benchmarks.arms.within import gain
+from calibench.calibration.fit import rms
 from calibench.calibration.walk import BASE, PLACE, TOOL
 from calibench.discrepancy import MeasuredData, Model, Predicted
 from calibench.discrepancy.machines.arm import Arm
@@ -47,7 +48,7 @@ def rows(folder: Path, poses: int = POSES) -> Sequence[str]:
         cells, n = [], len(whole[third].data)
         for geometry in found.values():
             errors = predicted(whole[third], geometry, evenly(n, poses))
-            low, high = rms_interval(errors)
+            low, high = gain(errors, np.zeros_like(errors))
             cells.append(f"{rms(errors):.3f} ({low:.3f} to {high:.3f})")
         spread = [rms(predicted(whole[third], found["a base a stand"], told)) for told in choices(n, poses, CHOICES)]
         cells.append(f"{np.median(spread):.3f} ({min(spread):.3f} to {max(spread):.3f})")

@@ -54,7 +54,7 @@ def rows(folder: Path) -> Sequence[str]:
     model = _model(nominal, folder)
     order = order_of(model.names, "geometry")
     fit = fit_arm(model, order)
-    ours = place_by_place(fit.model, [fit_from(fit, order, model.place != place) for place in np.unique(model.place)])
+    ours = place_by_place(fit.model, [fit_from(fit, model.place != place) for place in np.unique(model.place)])
     lines = [
         _line(
             "the authors' URDF, fitted to all nine places",

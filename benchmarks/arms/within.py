@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.arms.frames import framed, norms
 from benchmarks.arms.series import URDF
-from calibench.calibration.fit import rms, rms_interval
+from calibench.calibration.fit import rms
 from calibench.discrepancy import MeasuredData, Model, Report, explain
 from calibench.discrepancy.machines.arm import Arm
 from calibench.problems.base import Array
@@ -76,5 +76,5 @@ def gain(before: Array, after: Array, seed: int = 0) -> tuple[float, float]:
 
 
 def _cell(errors: Array) -> str:
-    low, high = rms_interval(errors)
+    low, high = gain(errors, np.zeros_like(errors))
     return f"{rms(errors):.3f} ({low:.3f} to {high:.3f})"

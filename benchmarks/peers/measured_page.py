@@ -35,6 +35,11 @@ _ABOUT = {
     "arm": "Least squares on positions of the tool, 300 poses without noise, from the nominal parameters. SciPy and "
     "FIGAROH know where base and target stand; ours fits both, and leaves wild readings out. Our whole command "
     "reads the files, fits four levels, each also to five parts of the poses, and draws 200 times for the intervals.",
+    "cameras": "One drawing. The board's pose has a noise of .3 mm and .1 degree on each axis (seed 44). "
+    "The true error is that of the camera in the flange. "
+    "Ours learns the noise, names wild pairs, leaves folds out and draws for intervals; "
+    "GTSAM is told the noise, and has slopes by differences in Python. A user's lines are those of the function that "
+    "turns the arrays into the camera.",
     "reading": "100 000 runs on disk to a DataFrame with a row a run, after the imports.",
 }
 

@@ -3,6 +3,7 @@
 A cell that means "no value" (n/a, NaN, -, #NV, or nothing) is NaN. A decimal comma is read where commas do not part the
 cells, and never where the same file has decimal points too. Times become seconds: ISO times with their date, and times
 of day, `14:03:22.5` or `14:03`, of which one that is more than twelve hours before the one above is of the next day.
+Packed times, 20200714163904, are times, and so are ms, us and ns since 1970 where seconds are declared.
 """
 
 import re
@@ -20,7 +21,7 @@ from calibench.core.options import suggest
 from calibench.core.tables.cells import Array, factor_to_base, is_unit, no_value, number_of, way_out, with_points
 from calibench.core.tables.csv_table import Table, heads
 from calibench.core.tables.data_file import MOST_LETTERS
-from calibench.core.words import counted, shortened
+from calibench.core.words import counted, plain, shortened
 
 _NAMES = ("pose_id", "visit_id")  # columns whose numbers are names: words do as well
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
@@ -28,7 +29,10 @@ _LIKE_NUMBER = re.compile(r"[+-]?[.,]?\d")
 _TRUTH = {"true": True, "false": False, "wahr": True, "falsch": False}
 _TIME = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?\s*(Z|[+-]\d\d:?\d\d)?")
 _OF_DAY = re.compile(r"([01]?\d|2[0-3]):([0-5]\d)(?::([0-5]\d(?:[.,]\d{1,9})?|60(?:[.,]0{1,9})?))?")  # 60: rounded up
+_PACKED = re.compile(r"((?:19|20)\d\d)(\d\d)(\d\d)[_T-]?(\d\d)(\d\d)(\d\d)(?:[.,]?(\d{1,9}))?")
 _DAY = 86400.0  # s
+_LATEST = 1e11  # s: no run takes 3000 years, and no clock that counts from 1970 is there
+_COUNTED = {"ms": 1e12, "us": 1e15, "ns": 1e18}  # since 1970, from 2001 on and for 280 years
 _FEW = 0.1  # of a column: so many cells among times of day are mistakes, and more are words
 _ALIKE = "write all of them alike"
 
@@ -234,6 +238,10 @@ def _seconds(name: str, cells: Sequence[str], unit: str | None, declared: Declar
     cell that is no time among times, and where some times have a date and some have none.
     """
     first = next((cell for cell in cells if not no_value(cell)), "")
+    if _PACKED.fullmatch(first):
+        packed = [unpacked(cell) for cell in cells]
+        if all(time is not None or no_value(cell) for time, cell in zip(packed, cells, strict=True)):
+            return _from_earliest(packed), "packed times, turned into seconds from the earliest"
     if _TIME.fullmatch(first):
         times: list[datetime | None] = []
         for i, cell in enumerate(cells):
@@ -250,9 +258,7 @@ def _seconds(name: str, cells: Sequence[str], unit: str | None, declared: Declar
         dates = [time for time in times if time is not None]
         if len({time.tzinfo is None for time in dates}) > 1:
             raise DataError(f"column {name}: some times state their zone and some do not; {_ALIKE}")
-        start = min(dates)
-        seconds = np.array([np.nan if time is None else (time - start).total_seconds() for time in times])
-        return seconds, "times, turned into seconds from the earliest"
+        return _from_earliest(times), "times, turned into seconds from the earliest"
     of_time = unit is None or not is_unit(unit) or (factor_to_base(name, unit)[0] == "s" and unit.strip() != "h")
     if not _OF_DAY.fullmatch(first) or name in _NAMES or not of_time or declared.numbers.get(name, "s") != "s":
         return None
@@ -278,6 +284,41 @@ def _seconds(name: str, cells: Sequence[str], unit: str | None, declared: Declar
     nights = int(passed[-1])
     over = f", on over {counted(nights, 'midnight')}" if nights else ""
     return values, f"times of day, turned into seconds from the first{over}"
+
+
+def unpacked(cell: str) -> datetime | None:
+    """Return the time of 20200714163904, perhaps with a fraction behind it; None for what is no such time."""
+    if (time := _PACKED.fullmatch(cell)) is None:
+        return None
+    with suppress(ValueError):
+        at = datetime.strptime("".join(time.groups()[:6]), "%Y%m%d%H%M%S")
+        return at.replace(microsecond=int(f"{time[7] or '0':0<6}"[:6]))
+    return None
+
+
+def _from_earliest(times: Sequence[datetime | None]) -> Array:
+    start = min(time for time in times if time is not None)
+    return np.array([np.nan if time is None else (time - start).total_seconds() for time in times])
+
+
+def as_seconds(values: Array) -> tuple[Array | None, str]:
+    """Return numbers without a unit as seconds, None where they can be none, and what was done, "" for seconds.
+
+    >>> as_seconds(np.array([20200714163904.0, 20200714163906.0]))
+    (array([0., 2.]), 'packed times, turned into seconds from the earliest')
+    >>> as_seconds(np.array([2.0201e13, 2.0201e13]))[0] is None
+    True
+    """
+    known = values[np.isfinite(values)]
+    if not len(known) or np.abs(known).max() < _LATEST:
+        return values, ""
+    packed = [unpacked(f"{value:.0f}") if np.isfinite(value) else None for value in values.tolist()]
+    if sum(time is not None for time in packed) == len(known):
+        return _from_earliest(packed), "packed times, turned into seconds from the earliest"
+    for unit, least in _COUNTED.items():
+        if (known >= least).all() and (known < 10 * least).all():
+            return (values - known.min()) * (1e9 / least), f"{unit} since 1970, turned into seconds from the earliest"
+    return None, "no number of seconds, and no time: it is not used as one"
 
 
 def rename(
@@ -346,8 +387,23 @@ def in_base_units(content: Columns, declared: Declared = ANY) -> Columns:
         if scale != 1:
             columns[name] = np.asarray(columns[name], dtype=float) * scale
             by_unit.setdefault((unit, units[name]), []).append(name)
-    notes = (
+    notes = [
         Note(Code.UNIT_TURNED, f"{', '.join(names)}: stated in {unit.strip()}, turned into {base}", tuple(names))
         for (unit, base), names in by_unit.items()
-    )
+    ]
+    for name in [name for name, unit in declared.units.items() if unit == "s" and name in columns]:
+        if name not in content.units and columns[name].dtype.kind in "iuf":
+            columns, told = with_seconds(columns, name)
+            notes += told
     return replace(content, columns=columns, units=units, notes=(*content.notes, *notes))
+
+
+def with_seconds(columns: Mapping[str, Any], name: str) -> tuple[dict[str, Any], list[Note]]:
+    """Return the columns with `name` in seconds, or without it where its numbers can be none, and a note."""
+    seconds, text = as_seconds(np.asarray(columns[name], dtype=float))
+    if not text:
+        return dict(columns), []
+    if seconds is not None:
+        return {**columns, name: seconds}, [Note(Code.UNIT_TURNED, f"{name}: {text}", (name,))]
+    text = f"{name}: {plain(float(np.nanmax(columns[name])), 5)} is {text}"
+    return {one: c for one, c in columns.items() if one != name}, [Note(Code.COLUMN_NOT_USED, text, (name,))]

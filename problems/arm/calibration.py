@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Literal, final
 import numpy as np
 
 from calibench.calibration.determined import observability, reach
-from calibench.calibration.kinematics import GAP, Chain, Compared, constants, nominal, parameter_names
+from calibench.calibration.kinematics import GAP, Chain, Compared, constants, forward, nominal, parameter_names
 from calibench.problems.base import Array, Parameter, line_of, table_of
 from calibench.problems.compiled_problem import CompiledProblem, hold, itself, passed
 from calibench.problems.fitting import best_of, least_in_box, levels, value_of_noise
@@ -84,13 +84,12 @@ class ArmCalibration:
         postures, and the worst length's and angle's error. Measured: held_out, the rms distance [mm] of the readings
         kept back (of a ball in sockets: from its mean place), and gap, the rms error of known distances there.
         """
-        from calibench.calibration import _kernels as kernels
-
         if self.truth is not None:
             away = np.abs(np.asarray(x, dtype=float) - self.truth)
             turns = np.array([p.unit == "rad" for p in self.parameters])
+            names = [p.name for p in self.parameters]
             there, true = (
-                kernels.targets(self._compiled.vector(one), *self._compiled.constants[:6])[:, :3]
+                forward(self.chain, dict(zip(names, one.tolist(), strict=True)), self.seen.q)[:, :3, 3]
                 for one in (x, self.truth)
             )
             apart = there - true
@@ -101,6 +100,8 @@ class ArmCalibration:
             }
         if self.held is None:
             return {}
+        from calibench.calibration import _kernels as kernels
+
         arguments = self._arguments(self.held, np.inf)  # held-out readings are judged by plain squares
         r = kernels.residuals(self._compiled.vector(x), *arguments)
         known, rows = self.held.groups[:, 0] == GAP, self.held.groups[:, 3]

@@ -1,9 +1,7 @@
 """What several modules of these tests ask for."""
 
-import importlib
 import sys
 
-import numpy as np
 import pytest
 
 from calibench import optimizers, problems
@@ -11,7 +9,6 @@ from calibench.bench.cli import main
 from calibench.bench.execution import request
 from calibench.bench.report.shared import drawing as drawn
 from calibench.bench.sweep import carry_out, costs
-from calibench.calibration.fit import predict
 from calibench.core import user_file
 
 
@@ -72,19 +69,4 @@ def undrawn():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drawn, "save", save)
-        yield
-
-
-@pytest.fixture(scope="module")
-def not_left_out():
-    """Let calibrations tell errors of fitted poses for those of poses left out in turn: a quarter of their time.
-
-    For modules that ask what is read, refused and written: those of errors, levels and splits leave poses out.
-    """
-
-    def of_the_fit(fit, order):
-        return predict(fit, fit.model, np.ones(len(fit.model.joints), dtype=bool))
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(importlib.import_module("calibench.calibration.fit"), "cross_validate", of_the_fit)
         yield

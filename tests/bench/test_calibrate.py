@@ -316,7 +316,7 @@ def test_a_pose_is_held_out_with_its_repeats(here, calibrate):
     again = np.tile(np.arange(20), 3)
     (here / "my.csv").write_text(table(q[again], seen[again] + rng.normal(0, 0.03, (60, 3))))
     found = calibrate("data=my.csv")
-    assert found["folds"] == "every fifth of 20 different ones left out in turn with its repeats, 5 times"
+    assert found["folds"] == "each of 20 different ones left out once with its repeats, in 20 groups"
     (here / "once.csv").write_text(table(q[:20], seen[:20]))
     once = calibrate("data=once.csv")
     assert found["after"]["rms"] > 0.7 * once["after"]["rms"]  # .05 mm where repeats of a pose are fitted to tell it

@@ -11,8 +11,6 @@ from calibench.bench.cli import main
 from tests.bench.arm_by_hand import NAMES, measured, table, texts, urdf
 from tests.few import few
 
-pytestmark = pytest.mark.usefixtures("not_left_out")
-
 
 @pytest.fixture
 def calibrate(tmp_path, monkeypatch, capsys):

@@ -19,8 +19,6 @@ from tests.bench.arm_by_hand import texts
 from tests.dh_by_hand import PUMA_CRAIG, STANFORD, UR10, as_csv, modified, reached, standard
 from tests.few import few
 
-pytestmark = pytest.mark.usefixtures("not_left_out")
-
 BASE = ((0.8, -1.9, 0.4), 0.7)  # of the arm in the tracker: m, and a turn about z
 TARGET = (0.06, 0.02, 0.11)
 HIDDEN = {  # m and rad; rows count from 0

@@ -129,7 +129,7 @@ def test_numbers_that_other_poses_would_tell_stand_apart_from_those_that_look_li
     with pytest.raises(SystemExit):
         main(["calibrate", "urdf=my.urdf", "data=my.csv", "level=geometry"])
     found = json.loads((tmp_path / "results/calibrate/my/calibration.json").read_text())
-    badly = [one["parameter"] for one in found["undetermined"] if one["reason"].startswith("these poses would tell it")]
+    badly = [one["parameter"] for one in found["undetermined"] if one["reason"].startswith("these poses tell it")]
     assert badly
     said = capsys.readouterr().out
     assert f"{len(found['undetermined']) - len(badly)} are not, and these poses tell " in said

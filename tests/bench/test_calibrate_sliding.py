@@ -17,8 +17,6 @@ from calibench.discrepancy.registries import machines
 from tests.bench.arm_by_hand import about, texts
 from tests.few import few
 
-pytestmark = pytest.mark.usefixtures("not_left_out")
-
 JOINTS = (  # name, place behind the joint before [mm], axis, whether it slides
     ("turntable", (0, 0, 250), (0, 0, 1), False),
     ("lift", (0, 0, 100), (0, 0, 1), True),

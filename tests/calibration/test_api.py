@@ -113,3 +113,17 @@ def test_an_arm_is_calibrated_without_other_machines_and_without_pages():
         " or m.startswith(('calibench.problems', 'calibench.discrepancy', 'calibench.bench', 'calibench.optimizers'))])"
     )
     assert subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_the_covariance_of_the_numbers_goes_with_the_file(answer):
+    told = json.loads(json.dumps(answer.to_dict()))["covariance"]
+    matrix, names = np.array(told["matrix"]), told["names"]
+    assert matrix.shape == (len(names),) * 2
+    assert matrix == pytest.approx(matrix.T)
+    assert {name: unit for name, unit in zip(names, told["units"], strict=True) if name.startswith("zero_")} == {
+        change.parameter: "rad" for change in answer.changes if change.parameter.startswith("zero_")
+    }
+    for change in answer.changes:
+        k = names.index(change.parameter)
+        assert np.sqrt(matrix[k, k]) == pytest.approx(change.sd, rel=0.4)  # which is drawn
+    assert np.abs(matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))).max() == pytest.approx(1.0)

@@ -128,3 +128,14 @@ def test_columns_without_names_that_are_too_many_or_too_few_are_counted(count):
     )
     with pytest.raises(ValueError, match=said):
         match_columns(names, ["lift", "boom"])
+
+
+def test_paths_of_ros_are_joints_and_a_pose():
+    joints = [f"/joint_states/{joint}/{what}" for joint in ("pan", "elbow_joint") for what in ("position", "velocity")]
+    place = [f"/tracker/pose/position/{axis}" for axis in "xyz"]
+    turn = [f"/tracker/pose/orientation/{axis}" for axis in "xyzw"]
+    matched = match_columns(["__time", *joints, *place, *turn], ["pan", "elbow_joint"])
+    assert list(matched.joints.values()) == ["/joint_states/pan/position", "/joint_states/elbow_joint/position"]
+    assert list(matched.position.values()) == place
+    assert list(matched.rotation.values()) == turn
+    assert matched.rotation["qw"] == "/tracker/pose/orientation/w"

@@ -3,19 +3,7 @@
 import numpy as np
 import pytest
 
-from calibench.bench.calibration.files import read_table
-from calibench.calibration.determined import (
-    independent_columns,
-    order_of,
-    select_determined,
-    unexplained,
-    well_determined,
-)
-from calibench.calibration.model import model_of
-from calibench.calibration.readings import read_readings
-from calibench.calibration.start import start_of
-from calibench.calibration.urdf import read_urdf
-from tests.bench.arm_by_hand import measured, table, urdf
+from calibench.calibration.determined import independent_columns, unexplained, well_determined
 
 
 def _errors(columns):
@@ -50,20 +38,3 @@ def test_what_columns_leave_is_as_large_as_the_noise():
     columns = rng.standard_normal((400, 100))
     left = unexplained(columns, columns @ rng.standard_normal(100) * 1e3 + 2.0 * rng.standard_normal(400))
     assert np.std(left) == pytest.approx(2.0, rel=0.1)
-
-
-def test_the_first_round_frees_what_its_readings_tell(tmp_path):
-    """The residuals there are those of an arm that errs by mm; the noise is what all numbers together leave of them."""
-
-    def kept(noise):
-        q, seen, _ = measured(30, noise=noise)
-        (tmp_path / "p.csv").write_text(table(q, seen))
-        units = dict.fromkeys("xyz", "mm")
-        start = start_of(read_readings(read_table(str(tmp_path / "p.csv"), units), chain), chain)
-        model = model_of(chain, start.readings, start.base, start.tool, distance=50.0)
-        order, weights = order_of(model.names, "geometry"), np.ones(len(model.joints))
-        return {model.names[k] for k in select_determined(model, model.start, order, weights, first=True)}
-
-    (tmp_path / "my.urdf").write_text(urdf())
-    chain = read_urdf(tmp_path / "my.urdf").chain(tip="ball")
-    assert kept(0.03) > kept(2.0)

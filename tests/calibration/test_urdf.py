@@ -1,10 +1,15 @@
 """Reading a URDF: what it says of joints, masses and tips, and one line for what cannot be used."""
 
+import re
+
 import numpy as np
 import pytest
 
 from calibench.calibration import UrdfError, parse_urdf, read_urdf
+from calibench.calibration.urdf import with_origins
+from calibench.core.notes import Code
 from calibench.problems.arm.families import shipped
+from tests.calibration.beside_the_arm import ARM, READ, urdf
 from tests.calibration.test_kinematics import ODD
 
 
@@ -106,6 +111,70 @@ def test_a_mimic_of_a_joint_that_is_not_there_is_told():
         parse_urdf(text).chain()
 
 
+@pytest.mark.parametrize("case", READ)
+def test_what_stands_beside_the_arm_changes_nothing_of_it(case):
+    plain, robot = parse_urdf(ARM).chain(tip="tool"), parse_urdf(urdf(READ[case]))
+    chain = robot.chain(tip="tool")
+    for ours, theirs in zip(chain.joints, plain.joints, strict=True):
+        assert (ours.name, ours.kind, ours.lower, ours.upper) == (theirs.name, theirs.kind, theirs.lower, theirs.upper)
+        assert ours.origin.tolist() == theirs.origin.tolist()
+        assert ours.axis.tolist() == theirs.axis.tolist()
+    assert chain.tail.tolist() == plain.tail.tolist()
+
+
+@pytest.mark.parametrize(
+    ("case", "fault"),
+    [
+        ("a macro", "<xacro:grey> is left over"),
+        ("a sensor of gazebo", "<sensor:camera> has a prefix"),
+        ("a plugin", "${...} is left over"),
+        ("limits exchanged", "lower=2.7 above upper=-2.7"),
+        ("a loose link", "link 'table' hangs on no joint"),
+        ("a default name space", "a name space is declared"),
+        ("two ways to a camera", "both lead to 'cam'"),
+    ],
+)
+def test_what_is_wrong_beside_the_arm_is_one_note(case, fault):
+    robot = parse_urdf(urdf(READ[case]), "of/my.urdf")
+    [note] = robot.beside(robot.chain(tip="tool"))
+    assert note.code == Code.BESIDE_THE_ARM
+    assert note.text.startswith("my.urdf: ")
+    assert fault in note.values["faults"][0]
+    assert parse_urdf(ARM).beside(parse_urdf(ARM).chain()) == ()
+
+
+def test_the_same_fault_on_the_chain_is_refused():
+    off = parse_urdf(urdf(READ["limits exchanged"]))
+    with pytest.raises(UrdfError, match=r"joint 'pan' has lower=2.7 above upper=-2.7"):
+        off.chain(tip="cam")
+    with pytest.raises(UrdfError, match=r"both lead to 'cam'"):
+        parse_urdf(urdf(READ["two ways to a camera"])).chain(tip="cam")
+    with pytest.raises(UrdfError, match=r"two joints are named 'j3'"):
+        parse_urdf(ARM.replace('"j1"', '"j3"')).chain()
+    with pytest.raises(UrdfError, match=r"xacro my\.urdf > arm\.urdf"):
+        parse_urdf(ARM.replace('xyz="0 0 .5"', 'xyz="0 0 ${upper}"'), "my.urdf").chain()
+
+
+def test_a_cycle_beside_the_arm_is_passed_over():
+    cycle = '<link name="p"/><link name="q"/>' + joint("to", "p", "q") + joint("fro", "q", "p")
+    robot = parse_urdf(urdf(cycle))
+    assert robot.chain().driven == ("j1", "j2", "j3")
+    assert "leads back to itself" in robot.beside(robot.chain())[0].text
+
+
+@pytest.mark.parametrize("case", READ)
+def test_writing_keeps_every_other_byte(case):
+    text = urdf(READ[case])
+    origins = {each.name: each.origin for each in parse_urdf(ARM).joints}
+    changed = with_origins(text, origins, "new")
+    of_joints = re.compile(rb"<origin [^>]*/>")
+    assert of_joints.split(changed.replace(b"\n  <!-- new -->", b"", 1)) == of_joints.split(text)
+    again = parse_urdf(changed)
+    assert [each.origin.tolist() for each in again.chain(tip="tool").joints] == [
+        each.origin.tolist() for each in parse_urdf(text).chain(tip="tool").joints
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -119,7 +188,7 @@ def test_a_mimic_of_a_joint_that_is_not_there_is_told():
         (robot(joint("j", "a", "b"), joint("k", "b", "a"), links="ab"), "leads back to itself; an arm has no cycle"),
         (robot(joint("j", "a", "c"), joint("k", "b", "c"), links="abc"), "both lead to 'c', a closed loop"),
         (robot(joint("j", "a", "b"), joint("k", "c", "d")), r"2 links hang on nothing \(a, c\); join them"),
-        (robot(joint("j", "a", "b"), links="abc"), "link 'c' hangs on no joint: leave it out"),
+        (robot(joint("j", "a", "b"), joint("k", "e", "c"), links="abc"), r"2 links hang on nothing \(a, e\)"),
         (
             robot(joint("j", "a", "b", inside='<axis xyz="0 0 0"/>'), links="ab"),
             "has the axis 0 0 0; give the direction",
@@ -132,13 +201,19 @@ def test_a_mimic_of_a_joint_that_is_not_there_is_told():
         (robot(joint("j", "a", "b", inside='<origin quat_xyzw="0 0 0 0"/>'), links="ab"), "0 0 0 0 is no rotation"),
         (robot(joint("j", "a", "b", inside='<axis xyz="1e300 0 0"/>'), links="ab"), "'1e300 0 0' is above 1e"),
         ('<!DOCTYPE robot [<!ENTITY e "ha">]><robot name="&e;"/>', "declares entities"),
-        (b'<?xml version="1.0" encoding="klingon"?><robot/>', "no URDF, as it is not XML"),
+        ('<robot><link name="a">', "no URDF, as it is not XML .it ends inside <link>, line 1"),
+        ("<robot></link></robot>", "</link> closes another tag"),
+        ("</robot>", "</robot> closes another tag"),
+        ("<robot><origin xyz=0/></robot>", "<origin> has a word that is no attribute"),
+        ("<robot><!-- never ends </robot>", "a tag that does not end"),
+        (f"<robot>{'<a>' * 110_000}", "above 100000 tags"),
+        ('<robot><joint name="${j}"/></robot>', "is xacro, not URDF; expand it first"),
         (robot(joint("j", "a", "b"), links="ab").encode("utf-16"), "holds NUL bytes, as UTF-16 does; save it as UTF-8"),
     ],
 )
 def test_what_is_no_arm_is_refused_in_one_line(text, said):
     with pytest.raises(UrdfError, match=said) as refused:
-        parse_urdf(text, "my.urdf")
+        parse_urdf(text, "my.urdf").chain()
     assert str(refused.value).startswith("my.urdf: ")
     assert "\n" not in str(refused.value)
 

@@ -516,7 +516,8 @@ _STEPS = {
     "rad": ((1e-3, "mrad"), (1e-6, "µrad")), "mm": ((1.0, "mm"), (1e-3, "µm")),
     "s": ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")), "1": ((1e-2, "%"), (1e-6, "ppm")), "1/K": ((1e-6, "ppm/K"),),
     "rad/K": ((1e-3, "mrad/K"), (1e-6, "µrad/K")), "mm/K": ((1e-3, "µm/K"),), "mm/N": ((1e-3, "µm/N"),),
-    "rad/(N mm)": ((1e-6, "mrad/(N m)"), (1e-9, "µrad/(N m)")), "rad/s": ((1e-3, "mrad/s"), (1e-6, "µrad/s")),
+    "rad/(N mm)": ((1e-6, "mrad/(N m)"), (1e-9, "µrad/(N m)")),
+    "rad/(N mm2)": ((1e-9, "mrad/(N m²)"), (1e-12, "µrad/(N m²)")), "rad/s": ((1e-3, "mrad/s"), (1e-6, "µrad/s")),
     "mm/s": ((1.0, "mm/s"), (1e-3, "µm/s"), (1e-6, "nm/s")),
 }  # fmt: skip
 _DASH = "–"

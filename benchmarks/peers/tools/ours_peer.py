@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import arm6
 import numpy as np
+import pairs40
 from answering import ROOT, answer, cost, full12, points_in, timed
 
 if TYPE_CHECKING:
@@ -241,6 +242,31 @@ def _arm_whole(work: Mapping[str, Any]) -> dict[str, Any]:
     return {**taken, "note": f"24 fits and 200 draws, rms of poses that were not fitted {held_out:.1g} mm"}
 
 
+def _camera(flanges: Any, boards: Any) -> Any:
+    from scipy.spatial.transform import Rotation
+
+    import calibench
+
+    names = [f"{frame}_{axis}" for frame in ("flange", "board") for axis in ("x", "y", "z", "qx", "qy", "qz", "qw")]
+    turns = [Rotation.from_matrix(poses[:, :3, :3]).as_quat() for poses in (flanges, boards)]
+    table = np.hstack([1e3 * flanges[:, :3, 3], turns[0], 1e3 * boards[:, :3, 3], turns[1]])
+    units = {name: "mm" for name in names if name[-2:] in ("_x", "_y", "_z")}
+    return calibench.hand_eye(dict(zip(names, table.T, strict=True)), units=units)
+
+
+def _hand_eye(wild: bool, work: Mapping[str, Any]) -> dict[str, Any]:
+    found, (flanges, boards) = [], pairs40.pairs(wild)
+
+    def calibrated() -> int:
+        found.append(_camera(flanges, boards))
+        return 1
+
+    taken = timed(calibrated)
+    camera = np.asarray(found[0].camera.matrix, dtype=float).copy()
+    camera[:3, 3] /= 1e3
+    return {**taken, "note": pairs40.told(camera, _camera)}
+
+
 LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = {
     "counting": {
         "ours, an objective of a user's in Python": _count_users,
@@ -270,6 +296,8 @@ LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = 
     "report": {"ours": _report},
     "reading": {"ours": _read},
     "arm": {"ours, the fit": _arm_fit, "ours, `bench calibrate`": _arm_whole},
+    "hand_eye": {"ours, `hand_eye`": partial(_hand_eye, False)},
+    "hand_eye_wild": {"ours, `hand_eye`": partial(_hand_eye, True)},
     "calibration": {"ours, lm": partial(_calibrate, "lm"), "ours, trf": partial(_calibrate, "trf")},
 }
 

@@ -8,7 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from calibench.calibration.walk import BASE, TOOL, TURNS
+from calibench.calibration.rigid import cross
+from calibench.calibration.walk import BASE, PLACE, READING, TOOL, TURNS
 from calibench.discrepancy.effects.general.columns import run_terms
 from calibench.discrepancy.effects.general.recipe import Built, declared
 from calibench.discrepancy.machines.arm.formulation import TOOL_TURNS, loads_in
@@ -78,13 +79,23 @@ def _bends(formulation: Formulation, target: str) -> Built:
         held_now = loads_in(formulation, data)
         moment = held_now[1][:, k] if held_now else np.zeros((len(data), 3))
         across = moment - (moment @ joint.axis)[:, None] * joint.axis
-        return {name: -across[:, i : i + 1] for i, name in enumerate(names)}
+        if joint.kind == "rotary":
+            return {name: -across[:, i : i + 1] for i, name in enumerate(names)}
+        # a column that is s out: its end turns by k M s, and is off by half of what that turn makes of s
+        out = np.asarray(data[READING + target], dtype=float)[:, None]
+        turned = -across * out
+        back = -cross(turned, joint.axis * out) / 2
+        return {n: turned[:, i : i + 1] for i, n in enumerate(names)} | {
+            f"{one}_{target}": back[:, i : i + 1] for i, one in enumerate(PLACE)
+        }
 
     across = changes({}, formulation.data)
     if not np.ptp(across[names[0]]) + np.ptp(across[names[1]]) > 0:
         raise NotTestable(f"gravity asks the same of {target} across its axis in every pose")
     most = thresholds().largest_windup / max(float(np.max(np.abs(across[name]))) for name in names)
-    return (bending.linear(target, (), {"k": "rad/(N mm)"}, changes, largest=most),)
+    unit = "rad/(N mm)" if joint.kind == "rotary" else "rad/(N mm2)"
+    columns = () if joint.kind == "rotary" else (READING + target,)
+    return (bending.linear(target, columns, {"k": unit}, changes, largest=most),)
 
 
 def _joints(formulation: Formulation) -> tuple[str, ...]:
@@ -113,7 +124,8 @@ for _name, _part, _cause, _formula, _label, _built in (
     ).enter()  # fmt: skip
 bending = EffectFamily(
     "bending", "arm", "The bearing of a joint, and the link behind it, give way to gravity across the axis",
-    formula="the axis of joint i leans by k times the moment across it", channel="link", columns=(),
+    formula="the axis of joint i leans by k times the moment across it, of a column also times how far it is out",
+    channel="link", columns=(),
     unit="rad/(N mm)", targets=("each joint",), build=_bends, targets_in=_joints, label="bending across the axis",
     bounds=("largest_windup",),
 ).enter()  # fmt: skip

@@ -19,6 +19,7 @@ from calibench.calibration import walk
 from calibench.calibration.columns import ARM, PAYLOAD, QUATERNION, WARMTH, WAYS
 from calibench.calibration.determined import select_by_name
 from calibench.calibration.kinematics import Chain
+from calibench.calibration.model import model_of
 from calibench.calibration.rigid import Array, Numbers, beside, rotation_of, small_vector_of, vector_of
 from calibench.calibration.start import Start
 from calibench.core.options import suggest
@@ -108,12 +109,17 @@ def tracked(chain: Chain, data: MeasuredData, begin: Start) -> Predicted:
     if posed:
         start |= dict.fromkeys(TOOL_TURNS, 0.0)
         data = _aimed(data, walk.walk(chain, base, q).flange[0] @ tool, turned)
-    predict = _Target(chain, base, tool if posed else None)
+    seats = model_of(chain, begin.readings, begin.base, begin.tool).seats
+    others = {f"{name}_{k}": at for k, seat in enumerate(seats, start=2) for name, at in zip(walk.TOOL, seat)}
+    start |= others
+    if others:
+        q[readings.TARGET_NUMBER] = data[readings.TARGET_NUMBER]
+    predict = _Target(chain, base, tool if posed else None, len(seats))
     q |= start | ({name: data[name] for name in AIM} if posed else {})
     names = (*walk.PLACE, *TURNED) if data.has(*TURNED) else walk.PLACE
     measured = np.stack([np.asarray(data[name], dtype=float) for name in names], axis=-1)
     seen, rest = predict.slopes(q), measured - predict.seen(q)
-    order = (*walk.BASE, *walk.TOOL, *(TOOL_TURNS if posed else ()), *(f"zero_{j.name}" for j in chain.joints))
+    order = (*walk.BASE, *walk.TOOL, *others, *(TOOL_TURNS if posed else ()), *(f"zero_{j.name}" for j in chain.joints))
     order += tuple(name for k in (slice(3), slice(3, 6)) for j in chain.joints for name in walk.of_joint(j.name)[k])
     known = fitted & np.isfinite(rest).all(axis=1)
     units = {name: parameter(chain, name, 0.0).unit for name in numbers}
@@ -127,7 +133,10 @@ def tracked(chain: Chain, data: MeasuredData, begin: Start) -> Predicted:
     kinds = dict.fromkeys(walk.PLACE, ("tracker", "mm")) | dict.fromkeys(TURNED, ("orientation", "mrad"))
     formulation = Predicted(
         data, predict.seen, tuple(parameter(chain, name, start[name]) for name in free), measured=sigma,
-        inputs=(*(walk.READING + name for name in chain.driven), *(AIM if posed else ())),
+        inputs=(
+            *(walk.READING + name for name in chain.driven), *(AIM if posed else ()),
+            *((readings.TARGET_NUMBER,) if others else ()),
+        ),
         held={name: value for name, value in start.items() if name not in free},
         instruments=tuple(
             Sensor(name, kinds[name][0], kinds[name][1], part=name, label=f"the tracker's {name}") for name in sigma
@@ -141,11 +150,15 @@ def tracked(chain: Chain, data: MeasuredData, begin: Start) -> Predicted:
 @final
 @dataclass(frozen=True, eq=False)
 class _Target:
-    """What the tracker sees of the target: its place and, where `tool` (3, 3) is given, its rotation from the start."""
+    """What the tracker sees of the target: its place and, where `tool` (3, 3) is given, its rotation from the start.
+
+    Beside the first there may be `others`, which the rows name, each at its numbers tool_x_K ... from the first.
+    """
 
     chain: Chain
     base: Array
     tool: Array | None
+    others: int = 0
     _walked: list[tuple[Quantities, tuple[Any, ...], walk.Walk]] = field(default_factory=list, repr=False)
     _seats: list[tuple[tuple[Any, ...], Numbers]] = field(default_factory=list, repr=False)
 
@@ -163,7 +176,8 @@ class _Target:
         """Return the derivative of `seen` in each quantity."""
         way = self._walk(q)
         if self.tool is None:
-            return Slopes(walk.slope_names(self.chain, way), partial(self._slope, q))
+            others = (f"{name}_{k}" for k in range(2, self.others + 2) for name in walk.TOOL)
+            return Slopes((*walk.slope_names(self.chain, way), *others), partial(self._slope, q))
         places = walk.slopes(self.chain, way)
         tool_axes, turned = {}, way.flange[0]
         for k in (2, 1, 0):
@@ -181,14 +195,27 @@ class _Target:
 
     def _slope(self, q: Quantities, name: str) -> Array:
         last = self._walked and self._walked[0][0] is q  # nobody changes quantities whose slopes are kept
-        return walk.slope(self.chain, self._walked[0][2] if last else self._walk(q), name)
+        way, (of_first, _, k) = self._walked[0][2] if last else self._walk(q), name.rpartition("_")
+        if of_first not in walk.TOOL:
+            return walk.slope(self.chain, way, name)
+        mine = np.asarray(q[readings.TARGET_NUMBER]) == int(k) - 1
+        return np.where(mine[:, None], walk.slope(self.chain, way, of_first), 0.0)
+
+    def _on_targets(self, q: Quantities) -> Quantities:
+        """Return the quantities with the place of each row's own target."""
+        tool = {name: np.asarray(q[name]) for name in (walk.TOOL if self.others else ())}
+        for name in tool:
+            for k in range(2, self.others + 2):
+                mine = np.asarray(q[readings.TARGET_NUMBER]) == k - 1
+                tool[name] = tool[name] + np.where(mine, q[f"{name}_{k}"], 0.0)
+        return {**q, **tool} if tool else q
 
     def _walk(self, q: Quantities) -> walk.Walk:
         """Return the kinematics at q, the last one from the cache: `seen` and each slope ask for the same numbers."""
         for known, values, way in self._walked:
             if known is q and all(a is b for a, b in zip(values, q.values(), strict=True)):
                 return way
-        way = walk.walk(self.chain, self.base, q)
+        way = walk.walk(self.chain, self.base, self._on_targets(q))
         self._walked[:] = [(q, tuple(q.values()), way)]
         return way
 
@@ -236,7 +263,7 @@ def parameter(chain: Chain, name: str, start: float) -> Parameter:
     """Return a parameter with its unit, and the box in which it is looked for."""
     kind, _, joint = name.partition("_")
     slides = any(j.name == joint and j.kind == "sliding" for j in chain.joints)
-    last = name.rpartition("_")[2] if kind in ("base", "tool") else kind
+    last = name.split("_")[1] if kind in ("base", "tool") else kind
     mm = last in walk.PLACE or (kind == "zero" and slides)
     wide = _WIDE["base" if kind in ("base", "tool") and mm else "mm" if mm else "rad"]
     return Parameter(name, "mm" if mm else "rad", float(start), float(start) - wide, float(start) + wide)
@@ -306,7 +333,7 @@ describe(
             ),
             *(Quantity(TURNED[k], "mrad", f"the tool's turn about {one}, as measured") for k, one in enumerate("xyz")),
             *(Quantity(AIM[k], "rad", f"the tool's turn about {one}") for k, one in enumerate("xyz")),
-            Quantity(readings.ROW, "", "row"),
+            Quantity(readings.ROW, "", "row"), Quantity(readings.TARGET_NUMBER, "", "target"),
         ),
         stated=(
             Stated("sigma_mm", "positive"), Stated("sigma_mrad", "positive"), Stated("teeth"),

@@ -14,13 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibench.calibration.arm import Arm
-from calibench.calibration.columns import OF_A_JOINT, PAYLOAD, SITE, SOCKET, WARMTH, by_their_names, match_columns
+from calibench.calibration.columns import (
+    OF_A_JOINT,
+    PAYLOAD,
+    SITE,
+    SOCKET,
+    TARGET,
+    WARMTH,
+    by_their_names,
+    match_columns,
+)
 from calibench.calibration.kinematics import Chain
-from calibench.calibration.readings import Table, columns_of, read_readings
+from calibench.calibration.readings import Table, by_target, columns_of, read_readings, readable
 from calibench.calibration.rigid import Array, cross, rpy_of
 from calibench.calibration.start import ANGLES, UNITS, HowRead, Start, meanings, rotations_of, start_of
 from calibench.calibration.walk import READING, TURNS, Walk, walk
 from calibench.core.notes import Code, Note, once
+from calibench.core.options import suggest
 from calibench.discrepancy.checks.validate import entered
 from calibench.discrepancy.model.measured import TO_PREDICT, DataError, MeasuredData
 
@@ -28,7 +38,8 @@ ROW = "row"
 MIDDLE = "temperature_middle"  # in the metadata: what `WARMTH` counts from
 _KEPT = ("pose_id", "visit_id", "split", SOCKET, SITE, PAYLOAD)  # as the file has them
 _OF_A_JOINT = tuple(f"{quantity}_" for quantity in OF_A_JOINT)
-_OURS = ("reading_place",)  # columns that no file has
+TARGET_NUMBER = "target_number"  # of each row, 0 the one that is read most
+_OURS = ("reading_place", TARGET_NUMBER)  # columns that no file has
 _MOVED = 1e-6  # rad or mm: a smaller change is no move
 _TIMES = 0.5  # part of the rows with a time of their own, which a clock needs to tell their order
 
@@ -45,7 +56,8 @@ def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredD
     """Return the readings with `q_J`, places, rotations, directions, a clock, temperatures; and where a fit starts."""
     if data.machine not in ("", "arm"):
         raise DataError(f"{data.name}: these are data of machine {data.machine!r}, not of an arm")
-    data, chain = entered(data), arm.chain
+    chain = arm.chain
+    data = entered(in_rows(data, chain))
     table, how = table_of_data(data), HowRead(observe or ("sockets" if SOCKET in data else ""))
     try:
         start = start_of(read_readings(table, chain, how.observe, copies=True), chain)
@@ -54,6 +66,8 @@ def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredD
     whole = data.rows(start.readings.rows)
     columns, units, _ = columns_of(start.readings)
     columns |= {name: whole[name] for name in _KEPT if name in whole}
+    if start.readings.targets:
+        columns[TARGET_NUMBER] = start.readings.target.astype(float)
     read_notes = (note for note in start.readings.notes if note.code is not Code.COLUMNS_UNREAD)  # poses and visits are
     notes = [*whole.notes, *read_notes]
     full = whole.with_columns(columns)
@@ -81,6 +95,24 @@ def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredD
         columns[WARMTH], metadata[MIDDLE] = warm
     made = replace(whole, columns=columns, units=units, notes=once(notes), machine="arm", metadata=metadata)
     return (made.rows(np.arange(len(whole)) != order[0]) if unknown else made), start
+
+
+def in_rows(data: MeasuredData, chain: Chain) -> MeasuredData:
+    """Return the data with one target of the flange in a row, and without what targets of the base tell of a drift."""
+    table = table_of_data(data)
+    try:
+        matched = match_columns(readable(table), chain.driven, source=chain.source)
+        table, matched, rows = by_target(table, matched)
+    except ValueError as error:
+        raise DataError(f"{data.name}: {error}", getattr(error, "note", None)) from None
+    if rows is None:
+        return data
+    columns = dict(table.columns)
+    if TARGET in columns:  # what one target repeats is no repeat of another
+        same = [np.unique(columns[c], return_inverse=True)[1] for c in (*matched.joints.values(), TARGET)]
+        columns["pose_id"] = np.unique(np.column_stack(same), axis=0, return_inverse=True)[1].ravel()
+        columns["visit_id"] = np.arange(len(table))
+    return replace(data.rows(rows), columns=columns, notes=once([*data.notes, *table.notes]))
 
 
 def completed(data: MeasuredData, chain: Chain, start: Start) -> MeasuredData:
@@ -114,6 +146,11 @@ def completed(data: MeasuredData, chain: Chain, start: Start) -> MeasuredData:
         turns = meanings(angles, "", ANGLES, either_way=True)[start.meaning]
         columns |= dict(zip(TURNS, rpy_of(turns).T, strict=True))
     columns |= {name: data[column] for name, column in matched.other.items() if name.startswith(_OF_A_JOINT)}
+    if known := start.readings.targets:  # the one that is read most where nothing says which
+        words = np.asarray(data[TARGET]).astype(str) if TARGET in data else np.repeat(known[:1], len(data))
+        if other := sorted(set(words.tolist()) - set(known)):
+            raise DataError(f"{data.name}: target {other[0]!r} was not fitted; {suggest(other[0], known)}")
+        columns[TARGET_NUMBER] = np.array([float(known.index(word)) for word in words.tolist()])
     data = data.with_columns(columns)
     clock = "t_s" if "t_s" in data and np.isfinite(np.asarray(data["t_s"], dtype=float)).all() else ""
     order = np.argsort(data[clock], kind="stable") if clock else np.arange(len(data))

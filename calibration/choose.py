@@ -1,0 +1,115 @@
+"""How much of an arm is freed, and how near the maker's numbers it stays: chosen, and judged, by poses left out.
+
+A candidate is a level and a tolerance of the maker's lengths and angles: a ridge, where what the readings do not know
+stays nominal. Each is fitted without each fold of the poses, by the sums of its normal equations less the fold's; the
+nearest on what was left out is written, fitted to all. The error that is told is of the same choice made without the
+fold that it is told of (nested folds, Varma and Simon 2006): of the procedure that writes the file, with its choice.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from calibench.calibration.determined import information_of
+from calibench.calibration.fit import Fit, HeldOut, folds_of, judge, refit
+from calibench.calibration.model import WITHIN, ArmModel
+from calibench.calibration.normal import normal_blocks
+from calibench.calibration.rigid import Array, Index
+
+FOLDS = 20  # with a twentieth of the poses each: fits to the others are nearly the fit to all
+TOLERANCES = (WITHIN, 2.0, 0.5, 0.1)  # mm, mrad; the first is hardly one
+_TINY = 1e-12  # of a column's square: two directions that neither readings nor maker know
+
+
+@final
+@dataclass(frozen=True)
+class Choice:
+    """The `fit` of each level by its best tolerance, its errors of poses left out, and the best level of all.
+
+    `unseen` of the best level has the errors of the whole choice, of levels too.
+    """
+
+    level: str
+    fits: Mapping[str, Fit]
+    unseen: Mapping[str, HeldOut]
+    folds: int
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """Parameters without each fold, (f, P), and squares (f, f): of fold h fitted without f and h at [f, h]."""
+
+    level: str
+    fit: Fit
+    without: Array
+    squares: Array
+
+
+def choose(fits: Mapping[str, Fit], levels: Sequence[str], common: Fit) -> Choice:
+    """Return which of `levels` predicts poses best that were left out; `common` says what is wild, and the noise."""
+    fold = folds_of(common.model, FOLDS)
+    candidates = [one for level, fit in fits.items() for one in _candidates(level, fit, common, fold)]
+    of_level = {level: [one for one in candidates if one.level == level] for level in fits}
+    best = {level: _best(some, None) for level, some in of_level.items()}
+    allowed = [one for one in candidates if one.level in levels]
+    level = _best(allowed, None).level
+    unseen = {one: _unseen(allowed if one == level else some, common.model, fold) for one, some in of_level.items()}
+    return Choice(level, {one: refit(best[one].fit) for one in fits}, unseen, int(fold.max()) + 1)
+
+
+def _best(candidates: Sequence[_Candidate], without: int | None) -> _Candidate:
+    """Return the candidate with the least squares of poses left out, of all folds or `without` one.
+
+    The arm is left as it is unless a calibration is better by a standard error: it can make an arm worse.
+    """
+    squares = np.array([np.diag(one.squares) if without is None else one.squares[without] for one in candidates])
+    if without is not None:
+        squares = np.delete(squares, without, axis=1)
+    best = int(np.argmin(squares.sum(axis=1)))
+    if candidates[0].level == "frames" and squares.shape[1] > 1:
+        gain = squares[0] - squares[best]
+        best = best if gain.mean() > gain.std(ddof=1) / np.sqrt(len(gain)) else 0
+    return candidates[best]
+
+
+def _unseen(candidates: Sequence[_Candidate], model: ArmModel, fold: Index) -> HeldOut:
+    """Return the errors of each fold by the candidate that the others choose, fitted to the others."""
+    return judge(model, fold, [_best(candidates, f).without[f] for f in range(int(fold.max()) + 1)])
+
+
+def _candidates(level: str, fit: Fit, common: Fit, fold: Index) -> list[_Candidate]:
+    """Return the candidates of one level: tolerances of the maker's numbers, by steps from the level's `fit`."""
+    kept, count = fit.kept, int(fold.max()) + 1
+    model = replace(fit.model, sigma=common.model.sigma, scatter=common.model.scatter)
+    blocks = normal_blocks(model, fit.p, kept, common.weights, fold)
+    gram, slope, square, whole = blocks.gram, blocks.slope, blocks.square, blocks.sum()
+    off = (fit.p - model.start)[kept]
+    step = _solved(whole.gram, whole.slope, information_of(model)[kept], off)[0]
+    left = whole.square[0] + 2 * step @ whole.slope[0] + step @ whole.gram[0] @ step
+    noise = max(left, 0.0) / max(whole.count[0] - len(kept), 1.0)  # in squares of the common one
+    model = replace(model, sigma=(model.sigma[0] * np.sqrt(noise), model.sigma[1] * np.sqrt(noise)))
+    one, other = np.triu_indices(count)
+    again = (one != other).astype(float)[:, None]  # a fold by itself is left out once
+    grams = whole.gram - gram[one] - again[:, :, None] * gram[other]
+    slopes = whole.slope - slope[one] - again * slope[other]
+    found = []
+    for tolerance in TOLERANCES[:1] if level == "frames" else TOLERANCES:
+        within = replace(model, tolerance=tolerance)
+        steps = np.empty((count, count, len(kept)))
+        steps[one, other] = steps[other, one] = _solved(grams, slopes, noise * information_of(within)[kept], off)
+        squares = square + 2 * np.einsum("fhk,hk->fh", steps, slope)
+        squares += np.einsum("fhk,hkl,fhl->fh", steps, gram, steps, optimize=True)
+        without = np.tile(fit.p, (count, 1))
+        without[:, kept] += steps[np.arange(count), np.arange(count)]
+        found.append(_Candidate(level, replace(fit, model=within, wild=common.wild), without, squares))
+    return found
+
+
+def _solved(gram: Array, slope: Array, information: Array, off: Array) -> Array:
+    """Return the steps (b, k) of normal equations (b, k, k), (b, k), `information` wanting all `off` (k,) undone."""
+    scale = np.sqrt(np.einsum("bkk->bk", gram).max(axis=0) + information) + np.finfo(float).tiny
+    scaled = (gram + np.diag(information)) / np.outer(scale, scale) + _TINY * np.eye(len(scale))
+    return np.asarray(np.linalg.solve(scaled, -((slope + information * off) / scale)[..., None])[..., 0] / scale)
