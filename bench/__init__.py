@@ -18,17 +18,20 @@ if TYPE_CHECKING:
     from calibench.bench.gate.evaluator import BudgetExhausted, Evaluator
     from calibench.bench.measured import read_measured, write_measured
     from calibench.bench.store.runs import ResultStore
+    from calibench.bench.tracking.catalogue import studies
+    from calibench.bench.tracking.tables import dataset
 
 __all__ = [
-    "BudgetExhausted", "Evaluator", "ReplayFolder", "ResultStore", "Run", "Spec", "execute", "forget_replay",
-    "publishing", "read_measured", "report_schema", "write_measured",
+    "BudgetExhausted", "Evaluator", "ReplayFolder", "ResultStore", "Run", "Spec", "dataset", "execute",
+    "forget_replay", "publishing", "read_measured", "report_schema", "studies", "write_measured",
 ]  # fmt: skip
 
 _HOMES = {
     "BudgetExhausted": "gate.evaluator", "Evaluator": "gate.evaluator", "ReplayFolder": "execution.costly",
     "ResultStore": "store.runs", "Run": "execution.run", "Spec": "execution.run", "execute": "execution.run",
     "forget_replay": "execution.costly", "publishing": "execution.in_progress", "read_measured": "measured",
-    "report_schema": "discovery.schema", "write_measured": "measured",
+    "report_schema": "discovery.schema", "write_measured": "measured", "studies": "tracking.catalogue",
+    "dataset": "tracking.tables",
 }  # fmt: skip
 
 

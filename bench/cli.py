@@ -59,9 +59,23 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   compare A B [by=goal|value|charged] [--methods M1 M2] [--json]
                                                        the same cells of two studies: where B is better or worse;
                                                        exit 1 where it is worse in some cell; --methods: in one study
+  studies [RESULTS] [COLUMN=VALUE ...] [--all] [--json]
+                                                       all studies, discoveries and calibrations below a folder:
+                                                       optimizer=de problem=full* since=7d status!=ok tag=paper
+  sql "SELECT ..." [results=DIR] [--json]              over all of them: studies, runs, traces, hits, findings, gaps,
+                                                       calibrations (needs calibench[sql])
+  note STUDY|RUN_ID "TEXT" [results=DIR]               note something of a study or run; without a text, show it
+  tag STUDY +paper -draft [results=DIR]                add and remove tags
+  archive STUDY [--undo] [results=DIR]                 leave it out of lists
+  delete STUDY [--yes] [results=DIR]                   delete what bench wrote in it; asks before
+  history problem=NAME optimizer=NAME [by=goal|charged|value|success] [budget=N] [start=..] [to=FILE.html]
+      [--check] [tag=NAME] [results=DIR] [--json]      one method over versions of the code, and where it changed;
+                                                       --check: exit 1 where the newest study is worse than the tagged
+  pack STUDY [--to FILE.zip] [results=DIR]             a study as one file: tables, versions, page, readme
+  unpack FILE.zip [results=DIR]                        unpack one that somebody sent, checked, without trust
   choose STUDY_DIR [optimizer=NAME] [by=value|goal] [over=instances|seeds] [--json]
                                                        the best of the settings swept, with the optimism of the choice
-  status|collect|report|merge|export|import|show|compare|choose ... [--trust]
+  status|collect|report|merge|export|import|show|compare|choose|history|pack ... [--trust]
                                                        verbs that read import no class that a file names: --trust lets
                                                        them, of files that are yours
 """
@@ -69,9 +83,24 @@ _VERBS = {  # file of `bench.commands`, function
     "list": "list:run", "run": "run:run", "identify": "identify:run", "status": "status:run",
     "merge": "study:merge_studies", "compare": "compare:run", "choose": "choose:run", "collect": "study:collect",
     "report": "study:report", "export": "exchange:export", "import": "exchange:import_study", "show": "study:show",
+    "studies": "tracking:list_studies", "sql": "tracking:sql", "note": "tracking:note", "tag": "tracking:tag",
+    "archive": "tracking:archive", "delete": "tracking:delete_study", "history": "tracking:history",
+    "pack": "tracking:pack_study", "unpack": "tracking:unpack_study",
     "paper": "paper:run", "discover": "discover:discover", "calibrate": "calibrate:run", "design": "discover:design",
 }  # fmt: skip
-_READING = ("status", "merge", "compare", "choose", "collect", "report", "export", "import", "show")  # take --trust
+_READING = (  # take --trust
+    "status",
+    "merge",
+    "compare",
+    "choose",
+    "collect",
+    "report",
+    "export",
+    "import",
+    "show",
+    "history",
+    "pack",
+)
 
 
 def command() -> None:

@@ -245,6 +245,29 @@ class CompareWords:
 
 @final
 @dataclass(frozen=True, kw_only=True)
+class HistoryWords:
+    """`bench history`: which runs are followed over versions of the code, and by what they are ordered."""
+
+    problem: Annotated[str, Word("problem", "full12", "which problems; globs are read", form="NAME")]
+    optimizer: Annotated[str, Word("optimizer", "de", "which methods; globs are read", form="NAME")]
+    by: Annotated[Literal["goal", "charged", "value", "success"], Word("by", "goal", "what is better")] = "goal"
+    start: Annotated[str, Word("start", "random", "runs from one start", form="nominal|random")] = "*"
+    budget: Annotated[str, Word("budget", "2000", "runs of one budget", form="N")] = "*"
+    tag: Annotated[str, Word("tag", "baseline", "--check: the study to compare with; else the last with any tag")] = ""
+    to: Annotated[Path | None, Word("to", "history.html", "write the drawing as a page", form="FILE")] = None
+    results: Results = "results"
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class TrackingWords:
+    """`bench note|tag|archive|delete|pack|unpack`: where the studies are."""
+
+    results: Results = "results"
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
 class ShowWords:
     """`bench show`: where the run is looked for."""
 

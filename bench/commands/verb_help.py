@@ -35,8 +35,24 @@ _WORDS: dict[str, dict[str, dict[str, str]]] = {
             ("identify", verbs.IdentifyWords, _FLAG), ("paper", verbs.PaperWords, {}),
             ("choose", verbs.ChooseWords, _FLAG),
             ("compare", verbs.CompareWords, _FLAG | {"--methods M1 M2": "two methods, of one study or of two"}),
-            ("show", verbs.ShowWords, _FLAG),
+            ("show", verbs.ShowWords, _FLAG), ("note", verbs.TrackingWords, {}), ("tag", verbs.TrackingWords, {}),
+            ("archive", verbs.TrackingWords, {"--undo": "take it back"}),
+            ("delete", verbs.TrackingWords, {"--yes": "do not ask"}),
+            ("sql", verbs.TrackingWords, _FLAG), ("pack", verbs.TrackingWords, {"--to FILE": "where (STUDY.zip)"}),
+            ("unpack", verbs.TrackingWords, {"--trust": "its pages too, which a browser runs"}),
         )
+    },
+    "studies": {
+        "words": {
+            "COLUMN=VALUE, COLUMN!=VALUE": "keep those that match (do not); globs and a,b are read",
+            "since=, until=": "a day (2026-11-01), a time, or how long ago (7d, 12h, 2w)",
+            "archived=*": "archived ones too", "--all": "every line, where there are many", **_FLAG,
+        },
+    },
+    "history": {
+        "words": {
+            **help_of(verbs.HistoryWords), **_FLAG, "--check": "end with 1 where the newest is worse than the tagged",
+        },
     },
     "run": {
         "every sweep": {

@@ -13,6 +13,7 @@ import pandas as pd
 from calibench.bench.exchange.studies import Study
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.statistics.summary import summary
+from calibench.bench.store.notes import Notes, read_notes, write_notes
 from calibench.core.words import counted
 
 _README = """# Columns
@@ -71,6 +72,8 @@ def write_csv(study: Study, folder: Path) -> list[str]:
     }  # fmt: skip
     for name, table in tables.items():
         table.to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
+    if (noted := read_notes(study.store.folder)) != Notes():
+        write_notes(folder, noted)
     lines = "\n".join(f"| {column.name} | {column.parquet} | {column.meaning} |" for column in COLUMNS)
     (folder / "README.md").write_text(_README.format(runs=lines), encoding="utf-8")
     return [", ".join(f"{name}.csv ({counted(len(table), 'row')})" for name, table in tables.items())]

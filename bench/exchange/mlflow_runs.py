@@ -14,10 +14,12 @@ from typing import Any
 from calibench.bench.exchange.studies import Study, algorithm_names, course_of, gap_of_level, records, traces_by_run
 from calibench.bench.statistics.cells import CELL
 from calibench.bench.statistics.names import problem_titles
+from calibench.bench.store.notes import Notes, read_notes
 from calibench.core.seeds import digest
 from calibench.core.words import counted
 
 _RUN, _CELL, _DONE, _PARENT = "calibench.run_id", "calibench.cell", "calibench.done", "mlflow.parentRunId"
+_NOTE = "mlflow.note.content"  # which MLflow shows as the description
 _STATUS = {"ok": "FINISHED", "timeout": "KILLED"}  # MLflow's words; any other run failed
 _BATCH = 900  # metrics in a request; MLflow takes 1000 entities
 _LONGEST = 5000  # characters of a parameter or tag; MLflow's limits are 6000 and more
@@ -45,7 +47,7 @@ def write_mlflow(study: Study, to: str) -> list[str]:
         for row in records(runs[["run_id", "started_at"]])
     }
     # half-written and outdated runs go; what stays are the ids of ours, and parents by cell
-    known: set[str] = set()
+    known: dict[str, str] = {}  # its number there
     parents: dict[str, str] = {}
     replaced = 0
     token = None
@@ -63,7 +65,7 @@ def write_mlflow(study: Study, to: str) -> list[str]:
                     client.delete_run(run.info.run_id)
                     replaced += 1
                 else:
-                    known.add(found[_RUN])
+                    known[found[_RUN]] = run.info.run_id
         token = page.token
         if not token:
             break
@@ -91,10 +93,20 @@ def write_mlflow(study: Study, to: str) -> list[str]:
             )  # fmt: skip
             client.set_tag(number, _DONE, "true")
             client.set_terminated(number, status=_STATUS.get(row["status"], "FAILED"))
+            known[row["run_id"]] = number
             added += 1
+    _write_notes(client, experiment, read_notes(study.store.folder), known)
     again = f", {replaced} of them done again since the last export" if replaced else ""
     where = f"{to}, experiment {study.store.study}"
     return [f"{counted(added, 'run')} added to {where}{again}; {len(runs) - added} stood there"]
+
+
+def _write_notes(client: Any, experiment: str, noted: Notes, numbers: Mapping[str, str]) -> None:
+    """Write tags and notes, as they are now: those of the study to the experiment, those of a run to the run."""
+    client.set_experiment_tag(experiment, "calibench.tags", " ".join(noted.tags))
+    client.set_experiment_tag(experiment, _NOTE, "\n\n".join(noted.of_run(""))[:_LONGEST])
+    for run_id in {note.run_id for note in noted.notes} & numbers.keys():
+        client.set_tag(numbers[run_id], _NOTE, "\n\n".join(noted.of_run(run_id))[:_LONGEST])
 
 
 def _client(to: str) -> Any:

@@ -23,6 +23,7 @@ from calibench import optimizers, problems
 from calibench.bench.provenance.run_id import UNSEEN, chosen_options, given_options
 from calibench.bench.statistics.tables import parameters_in, problem_of
 from calibench.bench.store.manifest import StoreError, studies_in
+from calibench.bench.store.notes import read_notes
 from calibench.bench.store.runs import ResultStore
 from calibench.core.registry import MissingFile, NotImported, names_of_files
 from calibench.core.words import listed, plain
@@ -45,6 +46,7 @@ def show_run(run: Found) -> str:
     row = run.row
     unit = f" {row['unit']}" if isinstance(row["unit"], str) and row["unit"] else ""
     lines = [f"run {row['run_id']}  (study {row['study']}, {run.folder})", *_asked_and_ended(row)]
+    lines += [f"note       {' '.join(text.split())}" for text in read_notes(run.folder).of_run(row["run_id"])]
     best = "no finite value was found"
     if row["best_evaluation"]:
         best = f"{row['best_value']:.6g}{unit} at evaluation {row['best_evaluation']}"

@@ -25,7 +25,7 @@ from calibench.bench.store.columns import Array, Columns, Counts, floats, number
 if TYPE_CHECKING:
     import pandas as pd
 
-By = Literal["goal", "value", "charged"]
+By = Literal["goal", "value", "charged", "success"]
 FEWEST = 10  # blocks, below which chi squared is far from Friedman's statistic and ranks say little
 LOOK = "look"  # the column of runs that holds the number of a method's colour and line style
 
@@ -110,7 +110,7 @@ def scores(runs: pd.DataFrame, by: By = "goal") -> Array:
     """Return for each run a pair of numbers, shape (runs, 2): smaller is better, the first decides.
 
     goal: (charged at the goal, 0), or (infinite, value); value: that of the answer; charged: that of a run that ended
-    well.
+    well; success: 0 where the goal was reached, else 1.
     """
     values = answers(runs)
     values = np.where(np.isnan(values), np.inf, values)
@@ -122,6 +122,8 @@ def scores(runs: pd.DataFrame, by: By = "goal") -> Array:
         return np.column_stack([zeros, values])
     hits = goal_hits(runs)
     reached = np.isfinite(hits)
+    if by == "success":
+        return np.column_stack([np.where(reached, 0.0, 1.0), zeros])
     return np.column_stack([np.where(reached, hits, np.inf), np.where(reached, 0.0, values)])
 
 

@@ -9,7 +9,7 @@ Holm's correction is over all cells that are tested. Source of A12: Vargha and D
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import comb, nan
 from typing import Any, Literal, final
@@ -59,17 +59,8 @@ def compare(
     matched, only = _matched(first, second, methods is not None)
     # the runs to compare, and whether they are pairs: as where half of the larger side has a partner
     sides: list[tuple[pd.DataFrame, pd.DataFrame, bool]] = []
-    for a, b, _ in matched:
-        is_unique = a["repetition"].is_unique and b["repetition"].is_unique
-        shared = sorted(set(a["repetition"]) & set(b["repetition"])) if is_unique else []
-        paired = bool(shared) and len(shared) >= max(len(a), len(b)) / 2
-        if paired:
-            a, b = (r.set_index("repetition", drop=False).loc[shared].reset_index(drop=True) for r in (a, b))
-        sides.append((a, b, paired))
-    results = [
-        two_methods(scores(a, by), scores(b, by), paired, (stats.has_chance(a), stats.has_chance(b)))
-        for a, b, paired in sides
-    ]
+    sides += [partners(a, b) for a, b, _ in matched]
+    results = [two_sides(*side, by) for side in sides]
     rows = []
     for (a, b, other_options), side, result, (p, verdict, why) in zip(
         matched, sides, results, verdicts(results, by), strict=True
@@ -106,6 +97,21 @@ def compare(
     return Compared(pd.DataFrame(rows), *only)
 
 
+def partners(a: pd.DataFrame, b: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame, bool]:
+    """Return the runs of two sides to be tested, and whether the i-th of both are a pair: the same repetition."""
+    is_unique = a["repetition"].is_unique and b["repetition"].is_unique
+    shared = sorted(set(a["repetition"]) & set(b["repetition"])) if is_unique else []
+    paired = bool(shared) and len(shared) >= max(len(a), len(b)) / 2
+    if paired:
+        a, b = (r.set_index("repetition", drop=False).loc[shared].reset_index(drop=True) for r in (a, b))
+    return a, b, paired
+
+
+def two_sides(a: pd.DataFrame, b: pd.DataFrame, paired: bool, by: By) -> "Tested":
+    """Return the test of two sides as `partners` returns them."""
+    return two_methods(scores(a, by), scores(b, by), paired, (stats.has_chance(a), stats.has_chance(b)))
+
+
 def _matched(
     first: pd.DataFrame, second: pd.DataFrame, any_method: bool
 ) -> tuple[list[tuple[pd.DataFrame, pd.DataFrame, str]], tuple[int, int]]:
@@ -115,10 +121,7 @@ def _matched(
         cells: dict[tuple[Any, ...], dict[str, pd.DataFrame]] = {}
         for key, mine in each.groupby([*PROBLEM, *METHOD, *SETTING], sort=False, dropna=False):
             named: dict[str, Any] = dict(zip([*PROBLEM, *METHOD, *SETTING], key, strict=True))
-            problem, method = (
-                canonical(chosen_options(registry, named[kind], json.loads(named[f"{kind}_options"])))
-                for registry, kind in ((problems.registry, "problem"), (optimizers.registry, "optimizer"))
-            )
+            problem, method = chosen_of(named)
             setting = [None if named[name] != named[name] else named[name] for name in ("data_id", *SETTING)]
             what = (named["problem"], problem, *setting, *([] if any_method else [named["optimizer"]]))
             options = f"{named['optimizer']} {method}" if any_method else method
@@ -145,6 +148,15 @@ def _matched(
         else:
             only = [count + len(more) for count, more in zip(only, rest, strict=True)]
     return shared, (only[0], only[1])
+
+
+def chosen_of(row: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the options of a row's problem and optimizer that are no defaults, as JSON."""
+    problem, method = (
+        canonical(chosen_options(registry, row[kind], json.loads(row[f"{kind}_options"])))
+        for registry, kind in ((problems.registry, "problem"), (optimizers.registry, "optimizer"))
+    )
+    return problem, method
 
 
 @final

@@ -10,8 +10,10 @@ from calibench.bench.execution.run_row import SCHEMA_VERSION
 from calibench.bench.store.atomic_file import write_whole
 from calibench.core.options import suggest
 from calibench.core.plain import json_of
+from calibench.core.tables.data_file import read_whole
 
 KIND = "calibench study"
+LARGEST_MANIFEST = 200_000_000  # bytes: that of five million planned runs has less
 DISCOVERY = "calibench discovery"  # the kind of the studies of `bench discover`, which `bench.discovery.store` keeps
 
 
@@ -46,7 +48,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             near = f"; {hint}"
         raise StoreError(f"{folder}: there is no such study folder{near}")
     try:
-        found: Any = json_of(path.read_text(encoding="utf-8"))
+        found: Any = json_of(read_whole(path, LARGEST_MANIFEST))
     except FileNotFoundError:
         raise StoreError(
             f"{folder}: has no manifest.json, so it is no study of ours; take another folder{_near(folder)}"
@@ -126,7 +128,7 @@ def studies_in(parent: Path) -> list[Path]:
 def is_discovery(folder: Path) -> bool:
     """Tell whether `folder` holds a study of `bench discover`."""
     try:
-        manifest = json_of((folder / "manifest.json").read_text(encoding="utf-8"))
+        manifest = json_of(read_whole(folder / "manifest.json", LARGEST_MANIFEST))
     except (OSError, ValueError):
         return False
     return isinstance(manifest, dict) and manifest.get("kind") == DISCOVERY

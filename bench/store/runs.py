@@ -48,6 +48,7 @@ from calibench.bench.store.columns import OF_OPTIONS, with_options
 from calibench.bench.store.hits import PROBLEM, columns_for, declared_levels, hit_tables
 from calibench.bench.store.journal import ENDING, FOLDER, Journal, Record, State, claim, journals_in
 from calibench.bench.store.manifest import StoreError
+from calibench.bench.store.notes import join_notes
 from calibench.bench.store.schema import HITS_SCHEMA, PART_SCHEMA, RUNS_SCHEMA, TRACES_SCHEMA, in_schema, to_pandas
 from calibench.bench.store.tables import HITS, RUNS, TRACES, Tables, write_tables
 from calibench.core.words import counted, html_table
@@ -530,6 +531,7 @@ def merge(sources: Sequence[Path], target: Path, keep_first: bool = False) -> Me
         if any(manifest.get("other_shards") for manifest in plans):
             joined["other_shards"] = sorted(others)
         manifests.write_manifest(target, joined)
+        join_notes(sources, target)
         known = tables.complete()
     manifest = into.manifest()
     left = len(manifest["planned"].keys() - known)

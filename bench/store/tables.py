@@ -192,10 +192,10 @@ def sealed_writer(file: BinaryIO, schema: pa.Schema) -> Iterator[pq.ParquetWrite
         writer.add_key_value_metadata({_DIGEST.decode(): digested.digest.hexdigest()})
 
 
-def is_whole(path: Path) -> bool:
-    """Tell whether a file is as it was written. Raises `OSError` and Arrow's exceptions."""
+def is_whole(path: Path, footer: pq.FileMetaData | None = None) -> bool:
+    """Tell whether a file is as it was written; its `footer` may be read already. Raises `OSError`, Arrow's errors."""
     with open(path, "rb") as file:  # one file, though another gets its name meanwhile
-        digest = (pq.read_metadata(file).metadata or {}).get(_DIGEST)
+        digest = ((pq.read_metadata(file) if footer is None else footer).metadata or {}).get(_DIGEST)
         if digest is None:
             return False
         end = file.seek(-_TAIL, 2)

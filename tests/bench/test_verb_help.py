@@ -22,6 +22,7 @@ DECLARED = {
     "choose": [verbs.ChooseWords],
     "compare": [verbs.CompareWords],
     "show": [verbs.ShowWords],
+    "history": [verbs.HistoryWords],
     "run": [verbs.TunerWords],
 }
 READ = {verb: {key for cls in classes for key in keys_of(cls)} for verb, classes in DECLARED.items()}

@@ -1,0 +1,465 @@
+"""The catalogue: every study of runs, discovery and calibration below a folder, each a line that can be searched.
+
+An `Entry` is made of what lies in a study's folder, and of nothing else. Entries are kept in an index (SQLite) in the
+user's cache folder, so that results may be read-only; each is kept with the names, sizes and times of the files it was
+made of, and made again when these differ. Whoever deletes the index loses nothing but time. Links are not followed.
+"""
+
+import json
+import os
+import re
+import sqlite3
+import stat
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import asdict, dataclass, fields, replace
+from datetime import UTC, datetime, timedelta
+from fnmatch import fnmatchcase
+from hashlib import blake2b
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, final, get_origin
+
+from calibench.bench.store.notes import NOTES, read_notes
+from calibench.core.kept import cache_root
+from calibench.core.options import suggest
+from calibench.core.plain import json_of
+from calibench.core.tables.data_file import read_whole
+from calibench.core.words import counted, listed, plain
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Kind = Literal["runs", "discovery", "calibration"]
+Status = Literal["ok", "failed", "unfinished", "empty", "damaged"]
+MANIFEST, CALIBRATION, HAND_EYE = "manifest.json", "calibration.json", "hand_eye.json"
+_MARKS = (MANIFEST, CALIBRATION, HAND_EYE)  # a folder that has one may be a study
+_MADE_OF = frozenset((*_MARKS, NOTES, "runs.parquet", "traces.parquet", "findings.parquet", "gaps.parquet"))
+_JOURNALS = "journal"  # `bench.store.journal.FOLDER`, which is slow to load
+_VERSION = 1  # of the columns in an index
+_FRESH = 2.0  # seconds in which a file may change again and keep its size and time
+_MOST_FOLDERS = 500_000
+_LARGEST_JSON = 50_000_000  # bytes of a calibration
+_AGO = re.compile(r"(\d{1,4})([hdw])")
+_HOURS = {"h": 1, "d": 24, "w": 168}
+State = list[list[Any]]  # of a folder: name, size, time and number of each file that its entry is made of
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A line of the catalogue. `study` is its folder below the results, `when` its last run or file (ISO, UTC)."""
+
+    study: str
+    kind: Kind
+    when: str = ""
+    status: Status = "empty"
+    problem: tuple[str, ...] = ()
+    optimizer: tuple[str, ...] = ()
+    machine: tuple[str, ...] = ()
+    budget: tuple[int, ...] = ()
+    planned: int = 0
+    done: int = 0
+    failed: int = 0
+    timeouts: int = 0
+    remaining: int = 0
+    in_journals: int = 0  # done, and not in the tables yet
+    headline: str = ""
+    commit: str = ""
+    dirty: bool = False
+    command: str = ""
+    size: int = 0  # bytes
+    tag: tuple[str, ...] = ()
+    notes: int = 0
+    archived: bool = False
+
+
+COLUMNS = tuple(one.name for one in fields(Entry))
+_TUPLES = tuple(one.name for one in fields(Entry) if get_origin(one.type) is tuple)
+
+
+def catalogue(results: str | Path = "results", words: Sequence[str] = ()) -> list[Entry]:
+    """Return the entries below `results` that keep to all `words`, newest first.
+
+    A word is ``COLUMN=VALUE`` or ``COLUMN!=VALUE``; VALUE has globs and commas between choices. ``since=`` and
+    ``until=`` take a day (2026-11-01), a time, or how long ago (7d, 12h, 2w). What is archived is left out unless a
+    word is of `archived`.
+    """
+    keep = _filters(words)
+    found = [entry for entry in entries(Path(results)) if all(each(entry) for each in keep)]
+    return sorted(found, key=lambda entry: (entry.when, entry.study), reverse=True)
+
+
+def studies(results: str | Path = "results", *words: str) -> "pd.DataFrame":
+    """Return the `catalogue` as a table: a row a study, discovery or calibration below `results`, newest first.
+
+    `words` are the filters of ``bench studies``: ``"optimizer=de"``, ``"problem=full*"``, ``"since=7d"``.
+    """
+    import pandas as pd
+
+    table = pd.DataFrame([asdict(entry) for entry in catalogue(results, words)], columns=list(COLUMNS))
+    return table.assign(when=pd.to_datetime(table["when"], utc=True, format="ISO8601"))
+
+
+def entries(results: Path) -> Iterator[Entry]:
+    """Yield every entry below a folder, from the index where it still holds. Raises `ValueError`."""
+    if not results.is_dir():
+        raise ValueError(f"{results}: there is no such results folder; name one that has studies in it")
+    with suppress(OSError):  # a mount that can no longer be reached
+        results = results.resolve()
+    index = _Index(results)
+    fresh = time.time_ns() - int(_FRESH * 1e9)
+    for name, path, state in _walk(results, index):
+        entry = index.known(name, state)
+        if entry is None and not index.is_foreign(name, state):
+            entry = _read(path, name)
+            settled = entry is None or entry.status != "damaged"
+            if settled and max(time_ns for _, _, time_ns, _ in state) < fresh:
+                index.keep(name, state, entry)
+        if entry is not None:
+            yield entry
+    index.close()
+
+
+def _walk(results: Path, index: "_Index") -> Iterator[tuple[str, str, State]]:
+    """Yield of each folder that may be a study its name below `results`, its path, and the state of its files."""
+    waiting, looked_at = [("", str(results))], 0
+    while waiting:
+        name, path = waiting.pop()
+        looked_at += 1
+        if looked_at > _MOST_FOLDERS:
+            raise ValueError(f"{results}: has more than {_MOST_FOLDERS} folders; name one with fewer")
+        state: State = []
+        below: list[tuple[str, str]] = []
+        try:
+            with os.scandir(path) as found:
+                for one in found:
+                    if one.name in _MADE_OF:
+                        state.append(_state_of(one))
+                    elif one.name == _JOURNALS and one.is_dir(follow_symlinks=False):
+                        with os.scandir(one.path) as journals:
+                            state += [_state_of(journal) for journal in journals]
+                    elif one.name[0] != "." and one.is_dir(follow_symlinks=False):
+                        below.append((f"{name}/{one.name}" if name else one.name, one.path))
+        except OSError:  # it is gone, or is not ours to read
+            continue
+        if any(row[0] in _MARKS for row in state):
+            state.sort()
+            yield name or results.name, path, state
+            if not index.is_foreign(name or results.name, state):
+                continue
+        waiting += below
+
+
+def _state_of(one: "os.DirEntry[str]") -> list[Any]:
+    try:
+        found = one.stat(follow_symlinks=False)
+    except OSError:
+        return [one.name, -1, 0, 0]
+    return [one.name, found.st_size, found.st_mtime_ns, found.st_ino]
+
+
+@final
+class _Index:
+    """Entries by the names of their folders, as an earlier look found them. Any trouble with its file is no trouble."""
+
+    def __init__(self, results: Path) -> None:
+        digest = blake2b(os.fsencode(results), digest_size=12).hexdigest()
+        self.path = cache_root() / "studies" / f"{digest}-{_VERSION}.sqlite"
+        self._seen: set[str] = set()
+        self._new: list[tuple[str, str, str]] = []
+        self._foreign: set[str] = set()  # of this look: a manifest that is not ours
+        self._rows: dict[str, tuple[str, str]] = {}
+        try:
+            with closing(sqlite3.connect(f"{self.path.as_uri()}?mode=ro", uri=True, timeout=5)) as file:
+                self._rows = {name: (state, text) for name, state, text in file.execute("select * from entries")}
+        except (sqlite3.Error, TypeError, ValueError):
+            pass
+
+    def known(self, name: str, state: State) -> Entry | None:
+        """Return the entry of a folder whose files are as they were; None where it is to be read."""
+        self._seen.add(name)
+        kept, text = self._rows.get(name, ("", ""))
+        if text in ("", "null") or kept != json.dumps(state):
+            return None
+        try:
+            found = json.loads(text)
+            return Entry(**found | {key: tuple(found[key]) for key in _TUPLES})
+        except (ValueError, TypeError, KeyError):  # a hand has been at it
+            return None
+
+    def is_foreign(self, name: str, state: State) -> bool:
+        """Tell whether a folder of these files is known to be no study of ours."""
+        return name in self._foreign or self._rows.get(name) == (json.dumps(state), "null")
+
+    def keep(self, name: str, state: State, entry: Entry | None) -> None:
+        """Remember what was read."""
+        if entry is None:
+            self._foreign.add(name)
+        self._new.append((name, json.dumps(state), json.dumps(None if entry is None else asdict(entry))))
+
+    def close(self) -> None:
+        """Write what is new, and forget what is gone."""
+        gone = [(name,) for name in self._rows.keys() - self._seen]
+        if not self._new and not gone:
+            return
+        for _ in range(2):  # a file that is none of SQLite's is begun anew
+            try:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                with closing(sqlite3.connect(self.path, timeout=5)) as file, file:
+                    file.execute("create table if not exists entries (name text primary key, state text, entry text)")
+                    file.executemany("insert or replace into entries values (?, ?, ?)", self._new)
+                    file.executemany("delete from entries where name = ?", gone)
+                return
+            except sqlite3.OperationalError:  # held by another, or the folder cannot be written
+                return
+            except (sqlite3.DatabaseError, UnicodeError):
+                with suppress(OSError):
+                    self.path.unlink(missing_ok=True)
+            except OSError:
+                return
+
+
+def _read(path: str, name: str) -> Entry | None:
+    """Return the entry of a folder, read from its files; None for a folder that is none of ours."""
+    folder = Path(path)
+    entry = Entry(study=name, kind="runs", size=_size(path))
+    try:
+        entry = _entry_of(folder, entry)
+        noted = read_notes(folder)
+    except _ForeignError:
+        return None
+    except (ValueError, OSError) as error:
+        text = str(error).removeprefix(f"{folder}: ").removeprefix(f"{folder}/")
+        return replace(entry, status="damaged", headline=" ".join(text.split())[:300], when=_when_of(folder))
+    return replace(entry, tag=noted.tags, notes=len(noted.notes), archived=noted.archived)
+
+
+class _ForeignError(Exception):
+    """A manifest.json or calibration.json of another program."""
+
+
+def _entry_of(folder: Path, entry: Entry) -> Entry:
+    from calibench.bench.store.manifest import DISCOVERY, KIND, LARGEST_MANIFEST, StoreError
+
+    if not (folder / MANIFEST).exists():
+        return _of_calibration(folder, entry)
+    try:
+        manifest = json_of(read_whole(folder / MANIFEST, LARGEST_MANIFEST))
+    except ValueError as error:
+        raise StoreError(f"{MANIFEST}: cannot be read: {error}") from None
+    kind = manifest.get("kind") if isinstance(manifest, dict) else None
+    if kind not in (KIND, DISCOVERY):
+        raise _ForeignError
+    return _of_discovery(folder, replace(entry, kind="discovery")) if kind == DISCOVERY else _of_runs(folder, entry)
+
+
+def _of_runs(folder: Path, entry: Entry) -> Entry:
+    from calibench.bench.store.journal import journals_in
+    from calibench.bench.store.manifest import read_manifest
+    from calibench.bench.tracking.tables import runs_in
+
+    manifest = read_manifest(folder)
+    table = runs_in(folder, (
+        "run_id", "problem", "optimizer", "budget", "status", "unit", "best_value", "started_at", "git_commit",
+        "git_dirty",
+    ))  # fmt: skip
+    groups = table.group_by(["problem", "optimizer", "budget", "status", "unit"], use_threads=False).aggregate(
+        [("best_value", "min"), ("run_id", "count")]
+    ).to_pylist()  # fmt: skip
+    done = set(table["run_id"].to_pylist())
+    waiting = {state.run_id: state for reader in journals_in(folder) for state in reader.states()}
+    journaled = [state for run_id, state in waiting.items() if run_id not in done]
+    count = Counter(state.status for state in journaled)
+    for group in groups:
+        count[str(group["status"])] += int(group["run_id_count"])
+    finished = done | waiting.keys()
+    planned = manifest["planned"]
+    remaining = len(planned.keys() - finished)
+    budgets = {int(group["budget"]) for group in groups} | {int(one) for one in manifest.get("budgets", {}).values()}
+    last: Mapping[str, Any] = {}
+    if len(table):
+        from calibench.bench.store.arrays import compute, kept
+
+        times = table["started_at"]
+        last = next(iter(kept(table, compute("equal", times, compute("max", times))).slice(0, 1).to_pylist()), {})
+    began = last.get("started_at")
+    return replace(
+        entry,
+        when=began.isoformat(timespec="seconds") if began and not journaled else _when_of(folder),
+        status=_status(len(finished), count["failed"] + count["timeout"], remaining),
+        problem=_names(group["problem"] for group in groups), optimizer=_names(group["optimizer"] for group in groups),
+        budget=tuple(sorted(budgets)), planned=len(planned), done=len(finished), failed=count["failed"],
+        timeouts=count["timeout"], remaining=remaining, in_journals=len(journaled), headline=_lowest(groups),
+        commit=last.get("git_commit") or "", dirty=bool(last.get("git_dirty")),
+        command=(manifest.get("commands") or [""])[-1],
+    )  # fmt: skip
+
+
+def _status(done: int, failed: int, remaining: int) -> Status:
+    return "unfinished" if remaining else "failed" if failed else "ok" if done else "empty"
+
+
+def _lowest(groups: Sequence[Mapping[str, Any]]) -> str:
+    """Return which method found the lowest value: of one problem with it, of several on how many."""
+    best: dict[str, Mapping[str, Any]] = {}
+    for group in groups:
+        value = group["best_value_min"]
+        if value is not None and value == value and abs(value) != float("inf"):
+            before = best.get(group["problem"])
+            if before is None or value < before["best_value_min"]:
+                best[group["problem"]] = group
+    if len(best) == 1:
+        [group] = best.values()
+        unit = f" {group['unit']}" if group["unit"] else ""
+        return f"lowest {plain(group['best_value_min'])}{unit} by {group['optimizer']}"
+    most = Counter(group["optimizer"] for group in best.values()).most_common(1)
+    return f"lowest value by {most[0][0]} on {most[0][1]} of {counted(len(best), 'problem')}" if most else ""
+
+
+def _of_discovery(folder: Path, entry: Entry) -> Entry:
+    from calibench.bench.tracking.tables import rows_in
+
+    rows = rows_in(
+        folder, "gaps", ("verdict", "status", "machine", "started_at", "git_commit", "git_dirty")
+    ).to_pylist()
+    verdicts = Counter(row["verdict"] for row in rows if row["status"] == "ok")
+    failed = sum(row["status"] != "ok" for row in rows)
+    last: Mapping[str, Any] = max(
+        (row for row in rows if row["started_at"]), key=lambda row: row["started_at"], default={}
+    )
+    began = last.get("started_at")
+    return replace(
+        entry, when=began.isoformat(timespec="seconds") if began else _when_of(folder),
+        status=_status(len(rows), failed, 0), machine=_names(row["machine"] for row in rows), planned=len(rows),
+        done=len(rows), failed=failed, commit=last.get("git_commit") or "", dirty=bool(last.get("git_dirty")),
+        headline=", ".join(f"{n} {verdict}" for verdict, n in verdicts.most_common()),
+    )  # fmt: skip
+
+
+def _of_calibration(folder: Path, entry: Entry) -> Entry:
+    """Return the entry of an arm's calibration, or of a camera's."""
+    from calibench.bench.tracking.tables import calibration_in
+
+    row = calibration_in(folder)
+    if row is None:
+        raise _ForeignError
+    before, after = row["before"], row["after"]
+    size = f"{plain(after)} mm" if before is None else f"{plain(before)} -> {plain(after)} mm"
+    return replace(
+        entry, kind="calibration", when=_when_of(folder), status="ok", machine=(row["machine"],), planned=1, done=1,
+        headline=f"{size}, {row['level']}" if after is not None else row["level"],
+    )  # fmt: skip
+
+
+def _names(found: Iterable[Any]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(str(name) for name in found if name))
+
+
+def _when_of(folder: Path) -> str:
+    """Return when a file of a study was last written, its notes left out."""
+    times = [0.0]
+    for name in (*_MADE_OF - {NOTES}, _JOURNALS):
+        with suppress(OSError):
+            times.append(os.lstat(folder / name).st_mtime)
+    return datetime.fromtimestamp(max(times), UTC).isoformat(timespec="seconds")
+
+
+def _size(path: str) -> int:
+    """Return the bytes of all regular files in a folder, at any depth."""
+    total, waiting = 0, [path]
+    while waiting:
+        with suppress(OSError), os.scandir(waiting.pop()) as found:
+            for one in found:
+                if one.is_dir(follow_symlinks=False):
+                    waiting.append(one.path)
+                elif one.is_file(follow_symlinks=False):
+                    total += one.stat(follow_symlinks=False).st_size
+    return total
+
+
+def _filters(words: Sequence[str]) -> list[Callable[[Entry], bool]]:
+    """Return what the words ask of an entry. Raises `ValueError`, in one line."""
+    keep: list[Callable[[Entry], bool]] = []
+    named = set()
+    for word in words:
+        key, equals, value = word.partition("=")
+        differs = key.endswith("!")
+        key = key.removesuffix("!")
+        known = (*COLUMNS, "since", "until")
+        if key not in known:
+            raise ValueError(f"studies: there is no column {key!r}; {suggest(key, known)}")
+        if not equals or not value:
+            raise ValueError(f"studies: {key} needs a value, such as {key}=VALUE; globs (full*) and a,b are read")
+        named.add(key)
+        if key in ("since", "until"):
+            if differs:
+                raise ValueError(f"studies: {word}: write since= or until=")
+            at = _time_of(key, value)
+            keep.append(lambda entry, at=at, since=key == "since": (entry.when >= at) == since)  # type: ignore[misc]
+        else:
+            choices = value.split(",")
+            keep.append(lambda entry, key=key, of=choices, no=differs: _has(entry, key, of) != no)  # type: ignore[misc]
+    if "archived" not in named:
+        keep.append(lambda entry: not entry.archived)
+    return keep
+
+
+def _has(entry: Entry, key: str, choices: Sequence[str]) -> bool:
+    found = getattr(entry, key)
+    texts = [str(one) for one in found] if isinstance(found, tuple) else [str(found)]
+    texts = [text.lower() for text in texts] if isinstance(found, bool) else texts
+    return any(fnmatchcase(text, choice) for text in texts for choice in choices)
+
+
+def _time_of(key: str, text: str) -> str:
+    """Return a time as entries have it: ISO, UTC."""
+    ago = _AGO.fullmatch(text)
+    try:
+        if ago:
+            at = datetime.now(UTC) - timedelta(hours=int(ago[1]) * _HOURS[ago[2]])
+        else:
+            at = datetime.fromisoformat(text)
+            at = at.astimezone(UTC) if at.tzinfo else at.replace(tzinfo=UTC)
+    except (ValueError, OverflowError):
+        raise ValueError(
+            f"studies: {key}={text:.40}: a day (2026-11-01), a time, or how long ago (7d, 12h, 2w)"
+        ) from None
+    return at.isoformat(timespec="seconds")
+
+
+def find_study(results: Path, name: str) -> tuple[Path, Entry]:
+    """Return folder and entry of a study by its name below `results`, or by its path. Raises `ValueError`.
+
+    The folder is inside of `results`, and is itself no link.
+    """
+    known = {entry.study: entry for entry in entries(results)}
+    asked = name.rstrip("/")
+    if asked not in known:
+        with suppress(ValueError, OSError):  # a path, as the shell completes it
+            asked = Path(os.path.abspath(asked)).relative_to(os.path.abspath(results)).as_posix()
+    if asked not in known:
+        raise ValueError(f"{name}: there is no such study in {results}; {suggest(name, known)}")
+    folder = results / asked if (results / asked).is_dir() else results
+    if stat.S_ISLNK(os.lstat(folder).st_mode) and folder != results:
+        raise ValueError(f"{name}: is a link; name the folder that it leads to")
+    return folder, known[asked]
+
+
+def line_of(entry: Entry) -> dict[str, str]:
+    """Return what a terminal shows of an entry."""
+    end = [f"{entry.done}/{max(entry.planned, entry.done)}"]
+    end += [f"{n} {what}" for n, what in ((entry.failed, "failed"), (entry.timeouts, "out of time")) if n]
+    return {
+        "study": entry.study, "what": entry.kind, "when": entry.when[:16].replace("T", " "),
+        "done": ", ".join(end) if entry.status != "damaged" else "damaged",
+        "problem": listed(entry.problem or entry.machine, 2), "optimizer": listed(entry.optimizer, 3),
+        "budget": listed([str(one) for one in entry.budget], 2), "headline": entry.headline,
+        "commit": entry.commit[:8] + ("+" if entry.dirty else ""), "size": _bytes(entry.size),
+        "tags": " ".join(entry.tag) + (" (archived)" if entry.archived else ""),
+    }  # fmt: skip
+
+
+def _bytes(size: int) -> str:
+    return f"{size / 1e6:.1f} MB" if size >= 1e5 else f"{size / 1e3:.1f} kB"

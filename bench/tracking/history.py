@@ -1,0 +1,373 @@
+"""One cell over versions of the code: where its runs became better or worse, by `compare`'s test and a change point.
+
+A version is what one `code_digest` ran, in the order of its first run; versions that gave the same scores follow each
+other as one epoch, as nothing changed in between. Neighbouring epochs are tested as two studies are, with Holm's
+correction. The change point is one permutation test over all epochs (Pettitt, Appl. Statist. 28, 1979, gives the idea):
+the split with the largest difference of mean ranks, beside what exchanged runs give; runs of one repetition share
+data and start, so they are exchanged among themselves where every epoch has them all.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from html import escape
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+import pandas as pd
+
+from calibench.bench.statistics import summary as stats
+from calibench.bench.statistics.cells import SETTING, answers
+from calibench.bench.statistics.ranking import By, holm, order_of_scores, scores
+from calibench.bench.statistics.two_studies import (
+    LEVEL,
+    Compared,
+    Tested,
+    Verdict,
+    chosen_of,
+    compare,
+    partners,
+    two_sides,
+    verdicts,
+)  # fmt: skip
+from calibench.bench.store.columns import Array, Flags
+from calibench.bench.store.manifest import StoreError
+from calibench.bench.store.schema import RUNS_SCHEMA, to_pandas
+from calibench.bench.tracking.catalogue import Entry, catalogue
+from calibench.bench.tracking.tables import LeftOut, folder_of, runs_in
+from calibench.core.words import plain
+
+_PERMUTATIONS = 1999
+_SAME_RUN = ("best_value", "best_evaluation", "evaluations", "charged")  # alike in all, two runs are one
+_FROM = ("problem", "optimizer", "start", "budget")
+
+
+@final
+@dataclass(frozen=True)
+class Version:
+    """The runs of one cell that one version of the code made; `same`: they score as those of the version before."""
+
+    code: str
+    commit: str
+    dirty: bool
+    began: pd.Timestamp
+    studies: tuple[str, ...]
+    runs: pd.DataFrame
+    same: bool = False
+
+
+@final
+@dataclass(frozen=True)
+class Step:
+    """From one epoch to the next: the verdict on the later one, Holm's p over all steps of the cell, and why."""
+
+    p: float
+    verdict: Verdict
+    why: str
+    tested: Tested
+
+
+@final
+@dataclass(frozen=True)
+class Change:
+    """The split of the epochs that explains most: the version that begins the later part, and how likely by chance."""
+
+    version: int
+    p: float
+    p_holm: float
+    worse: bool
+
+
+@final
+@dataclass(frozen=True)
+class History:
+    """One cell over versions, oldest first; `steps` by the number of the version that begins an epoch."""
+
+    problem: str
+    optimizer: str
+    options: tuple[str, str]
+    setting: tuple[Any, ...]
+    by: By
+    versions: tuple[Version, ...]
+    steps: dict[int, Step]
+    change: Change | None = None
+
+
+@final
+@dataclass(frozen=True)
+class Asked:
+    """Which runs a history is of: globs of names, start and budget, and by what runs are ordered."""
+
+    problem: str
+    optimizer: str
+    by: By = "goal"
+    start: str = "*"
+    budget: str = "*"
+
+
+def histories(results: Path, asked: Asked) -> tuple[list[History], list[LeftOut]]:
+    """Return the history of each cell that is `asked` for, and which studies could not be read."""
+    runs, left_out = _runs(results, asked)
+    found = [_history(key, mine, asked.by) for key, mine in _cells(runs)]
+    tested = [one for one in found if one.change is not None]
+    corrected = dict(zip(map(id, tested), holm([one.change.p for one in tested if one.change]), strict=True))
+    return [_with_p(one, float(corrected[id(one)])) if one.change else one for one in found], left_out
+
+
+def _with_p(one: History, p: float) -> History:
+    return one if one.change is None else replace(one, change=replace(one.change, p_holm=p))
+
+
+def _runs(results: Path, asked: Asked) -> tuple[pd.DataFrame, list[LeftOut]]:
+    parts, left_out = [], []
+    found = [one for one in catalogue(results) if one.kind == "runs"]
+    for entry in found:
+        if entry.status == "damaged":
+            left_out.append(LeftOut(results / entry.study, entry.headline))
+        elif any(fnmatchcase(n, asked.problem) for n in entry.problem) and any(
+            fnmatchcase(n, asked.optimizer) for n in entry.optimizer
+        ):
+            try:
+                parts.append(_of_study(results, entry, asked))
+            except StoreError as error:
+                left_out.append(LeftOut(results / entry.study, str(error)))
+    parts = [part for part in parts if len(part)]
+    return (pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=RUNS_SCHEMA.names)), left_out
+
+
+def _of_study(results: Path, entry: Entry, asked: Asked) -> pd.DataFrame:
+    runs = to_pandas(runs_in(folder_of(results, entry), RUNS_SCHEMA.names))
+    keep = np.ones(len(runs), dtype=bool)
+    for name in _FROM:
+        texts = runs[name].astype(str)
+        keep &= texts.map({text: fnmatchcase(text, getattr(asked, name)) for text in texts.unique()}).to_numpy(bool)
+    return runs[keep].assign(study=entry.study)
+
+
+def _cells(runs: pd.DataFrame) -> Iterator[tuple[tuple[Any, ...], pd.DataFrame]]:
+    """Yield the runs of each cell, whatever options its code knew: those that are no defaults tell."""
+    rows: dict[tuple[Any, ...], list[pd.DataFrame]] = {}
+    columns = ["problem", "problem_options", "data_id", "optimizer", "optimizer_options", *SETTING]
+    for key, mine in runs.groupby(columns, sort=False, dropna=False):
+        named = dict(zip(columns, key, strict=True))
+        setting = tuple(None if named[name] != named[name] else named[name] for name in ("data_id", *SETTING))
+        rows.setdefault((named["problem"], named["optimizer"], chosen_of(named), setting), []).append(mine)
+    for what, parts in rows.items():
+        yield what, pd.concat(parts)
+
+
+def _history(what: tuple[Any, ...], runs: pd.DataFrame, by: By) -> History:
+    versions = _versions(runs, by)
+    begins = [i for i, version in enumerate(versions) if not version.same]
+    pairs = [partners(versions[a].runs, versions[b].runs) for a, b in pairwise(begins)]
+    tests = [two_sides(*pair, by) for pair in pairs]
+    steps = {
+        i: Step(p, verdict, why, tested)
+        for i, tested, (p, verdict, why) in zip(begins[1:], tests, verdicts(tests, by), strict=True)
+    }
+    change = None
+    if len(begins) > 1 and stats.has_chance(runs):
+        epochs = [versions[i].runs for i in begins]
+        at, p, worse = change_point(
+            [scores(part, by) for part in epochs], [part["repetition"].tolist() for part in epochs], _kept(epochs)
+        )
+        change = Change(begins[at], p, p, worse)
+    problem, optimizer, options, setting = what
+    return History(problem, optimizer, options, setting, by, tuple(versions), steps, change)
+
+
+def _versions(runs: pd.DataFrame, by: By) -> list[Version]:
+    parts = [mine for _, mine in runs.groupby(["code_digest", "study"], sort=False, dropna=False)]
+    parts.sort(key=lambda mine: mine["started_at"].min())
+    joined: list[pd.DataFrame] = []
+    for mine in parts:  # what one code ran in several studies, one after the other, is one version
+        if joined and joined[-1]["code_digest"].iloc[0] == mine["code_digest"].iloc[0]:
+            joined[-1] = pd.concat([joined[-1], mine])
+        else:
+            joined.append(mine)
+    versions: list[Version] = []
+    for mine in joined:
+        made_in = tuple(mine["study"].unique())
+        mine = mine.drop_duplicates("run_id").sort_values(["repetition", "run_id"]).reset_index(drop=True)
+        first = mine.sort_values("started_at").iloc[0]
+        same = bool(versions) and _alike(versions[-1].runs, mine, by)
+        versions.append(
+            Version(
+                str(mine["code_digest"].iloc[0]), str(first["git_commit"]), bool(first["git_dirty"]),
+                first["started_at"], made_in, mine, same,
+            )
+        )  # fmt: skip
+    return versions
+
+
+def _alike(a: pd.DataFrame, b: pd.DataFrame, by: By) -> bool:
+    """Tell whether the runs that both versions made, of one repetition each, score the same."""
+    a, b, paired = partners(a, b)
+    return paired and bool(np.array_equal(scores(a, by), scores(b, by)) and np.array_equal(answers(a), answers(b)))
+
+
+def change_point(
+    parts: Sequence[Array], repetitions: Sequence[Sequence[int]], kept: Flags | None = None, seed: int = 0
+) -> tuple[int, float, bool]:
+    """Return the epoch that begins the later part, the p of the test, and whether the later part is worse.
+
+    `parts` are the scores of each epoch's runs, shape (n, 2) each. `kept`, shape (epochs, n), tells which runs are
+    those of the epoch before to the last bit: they are one draw, and are exchanged as one.
+    """
+    sizes = np.array([len(part) for part in parts])
+    ranks = order_of_scores(np.concatenate(parts)).astype(float)
+    begins = np.r_[0, np.cumsum(sizes)[:-1]]
+    rng = np.random.default_rng(seed)
+    if all(list(one) == list(repetitions[0]) for one in repetitions) and len(set(repetitions[0])) == sizes[0]:
+        sums = np.zeros((_PERMUTATIONS, len(parts)))
+        fresh = np.ones((len(parts), sizes[0]), dtype=bool) if kept is None else ~kept
+        for of_one, new in zip(ranks.reshape(len(parts), -1).T, fresh.T, strict=True):  # a repetition
+            draws = of_one[new]
+            sums += rng.permuted(np.tile(draws, (_PERMUTATIONS, 1)), axis=1)[:, np.cumsum(new) - 1]
+    else:
+        sums = np.add.reduceat(rng.permuted(np.tile(ranks, (_PERMUTATIONS, 1)), axis=1), begins, axis=1)
+    seen = _splits(np.add.reduceat(ranks, begins)[None], sizes)[0]
+    at = int(np.argmax(np.abs(seen)))
+    largest = np.abs(_splits(sums, sizes)).max(axis=1)
+    p = (1 + int((largest >= np.abs(seen[at]) * (1 - 1e-12)).sum())) / (1 + _PERMUTATIONS)
+    return at + 1, p, bool(seen[at] > 0)
+
+
+def _kept(parts: Sequence[pd.DataFrame]) -> Flags | None:
+    """Tell which runs of each epoch are those of the epoch before; None where epochs differ in their repetitions."""
+    first = parts[0]["repetition"].tolist()
+    if any(part["repetition"].tolist() != first for part in parts):
+        return None
+    found = np.array([part[[*_SAME_RUN]].to_numpy(dtype=float) for part in parts])
+    same: Flags = np.zeros(found.shape[:2], dtype=bool)
+    same[1:] = ((found[1:] == found[:-1]) | (np.isnan(found[1:]) & np.isnan(found[:-1]))).all(axis=2)
+    return same
+
+
+def _splits(sums: Array, sizes: Any) -> Array:
+    """Return of sums of ranks, shape (k, epochs), the scaled difference of mean ranks at each split."""
+    before, total = np.cumsum(sizes)[:-1], sizes.sum()
+    left, whole = np.cumsum(sums, axis=1)[:, :-1], sums.sum(axis=1, keepdims=True)
+    difference: Array = ((whole - left) / (total - before) - left / before) * np.sqrt(before * (total - before) / total)
+    return difference
+
+
+def check(results: Path, asked: Asked, tag: str = "") -> tuple[Compared, str, str]:
+    """Return how the newest study with such runs stands to the last one that has the tag (any, where it is empty)."""
+    found = [
+        one for one in catalogue(results)
+        if one.kind == "runs" and any(fnmatchcase(n, asked.problem) for n in one.problem)
+        and any(fnmatchcase(n, asked.optimizer) for n in one.optimizer) and one.status != "damaged"
+    ]  # fmt: skip
+    if not found:
+        raise ValueError(f"history: no run of {asked.optimizer} on {asked.problem} in {results}")
+    newest, *older = found
+    base = next((one for one in older if (tag in one.tag if tag else one.tag)), None)
+    if base is None:
+        which = f"the tag {tag}" if tag else "a tag"
+        raise ValueError(
+            f"history --check: no study before {newest.study} has {which}; bench tag STUDY +baseline sets one"
+        )
+    sides = [_of_study(results, one, asked) for one in (base, newest)]
+    return compare(sides[0], sides[1], asked.by), base.study, newest.study
+
+
+def measure(history: History, runs: pd.DataFrame) -> Array:
+    """Return what is drawn and told of each run: charged at the goal, value, or 1 where the goal was reached."""
+    if history.by == "value":
+        return answers(runs)
+    if history.by == "charged":
+        return np.asarray(runs["charged"], dtype=float)
+    hits = stats.goal_hits(runs)
+    return np.isfinite(hits).astype(float) if history.by == "success" else np.where(np.isfinite(hits), hits, np.inf)
+
+
+def summary_of(history: History, version: Version) -> tuple[float, float, float, str]:
+    """Return quartiles of the measure, and the middle one as text."""
+    values = measure(history, version.runs)
+    if history.by == "success":
+        share = float(values.mean())
+        return share, share, share, f"{int(values.sum())}/{len(values)}"
+    low, middle, high = (float(q) for q in stats.quantiles(values, (0.25, 0.5, 0.75)))
+    reached = int(np.isfinite(values).sum())
+    text = plain(middle) if np.isfinite(middle) else f"not reached by half ({reached}/{len(values)})"
+    return low, middle, high, text
+
+
+def drawing(history: History) -> str:
+    """Return one history as SVG: a point a version with its quartiles, a line where the change point is."""
+    wide, high, left, floor = 760, 240, 70, 200
+    points = [summary_of(history, version) for version in history.versions]
+    finite = [v for point in points for v in point[:3] if np.isfinite(v)]
+    logarithmic = bool(finite) and min(finite) > 0 and max(finite) / min(finite) > 20
+    scaled = [float(np.log10(v)) if logarithmic else v for v in finite] or [0.0]
+    low, top = min(scaled), max(scaled)
+    span = (top - low) or 1.0
+
+    def y(value: float) -> float:
+        if not np.isfinite(value):
+            return 20.0
+        return floor - (floor - 40) * ((float(np.log10(value)) if logarithmic else value) - low) / span
+
+    def x(i: int) -> float:
+        return left + (wide - left - 30) * (i + 0.5) / len(points)
+
+    parts = []
+    for i, (version, (q1, middle, q3, text)) in enumerate(zip(history.versions, points, strict=True)):
+        step = history.steps.get(i)
+        colour = {"worse": "#c0392b", "better": "#1e8449"}.get(step.verdict if step else "", "currentColor")
+        title = f"{version.commit[:8]} {version.began:%Y-%m-%d}: {text}" + (
+            f"; {step.verdict}: {step.why}" if step else ""
+        )
+        parts.append(
+            f'<g><title>{escape(title)}</title><line x1="{x(i):.1f}" x2="{x(i):.1f}" y1="{y(q1):.1f}" y2="{y(q3):.1f}" '
+            f'stroke="{colour}"/><circle cx="{x(i):.1f}" cy="{y(middle):.1f}" r="4" fill="{colour}"/>'
+            f'<text x="{x(i):.1f}" y="{floor + 18}" font-size="10" text-anchor="middle" fill="currentColor">'
+            f"{escape(version.commit[:7])}</text></g>"
+        )
+    if history.change is not None and history.change.p_holm <= LEVEL:
+        at = (x(history.change.version) + x(history.change.version - 1)) / 2
+        parts.append(
+            f'<line x1="{at:.1f}" x2="{at:.1f}" y1="20" y2="{floor}" stroke="#c0392b" stroke-dasharray="4 3"/>'
+        )
+    ends = [plain(10**v if logarithmic else v) for v in (low, top)]
+    for value, place in zip(ends, (floor, 40), strict=True):
+        parts.append(
+            f'<text x="{left - 8}" y="{place + 4}" font-size="10" text-anchor="end" fill="currentColor">{value}</text>'
+        )
+    label = escape(f"{history.optimizer} on {history.problem} over {len(points)} versions, by {history.by}")
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide} {high}" role="img" aria-label="{label}">'
+        + "".join(parts) + "</svg>"
+    )  # fmt: skip
+
+
+def page(found: Sequence[History]) -> str:
+    """Return a page of its own with the drawing of each history; it opens offline."""
+    style = (
+        "body{font:16px/1.5 system-ui,sans-serif;max-width:820px;margin:2em auto;padding:0 1em;color-scheme:light dark}"
+    )
+    style += "svg{width:100%;height:auto}"
+    parts = [
+        f"<h2>{escape(f'{one.optimizer} on {one.problem}')}</h2><p>{escape(sentence(one))}</p>{drawing(one)}"
+        for one in found
+    ]
+    head = '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+    return f"{head}<title>History</title><style>{style}</style><h1>History</h1>{''.join(parts)}</html>\n"
+
+
+def sentence(history: History) -> str:
+    """Return what the change point says."""
+    epochs = sum(not version.same for version in history.versions)
+    if epochs == 1:
+        return f"{len(history.versions)} versions of the code gave the same values: nothing changed."
+    if history.change is None:
+        return "No chance in these runs: what differs between versions, differs."
+    version = history.versions[history.change.version]
+    p = f"p {history.change.p_holm:.2g}, one test a cell (Holm)"
+    if history.change.p_holm > LEVEL:
+        return f"No change is shown over {epochs} different versions; {p}."
+    way = "worse" if history.change.worse else "better"
+    return f"It became {way} with {version.commit[:8]} ({version.began:%Y-%m-%d}); {p}."
