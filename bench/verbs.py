@@ -88,9 +88,9 @@ class HandEyeWords:
     columns: Annotated[str, Word("columns", '{"flange_x":"Weg X"}', "which column of the file is which",
                                  form='\'{"flange_x":"Weg X"}\'')] = ""
     units: Annotated[str, Word("units", "flange_x:m", "the unit of columns")] = ""
-    board_scale: Annotated[float, Word(
-        "board_scale", "0.97", "true size of the board by the size that the camera was told", form="RATIO", above=0,
-        needed="the board's true size over that which the camera was told, above 0, is needed")] = 1.0
+    board_scale: Annotated[str, Word(
+        "board_scale", "0.97", "true size of the board by the size that the camera was told, or free: fitted",
+        form="RATIO|free")] = "1"
     sigma: Annotated[float | None, Word(
         "sigma", "0.3", "noise of the board's place; learned where it is not stated", form="MM", above=0,
         needed="the noise of the board's pose [mm], above 0, is needed")] = None

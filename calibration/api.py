@@ -6,7 +6,7 @@ stands in its name, ``x [m]``, or in `units`; without either it is found by what
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -77,7 +77,8 @@ def design(
 
 def hand_eye(
     pairs: Any, *, mounting: Mounting = "eye_in_hand", read: Read = "", rotation: Mapping[str, str] | None = None,
-    flange: Flange = "flange_in_base", board_scale: float = 1.0, sigma: float = 0.0, sigma_rotation: float = 0.0,
+    flange: Flange = "flange_in_base", board_scale: float | Literal["free"] = 1.0, sigma: float = 0.0,
+    sigma_rotation: float = 0.0,
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None, names: Sequence[str] = (),
     name: str = "pairs",
 ) -> HandEye:  # fmt: skip
@@ -88,6 +89,7 @@ def hand_eye(
     """
     setup = Setup(
         hand_eye=mounting, read=read, rotation=rotation or {}, sigma=sigma, sigma_rotation=sigma_rotation,
-        flange=flange, board_scale=board_scale,
+        flange=flange, board_scale=1.0 if board_scale == "free" else board_scale,
+        free_scale=board_scale == "free",
     )  # fmt: skip
     return calibrate_hand_eye(table_of(pairs, columns=columns, units=units, names=names, name=name), setup)

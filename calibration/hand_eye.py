@@ -1,13 +1,13 @@
 """Hand-eye and robot-world calibration: pairs of a robot's and a board's poses give both unknown frames.
 
-It is the calibration of an arm of three sliding and three turning joints whose frames alone are free. The noise is what
-is left over its degrees of freedom (Rao 1971), intervals are Student's (Satterthwaite 1946); see Tsai and Lenz 1989.
+Intervals are Student's (Satterthwaite 1946); see Tsai and Lenz 1989. `hand_eye_start` says what the start is, and
+`hand_eye_fit` what is fitted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from math import nan
 from typing import Any, final
 
@@ -15,107 +15,24 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm, t
 
-from calibench.calibration.determined import order_of
-from calibench.calibration.fit import FOLDS, Fit, cross_validate, fit_arm, fit_from, norms, predict, rms
-from calibench.calibration.hand_eye_start import Mounting, Pairs, Setup, arm_poses, read_pairs, start_of_pairs
-from calibench.calibration.kinematics import Chain, ChainJoint, forward
-from calibench.calibration.model import ArmModel
+from calibench.calibration.fit import FOLDS, rms
+from calibench.calibration.hand_eye_fit import Adjustment, Sight, adjust, cross_validate, stands_of
+from calibench.calibration.hand_eye_start import (
+    Mounting,
+    Pairs,
+    Setup,
+    arm_poses,
+    in_step,
+    read_pairs,
+    start_of_pairs,
+    track_of,
+)
 from calibench.calibration.readings import Table, poses_of
 from calibench.calibration.rigid import Array, Mask, inverse, rpy_of
 from calibench.core.notes import Code, DataError, Note, once
 from calibench.core.plain import finite
 from calibench.core.process import one_thread
 from calibench.core.words import counted, plain
-
-_JOINTS = ("x", "y", "z", "yaw", "pitch", "roll")
-_FLOOR = 1e-9  # mm or rad: the noise of readings without any
-_ROUNDS, _SETTLED = 30, 1e-4
-_LEAST = 1.0  # degree of freedom: with fewer nothing tells a noise
-
-
-@final
-@dataclass(frozen=True, eq=False)
-class Adjustment:
-    """Mount and tool (4, 4) [mm], and the covariance of their errors by the part of each noise, `parts` (2, 12, 12).
-
-    An error is a shift [mm] and a turn [rad] behind the frame. `sigma` is the noise of places and rotations on an axis,
-    `freedom` its degrees of freedom, infinite where it was stated. `fit` has the frames in its chain.
-    """
-
-    fit: Fit
-    mount: Array
-    tool: Array
-    parts: Array
-    sigma: tuple[float, float]
-    freedom: tuple[float, float]
-
-
-def model_of_pairs(arm: Array, seen: Array, mount: Array, tool: Array) -> ArmModel:
-    """Return the model of poses `seen` (n, 4, 4) of the board in the camera, for the `arm`'s poses (n, 4, 4) [mm]."""
-    n, axes = len(arm), np.eye(3)
-    joints = tuple(
-        ChainJoint(name, "sliding" if k < 3 else "rotary", np.eye(4), axes[k if k < 3 else 5 - k])
-        for k, name in enumerate(_JOINTS)
-    )
-    chain = Chain(joints, np.eye(4), source="table", mount=mount, tool=tool)
-    none = np.full(n, -1, dtype=np.int64)
-    return ArmModel(
-        chain=chain, joints=stands_of(arm), position=seen[:, :3, 3], turns=seen[:, :3, :3], socket=none, place=none,
-        every=True,
-    )  # fmt: skip
-
-
-def stands_of(poses: Array) -> Array:
-    """Return how the six joints stand at `poses` (n, 4, 4): x y z [mm], yaw, pitch and roll [rad], (n, 6)."""
-    angles = rpy_of(poses)[:, ::-1]
-    middle = np.arctan2(np.sin(angles).mean(axis=0), np.cos(angles).mean(axis=0))
-    return np.column_stack([poses[:, :3, 3], middle + (angles - middle + np.pi) % (2 * np.pi) - np.pi])
-
-
-def adjust(model: ArmModel, stated: tuple[float, float]) -> Adjustment:
-    """Return the fit of mount and tool; `stated` is the noise of a place [mm] and a rotation [rad], 0 to learn it."""
-    order = order_of(model.names, "frames")
-    fit = fit_arm(model, order)
-    everywhere = np.ones(len(model.joints), dtype=bool)
-    sigma, freedom = fit.model.sigma, (np.inf, np.inf)
-    for _ in range(_ROUNDS):
-        # the noise of places and of rotations by the residuals under that of before, and its degrees of freedom
-        before, noises, free = sigma, list(stated), [np.inf, np.inf]
-        rows, inverted = _rows_of(fit)
-        for k, part in enumerate(fit.model.errors(fit.p)):
-            if not stated[k] and part is not None:
-                spent = float(np.einsum("mi,ij,mj->", rows[k], inverted, rows[k]))
-                free[k] = max(3 * float(fit.weights.sum()) - spent, _LEAST)
-                noises[k] = max(float(np.sqrt((fit.weights[:, None] * part**2).sum() / free[k])), _FLOOR)
-        sigma, freedom = (noises[0], noises[1]), (free[0], free[1])
-        fit = replace(fit, model=replace(fit.model, sigma=sigma))
-        fit = replace(fit, p=fit_from(fit, everywhere))
-        if np.allclose(sigma, before, rtol=_SETTLED, atol=0.0):
-            break
-
-    # the corrections go into the frames of the chain, and none stay in its parameters
-    chain, of_mount, of_tool = fit.model.chain, fit.p.copy(), fit.p.copy()
-    of_mount[-6:] = of_tool[:6] = 0.0
-    nothing = np.zeros((1, len(_JOINTS)))
-    mount = forward(replace(chain, tool=np.eye(4)), of_mount, nothing)[0]
-    tool = forward(replace(chain, mount=np.eye(4)), of_tool, nothing)[0]
-    placed = replace(fit.model, chain=chain.placed(mount, tool))
-    fit = replace(fit, model=placed, p=placed.start)
-    rows, inverted = _rows_of(fit)
-    parts = np.stack([inverted @ part.T @ part @ inverted for part in rows])
-    return Adjustment(fit=fit, mount=mount, tool=tool, parts=parts, sigma=sigma, freedom=freedom)
-
-
-def _rows_of(fit: Fit) -> tuple[Array, Array]:
-    """Return slopes of places and rotations over their noise (2, 3 n, 12), and the inverse of their information."""
-    kept = np.array(sorted(order_of(fit.model.names, "frames")), dtype=np.int64)
-    rows = fit.model.jacobian(fit.p, kept, fit.weights)[0] * fit.weights[:, None, None]
-    parts = np.stack([rows[:, :3].reshape(-1, len(kept)), rows[:, 3:].reshape(-1, len(kept))])
-    both = parts.reshape(-1, len(kept))
-    scale = np.linalg.norm(both, axis=0) + _FLOOR
-    inverse = np.linalg.pinv((both / scale).T @ (both / scale), rcond=1e-13) / np.outer(scale, scale)
-    return parts, np.asarray(inverse)
-
 
 SCHEMA_VERSION = 1
 
@@ -148,7 +65,8 @@ class HandEye:
     `fitted` is what is left of the fitted pairs; `unseen` of pairs that were not fitted: those that the file holds
     back, or each by a fit to others, as `how` says. `sigma` [mm] and `sigma_rotation` [rad] are the noise on an axis,
     `learned` from what is left, or stated. `scale` is how many times as far as the robot's moves say the camera sees
-    the board, with its standard error; the frames take it as 1.
+    the board, with its standard error; the frames take it as 1, unless it is free. `offset` [s] is how far the camera's
+    clock is ahead of the robot's, where each has its own.
     """
 
     case: str
@@ -165,6 +83,10 @@ class HandEye:
     learned: tuple[bool, bool]
     scale: float
     scale_se: float
+    free_scale: bool = False
+    offset: float = nan
+    offset_se: float = nan
+    offset_ci95: tuple[float, float] = (nan, nan)
     outliers: tuple[Outlier, ...] = ()
     notes: tuple[Note, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
@@ -241,18 +163,26 @@ def slopes_of(adjustment: Adjustment) -> Array:
 
 
 def spread(adjustment: Adjustment, slopes: Array) -> tuple[Array, Array]:
-    """Return standard errors of the numbers with `slopes` (k, 12), and half widths of their 95 % intervals."""
-    parts = np.einsum("ki,pij,kj->pk", slopes, adjustment.parts, slopes)
-    variance, squares = parts.sum(axis=0), (parts**2 / np.array(adjustment.freedom)[:, None]).sum(axis=0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        effective = np.where(squares > 0, variance**2 / squares, np.inf)
+    """Return standard errors of the numbers with `slopes` (m, k), and half widths of their 95 % intervals."""
+    k = slopes.shape[1]
+    se = np.sqrt(np.einsum("mi,pij,mj->m", slopes, adjustment.parts[:, :k, :k], slopes))
+    effective = _freedom(adjustment, slopes)
     width = np.where(np.isfinite(effective), t.ppf(0.975, np.minimum(effective, 1e9)), norm.ppf(0.975))
-    return np.sqrt(variance), width * np.sqrt(variance)
+    return se, width * se
+
+
+def _freedom(adjustment: Adjustment, slopes: Array) -> Array:
+    """Return the degrees of freedom of the errors of numbers with `slopes` (m, k), (m,) (Satterthwaite)."""
+    k = slopes.shape[1]
+    parts = np.einsum("mi,pij,mj->pm", slopes, adjustment.parts[:, :k, :k], slopes)
+    variance, squares = parts.sum(axis=0), (parts**2 / adjustment.freedom[:, None]).sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(squares > 0, variance**2 / squares, np.inf)
 
 
 _CHANCE = 1e-3  # of noise alone to be told as a scale
 _SPARE = 3.0  # degrees of freedom: with fewer a scale is not told from noise
-_SCALE_ROUNDS = 10
+_OTHER = 0.2  # a scale further from 1 is another camera or another board, and the frames are worth nothing
 
 
 @final
@@ -265,35 +195,20 @@ class Scale:
     unlikely: bool
 
 
-def scale_of(adjustment: Adjustment, learned: bool) -> Scale | None:
-    """Return the scale of the board's places; None where too few pairs tell it. `learned` is the noise of places."""
-    fit = adjustment.fit
-    position, turned = fit.model.errors(fit.p)
-    assert turned is not None
-    assert fit.model.position is not None
-    kept, (places, rotations) = ~fit.wild, _rows_of(fit)[0]
-    seen = (position + fit.model.position)[kept].reshape(-1, 1)
-    keep = np.repeat(kept, 3)
-    places = np.hstack([adjustment.sigma[0] * places[keep], seen])  # in mm
-    rotations = np.hstack([rotations[keep], np.zeros((int(keep.sum()), 1))])
-    wanted, turns = -position[kept].ravel(), -turned[kept].ravel() / adjustment.sigma[1]
-    size = np.linalg.norm(np.vstack([places / adjustment.sigma[0], rotations]), axis=0) + _FLOOR
-    sigma, freedom = adjustment.sigma[0], np.inf
-    for _ in range(_SCALE_ROUNDS):
-        rows = np.vstack([places / sigma, rotations]) / size
-        covariance = np.linalg.pinv(rows.T @ rows, rcond=1e-13)
-        solved = covariance @ rows.T @ np.concatenate([wanted / sigma, turns])
-        if not learned:
-            break
-        over = rows[: len(wanted)]
-        freedom = len(wanted) - float(np.einsum("mi,ij,mj->", over, covariance, over))
-        if freedom < _SPARE:
-            return None
-        sigma = max(float(np.linalg.norm(wanted - places @ (solved / size)) / np.sqrt(freedom)), _FLOOR)
-    value = float(solved[-1] / size[-1])
-    se = max(float(np.sqrt(covariance[-1, -1]) / size[-1]), _FLOOR)
+def scale_of(adjustment: Adjustment, stated: tuple[float, float] = (0.0, 0.0)) -> Scale | None:
+    """Return the scale of the board's places, fitted beside the frames; None where too few pairs tell it."""
+    one = adjustment
+    if "scale" not in one.free:
+        free = (*one.free, "scale")
+        one = adjust(one.sight, one.mount, one.tool, stated, near=~one.wild, free=free, offset=one.offset)
+    slope = np.zeros((1, 12 + len(one.free)))
+    slope[0, 12 + one.free.index("scale")] = 1.0
+    freedom = _freedom(one, slope)[0]
+    if freedom < _SPARE:
+        return None
+    se = max(float(spread(one, slope)[0][0]), 1e-9)
     limit = t.ppf(1 - _CHANCE / 2, freedom) if np.isfinite(freedom) else norm.ppf(1 - _CHANCE / 2)
-    return Scale(1 + value, se, bool(abs(value) > limit * se))
+    return Scale(one.scale, se, bool(abs(one.scale - 1) > limit * se))
 
 
 LEAST = 3  # poses: two motions about different axes
@@ -342,12 +257,10 @@ def _turned(flange: Array) -> tuple[float, Array, float, Array]:
 
 def check_determined(adjustment: Adjustment) -> None:
     """Refuse frames of which a direction is known worse than a fifth of the board's distance, or .2 rad."""
-    position = adjustment.fit.model.position
-    assert position is not None
-    distance = float(np.median(np.linalg.norm(position, axis=1)))
+    distance = float(np.median(np.linalg.norm(adjustment.sight.seen[:, :3, 3], axis=1)))
     for child, slopes in zip(("camera", "board"), slopes_of(adjustment), strict=True):
         for part, worth, unit in ((slopes[:3], _WORTH * distance, "mm"), (slopes[3:], _WORTH, "rad")):
-            covariance = part @ adjustment.parts.sum(axis=0) @ part.T
+            covariance = part @ adjustment.parts.sum(axis=0)[:12, :12] @ part.T
             direction = np.linalg.eigh(covariance)[1][:, -1]
             half = float(spread(adjustment, direction[None] @ part)[1][0])
             if not half < worth:
@@ -366,6 +279,7 @@ def _listed(direction: Array) -> str:
 
 _LEAST_POSES = 5  # different poses: with fewer none can be left out
 _FEW = 10  # poses: with fewer the noise is hardly known
+_MOST = 0.6  # of the pairs: with more that are far nothing tells which are right
 _MANY = 0.1  # of the pairs: more outlying ones are no mishaps
 
 
@@ -384,35 +298,45 @@ def calibrate_hand_eye(table: Table, setup: Setup, columns: Mapping[str, str] | 
         raise DataError(f"{pairs.table.name}: {error}{also}", getattr(error, "note", None)) from None
 
 
-def _calibrate(pairs: Pairs, setup: Setup) -> HandEye:
+def _calibrate(read: Pairs, setup: Setup) -> HandEye:
+    pairs, offset = in_step(read, setup.hand_eye)
     train = np.ones(len(pairs.rows), dtype=bool) if pairs.hold is None else ~pairs.hold
     named = pairs.flange.poses(next(iter(pairs.flange.meanings)))  # one axis is one in any order of angles
-    check_poses(named[train], stands_of(named[train]), bool(setup.sigma and setup.sigma_rotation))
-    arm, seen, mount, tool, remarks = start_of_pairs(pairs, setup.hand_eye, train)
-    model = model_of_pairs(arm, seen, mount, tool)
-    adjustment = adjust(model.at(train), (setup.sigma, setup.sigma_rotation))
+    stated = (setup.sigma, setup.sigma_rotation)
+    check_poses(named[train], stands_of(named[train]), all(stated))
+    arm, seen, mount, tool, near, remarks = start_of_pairs(
+        pairs, setup.hand_eye, train, free_scale=setup.free_scale
+    )  # fmt: skip
+    track = track_of(read, pairs.time, arm, setup.hand_eye, offset)
+    sight = Sight(arm, seen, pairs.time, track, setup.hand_eye == "eye_in_hand")
+    free = (("offset",) if track else ()) + (("scale",) if setup.free_scale else ())
+    adjustment = adjust(sight.at(train), mount, tool, stated, near=near, free=free, offset=offset)
+    if adjustment.wild.mean() > _MOST:
+        raise DataError(
+            f"{int(adjustment.wild.sum())} of {len(near)} pairs do not go with the others: with more than "
+            f"{plain(100 * _MOST)} % nothing says which are right. Do both poses of a row belong together?"
+        )
     check_determined(adjustment)
-    fit = adjustment.fit
-    poses = len(np.unique(poses_of(fit.model.joints)))
-    unseen, how = _unseen(fit, model, train, poses)
+    poses = len(np.unique(poses_of(stands_of(adjustment.sight.arm))))
+    unseen, how = _unseen(adjustment, sight, train, poses)
     camera, board = frames_of(adjustment, setup.hand_eye)
-    position, turned = fit.model.errors(fit.p)
-    assert turned is not None
-    apart, angles = norms((position, None)), np.linalg.norm(turned, axis=1)
-    rows, kept = [pairs.table.label(int(row)) for row in pairs.rows[train]], ~fit.wild
-    worst_first = sorted(np.flatnonzero(fit.wild), key=lambda i: -apart[i])
-    scale = scale_of(adjustment, not setup.sigma)
+    apart, angles = (np.linalg.norm(one, axis=1) for one in (adjustment.position, adjustment.turned))
+    rows, kept = [pairs.table.label(int(row)) for row in pairs.rows[train]], ~adjustment.wild
+    worst_first = sorted(np.flatnonzero(adjustment.wild), key=lambda i: -apart[i])
+    scale = scale_of(adjustment, stated)
     notes = []
-    if scale and scale.unlikely:
-        stated = setup.board_scale / scale.value
+    if scale and scale.unlikely and not setup.free_scale:
+        cure = setup.board_scale / scale.value
         size = f"{plain(100 * abs(1 / scale.value - 1), 2)} % {'smaller' if scale.value > 1 else 'larger'}"
         text = (
             f"the camera sees the board {plain(scale.value, 5)} times as far as the robot's moves say (standard error "
             f"{plain(scale.se, 2)}): the frames and their intervals are wrong. Measure the board: if its squares or "
-            f"markers are {size} than the camera was told, state board_scale={plain(stated, 5)}; if they are not, "
+            f"markers are {size} than the camera was told, state board_scale={plain(cure, 5)}; if they are not, "
             "calibrate the camera's lens anew"
         )
-        notes.append(Note(Code.SCALE, text, values={"scale": scale.value, "se": scale.se, "board_scale": stated}))
+        if abs(scale.value - 1) > _OTHER:
+            raise DataError(text)
+        notes.append(Note(Code.SCALE, text, values={"scale": scale.value, "se": scale.se, "board_scale": cure}))
     largest, axis, beside, across = _turned(arm_poses(arm, setup.hand_eye)[train][kept])
     if min(largest, beside) < _FEW_TURNS:  # which turns would narrow the intervals
         degrees, others = (plain(float(np.rad2deg(angle)), 2) for angle in (largest, beside))
@@ -424,12 +348,13 @@ def _calibrate(pairs: Pairs, setup: Setup) -> HandEye:
             )
         notes.append(Note(Code.FEW_TURNS, text, values={"largest_rad": largest, "beside_rad": beside}))
     notes += [*pairs.notes, *remarks]
-    if fit.wild.mean() > _MANY:
+    notes += _of_noise(adjustment)
+    if adjustment.wild.mean() > _MANY:
         text = (
-            f"{int(fit.wild.sum())} of {len(fit.wild)} pairs are outlying, and that many have a cause: a board that "
-            "moved, or poses that were read before the robot stood still"
+            f"{int(adjustment.wild.sum())} of {len(adjustment.wild)} pairs are outlying, and that many have a cause: "
+            "a board that moved, or poses that were read before the robot stood still"
         )
-        notes.append(Note(Code.MANY_WILD, text, values={"readings": int(fit.wild.sum())}))
+        notes.append(Note(Code.MANY_WILD, text, values={"readings": int(adjustment.wild.sum())}))
     if poses < _FEW:
         text = f"{counted(poses, 'different pose')} are few, and wide intervals say so: 15 or more are usual"
         notes.append(Note(Code.FEW_POSES, text, values={"poses": poses}))
@@ -439,23 +364,55 @@ def _calibrate(pairs: Pairs, setup: Setup) -> HandEye:
         sigma=adjustment.sigma[0], sigma_rotation=adjustment.sigma[1],
         learned=(not setup.sigma, not setup.sigma_rotation),
         scale=scale.value if scale else nan, scale_se=scale.se if scale else nan,
+        free_scale=setup.free_scale, **_of_clock(adjustment),
         outliers=tuple(Outlier(rows[i], float(apart[i]), float(angles[i])) for i in worst_first),
         notes=once(notes),
     )  # fmt: skip
 
 
-def _unseen(fit: Fit, model: ArmModel, train: Mask, poses: int) -> tuple[Residual, str]:
-    """Return what is left of pairs of `model` that were not fitted, and in words how."""
+def _of_clock(adjustment: Adjustment) -> dict[str, Any]:
+    """Return the offset of the camera's clock [s] with its standard error and 95 % interval, where it was fitted."""
+    if "offset" not in adjustment.free:
+        return {}
+    slope = np.zeros((1, 12 + len(adjustment.free)))
+    slope[0, 12 + adjustment.free.index("offset")] = 1.0
+    se, half = (float(one[0]) for one in spread(adjustment, slope))
+    value = adjustment.offset
+    return {"offset": value, "offset_se": se, "offset_ci95": (value - half, value + half)}
+
+
+def _of_noise(adjustment: Adjustment) -> Iterator[Note]:
+    """Yield what the noise is like: of neighbours that agree, and by direction."""
+    likeness = float(adjustment.alike.max())
+    if likeness > 0:
+        text = (
+            f"what is left of a pair follows what is left of the pair before (correlation {plain(likeness, 2)}; noise "
+            "alone has none), and intervals are wider for it. A lag between robot and camera, a board or a base that "
+            "drifts, or an arm that is not calibrated does that, and may shift the frames further: give both streams "
+            "with time stamps, or stand still for each pair"
+        )
+        yield Note(Code.ALIKE, text, values={"correlation": likeness})
+    if len(adjustment.noise) > 2:
+        noise, groups = adjustment.noise, adjustment.groups
+        parts = []
+        if groups[0] != groups[1]:
+            along, across = (plain(float(noise[groups[k]]), 2) for k in (0, 1))
+            parts.append(f"{along} mm along the line of sight and {across} mm across")
+        if groups[3] != groups[4]:
+            about, across = (plain(float(np.rad2deg(noise[groups[k]])), 2) for k in (3, 4))
+            parts.append(f"{about}° about the board's normal and {across}° about its other axes")
+        yield Note(Code.NOISE_BY_AXIS, f"the board's pose has a noise of {', and of '.join(parts)}")
+
+
+def _unseen(found: Adjustment, sight: Sight, train: Mask, poses: int) -> tuple[Residual, str]:
+    """Return what is left of pairs of `sight` that were not fitted, and in words how."""
     if not train.all():
-        whole = replace(
-            fit.model, joints=model.joints, position=model.position, turns=model.turns, socket=model.socket,
-            place=model.place,
-        )  # fmt: skip
-        errors, known, how = predict(fit, whole, ~train), ~train, f"{int((~train).sum())} rows that the file holds back"
+        position, turned = found.errors(sight.at(~train))
+        known, how = np.ones(len(position), dtype=bool), f"{int((~train).sum())} rows that the file holds back"
     elif poses < _LEAST_POSES:
         return Residual(0), f"unknown: {_LEAST_POSES} different poses are needed to leave one out"
     else:
-        errors, known = cross_validate(fit), ~fit.wild
+        (position, turned), known = cross_validate(found, FOLDS), ~found.wild
         how = f"every {'fifth' if poses > FOLDS else 'one'} of {poses} different poses left out in turn"
-    assert errors.rotation is not None
-    return Residual(int(known.sum()), rms(errors.position[known]), rms(errors.rotation[known])), how
+    sizes = (rms(np.linalg.norm(one[known], axis=1)) for one in (position, turned))
+    return Residual(int(known.sum()), *sizes), how

@@ -14,6 +14,7 @@ import numpy as np
 
 from calibench.calibration.columns import Matched, by_their_names, match_columns
 from calibench.calibration.frames import angle_between, nearest_rotation
+from calibench.calibration.hand_eye_fit import Track
 from calibench.calibration.readings import Table, held_back, without_copies
 from calibench.calibration.rigid import Array, Index, Mask, inverse
 from calibench.calibration.start import UNITS, meanings
@@ -32,7 +33,10 @@ _CALLED = {
 }
 _LENGTH = 0.01  # by which a quaternion's length may differ from 1: three digits leave a thousandth
 _TURNED = 4 * np.pi  # rad
-_NO_POSE = ("split", "valid")
+_TIMES_OF = ("t", "time", "stamp", "timestamp")
+_NO_POSE = ("split", "valid", *_TIMES_OF)
+_UNITS_OF_TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+_SINCE_1970 = {1e17: "ns", 1e14: "us", 1e11: "ms"}  # numbers beyond, where no unit is stated
 _HUGE = 1e9  # mm: a place that no instrument gives
 
 
@@ -42,9 +46,9 @@ class Setup:
     """What is stated on a camera on the hand, or beside the robot, and on how its pairs of poses are read.
 
     `read` is what the camera's columns hold, "" where their names say it; `flange` what the robot's do. `board_scale`
-    is how many times as far as the file says the board is. `rotation` is the order of angles of the poses of `flange`
-    and `board`, where it is stated. `sigma` [mm] and `sigma_rotation` [rad] are the noise of the board's pose on each
-    axis; 0 where it is to be learned from the data.
+    is how many times as far as the file says the board is; with `free_scale` that is fitted. `rotation` is the order of
+    angles of the poses of `flange` and `board`, where it is stated. `sigma` [mm] and `sigma_rotation` [rad] are the
+    noise of the board's pose on each axis; 0 where it is to be learned from the data.
     """
 
     hand_eye: Mounting = "eye_in_hand"
@@ -54,6 +58,7 @@ class Setup:
     sigma_rotation: float = 0.0
     flange: Flange = "flange_in_base"
     board_scale: float = 1.0
+    free_scale: bool = False
 
 
 @final
@@ -80,7 +85,10 @@ class Pose:
 @final
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Pairs:
-    """n pairs, `hold` (n,) kept from the fit or None, table `rows` (n,); `still`: columns of one value, "" for none."""
+    """n pairs, `hold` (n,) kept from the fit or None, table `rows` (n,); `still`: columns of one value, "" for none.
+
+    Of two streams the poses of the board are at `time` (n,), those of the flange (m,) at `stamps` (m,) [s].
+    """
 
     flange: Pose
     board: Pose
@@ -91,6 +99,8 @@ class Pairs:
     table: Table
     notes: tuple[Note, ...]
     board_scale: float
+    time: Array | None = None
+    stamps: Array | None = None
 
 
 def read_pairs(table: Table, setup: Setup, columns: Mapping[str, str]) -> Pairs:
@@ -114,18 +124,25 @@ def read_pairs(table: Table, setup: Setup, columns: Mapping[str, str]) -> Pairs:
             "rotation= is the order of angles, and the rotations it speaks of are quaternions; leave it out"
         )
     values = np.column_stack([np.asarray(table.columns[name], dtype=float) for name in used])
-    whole: Mask = np.asarray((np.abs(values) < _HUGE).all(axis=1))
+    there = np.abs(values) < _HUGE
+    first = len(both["flange"].position) + len(both["flange"].rotation)
+    by_flange, by_board = there[:, :first].all(axis=1), there[:, first:].all(axis=1)
+    stamps = _time_of(table)
+    clock = np.zeros(len(values)) if stamps is None else stamps
+    streams = stamps is not None and min((by_flange & ~by_board).sum(), (by_board & ~by_flange).sum()) > LEAST_STREAM
+    whole: Mask = np.asarray((by_flange | by_board) & np.isfinite(clock) if streams else by_flange & by_board)
     for side in (one for one in both.values() if len(one.rotation) == 4):
-        parts = [np.where(whole, np.asarray(table.columns[name], dtype=float), 0) for name in side.rotation.values()]
-        size = np.linalg.norm(parts, axis=0)
-        wrong = np.flatnonzero(whole & (size > 0) & (np.abs(size - 1) > _LENGTH))
+        read = whole & (by_flange if side is both["flange"] else by_board)
+        parts = [np.where(read, np.asarray(table.columns[name], dtype=float), 0) for name in side.rotation.values()]
+        size = np.where(read, np.linalg.norm(parts, axis=0), np.nan if streams else 0.0)
+        wrong = np.flatnonzero(read & (size > 0) & (np.abs(size - 1) > _LENGTH))
         if len(wrong):
             raise DataError(
                 f"{table.label(int(wrong[0]))}: {', '.join(side.rotation.values())} have the length "
                 f"{plain(float(size[wrong[0]]), 3)}, and the quaternion of a rotation has 1 ({len(wrong)} of "
                 f"{len(size)} rows): are these its columns, and in full digits?"
             )
-        whole &= size > 0  # a quaternion of zeros is no rotation
+        whole &= ~(size <= 0) if streams else size > 0  # a quaternion of zeros is no rotation
     notes = [*table.notes, *unit_notes]
     if "valid" in table.columns:
         whole &= valid_rows(table.columns["valid"])
@@ -135,20 +152,26 @@ def read_pairs(table: Table, setup: Setup, columns: Mapping[str, str]) -> Pairs:
         notes.append(Note(Code.ROWS_LEFT_OUT, text, rows=rows, values={"rows": len(rows)}))
     if not whole.any():
         raise DataError(f"no row has a value in every column that makes its poses: {', '.join(used)}")
-    still = [name for name, column in zip(used, values[whole].T, strict=True) if not np.ptp(column) > 0]
+    still = [
+        name for name, column in zip(used, values[whole].T, strict=True) if not np.ptp(column[np.isfinite(column)]) > 0
+    ]
     never = ""
     if 0 < len(still) < len(used):  # else all are one pose, which is refused as that
         never = f"{', '.join(still)} never {'varies' if len(still) == 1 else 'vary'}"
         text = f"{never}: true of a robot that was held so, else it was not read"
         notes.append(Note(Code.JOINT_STILL, text, tuple(still)))
-    notes += without_copies(table, values, whole, "number")
+    notes += () if streams else without_copies(table, values, whole, "number")
     other = replace(sides["flange"], other={"split": "split"} if "split" in table.columns else {})
     hold = held_back(table, other, whole)
-    rows_used = np.flatnonzero(whole)
+    rows_of = {"flange": np.flatnonzero(whole & by_flange), "board": np.flatnonzero(whole & by_board)}
+    if streams and stamps is not None:  # the robot's rise, one at a time
+        there_ = rows_of["flange"]
+        rows_of["flange"] = there_[np.unique(stamps[there_], return_index=True)[1]]
+    rows_used = rows_of["board"]
     read, poses = setup.read or "board_in_camera", []
     for name, side in both.items():
         place, turns = (
-            np.column_stack([np.asarray(table.columns[column], dtype=float)[rows_used] for column in part.values()])
+            np.column_stack([np.asarray(table.columns[column], dtype=float)[rows_of[name]] for column in part.values()])
             for part in (side.position, side.rotation)
         )
         inverted = setup.flange == "base_in_flange" if name == "flange" else read == "camera_in_board"
@@ -159,7 +182,85 @@ def read_pairs(table: Table, setup: Setup, columns: Mapping[str, str]) -> Pairs:
     return Pairs(
         flange=poses[0], board=poses[1], read=read, hold=None if hold is None else hold[rows_used], rows=rows_used,
         still=never, table=table, notes=tuple(notes), board_scale=setup.board_scale,
+        time=stamps[rows_used] if streams and stamps is not None else None,
+        stamps=stamps[rows_of["flange"]] if streams and stamps is not None else None,
     )  # fmt: skip
+
+
+def _time_of(table: Table) -> Array | None:
+    """Return the column of time [s] from its first moment on, (n,); None where there is none."""
+    for name, column in table.columns.items():
+        if column.dtype.kind in "iuf" and is_time(name):
+            begin, unit = np.nanmin(column), name.strip().lower().partition("_")[2]
+            unit = table.units.get(name) or unit
+            unit = unit or next((u for least, u in _SINCE_1970.items() if begin > least), "s")
+            if unit not in _UNITS_OF_TIME:
+                raise DataError(f"column {name} is in {unit}, and {', '.join(_UNITS_OF_TIME)} are times")
+            return np.asarray((column - begin) * _UNITS_OF_TIME[unit], dtype=float)
+    return None
+
+
+def is_time(name: str) -> bool:
+    """Return whether a column's name says time: t, time, stamp, timestamp, and a unit after it, as in time_ms."""
+    bare, _, unit = name.strip().lower().partition("_")
+    return bare in _TIMES_OF and (not unit or unit in _UNITS_OF_TIME)
+
+
+LEAST_STREAM, _FEW_SOME = 3, 8
+_SEARCH, _COARSE, _SOME = 1.0, 0.05, 120  # s to both sides, by steps, with so many pairs
+
+
+def in_step(pairs: Pairs, mounting: str) -> tuple[Pairs, float]:
+    """Return pairs whose flange is where it was when the board was seen, and the offset of the camera's clock [s].
+
+    The offset is the one of a coarse search under which the rotations of both fit best; `fit` refines it.
+    """
+    if pairs.time is None or pairs.stamps is None:
+        return pairs, 0.0
+    some = np.unique(np.linspace(0, len(pairs.time) - 1, _SOME).astype(int))
+    best, chosen = np.inf, None
+    for offset in np.arange(-_SEARCH, _SEARCH + _COARSE / 2, _COARSE):
+        inside = some[_track(pairs, next(iter(pairs.flange.meanings))).has(pairs.time[some] - offset)]
+        if len(inside) < max(_FEW_SOME, len(some) // 2):
+            continue
+        for flange, board in product(pairs.flange.meanings, pairs.board.meanings):
+            moved = _track(pairs, flange).at(pairs.time[inside] - offset)
+            misfit = _rotations(arm_poses(moved, mounting), pairs.board.poses(board)[inside])[2]
+            if misfit < best:
+                best, chosen = misfit, float(offset)
+    if chosen is None:
+        raise DataError(
+            "less than half of the camera's time stamps lie between those of the robot: are both clocks in one unit, "
+            f"and within {plain(_SEARCH)} s of each other?"
+        )
+    kept = _track(pairs, next(iter(pairs.flange.meanings))).has(pairs.time - chosen)
+    at = pairs.time[kept] - chosen
+    by_meaning = {name: _track(pairs, name).at(at) for name in pairs.flange.meanings}
+    meaning = {
+        name: (np.asarray(inverse(p)) if pairs.flange.inverted else p)[:, :3, :3] for name, p in by_meaning.items()
+    }
+    first = next(iter(by_meaning.values()))
+    place = (np.asarray(inverse(first)) if pairs.flange.inverted else first)[:, :3, 3]
+    seen = replace(
+        pairs.board, place=pairs.board.place[kept], meanings={k: v[kept] for k, v in pairs.board.meanings.items()}
+    )  # fmt: skip
+    return replace(
+        pairs, flange=replace(pairs.flange, place=place, meanings=meaning), board=seen, rows=pairs.rows[kept],
+        hold=None if pairs.hold is None else pairs.hold[kept], time=pairs.time[kept],
+    ), chosen  # fmt: skip
+
+
+def _track(pairs: Pairs, meaning: str) -> Track:
+    assert pairs.stamps is not None
+    return Track(pairs.stamps, pairs.flange.poses(meaning))
+
+
+def track_of(read: Pairs, time: Array | None, arm: Array, mounting: str, offset: float) -> Track | None:
+    """Return the flange's track as `read`, in the meaning that has the `arm`'s poses at `time`; None without stamps."""
+    if time is None:
+        return None
+    tracks = [_track(read, meaning) for meaning in read.flange.meanings]
+    return min(tracks, key=lambda one: float(np.abs(arm_poses(one.at(time - offset), mounting) - arm).max()))
 
 
 def _in_base_units(table: Table, both: Mapping[str, Matched]) -> tuple[Table, tuple[Note, ...]]:
@@ -243,18 +344,22 @@ def _proposed(table: Table) -> str:
     return f"if the columns stand in this order, flange first: {as_columns(called)}"
 
 
-_HANDFUL, _HANDFULS = 4, 100
+_HANDFUL, _HANDFULS = 3, 200
+_NEAR_PART = 0.35  # of the pairs are sound at the least: what they leave ranks the handfuls
 _TIMES = 10.0  # times better: no chance, but another meaning of the same numbers
 _TWICE = 2.0  # times better: one order of angles beside another
 _APART = 0.12  # rad: the middle rotation further off belongs to no such frames, whatever the noise
 _ROUNDING = 1e-6  # rad or mm: less is no misfit of rotations or places that files hold
+_SETTLE = 8
 _FAR = 6.0  # times the median: a place beyond has no say
 _ALIKE = 1e-3  # part of a column: a scale that others explain so far is not told
 _NEAR = 0.1
 
 
-def start_of_pairs(pairs: Pairs, mounting: str, train: Mask) -> tuple[Array, Array, Array, Array, tuple[Note, ...]]:
-    """Return both poses (n, 4, 4), mount and tool (4, 4) [mm], and remarks, by the pairs of `train` (n,)."""
+def start_of_pairs(
+    pairs: Pairs, mounting: str, train: Mask, *, free_scale: bool = False
+) -> tuple[Array, Array, Array, Array, Mask, tuple[Note, ...]]:
+    """Return both poses (n, 4, 4), mount and tool (4, 4) [mm], pairs of `train` that are near (k,), and remarks."""
     tried = {  # the poses of arm and board for each meaning of both rotations
         (flange, board): (arm_poses(pairs.flange.poses(flange), mounting)[train], pairs.board.poses(board)[train])
         for flange, board in product(pairs.flange.meanings, pairs.board.meanings)
@@ -289,13 +394,15 @@ def start_of_pairs(pairs: Pairs, mounting: str, train: Mask) -> tuple[Array, Arr
     flange, board, notes = _meaning(pairs, apart_by)
     arm, seen = arm_poses(pairs.flange.poses(flange), mounting), pairs.board.poses(board)
     here = arm[train], seen[train]
-    mount, tool, apart = _rotations(*here)
+    mount, tool, apart, near = _rotations(*here)
     if apart > _APART:
         raise DataError(
             f"rotations of flange and board lie {plain(float(np.rad2deg(apart)), 2)}° apart, wherever camera and board "
             "are: do both poses of a row belong together, and is rotation= right?"
         )
-    return arm, seen, *_places(*here, mount, tool, pairs), notes
+    placed = _places(here[0][near], here[1][near], mount, tool, pairs, free_scale)
+    near[near] = placed[2]
+    return arm, seen, *placed[:2], near, notes
 
 
 def arm_poses(flange: Array, mounting: str) -> Array:
@@ -339,38 +446,42 @@ def _meaning(pairs: Pairs, apart: Mapping[tuple[str, str], float]) -> tuple[str,
 
 def _misfit(arm: Array, seen: Array) -> float:
     """Return what rotations leave of the middle pair [rad], and places beside the board's distance, in any unit."""
-    mount, _, apart = _rotations(arm, seen)
-    rows, wanted = _linear(arm, seen, mount)
+    mount, _, apart, near = _rotations(arm, seen)
+    rows, wanted = _linear(arm[near], seen[near], mount)
     distance = float(np.median(np.linalg.norm(seen[:, :3, 3], axis=1))) + _ROUNDING
     scales = [by for size in UNITS.values() for by in {size, 1 / size}]
     return apart + min(_nearest(rows[:, :, :6], wanted - by * rows[:, :, 6])[1] / (by * distance) for by in scales)
 
 
-def _rotations(arm: Array, seen: Array) -> tuple[Array, Array, float]:
-    """Return the rotations of mount and tool, (3, 3), and the angle [rad] that they leave of the middle pair."""
+def _rotations(arm: Array, seen: Array) -> tuple[Array, Array, float, Mask]:
+    """Return the rotations of mount and tool, (3, 3), the angle [rad] of the middle near pair, and which are near."""
     arm, seen, n = arm[:, :3, :3], seen[:, :3, :3], len(arm)
     rows = np.zeros((n, 9, 18))
     for i, j in product(range(3), range(3)):  # (U B)_ij - (A V)_ij, of U and V by rows
         rows[:, 3 * i + j, 3 * i : 3 * i + 3] = seen[:, :, j]
         rows[:, 3 * i + j, 9 + j : 18 : 3] = -arm[:, i, :]
-    best = _solved(rows.reshape(1, -1, 18))
-    angles = _angles(arm, seen, best)
+    best, near = _solved(rows.reshape(1, -1, 18)), np.ones(n, dtype=bool)
+    angles = _angles(arm, seen, best)[0]
     if n > 2 * _HANDFUL:
-        rng = np.random.default_rng(np.random.SeedSequence([n, 18]))
-        picks = np.argsort(rng.random((_HANDFULS, n)), axis=1)[:, :_HANDFUL]
-        tried = np.concatenate([best, _solved(rows[picks].reshape(_HANDFULS, -1, 18))])
-        angles = _angles(arm, seen, tried)
-        best = tried[[np.argmin(np.median(angles, axis=1))]]
-        before = np.zeros(0, dtype=bool)
-        for _ in range(3):
+        tried = np.concatenate([best, _solved(rows[_handfuls(n)].reshape(_HANDFULS, -1, 18))])
+        by_handful = _angles(arm, seen, tried)
+        k = int(np.argmin(np.quantile(by_handful, _NEAR_PART, axis=1)))
+        best, angles = tried[[k]], by_handful[k]
+        middle = float(np.quantile(angles, _NEAR_PART))
+        for _ in range(_SETTLE):
+            before, near = near, angles <= max(_FAR * middle, _ROUNDING)
+            best = _solved(rows[near].reshape(1, -1, 18))
             angles = _angles(arm, seen, best)[0]
-            near = angles <= max(_FAR * float(np.median(angles)), _ROUNDING)
+            middle = float(np.median(angles[near]))
             if np.array_equal(near, before):
                 break
-            before = near
-            best = _solved(rows[near].reshape(1, -1, 18))
-        angles = _angles(arm, seen, best)
-    return best[0, 0].T, best[0, 1], float(np.median(angles))
+    return best[0, 0].T, best[0, 1], float(np.median(angles[near])), near
+
+
+def _handfuls(n: int) -> Index:
+    """Return handfuls of n pairs, the same ones each time."""
+    rng = np.random.default_rng(np.random.SeedSequence([n, 18]))
+    return np.asarray(np.argsort(rng.random((_HANDFULS, n)), axis=1)[:, :_HANDFUL])
 
 
 def _solved(rows: Array) -> Array:
@@ -387,15 +498,20 @@ def _angles(arm: Array, seen: Array, rotations: Array) -> Array:
     return angle_between(by_board.reshape(-1, 3, 3), by_arm.reshape(-1, 3, 3)).reshape(len(rotations), -1)
 
 
-def _places(arm: Array, seen: Array, mount: Array, tool: Array, pairs: Pairs) -> tuple[Array, Array]:
-    """Return mount and tool, (4, 4) [mm], from their rotations; refuse places whose units do not go together."""
+def _places(
+    arm: Array, seen: Array, mount: Array, tool: Array, pairs: Pairs, free_scale: bool
+) -> tuple[Array, Array, Mask]:
+    """Return mount and tool, (4, 4) [mm], from their rotations, and near pairs; refuse units that do not fit."""
     rows, wanted = _linear(arm, seen, mount)
-    placed, apart = _nearest(rows[:, :, :6], wanted - rows[:, :, 6])
-    scaled, free = _nearest(rows, wanted)
+    placed, apart, near = _nearest(rows[:, :, :6], wanted - rows[:, :, 6])
+    scaled, free, near_scaled = _nearest(rows, wanted)
     others, column = rows[:, :, :6].reshape(-1, 6), rows[:, :, 6].ravel()
     beside = column - others @ np.linalg.lstsq(others, column, rcond=1e-9)[0]
     known = np.linalg.norm(beside) > _ALIKE * np.linalg.norm(column)
-    if known and scaled[6] > 0 and apart > _TIMES * max(free, _ROUNDING) and len(arm) > 3:
+    if free_scale:
+        placed, near = scaled / scaled[6], near_scaled
+        placed[:3] = scaled[:3]
+    elif known and scaled[6] > 0 and apart > _TIMES * max(free, _ROUNDING) and len(arm) > 3:
         by_flange, at_best = float(scaled[6]), plain(max(free, _ROUNDING))
         text = f"places of flange and board lie {plain(apart)} mm apart, and {at_best} mm if those of the"
         for side, other, pose, by in (
@@ -416,7 +532,7 @@ def _places(arm: Array, seen: Array, mount: Array, tool: Array, pairs: Pairs) ->
     made = np.tile(np.eye(4), (2, 1, 1))
     made[0, :3, :3], made[1, :3, :3] = mount, tool
     made[0, :3, 3], made[1, :3, 3] = placed[3:6], placed[:3]
-    return made[0], made[1]
+    return made[0], made[1], near
 
 
 def _linear(arm: Array, seen: Array, mount: Array) -> tuple[Array, Array]:
@@ -428,14 +544,27 @@ def _linear(arm: Array, seen: Array, mount: Array) -> tuple[Array, Array]:
     return rows, -(arm[:, :3, 3] @ mount.T)
 
 
-def _nearest(rows: Array, wanted: Array) -> tuple[Array, float]:
-    """Return the least squares solution of `rows` (n, 3, k) without far pairs, and what the middle pair leaves."""
-    near = np.ones(len(rows), dtype=bool)
-    for _ in range(6):
-        solved = np.linalg.lstsq(rows[near].reshape(-1, rows.shape[2]), wanted[near].ravel(), rcond=1e-9)[0]
+def _nearest(rows: Array, wanted: Array) -> tuple[Array, float, Mask]:
+    """Return the solution of `rows` (n, 3, k) without far pairs, what the middle near pair leaves, and those near."""
+    n, k = len(rows), rows.shape[2]
+    near = np.ones(n, dtype=bool)
+    solved = np.linalg.lstsq(rows.reshape(-1, k), wanted.ravel(), rcond=1e-9)[0]
+    apart = np.linalg.norm(rows @ solved - wanted, axis=1)
+    middle = float(np.median(apart))
+    if n > 2 * _HANDFUL:
+        some = _handfuls(n)
+        some_rows, some_wanted = rows[some].reshape(_HANDFULS, -1, k), wanted[some].reshape(_HANDFULS, -1, 1)
+        tried = (np.linalg.pinv(some_rows, rcond=1e-6) @ some_wanted)[:, :, 0]
+        tried = np.concatenate([solved[None], tried])
+        by_handful = np.linalg.norm(np.einsum("nck,hk->hnc", rows, tried) - wanted, axis=2)
+        best = int(np.argmin(np.quantile(by_handful, _NEAR_PART, axis=1)))
+        apart = by_handful[best]
+        middle = float(np.quantile(apart, _NEAR_PART))
+    for _ in range(_SETTLE):
+        before, near = near, apart <= max(_FAR * middle, _ROUNDING)
+        solved = np.linalg.lstsq(rows[near].reshape(-1, k), wanted[near].ravel(), rcond=1e-9)[0]
         apart = np.linalg.norm(rows @ solved - wanted, axis=1)
-        before, middle = near, float(np.median(apart))
-        near = apart <= max(_FAR * middle, _ROUNDING)
+        middle = float(np.median(apart[near]))
         if np.array_equal(near, before):  # and so is all that follows from it
             break
-    return np.asarray(solved, dtype=float), middle
+    return np.asarray(solved, dtype=float), middle, near

@@ -63,6 +63,8 @@ class Code(StrEnum):
     TARGETS = "targets", "several targets on the flange are read, each at a place of its own"
     BASE_DRIFT = "base_drift", "what targets that stand with the base tell of the tracker's drift"
     SCALE = "scale", "the camera sees the board at another scale than the robot's moves have"
+    ALIKE = "alike", "what is left of a pair of poses follows the pair before, and intervals are wider"
+    NOISE_BY_AXIS = "noise_by_axis", "a camera's noise differs along and across its line of sight"
     FEW_TURNS = "few_turns", "the flange turned too little for narrow intervals"
     # poses to measure
     NO_LIMITS = "no_limits", "joints without limits, for which a range is taken"

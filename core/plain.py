@@ -78,7 +78,7 @@ def json_of(text: str | bytes) -> Any:
         raise ValueError("is nested too deep") from None
 
 
-def check_yaml(text: str) -> None:
+def check_yaml(text: str, largest: int = LARGEST_YAML) -> None:
     """Raise `ValueError` for YAML nested too deep, or too large with its aliases; `yaml.YAMLError` for none at all."""
     import yaml
 
@@ -106,5 +106,5 @@ def check_yaml(text: str) -> None:
             anchor, before = within.pop()
         if anchor is not None:
             sizes[anchor] = size - before
-        if size > LARGEST_YAML:
-            raise ValueError(f"has more than {LARGEST_YAML} characters with its aliases written out; no more are read")
+        if size > largest:
+            raise ValueError(f"has more than {largest} characters with its aliases written out; no more are read")

@@ -63,6 +63,14 @@ def calibrate_camera(words: list[str], as_json: bool) -> int:
         f"{size} ({'learned' if one else 'stated'})" for size, one in zip(sizes, result.learned, strict=True)
     )
     print(f"  noise of the board's pose on each axis: {place}, {turn}")
+    if isfinite(result.offset):
+        low, high = (f"{1e3 * value:.1f}" for value in result.offset_ci95)
+        print(f"  the camera's clock is {1e3 * result.offset:.1f} ms ahead of the robot's (95 %: {low} to {high} ms)")
+    if result.free_scale:
+        print(
+            f"  the board is seen {plain(result.scale, 5)} times as far as it is (standard error "
+            f"{plain(result.scale_se, 2)}): board_scale={plain(1 / result.scale, 5)}"
+        )
     for frame in (result.camera, result.board):
         print(f"\n{frame.child} in {frame.parent}")
         # a row for each number: place [mm], turns about the parent's axes [°], quaternion
