@@ -73,6 +73,8 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
                                                        --check: exit 1 where the newest study is worse than the tagged
   pack STUDY [--to FILE.zip] [results=DIR]             a study as one file: tables, versions, page, readme
   unpack FILE.zip [results=DIR]                        unpack one that somebody sent, checked, without trust
+  ui [RESULTS] [port=8765] [--write]                   all of this in a browser of this machine, sweeps as they run;
+                                                       --write: notes and tags too (needs calibench[ui])
   choose STUDY_DIR [optimizer=NAME] [by=value|goal] [over=instances|seeds] [--json]
                                                        the best of the settings swept, with the optimism of the choice
   status|collect|report|merge|export|import|show|compare|choose|history|pack ... [--trust]
@@ -85,7 +87,7 @@ _VERBS = {  # file of `bench.commands`, function
     "report": "study:report", "export": "exchange:export", "import": "exchange:import_study", "show": "study:show",
     "studies": "tracking:list_studies", "sql": "tracking:sql", "note": "tracking:note", "tag": "tracking:tag",
     "archive": "tracking:archive", "delete": "tracking:delete_study", "history": "tracking:history",
-    "pack": "tracking:pack_study", "unpack": "tracking:unpack_study",
+    "pack": "tracking:pack_study", "unpack": "tracking:unpack_study", "ui": "tracking:ui",
     "paper": "paper:run", "discover": "discover:discover", "calibrate": "calibrate:run", "design": "discover:design",
 }  # fmt: skip
 _READING = (  # take --trust

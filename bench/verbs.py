@@ -89,7 +89,7 @@ class HandEyeWords:
                                  form='\'{"flange_x":"Weg X"}\'')] = ""
     units: Annotated[str, Word("units", "flange_x:m", "the unit of columns")] = ""
     board_scale: Annotated[str, Word(
-        "board_scale", "0.97", "true size of the board by the size that the camera was told, or free: fitted",
+        "board_scale", "0.97", "true size of the board by the stated one, or free: fitted",
         form="RATIO|free")] = "1"
     sigma: Annotated[float | None, Word(
         "sigma", "0.3", "noise of the board's place; learned where it is not stated", form="MM", above=0,
@@ -263,6 +263,15 @@ class HistoryWords:
 class TrackingWords:
     """`bench note|tag|archive|delete|pack|unpack`: where the studies are."""
 
+    results: Results = "results"
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class UiWords:
+    """`bench ui`: where it answers."""
+
+    port: Annotated[int, Word("port", "8765", "of this machine; 0 takes a free one", least=0, most=65535)] = 8765
     results: Results = "results"
 
 

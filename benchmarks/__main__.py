@@ -12,6 +12,7 @@ import os
 import platform
 import re
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib import import_module
@@ -70,19 +71,34 @@ def page(tables: Sequence[pd.DataFrame], before: str = "") -> str:
 
     Sections of the page `before` that are not measured again stay as they are, where their benchmark is still there.
     """
+    sections = dict(re.findall(r"^## (.+)\n((?:(?!## ).*\n?)*)", before, re.MULTILINE)) | dict(map(_section, tables))
+    usual = _usual_versions(before, sections)
     parts = [
         "# Benchmarks\n\n"
         "`make bench` measures this page anew and writes the same rows to `results/benchmarks/*.parquet`. Times are\n"
         "CPU times an evaluation: medians, with quartiles, over rounds in which all lines of a table take turns. A\n"
         "ratio is the median over the rounds of a time over that of the table's first line in the same round: it\n"
         "holds on a shared machine, where the times do not.\n\n"
+        f"Versions, where a section names no others: {usual}.\n\n"
         "Other tools on the same work, each in an environment of its own: "
         "[peers, measured in one run](peers-measured.md).\n"
     ]
-    sections = dict(re.findall(r"^## (.+)\n((?:(?!## ).*\n?)*)", before, re.MULTILINE)) | dict(map(_section, tables))
     titles = [_title(name) for name in known_names()]
     parts += [f"## {title}\n{sections[title].rstrip()}\n" for title in titles if title in sections]
     return "\n".join(parts)
+
+
+def _usual_versions(before: str, sections: dict[str, str]) -> str:
+    """Return the versions that most sections were measured with; only sections with others keep theirs."""
+    stated = re.search(r"^Versions, where a section names no others: (.+)\.$", before, re.MULTILINE)
+    line = re.compile(r"^(\d{4}-\d\d-\d\d, (?:(?!, python ).)+?)(?:, (python .+))?\.$", re.MULTILINE)
+    found = {title: match for title, text in sections.items() if (match := line.search(text))}
+    told = {title: match[2] or (stated[1] if stated else "") for title, match in found.items()}
+    usual = Counter(told.values()).most_common(1)[0][0] if told else ""
+    for title, match in found.items():
+        own = "" if told[title] == usual else f", {told[title]}"
+        sections[title] = f"{match.string[: match.start()]}{match[1]}{own}.{match.string[match.end() :]}"
+    return usual
 
 
 def _title(name: str) -> str:

@@ -306,7 +306,7 @@ def calibrate_arm(
         text = f"{again} of {int((~train).sum())} rows that are held back repeat a pose that was fitted"
         notes.append(Note(Code.HELD_OUT_FITTED, text, values={"rows": again}))
 
-    base, tool = model.chain.mount @ placement(fit.p[:6]), model.chain.tool @ placement(fit.p[-6:])
+    base = model.chain.mount @ placement(fit.p[:6])
     kinds = {joint.name: joint.kind for joint in chain.joints}
     turns = np.array([kinds.get(name, "rotary") == "rotary" for name in chain.driven])
     drawn = Drawn(
@@ -320,18 +320,33 @@ def calibrate_arm(
     worst_first = sorted(np.flatnonzero(wild), key=lambda i: -size[i])
     return Calibration(
         case=table.name, arm=arm, readings=readings, fit=fit, source=chain.source, observed=readings.observed,
-        base=chain.base, tip=chain.tip, joints=chain.driven, poses=len(readings), fitted=int(train.sum()), folds=folds,
-        chosen=chosen, tolerance=fit.model.tolerance, levels=tuple(levels.values()), before=levels["frames"],
+        base=chain.base, tip=chain.tip, joints=chain.driven,
+        poses=_poses_in(readings), fitted=_poses_in(readings.where(train)), folds=folds, chosen=chosen,
+        tolerance=fit.model.tolerance, levels=tuple(levels.values()), before=levels["frames"],
         after=levels[chosen], error_before=levels["frames"].rms, error_after=levels[chosen].rms,
         changes=_changes_of(arm, fit, draws), undetermined=_undetermined_of(fit, fits["geometry"]),
         wild=tuple(Wild(readings.label(int(i)), float(size[i])) for i in worst_first), regions=regions,
         by_joint=by_joint, over_joints=over_joints(drawn), drawn=drawn, without_gains=without_gains,
         scatter=(fit.model.sigma[0], fit.model.sigma[1]),
-        frames={"target": (*tool[:3, 3].tolist(),)} if model.position is None else {
-            name: (*frame[:3, 3], *rpy_of(frame)) for name, frame in (("base", base), ("target", tool))
-        },
+        frames=_frames_of(model, fit.p, readings),
         notes=once(notes), seconds=perf_counter() - clock,
     )  # fmt: skip
+
+
+def _poses_in(readings: Readings) -> int:
+    """Return how many poses were read; of several targets each pose is as many readings."""
+    return len(np.unique(readings.joints, axis=0)) if readings.targets else len(readings)
+
+
+def _frames_of(model: ArmModel, p: Array, readings: Readings) -> dict[str, tuple[float, ...]]:
+    """Return the base in the tracker's frame, and the target on the tip with the places of further ones beside it."""
+    base, tool = model.chain.mount @ placement(p[:6]), model.chain.tool @ placement(p[-6:])
+    if model.position is None:
+        return {"target": (*tool[:3, 3].tolist(),)}
+    frames = {name: (*frame[:3, 3], *rpy_of(frame)) for name, frame in (("base", base), ("target", tool))}
+    for name, place in zip(readings.targets[1:], model.places(p)[1:], strict=False):
+        frames[f"target {name}"] = (*(tool[:3, :3] @ place + tool[:3, 3]).tolist(),)
+    return frames
 
 
 def _error(level: str, errors: HeldOut, known: Mask, poses: Index, distance: float, spent: float) -> Error:
@@ -521,8 +536,8 @@ def _known_to(fit: Fit) -> dict[int, tuple[float, float]]:
     """Return what the readings alone tell badly: place -> standard errors by them and by the maker, the smaller."""
     before, both = information_of(fit.model)[fit.kept], 1.0 / np.diag(fit.covariance)
     alone = np.maximum(both - before, 1e-6 * before)
-    told = zip(fit.kept.tolist(), alone**-0.5, np.where(before > 0, before, np.inf) ** -0.5, strict=True)
-    return {place: (float(by_them), float(within)) for place, by_them, within in told if by_them > within > 0}
+    sizes = zip(fit.kept.tolist(), alone**-0.5, np.where(before > 0, before, np.inf) ** -0.5, strict=True)
+    return {place: (float(by_them), float(within)) for place, by_them, within in sizes if by_them > within > 0}
 
 
 def _parts_of(drawn: Drawn) -> tuple[tuple[Part, ...], tuple[Part, ...]]:

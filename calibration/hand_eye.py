@@ -6,8 +6,8 @@ Intervals are Student's (Satterthwaite 1946); see Tsai and Lenz 1989. `hand_eye_
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import nan
 from typing import Any, final
 
@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm, t
 
+from calibench.calibration.closed_forms import ClosedForm, closed_forms
 from calibench.calibration.fit import FOLDS, rms
 from calibench.calibration.hand_eye_fit import Adjustment, Sight, adjust, cross_validate, stands_of
 from calibench.calibration.hand_eye_start import (
@@ -66,7 +67,7 @@ class HandEye:
     back, or each by a fit to others, as `how` says. `sigma` [mm] and `sigma_rotation` [rad] are the noise on an axis,
     `learned` from what is left, or stated. `scale` is how many times as far as the robot's moves say the camera sees
     the board, with its standard error; the frames take it as 1, unless it is free. `offset` [s] is how far the camera's
-    clock is ahead of the robot's, where each has its own.
+    clock is ahead of the robot's, where each has its own. `closed_forms` are what those of other tools have.
     """
 
     case: str
@@ -87,6 +88,7 @@ class HandEye:
     offset: float = nan
     offset_se: float = nan
     offset_ci95: tuple[float, float] = (nan, nan)
+    closed_forms: tuple[ClosedForm, ...] = ()
     outliers: tuple[Outlier, ...] = ()
     notes: tuple[Note, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
@@ -280,6 +282,7 @@ def _listed(direction: Array) -> str:
 _LEAST_POSES = 5  # different poses: with fewer none can be left out
 _FEW = 10  # poses: with fewer the noise is hardly known
 _MOST = 0.6  # of the pairs: with more that are far nothing tells which are right
+_SO_ALIKE = 0.9  # correlation of neighbours that no drift between still poses has
 _MANY = 0.1  # of the pairs: more outlying ones are no mishaps
 
 
@@ -349,6 +352,8 @@ def _calibrate(read: Pairs, setup: Setup) -> HandEye:
         notes.append(Note(Code.FEW_TURNS, text, values={"largest_rad": largest, "beside_rad": beside}))
     notes += [*pairs.notes, *remarks]
     notes += _of_noise(adjustment)
+    forms = closed_forms(adjustment)
+    notes += _of_forms(forms, camera, adjustment)
     if adjustment.wild.mean() > _MANY:
         text = (
             f"{int(adjustment.wild.sum())} of {len(adjustment.wild)} pairs are outlying, and that many have a cause: "
@@ -364,7 +369,7 @@ def _calibrate(read: Pairs, setup: Setup) -> HandEye:
         sigma=adjustment.sigma[0], sigma_rotation=adjustment.sigma[1],
         learned=(not setup.sigma, not setup.sigma_rotation),
         scale=scale.value if scale else nan, scale_se=scale.se if scale else nan,
-        free_scale=setup.free_scale, **_of_clock(adjustment),
+        free_scale=setup.free_scale, **_of_clock(adjustment), closed_forms=forms,
         outliers=tuple(Outlier(rows[i], float(apart[i]), float(angles[i])) for i in worst_first),
         notes=once(notes),
     )  # fmt: skip
@@ -388,9 +393,17 @@ def _of_noise(adjustment: Adjustment) -> Iterator[Note]:
         text = (
             f"what is left of a pair follows what is left of the pair before (correlation {plain(likeness, 2)}; noise "
             "alone has none), and intervals are wider for it. A lag between robot and camera, a board or a base that "
-            "drifts, or an arm that is not calibrated does that, and may shift the frames further: give both streams "
-            "with time stamps, or stand still for each pair"
+            "drifts, or an arm that is not calibrated does that, and may shift the frames further: "
         )
+        if adjustment.sight.track is not None:
+            text += "the clocks are fitted already, so stand still for each pair"
+        elif likeness > _SO_ALIKE:
+            text += (
+                "so strongly a lag does it at most, and wider intervals do not mend it. Write robot and camera each "
+                "into a file with a column time, and give data=robot.csv,camera.csv; or stand still for each pair"
+            )
+        else:
+            text += "give both streams with time stamps, or stand still for each pair"
         yield Note(Code.ALIKE, text, values={"correlation": likeness})
     if len(adjustment.noise) > 2:
         noise, groups = adjustment.noise, adjustment.groups
@@ -402,6 +415,39 @@ def _of_noise(adjustment: Adjustment) -> Iterator[Note]:
             about, across = (plain(float(np.rad2deg(noise[groups[k]])), 2) for k in (3, 4))
             parts.append(f"{about}° about the board's normal and {across}° about its other axes")
         yield Note(Code.NOISE_BY_AXIS, f"the board's pose has a noise of {', and of '.join(parts)}")
+
+
+def _of_forms(forms: Sequence[ClosedForm], camera: Frame, found: Adjustment) -> Iterator[Note]:
+    """Yield where closed forms lie outside of the interval of the `camera`, and why, unless noise alone does that."""
+    half = (np.diff(camera.position_ci95)[:, 0] / 2, np.array(camera.turn_within95))
+    beyond = [(form, *form.beyond(*half)) for form in forms]
+    far = [form for form, of_all, _ in beyond if of_all]
+    near = [form for form, _, of_near in beyond if of_near]
+    if not far:
+        return
+    noise = f"{plain(max(form.noise for form in far), 2)} mm"
+    if any(not form.by_noise for form in near):
+        why = f"the noise of these pairs has them {noise} apart, so something else than noise is in the pairs: "
+        why += "their neighbours in order of rows agree, as with a lag or a drift" if found.alike.max() > 0 else (
+            "a lag, a lens or a board that is not as stated, or an arm that is not calibrated"
+        )  # fmt: skip
+        why += ", which moves each method another way. Trust none of them before that is found"
+    elif any(not replace(form, shift_near=form.shift, turn_near=form.turn).by_noise for form in far):
+        off = plain(max(float(np.linalg.norm(form.shift_near)) for form in far), 2)
+        why = f"outlying pairs are in them, and not in this fit; without them they are {off} mm off"
+    elif len(found.noise) > 2:
+        why = (
+            f"they weigh all directions alike, and the noise differs by direction, which alone has them {noise} apart; "
+            "this fit weighs each by its noise"
+        )
+    else:
+        return
+    values = {form.name: float(np.linalg.norm(form.shift)) for form in far}
+    text = (
+        f"closed forms of other tools have the camera outside of the interval, up to {plain(max(values.values()), 2)} "
+        f"mm off: {why}"
+    )
+    yield Note(Code.FORMS_DIFFER, text, values=values)
 
 
 def _unseen(found: Adjustment, sight: Sight, train: Mask, poses: int) -> tuple[Residual, str]:

@@ -156,7 +156,7 @@ def _settle(found: Adjustment, stated: Array) -> Adjustment:
     for _ in range(_ROUNDS):
         before = found
         found = _step_down(found)
-        left = _axes_of(found) @ np.column_stack([found.position, found.turned])[:, :, None]
+        left = axes_of(found) @ np.column_stack([found.position, found.turned])[:, :, None]
         size = np.linalg.norm((left[:, :, 0] / found.noise[found.groups]).reshape(-1, 2, 3), axis=2)
         middle = np.median(size[~found.wild], axis=0)
         floor = 1e3 * _FLOOR / found.noise[found.groups[[0, 3]]]
@@ -233,7 +233,7 @@ def _errors(sight: Sight, mount: Array, tool: Array, offset: float, scale: float
     return position, vector_of(poses[:, :3, :3] @ sight.seen[:, :3, :3].swapaxes(1, 2))
 
 
-def _axes_of(found: Adjustment) -> Array:
+def axes_of(found: Adjustment) -> Array:
     """Return what turns residuals into axes of the noise, (n, 6, 6): line of sight and across, normal and across."""
     made = np.zeros((len(found.sight.seen), 6, 6))
     made[:, :3, :3] = made[:, 3:, 3:] = np.eye(3)
@@ -271,7 +271,7 @@ def _slopes(found: Adjustment) -> tuple[Array, Array]:
             ]
             rows[:, :, k] = (ends[0] - ends[1]) / (2 * h)
     over = np.where(found.wild[:, None], 0.0, 1 / found.noise[found.groups])
-    axes = _axes_of(found) * over[:, :, None]
+    axes = axes_of(found) * over[:, :, None]
     residuals = axes @ np.column_stack([found.position, found.turned])[:, :, None]
     return axes @ rows, residuals[:, :, 0]
 
@@ -286,7 +286,7 @@ def _rows_of(found: Adjustment) -> tuple[Array, Array]:
 
 
 def _value(found: Adjustment) -> float:
-    axes = _axes_of(found) @ np.column_stack([found.position, found.turned])[:, :, None]
+    axes = axes_of(found) @ np.column_stack([found.position, found.turned])[:, :, None]
     value = float((axes[~found.wild, :, 0] ** 2 / found.noise[found.groups] ** 2).sum())
     return value if np.isfinite(value) else np.inf
 
@@ -297,7 +297,7 @@ def _directions(found: Adjustment, stated: Array) -> Index:
     if kept.sum() < _ROWS:
         return groups
     as_apart = replace(found, groups=_APART, noise=found.noise[[0, 1, 0, 1]])
-    found_apart = _with_noise(as_apart, (_axes_of(as_apart) @ np.column_stack(
+    found_apart = _with_noise(as_apart, (axes_of(as_apart) @ np.column_stack(
         [found.position, found.turned])[:, :, None])[:, :, 0], np.zeros(4))  # fmt: skip
     for k in (0, 1):
         along, across = found_apart.noise[k], found_apart.noise[k + 2]

@@ -112,8 +112,8 @@ def root_of(gram: Array) -> Array:
     """Return rows (r, k) with these normal equations: they tell of columns what all readings tell; r is the rank."""
     scaled, scale = _scaled(gram)
     values, vectors = np.linalg.eigh(scaled)
-    told = values > _SINGULAR * values.max(initial=0.0)
-    return np.asarray(np.sqrt(values[told])[:, None] * vectors[:, told].T * scale)
+    kept = values > _SINGULAR * values.max(initial=0.0)
+    return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T * scale)
 
 
 def _scaled(gram: Array) -> tuple[Array, Array]:

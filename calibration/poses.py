@@ -90,10 +90,10 @@ def choose(
 
     ordered = _greedy(pool, start, count, places)
     gained = np.cumsum([np.zeros_like(before), *(pool[place].T @ pool[place] for place in ordered)], axis=0)
-    told = start + gained[-1]
+    design = start + gained[-1]
     return Chosen(
-        tuple(ordered), np.array([error_of(added) for added in gained]), float(np.linalg.slogdet(told)[1]),
-        float(np.linalg.eigvalsh(told)[0]),
+        tuple(ordered), np.array([error_of(added) for added in gained]), float(np.linalg.slogdet(design)[1]),
+        float(np.linalg.eigvalsh(design)[0]),
         tuple((times * len(ordered), error_of(times * gained[-1])) for times in _BEYOND),
     )  # fmt: skip
 

@@ -278,8 +278,8 @@ def by_target(table: Table, matched: Matched) -> tuple[Table, Matched, Index | N
     Units that names state are turned before, and times that are no seconds.
     """
     if (clock := matched.other.get("t_s", "")) and clock not in table.units:
-        columns, told = with_seconds(table.columns, clock)
-        table = replace(table, columns=columns, notes=(*table.notes, *told))
+        columns, of_times = with_seconds(table.columns, clock)
+        table = replace(table, columns=columns, notes=(*table.notes, *of_times))
         if clock not in columns:
             matched = replace(matched, other={name: c for name, c in matched.other.items() if name != "t_s"})
     places = [*matched.position.values(), *(c for group in matched.targets.values() for c in group.values())]
@@ -294,16 +294,16 @@ def by_target(table: Table, matched: Matched) -> tuple[Table, Matched, Index | N
     if len(of_places) > 1:
         raise DataError(f"{listed(places, _LISTED)} are in several units; units= states one for all of them")
     unit = of_places.pop() or ("mm" if set(matched.position.values()) == set("xyz") else "")
-    columns, rows, told = unfolded(table.columns, matched, unit)
+    columns, rows, of_targets = unfolded(table.columns, matched, unit)
     if matched.rotation:
         text = f"{', '.join(matched.rotation.values())}: rotations are left out beside several targets"
-        told.append(Note(Code.ROTATION_LEFT_OUT, text, tuple(matched.rotation.values())))
+        of_targets.append(Note(Code.ROTATION_LEFT_OUT, text, tuple(matched.rotation.values())))
     other = {name: column for name, column in matched.other.items() if name != TARGET}
     row = table.row[rows]
     if TARGET in columns:
         other[TARGET] = TARGET
         row = np.array([f"{i}, target {name}" for i, name in zip(row.tolist(), columns[TARGET], strict=True)])
-    table = replace(table, columns=columns, file=table.file[rows], row=row, notes=(*table.notes, *told))
+    table = replace(table, columns=columns, file=table.file[rows], row=row, notes=(*table.notes, *of_targets))
     return table, replace(matched, targets={}, rotation={}, other=other), rows
 
 

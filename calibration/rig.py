@@ -69,9 +69,9 @@ def unfolded(columns: Mapping[str, Any], matched: Matched, unit: str) -> tuple[d
     made |= dict(zip(axes, places[moves].T, strict=True))
     made[TARGET] = np.array(names)[which[moves]]
     if (several := len(np.unique(which[moves]))) > 1:
-        told = [name for name, one in zip(names, still, strict=True) if not one]
-        text = f"{several} targets on the flange, each at a place of its own: {listed(told, _FOLDS)}"
-        notes.append(Note(Code.TARGETS, text, values={"targets": told}))
+        targets = [name for name, one in zip(names, still, strict=True) if not one]
+        text = f"{several} targets on the flange, each at a place of its own: {listed(targets, _FOLDS)}"
+        notes.append(Note(Code.TARGETS, text, values={"targets": targets}))
     else:
         del made[TARGET]
     return made, rows[moves], notes

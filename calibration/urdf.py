@@ -198,11 +198,13 @@ class Robot:
         loose = [f"link {link.name!r} hangs on no joint" for link in self.links if link.name not in joined]
         every: tuple[Link | Joint, ...] = (*self.links, *self.joints)
         faults = [one.fault for one in every if one.fault and id(one) not in on]
-        if not (told := [*dict.fromkeys([*faults, *loose, *self.left_over])]):
+        if not (beside := [*dict.fromkeys([*faults, *loose, *self.left_over])]):
             return ()
-        text = "; ".join(told[:_MOST_TOLD]) + (f"; and {len(told) - _MOST_TOLD} more" if len(told) > _MOST_TOLD else "")
+        text = "; ".join(beside[:_MOST_TOLD]) + (
+            f"; and {len(beside) - _MOST_TOLD} more" if len(beside) > _MOST_TOLD else ""
+        )
         text = f"{Path(self.source).name}: not read, as it stands beside the arm: {text}"
-        return (Note(Code.BESIDE_THE_ARM, text, values={"faults": told}),)
+        return (Note(Code.BESIDE_THE_ARM, text, values={"faults": beside}),)
 
     def _on(self, path: list[Joint], base: str) -> Iterator[Link | Joint]:
         """Return the links and joints of a path, with others of the same name or place."""

@@ -65,6 +65,7 @@ class Code(StrEnum):
     SCALE = "scale", "the camera sees the board at another scale than the robot's moves have"
     ALIKE = "alike", "what is left of a pair of poses follows the pair before, and intervals are wider"
     NOISE_BY_AXIS = "noise_by_axis", "a camera's noise differs along and across its line of sight"
+    FORMS_DIFFER = "forms_differ", "closed forms of other tools have the camera outside of the fit's interval"
     FEW_TURNS = "few_turns", "the flange turned too little for narrow intervals"
     # poses to measure
     NO_LIMITS = "no_limits", "joints without limits, for which a range is taken"

@@ -33,7 +33,7 @@ def write_page(answer: Calibration, folder: Path) -> Path:
         text = f"x y z {', '.join(f'{value:.3f}' for value in values[:3])} mm"
         if values[3:] and (name == "base" or answer.observed == "pose"):
             text += f"; roll pitch yaw {', '.join(f'{degrees(value):.4f}°' for value in values[3:])}"
-        frames.append({"what": words[name], "place": text})
+        frames.append({"what": words.get(name, f"{name}, on {answer.tip}"), "place": text})
     why = ("number", "why it keeps its value")
     badly, undetermined = (
         _table(why, [[one.parameter, one.reason] for one in answer.undetermined if isfinite(one.known_to) == finite])

@@ -168,7 +168,7 @@ def _poses(name: str, found: Any) -> Array:
         where = f"pose {k + 1} of {name}"
         if isinstance(one, Mapping):
             one = one.get("transform", one)
-            parts = [one.get(part) if isinstance(one, Mapping) else None for part in ("translation", "rotation")]
+            parts: list[Any] = [one.get(p) if isinstance(one, Mapping) else None for p in ("translation", "rotation")]
             for part, axes in zip(parts, ("xyz", "xyzw"), strict=True):
                 if not isinstance(part, Mapping) or not set(axes) <= set(part):
                     raise ValueError(f"{where} lacks a translation with x, y, z or a rotation with x, y, z, w")

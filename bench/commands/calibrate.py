@@ -64,13 +64,16 @@ def calibrate_camera(words: list[str], as_json: bool) -> int:
     )
     print(f"  noise of the board's pose on each axis: {place}, {turn}")
     if isfinite(result.offset):
-        low, high = (f"{1e3 * value:.1f}" for value in result.offset_ci95)
-        print(f"  the camera's clock is {1e3 * result.offset:.1f} ms ahead of the robot's (95 %: {low} to {high} ms)")
+        least, most = (f"{1e3 * value:.1f}" for value in result.offset_ci95)
+        print(f"  the camera's clock is {1e3 * result.offset:.1f} ms ahead of the robot's (95 %: {least} to {most} ms)")
     if result.free_scale:
         print(
             f"  the board is seen {plain(result.scale, 5)} times as far as it is (standard error "
             f"{plain(result.scale_se, 2)}): board_scale={plain(1 / result.scale, 5)}"
         )
+    if result.closed_forms:
+        away = ", ".join(f"{form.name} {form.size()}" for form in result.closed_forms)
+        print(f"  closed forms of all pairs have the camera away by: {away}")
     for frame in (result.camera, result.board):
         print(f"\n{frame.child} in {frame.parent}")
         # a row for each number: place [mm], turns about the parent's axes [°], quaternion

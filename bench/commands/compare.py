@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from calibench.bench.commands.console import best_texts, print_json, print_table
+from calibench.bench.commands.cells import best_texts
+from calibench.bench.commands.console import print_json, print_table
 from calibench.bench.execution.standing import name_in_rows
 from calibench.bench.statistics.names import method_titles, problem_titles, several
 from calibench.bench.statistics.summary import method_names

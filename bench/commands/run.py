@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibench.bench.commands.console import best_of, print_summary, print_table
+from calibench.bench.commands.cells import best_of, print_summary
+from calibench.bench.commands.console import print_table
 from calibench.bench.commands.status import runs_of_other_shards
 from calibench.bench.execution.run_row import COLUMNS
 from calibench.bench.gate.processes import leaving_nothing

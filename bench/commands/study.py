@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from calibench.bench.commands.console import print_json, print_summary
+from calibench.bench.commands.cells import print_summary
+from calibench.bench.commands.console import print_json
 from calibench.bench.commands.status import runs_of_other_shards
 from calibench.bench.papers import ADDITIONS
 from calibench.bench.report.one_run import find_run, show_run

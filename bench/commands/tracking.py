@@ -1,4 +1,4 @@
-"""The verbs over all studies: ``bench studies|sql|note|tag|archive|delete|history|pack|unpack``."""
+"""The verbs over all studies: ``bench studies|sql|note|tag|archive|delete|history|pack|unpack|ui``."""
 
 import sys
 from collections.abc import Iterable, Sequence
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibench.bench.store.notes import Notes, read_notes, write_notes
 from calibench.bench.tracking.catalogue import catalogue, find_study, line_of
-from calibench.bench.verbs import HistoryWords, TrackingWords
+from calibench.bench.verbs import HistoryWords, TrackingWords, UiWords
 from calibench.bench.words import read, split_flags
 from calibench.core.words import counted, print_plain as print
 
@@ -222,6 +222,30 @@ def unpack_study(argv: list[str]) -> int:
             f"{counted(done.left, 'page and drawing')} left in it, as a browser runs them; "
             f"`bench report {done.folder}` makes ours"
         )
+    return 0
+
+
+def ui(argv: list[str]) -> int:
+    """Show all studies in a browser of this machine, until Ctrl-C."""
+    flags, words = split_flags(argv, ("--write",))
+    folders = [word for word in words if "=" not in word]
+    given = read(UiWords, "ui", [word for word in words if word not in folders])
+    if len(folders) > 1:
+        raise ValueError(f"ui: one folder of results; {folders[1]!r} is a second one")
+    results = Path(folders[0] if folders else given.results)
+    if not results.is_dir():
+        raise ValueError(f"ui: {results}: there is no such results folder")
+    try:
+        from calibench.bench.ui.server import serve
+    except ModuleNotFoundError as error:
+        if error.name not in ("starlette", "uvicorn", "anyio"):
+            raise
+        raise ValueError("ui: needs starlette and uvicorn; pip install 'calibench[ui]'") from None
+
+    def tell(address: str) -> None:
+        print(f"open {address}\nCtrl-C ends it", flush=True)
+
+    serve(results, given.port, write="--write" in flags, tell=tell)
     return 0
 
 

@@ -39,6 +39,7 @@ _WORDS: dict[str, dict[str, dict[str, str]]] = {
             ("archive", verbs.TrackingWords, {"--undo": "take it back"}),
             ("delete", verbs.TrackingWords, {"--yes": "do not ask"}),
             ("sql", verbs.TrackingWords, _FLAG), ("pack", verbs.TrackingWords, {"--to FILE": "where (STUDY.zip)"}),
+            ("ui", verbs.UiWords, {"--write": "let notes and tags be written"}),
             ("unpack", verbs.TrackingWords, {"--trust": "its pages too, which a browser runs"}),
         )
     },

@@ -361,6 +361,8 @@ def page(found: Sequence[History]) -> str:
 def sentence(history: History) -> str:
     """Return what the change point says."""
     epochs = sum(not version.same for version in history.versions)
+    if len(history.versions) == 1:
+        return "One version of the code has run it, so there is nothing to compare."
     if epochs == 1:
         return f"{len(history.versions)} versions of the code gave the same values: nothing changed."
     if history.change is None:

@@ -14,9 +14,14 @@ _HEAD = """# Peers, measured in one run
 all tables of this page; the rows are kept in `results/benchmarks/peers/*.parquet`. The lines of a table take turns,
 round after round. Ratios are of CPU time, taken within a round, to the first line: median and quartiles, which a line
 that took one turn does not have. Times are those of one evaluation (run, report), medians. Wall times, and times
-beside a high load, are of this one machine at one time.
+beside a high load, are of this one machine at one time. Where the load is above the number of cores, ratios hold
+better.
+One section by itself, here the first:
+
+```text
+python -m benchmarks peers --only counting
+```
 """
-_LOADED = " (more processes than cores: ratios hold better than times)"
 _ABOUT = {
     "counting": "The objective is the 12-parameter planar robot, compiled, the same object in every environment (COCO "
     "counts its sphere, in C). Its time is taken away: calls with and without the counter take turns in one process, "
@@ -56,12 +61,11 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
         group = str(rows["table"].iloc[0])
         first = rows.iloc[0]
         if group != seen:
-            parts.append(f"## {group.capitalize()}\n\n```text\npython -m benchmarks peers --only {group}\n```\n")
-            parts.append(f"{_ABOUT[group]}\n")
+            parts.append(f"## {group.capitalize()}\n\n{_ABOUT[group]}\n")
         seen = group
         parts.append(
             f"{first['date']}, {first['machine']}; load average {first['load_before']:.1f} before, "
-            f"{first['load_after']:.1f} after{_LOADED if _is_loaded(first) else ''}.\n"
+            f"{first['load_after']:.1f} after.\n"
         )
         notes: set[str] = set()  # a note that stands below one table of a benchmark is not repeated below the next
         for title, lines in rows.groupby("benchmark", sort=False):
@@ -69,12 +73,6 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
             if ahead := _ahead(lines):
                 parts.append(f"**Ahead of us here:** {ahead}.\n")
     return "\n".join(parts)
-
-
-def _is_loaded(row: pd.Series) -> bool:
-    """Tell whether more processes waited than the machine has cores."""
-    cores = int(str(row["machine"]).split()[-2]) if str(row["machine"]).endswith("cores") else 1
-    return bool(max(row["load_before"], row["load_after"]) > cores)
 
 
 def _table(title: str, lines: pd.DataFrame, above: set[str]) -> str:
@@ -128,4 +126,4 @@ def _ahead(lines: pd.DataFrame) -> str:
     if not str(lines["line"].iloc[0]).startswith("ours"):
         return ""
     better = lines[(lines["ratio_q3"] < 1) & ~lines["line"].str.startswith("ours")]
-    return "; ".join(f"{row['line']} ({row['ratio']:.2g} of our time)" for row in better.to_dict("records"))
+    return "; ".join(better["line"])

@@ -8,7 +8,7 @@ meet on one part are rare, a foreign cause that several names share is not: they
 function. A likelihood counts the numbers that a function needs, so no error is held out, and few rows do not decide.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import final
@@ -70,8 +70,7 @@ def with_doubts(
     doubts: dict[str, Caution] = {}
     for own in (*groups.values(), *together):
         sure = [one for one in own if not one.caution] or own[:1]
-        waves = [whole_of(effects[one.effect]) for one in sure]  # sine and cosine of one wave are one cause
-        claims = len({frozenset({one.effect} if wave is None else wave.coefficients) for one, wave in zip(sure, waves)})
+        claims = _causes_of(sure, effects, part)
         named = [effects[one.effect] for one in sure]
         errors = [effects[one.effect] for one in own if one not in sure]
         columns, instead = _doubt(at, terms, named, errors, claims)
@@ -84,6 +83,23 @@ def with_doubts(
     return tuple(some), bool(doubts)
 
 
+def _causes_of(findings: Sequence[Finding], effects: Mapping[str, Effect], part: Callable[[str], str]) -> int:
+    """Return how many causes names claim: the waves of one curve are one, and one family may act on several parts."""
+    causes: list[tuple[set[str], set[str]]] = []  # the parts and the families, or the waves, of each
+    for one in findings:
+        wave = whole_of(effects[one.effect])
+        families = {one.family, *(rival.family for rival in one.set)} if wave is None else {*wave.coefficients}
+        place = part(one.target)
+        for parts, kinds in causes:
+            if kinds & families and (wave is not None or place not in parts):
+                parts.add(place)
+                kinds |= families
+                break
+        else:
+            causes.append(({place}, families))
+    return len(causes)
+
+
 def _doubt(
     at: Fit, terms: Sequence[SmoothTerm], named: Sequence[Effect], errors: Sequence[Effect], claims: int
 ) -> tuple[tuple[str, ...], bool]:
@@ -92,7 +108,8 @@ def _doubt(
     if not tried:
         return (), False
     t = thresholds()
-    known = {name for e in named for name in own[name_of(e)]}
+    # the size of an error may go with the reading that it is an error of: that is a form of its own
+    known = {name for e in named for name in (*own[name_of(e)], *_readings_of(at, e))}
     exact = max(one.form for one in tried)
     within = max((one.form for one in tried if {*one.columns} <= known), default=exact)
     rest = max(tried, key=lambda one: one.larger if {*one.columns} <= known else one.beside)
@@ -103,6 +120,10 @@ def _doubt(
     if only is not None and only.alone - exact + _FURTHER * (claims - 1) > t.close / 2:
         return only.columns, True
     return (rest.columns if more - within > (t.further_gain + t.close) / 2 else ()), False
+
+
+def _readings_of(at: Fit, effect: Effect) -> tuple[str, ...]:
+    return tuple(effect.basis(at.at.recorded, at.model.formulation.data, at.x[at.model.place_of(effect)]))
 
 
 def accounts(

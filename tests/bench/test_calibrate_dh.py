@@ -1,7 +1,6 @@
 """`bench calibrate dh=`: an arm of a table instead of a URDF; what was hidden in its numbers comes out in a table."""
 
 import csv
-import importlib
 import json
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import pytest
 from calibench import problems
 from calibench.bench.cli import main
 from calibench.bench.provenance.run_id import options_of
-from calibench.calibration.fit import cross_validate
 from calibench.calibration.kinematics import forward, nominal
 from calibench.calibration.urdf import read_urdf
 from calibench.problems.arm.families import shipped
@@ -181,7 +179,6 @@ def test_a_calibrated_table_is_read_again_and_left_alone(bench):
 
 def test_a_true_arm_keeps_its_table(bench, monkeypatch):
     monkeypatch.setitem(HIDDEN, "craig", {})
-    monkeypatch.setattr(importlib.import_module("calibench.calibration.fit"), "cross_validate", cross_validate)
     measured("craig", 40)
     found = bench(*words("craig"))
     assert (found["chosen"], found["changes"]) == ("frames", [])

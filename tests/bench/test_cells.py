@@ -12,7 +12,7 @@ from scipy.stats import binomtest
 
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
-from calibench.bench.commands.console import print_summary
+from calibench.bench.commands.cells import print_summary
 from calibench.bench.papers import ADDITIONS
 from calibench.bench.papers.cong2008 import figures as paper_tables
 from calibench.bench.report.study import figures

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calibench.bench.cli import main
+from calibench.calibration.closed_forms import FORMS
 from calibench.calibration.hand_eye import frames_of, scale_of, slopes_of
 from calibench.calibration.hand_eye_fit import Sight, _moved, _slopes, adjust
 from calibench.calibration.hand_eye_start import arm_poses
@@ -303,7 +304,8 @@ def test_units_lengths_of_quaternions_and_missing_columns_are_refused(bench, tmp
     assert "hand_eye" in bench("hand_eye=in_the_sky", "data=p.csv", code=2)
 
 
-@pytest.mark.parametrize("mode", ["eye_in_hand", pytest.param("eye_to_hand", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["eye_in_hand", "eye_to_hand"])
 def test_a_board_of_slightly_another_size_is_told_with_a_cure_to_copy(calibrate, mode):
     flange, seen = measured(15, mode, noise=(1.0, 0.0035))
     before = calibrate(flange, seen, mode=mode)
@@ -437,6 +439,8 @@ def test_two_streams_with_clocks_apart_give_the_frames_and_the_offset(bench, str
 def test_a_lag_that_no_stamps_show_is_told_and_widens_the_intervals(calibrate, streams):
     found = calibrate(*streams)
     assert any("follows what is left of the pair before" in text for text in texts(found))
+    assert "give data=robot.csv,camera.csv" in " ".join(texts(found))
+    assert "a lag or a drift" in differ(found)[0]
     assert np.ptp(found["camera"]["position_ci95"][0]) > 2.0
     steady = calibrate(*measured(40, noise=NOISE))
     assert not any("follows" in text for text in texts(steady))
@@ -476,3 +480,30 @@ def test_a_scale_that_is_free_is_fitted_beside_the_frames(calibrate):
     found = calibrate(flange, seen, "board_scale=free")
     assert found["scale"] == pytest.approx(1.4, abs=4 * found["scale_se"])
     assert off(found) < 0.7
+
+
+# what OpenCV 4.11 has for these pairs, calibrateHandEye and calibrateRobotWorldHandEye: place [mm], vector [rad]
+OPENCV = {
+    "Park-Martin": ([39.9530312, -25.30129933, 110.38539913], [0.2955925, -0.5026606, 0.80230278]),
+    "Tsai-Lenz": ([39.92931226, -25.35400308, 110.3882755], [0.29580956, -0.50291504, 0.80159473]),
+    "Shah": ([37.52762211, -27.10995511, 111.75184563], [0.29547975, -0.50254654, 0.80207439]),
+}
+
+
+@pytest.mark.parametrize(("name", "within"), [("Park-Martin", 1e-6), ("Tsai-Lenz", 3e-3), ("Shah", 1e-6)])
+def test_closed_forms_are_those_of_opencv(name, within):
+    flange, seen = measured(12, noise=(1.0, 0.01), seed=5)
+    made = FORMS[name](np.linalg.inv(flange), seen)
+    assert np.allclose(made[:3, 3], OPENCV[name][0], atol=within)
+    assert np.allclose(vector_of(made[:3, :3]), OPENCV[name][1], atol=within)
+
+
+def differ(found):
+    return [note["text"] for note in found["notes"] if note["code"] == "forms_differ"]
+
+
+def test_a_note_says_why_closed_forms_lie_elsewhere(calibrate):
+    flange, seen = measured(20, noise=NOISE)
+    assert not differ(calibrate(flange, seen))
+    seen[4, :3, 3] += 30
+    assert "outlying pairs are in them" in differ(calibrate(flange, seen))[0]

@@ -59,7 +59,9 @@ def test_a_search_reads_three_reflectors_as_a_calibration_does(bench):
     write("three.csv", columns)
     found = bench("discover", "data=three.csv", "sigma_mm=0.03")
     assert named(found) == {"eccentricity": "joint_2"}
-    bench("calibrate", "data=three.csv", "resamples=20", "level=geometry")
+    answer = bench("calibrate", "data=three.csv", "resamples=20", "level=geometry")
+    assert answer["poses"] == answer["fitted"] == 50  # each of three readings
+    assert [name for name in answer["frames"] if name.startswith("target ")] == ["target 2", "target 3"]
     again = bench("discover", "data=results/calibrate/three/readings.parquet", "sigma_mm=0.03")
     assert named(again) == named(found)
 

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from calibench import bench, optimizers, problems
-from calibench.bench.store import collection
+from calibench.bench.store import collection, manifest
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.journal import Journal, JournalReader, claim, kept_by
 from calibench.bench.store.manifest import StoreError
@@ -71,14 +71,13 @@ def test_an_operation_reads_the_manifest_once(store, runs, name, forgotten, monk
         store.write(run)
     if forgotten:
         store.forget([runs[0].run_id])
-    read, text_of = [], Path.read_text
+    read, whole_of = [], manifest.read_whole
 
-    def read_text(path, *args, **options):
-        if path.name == "manifest.json":
-            read.append(path)
-        return text_of(path, *args, **options)
+    def read_whole(path, *args):
+        read.append(path)
+        return whole_of(path, *args)
 
-    monkeypatch.setattr(Path, "read_text", read_text)
+    monkeypatch.setattr(manifest, "read_whole", read_whole)
     READS[name](store)
     assert len(read) == (2 if name == "forget" else 1)  # its caller asks what is finished first
 

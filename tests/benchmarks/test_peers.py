@@ -113,7 +113,7 @@ def test_a_slow_line_is_asked_once() -> None:
 def test_where_a_peer_is_ahead_it_stands_there() -> None:
     rows = take_turns("x", {"ours": _taking(1, 1), "theirs": _taking(0.5, 0.5)}, rounds=2, warm=False)
     told = rows.assign(table="counting", load_before=1.0, load_after=1.0, date="2026-11-22", machine="one")
-    assert "**Ahead of us here:** theirs (0.5 of our time)" in page([told])
+    assert "**Ahead of us here:** theirs." in page([told])
     behind = pd.concat([told[told["line"] == "ours"], told[told["line"] == "theirs"].assign(ratio_q3=1.5)])
     assert "Ahead of us" not in page([behind])
     assert "Ahead of us" not in page([told[told["line"] == "theirs"]]), "none of ours stands there"

@@ -91,7 +91,7 @@ def test_a_reflector_that_some_poses_hide_costs_these_readings_and_no_pose(arm):
     columns = without(rig(30), "base")
     for axis in "xyz":
         columns[f"{axis}_2"][::3] = np.nan
-    assert quick(arm, columns).poses == 80
+    assert quick(arm, columns).poses == 30
 
 
 def test_the_drift_that_targets_of_the_base_tell_is_taken_out(arm):

@@ -1,0 +1,1 @@
+"""A local web application over all studies, and sweeps as they run."""

@@ -1,0 +1,565 @@
+"""``bench ui``: all studies of a results folder in a browser of this machine, read-only, and sweeps as they run.
+
+The door (`_Door`) stands before every page: it answers only under our own names (a foreign host name that leads here is
+refused), only to who has opened the address with the token once, and with headers that let a page load nothing but
+ours. An id in an address is looked up in the catalogue and never made part of a path. The report of a study is shown in
+a frame without an origin, in which no scripts run but those of our own report.
+"""
+
+import secrets
+import socket
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, replace
+from fnmatch import fnmatchcase
+from hashlib import blake2b
+from hmac import compare_digest
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, cast, final
+from urllib.parse import parse_qs
+
+import anyio
+import pandas as pd
+import uvicorn
+from markupsafe import Markup, escape
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, RedirectResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from calibench.bench.report.one_run import Found, show_run
+from calibench.bench.report.shared.page import render
+from calibench.bench.report.study.explored import LIBRARY, as_json, policy, read_static
+from calibench.bench.report.study.page import StudyPage
+from calibench.bench.report.study.write import finished_runs
+from calibench.bench.statistics import tables
+from calibench.bench.statistics.ranking import By
+from calibench.bench.statistics.targets import levels_of
+from calibench.bench.statistics.two_studies import compare
+from calibench.bench.store.notes import read_notes, write_notes
+from calibench.bench.store.runs import ResultStore, locked
+from calibench.bench.tracking import history
+from calibench.bench.tracking.catalogue import Entry, catalogue, line_of
+from calibench.bench.tracking.tables import folder_of
+from calibench.bench.ui.live import Follower, as_event, is_running, state_of
+from calibench.core.registry import names_of_files
+from calibench.core.words import plain
+
+_EVERY = 1.0  # seconds between two looks at a sweep
+_SHOWN = 500  # lines of the catalogue
+_ROWS = 200  # runs on a page
+_KEPT = 4  # pages of studies
+_LARGEST_FORM = 100_000  # bytes
+_MOST_FOLLOWED = 20  # sweeps at a time
+_ORDERS: tuple[By, ...] = ("goal", "value", "charged")
+_COLUMNS = ("run_id", "problem", "optimizer", "repetition", "status", "stop_reason", "best_value", "charged", "wall_s")
+_NUMBERS = ("repetition", "best_value", "charged", "wall_s")
+_OURS = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    "x-content-type-options": "nosniff", "referrer-policy": "no-referrer", "cache-control": "no-store",
+    "cross-origin-opener-policy": "same-origin", "cross-origin-resource-policy": "same-origin",
+}  # fmt: skip
+
+
+def serve(results: Path, port: int, *, write: bool, tell: Callable[[str], None]) -> None:
+    """Answer until Ctrl-C; `tell` gets the address. Raises `ValueError` where the port is taken."""
+    token = secrets.token_urlsafe(24)
+    try:
+        listening = _bound(port)
+    except OSError as error:
+        raise ValueError(f"ui: port={port} is taken ({error.strerror}); port=0 takes a free one") from None
+    with listening:
+        port = listening.getsockname()[1]
+        config = uvicorn.Config(
+            application(results, port, token, write=write), loop="asyncio", http="h11", ws="none", lifespan="off",
+            interface="asgi3", log_config=None, log_level="critical", access_log=False, server_header=False,
+            proxy_headers=False, timeout_graceful_shutdown=0,
+        )  # fmt: skip
+        tell(f"http://127.0.0.1:{port}/?token={token}")
+        with suppress(KeyboardInterrupt):
+            uvicorn.Server(config).run([listening])
+
+
+def _bound(port: int) -> socket.socket:
+    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        found.bind(("127.0.0.1", port))
+        found.listen()  # who opens the address at once waits
+    except OSError:
+        found.close()
+        raise
+    return found
+
+
+def application(results: Path, port: int, token: str, *, write: bool = False) -> ASGIApp:
+    """Return the application as an ASGI server takes it: the pages, behind their door."""
+    site = _Site(results, write)
+    routes = [
+        Route("/", site.page(site.catalogue)), Route("/history", site.page(site.history)),
+        Route("/compare", site.page(site.compare)), Route("/study/{id}", site.page(site.study)),
+        Route("/study/{id}/runs", site.page(site.runs)), Route("/study/{id}/run/{run}", site.page(site.run)),
+        Route("/study/{id}/page/{number:int}", site.page(site.report)), Route("/study/{id}/live", site.page(site.live)),
+        Route("/study/{id}/events", site.events), Route("/study/{id}/note", site.note, methods=["POST"]),
+        Route("/static/{name}", site.static),
+    ]  # fmt: skip
+    inner = Starlette(routes=routes, exception_handlers={HTTPException: site.refuse, Exception: site.fail})
+    return _Door(inner, port, token, site.form_token, write)
+
+
+@final
+class _Door:
+    """What every request passes: its host, its token or cookie, its method; and the headers of every answer."""
+
+    def __init__(self, inner: ASGIApp, port: int, token: str, form_token: str, write: bool) -> None:
+        self.inner, self.token, self.form_token, self.write = inner, token, form_token, write
+        self.hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
+        self.cookie, self.session = f"calibench-{port}", secrets.token_urlsafe(24)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            return
+
+        async def send_safe(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in {**_HEADERS, "content-security-policy": _OURS}.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        request = Request(scope, receive)
+        answer = self._refusal(request)
+        await (answer or self.inner)(scope, receive, send_safe)
+
+    def _refusal(self, request: Request) -> Response | None:
+        hosts = request.headers.getlist("host")
+        if len(hosts) != 1 or hosts[0] not in self.hosts:
+            return _plain(421, "This address is not ours: open the one that `bench ui` printed.")
+        given = request.query_params.get("token")
+        if given is not None and request.method == "GET" and request.url.path == "/":
+            if not _same(given, self.token):
+                return _plain(403, "The token is another: open the address that `bench ui` printed.")
+            answer = RedirectResponse("/", 303)
+            answer.set_cookie(self.cookie, self.session, httponly=True, samesite="strict", path="/")
+            return answer
+        if not _same(request.cookies.get(self.cookie, ""), self.session):
+            return _plain(403, "Open the address with the token that `bench ui` printed; it lets this browser in.")
+        if request.method not in ("GET", "HEAD", "POST"):
+            return _plain(405, "This is read alone.")
+        if request.method == "POST":
+            if not self.write:
+                return _plain(403, "Nothing is written: start `bench ui --write` to note and tag.")
+            origin = request.headers.get("origin")
+            if origin is not None and origin not in {f"http://{host}" for host in self.hosts}:
+                return _plain(403, "Another site has sent this.")
+        return None
+
+
+def _plain(code: int, text: str) -> Response:
+    return Response(text + "\n", code, media_type="text/plain")
+
+
+def _same(one: str, other: str) -> bool:
+    return compare_digest(one.encode(), other.encode())
+
+
+def id_of(entry: Entry) -> str:
+    """Return the id of a study in addresses: of its name, of which nothing stands in an address."""
+    return blake2b(entry.study.encode("utf-8", "surrogateescape"), digest_size=8).hexdigest()
+
+
+@final
+class _Site:
+    """The pages of one results folder."""
+
+    def __init__(self, results: Path, write: bool) -> None:
+        self.results, self.write, self.form_token = results, write, secrets.token_urlsafe(24)
+        self._listed: dict[str, Entry] = {}
+        self._until = 0.0
+        self._pages: OrderedDict[tuple[Any, ...], str] = OrderedDict()
+        self._lock = threading.Lock()  # pages of studies are made one by one
+        self._followed = 0
+
+    def page(self, make: Callable[[Request], Response]) -> Callable[[Request], Response]:
+        """Return an endpoint, carried out by a thread: it imports no class that a file names."""
+
+        def answer(request: Request) -> Response:
+            try:
+                with names_of_files():
+                    return make(request)
+            except ValueError as error:
+                raise HTTPException(422, " ".join(str(error).split())) from None
+
+        answer.__name__ = make.__name__
+        return answer
+
+    def refuse(self, request: Request, error: Exception) -> Response:
+        """Return the page of a request that makes no sense."""
+        assert isinstance(error, HTTPException)
+        text = {404: "There is no such page, or its study is gone."}.get(error.status_code, error.detail)
+        if "part" in request.query_params:
+            return HTMLResponse(Markup("<p class='answer undecided'>{}</p>").format(text))
+        return self._html("message", "Not this way", code=error.status_code, text=text)
+
+    def fail(self, request: Request, error: Exception) -> Response:
+        """Return the page of what could not be read."""
+        return self._html("message", "This went wrong", code=500, text=f"{type(error).__name__}: {error}")
+
+    def _html(self, template: str, title: str, code: int = 200, **values: Any) -> Response:
+        text = render(
+            f"ui/templates/{template}.html.j2", title=title, results=str(self.results), write=self.write,
+            token=self.form_token if self.write else "", **values,
+        )  # fmt: skip
+        return HTMLResponse(text, code)
+
+    # -- the catalogue
+
+    def _entries(self) -> dict[str, Entry]:
+        """Return all entries by their ids, as they were a moment ago at most."""
+        if time.monotonic() > self._until:
+            began = time.monotonic()
+            found = catalogue(self.results, ["archived=*"])
+            self._listed = {id_of(entry): entry for entry in found}
+            self._until = time.monotonic() + max(1.0, 3 * (time.monotonic() - began))
+        return self._listed
+
+    def _asked(self, ident: str) -> tuple[Path, Entry]:
+        """Return folder and entry of an id. The folder is inside of the results, and no link on its way."""
+        entry = self._entries().get(ident)
+        if entry is None:
+            raise HTTPException(404)
+        folder, home = folder_of(self.results, entry), self.results.resolve()
+        inside = home if folder == self.results else home / entry.study
+        if folder.resolve() != inside or not folder.is_dir():  # somebody has put a link there since
+            raise HTTPException(404)
+        return folder, entry
+
+    def catalogue(self, request: Request) -> Response:
+        """Answer with the list of studies that keep to the words."""
+        query = request.query_params.get("q", "")
+        words = query.split()
+        asked = [word for word in words if "=" in word]
+        texts = [word.casefold() for word in words if "=" not in word]
+        lines, error = [], ""
+        try:
+            for entry in catalogue(self.results, asked):
+                said = " ".join(line_of(entry).values()) + " ".join((*entry.problem, *entry.optimizer, *entry.machine))
+                if all(text in said.casefold() for text in texts):
+                    lines.append(entry)
+        except ValueError as problem:
+            error = str(problem).removeprefix("studies: ")
+        rows = [self._line(entry) for entry in lines[:_SHOWN]]
+        template = "catalogue_rows" if "part" in request.query_params else "catalogue"
+        return self._html(template, "Studies", rows=rows, query=query, count=len(lines), error=error)
+
+    def _line(self, entry: Entry) -> dict[str, Any]:
+        status: str = entry.status
+        if status in ("unfinished", "empty") and is_running(folder_of(self.results, entry)):
+            status = "running"
+        line = {name: " ".join(text.split()) for name, text in line_of(entry).items()}
+        more = {"id": id_of(entry), "status": status, "archived": entry.archived, "tag": entry.tag}
+        return line | more | {"notes": entry.notes}
+
+    # -- one study
+
+    def _frame(self, request: Request) -> tuple[Path, Entry, dict[str, Any]]:
+        folder, entry = self._asked(request.path_params["id"])
+        pages = _pages_in(folder, entry)
+        values = {
+            "it": self._line(entry),
+            "entry": asdict(entry),
+            "pages": [path.relative_to(folder).as_posix() for path in pages],
+        }
+        return folder, entry, values
+
+    def study(self, request: Request) -> Response:
+        """Answer with a study: its facts, its notes, and its page in a frame."""
+        folder, entry, values = self._frame(request)
+        if values["it"]["status"] == "running" and "page" not in request.query_params:
+            return RedirectResponse(f"/study/{values['it']['id']}/live", 303)
+        others = [(id_of(one), one.study) for one in self._entries().values() if one.kind == "runs" and one != entry]
+        noted = read_notes(folder)
+        return self._html("study", entry.study, **values, noted=noted, others=others[:_SHOWN], tab="page")
+
+    def report(self, request: Request) -> Response:
+        """Answer with a page of the study for the frame: as it was written, or made now where the runs have changed."""
+        folder, entry = self._asked(request.path_params["id"])
+        pages = _pages_in(folder, entry)
+        number = request.path_params["number"]
+        if number >= len(pages):
+            raise HTTPException(404)
+        path = pages[number]
+        text = self._fresh(folder) if entry.kind == "runs" and number == 0 else path.read_text("utf-8", "replace")
+        ours = f"{policy()}; frame-ancestors 'self'; sandbox allow-scripts"
+        return HTMLResponse(text, headers={"content-security-policy": ours})
+
+    def _fresh(self, folder: Path) -> str:
+        """Return the report of a study: as it was written, where that is later than its runs and of this version."""
+        state = state_of(folder)
+        with self._lock:
+            if (folder, state) in self._pages:
+                return self._pages[folder, state]
+            store, written = ResultStore(folder), folder / "report.html"
+            text = ""
+            if written.is_file() and not written.is_symlink() and not store.has_journals():
+                text = written.read_text("utf-8", "replace")
+                late = written.stat().st_mtime_ns < max(size_time[2] for size_time in state[:3])
+                text = "" if late or str(escape(policy())) not in text else text
+            self._pages[folder, state] = text or _page_of(store)
+            while len(self._pages) > _KEPT:
+                self._pages.popitem(last=False)
+            return self._pages[folder, state]
+
+    def runs(self, request: Request) -> Response:
+        """Answer with the runs of a study, those that keep to the words, in the order of a column."""
+        folder, entry, values = self._frame(request)
+        query, order = request.query_params.get("q", ""), request.query_params.get("by", "")
+        down = order.startswith("-")
+        table = ResultStore(folder).runs(list(_COLUMNS))
+        found = table[_kept(table, query.split())]
+        if order.lstrip("-") in _COLUMNS:
+            found = found.sort_values(order.lstrip("-"), ascending=not down, kind="stable")
+        first = max(0, _whole(request.query_params.get("from", "0")))
+        rows = [
+            {name: plain(row[name]) if name in _NUMBERS and row[name] == row[name] else row[name] for name in _COLUMNS}
+            for row in found.iloc[first : first + _ROWS].to_dict("records")
+        ]
+        template = "runs_rows" if "part" in request.query_params else "runs"
+        return self._html(
+            template, entry.study, **values, rows=rows, columns=_COLUMNS, numbers=_NUMBERS, query=query, order=order,
+            first=first, step=_ROWS, count=len(found), of=len(table), tab="runs",
+        )  # fmt: skip
+
+    def run(self, request: Request) -> Response:
+        """Answer with the story of a run, as `bench show` tells it."""
+        folder, _, values = self._frame(request)
+        store = ResultStore(folder)
+        runs = store.runs()
+        mine = runs[runs["run_id"] == request.path_params["run"]]
+        if mine.empty:
+            raise HTTPException(404)
+        traces = store.traces()
+        row = {str(name): value for name, value in mine.iloc[0].to_dict().items()}
+        trace = traces[traces["run_id"] == row["run_id"]].reset_index(drop=True)
+        story = show_run(Found(row, trace, folder))
+        curve = {
+            "x": trace["charged"].tolist(), "y": [v if abs(v) < float("inf") else None for v in trace["best_value"]]
+        }  # fmt: skip
+        title = f"{row['optimizer']} on {row['problem']}, run {row['run_id']}"
+        numbers = _numbers(methods=[{"name": str(row["optimizer"])}], curve=curve)
+        return self._html("run", title, **values, story=story, row=row, numbers=numbers, tab="runs")
+
+    def live(self, request: Request) -> Response:
+        """Answer with the page that follows a sweep."""
+        _, entry, values = self._frame(request)
+        if entry.kind != "runs":
+            raise HTTPException(404)
+        return self._html("live", entry.study, **values, numbers=_numbers(methods=[]), tab="live")
+
+    async def events(self, request: Request) -> Response:
+        """Answer with what changes in a sweep, as it changes."""
+        folder, entry = await run_in_threadpool(self._asked, request.path_params["id"])
+        if entry.kind != "runs":
+            raise HTTPException(404)
+        if self._followed >= _MOST_FOLLOWED:
+            raise HTTPException(429, f"{_MOST_FOLLOWED} sweeps are followed already: close a page")
+
+        async def events() -> AsyncIterator[bytes]:
+            self._followed += 1
+            try:
+                follower = Follower(folder)
+                while True:
+                    began = time.monotonic()
+                    try:
+                        news = await run_in_threadpool(follower.look)
+                        yield as_event(news) if news is not None else b": nothing new\n\n"
+                    except (ValueError, OSError) as error:  # it is being written, or is gone
+                        yield as_event({"error": " ".join(str(error).split())})
+                    await anyio.sleep(max(_EVERY, 3 * (time.monotonic() - began)))
+            finally:
+                self._followed -= 1
+
+        return StreamingResponse(events(), media_type="text/event-stream")
+
+    async def note(self, request: Request) -> Response:
+        """Write a note or tags, and go back to the study."""
+        size, body = 0, b""
+        async for part in request.stream():
+            size += len(part)
+            if size > _LARGEST_FORM:
+                raise HTTPException(413, "the form is too large")
+            body += part
+        form = {name: texts[0] for name, texts in parse_qs(body.decode("utf-8", "replace")).items()}
+        if not _same(form.get("token", ""), self.form_token):
+            raise HTTPException(403, "the form is not of this page: load it again")
+        folder, _ = await run_in_threadpool(self._asked, request.path_params["id"])
+        try:
+            await run_in_threadpool(_write_note, folder, form)
+        except ValueError as error:
+            raise HTTPException(422, str(error)) from None
+        self._until = 0.0
+        return RedirectResponse(f"/study/{request.path_params['id']}?page", 303)
+
+    # -- over studies
+
+    def compare(self, request: Request) -> Response:
+        """Answer with two studies side by side."""
+        given = request.query_params
+        by: By = next((one for one in _ORDERS if one == given.get("by")), "goal")
+        sides = [self._asked(given.get(name, "")) for name in ("a", "b")]
+        entries = [entry for _, entry in sides]
+        tables_of = [ResultStore(folder).runs() for folder, _ in sides]
+        for entry, runs in zip(entries, tables_of, strict=True):
+            if runs.empty:
+                raise ValueError(f"{entry.study}: holds no finished run yet")
+        compared = compare(tables_of[0], tables_of[1], by)
+        cells = [{str(name): value for name, value in row.items()} for row in compared.cells.to_dict("records")]
+        order = ("worse", "better", "undecided", "equal")
+        cells.sort(key=lambda row: order.index(row["verdict"]))
+        counts = [(verdict, sum(row["verdict"] == verdict for row in cells)) for verdict in order]
+        return self._html(
+            "compare", "Two studies", sides=[self._line(entry) for entry in entries], cells=cells, counts=counts, by=by,
+            orders=_ORDERS, only=(compared.only_first, compared.only_second), plain=plain,
+        )  # fmt: skip
+
+    def history(self, request: Request) -> Response:
+        """Answer with methods over versions of the code, each with its drawing."""
+        given = request.query_params
+        problem, optimizer = given.get("problem", ""), given.get("optimizer", "")
+        by = next((one for one in (*_ORDERS, "success") if one == given.get("by")), "goal")
+        runs = [entry for entry in self._entries().values() if entry.kind == "runs"]
+        names = [sorted({name for one in runs for name in getattr(one, of)}) for of in ("problem", "optimizer")]
+        found: list[dict[str, Any]] = []
+        left_out: Sequence[Any] = ()
+        if problem and optimizer:
+            asked = history.Asked(problem, optimizer, cast(By, by))
+            all_found, left_out = history.histories(self.results, asked)
+            found = [_told(one) for one in sorted(all_found, key=lambda one: -len(one.versions))]
+        return self._html(
+            "history", "History", problem=problem, optimizer=optimizer, by=by, orders=(*_ORDERS, "success"),
+            problems=names[0], optimizers=names[1], found=found,
+            left_out=[(str(one.path), one.why) for one in left_out],
+        )  # fmt: skip
+
+    def static(self, request: Request) -> Response:
+        """Answer with the style or a script: made of ours once, found by name in a table."""
+        found = _static().get(request.path_params["name"])
+        if found is None:
+            raise HTTPException(404)
+        return Response(found[1], media_type=found[0])
+
+
+def _pages_in(folder: Path, entry: Entry) -> list[Path]:
+    """Return the pages of a study, the report first: that of runs is made where nobody has written it."""
+    first = folder / "report.html"
+    written = [path for path in sorted(folder.glob("*.html")) if path != first]
+    if entry.kind == "discovery":  # a page a case
+        written += [path for path in sorted(folder.glob("*/report.html")) if not path.parent.is_symlink()]
+    there = [path for path in (first, *written) if path.is_file() and not path.is_symlink()]
+    if entry.kind == "runs" and first not in there:
+        return [first, *there] if entry.done else there
+    return there
+
+
+@tables.problems_made_once()
+def _page_of(store: ResultStore) -> str:
+    """Return the report's page of a study, without drawings: its scripts draw."""
+    finished = finished_runs(store)
+    return StudyPage(
+        folder=store.folder, runs=finished.runs, traces=finished.traces, summary=finished.summary,
+        hits=store.hits(levels_of(finished.runs)), manifest=store.manifest(),
+    ).html()  # fmt: skip
+
+
+def _kept(table: pd.DataFrame, words: Sequence[str]) -> "pd.Series[bool]":
+    """Return which runs keep to the words: COLUMN=VALUE with globs, or a text that some column holds."""
+    keep = pd.Series(True, index=table.index)
+    for word in words:
+        column, equals, value = word.partition("=")
+        differs, column = column.endswith("!"), column.removesuffix("!")
+        if equals:
+            if column not in _COLUMNS:
+                raise ValueError(f"there is no column {column!r} here: {', '.join(_COLUMNS)}")
+            known = [one for one in table[column].unique() if any(fnmatchcase(str(one), v) for v in value.split(","))]
+            keep &= table[column].isin(known) != differs
+        else:
+            text = word.casefold()
+            any_of = pd.Series(False, index=table.index)
+            for name in ("run_id", "problem", "optimizer", "status", "stop_reason"):
+                known = [one for one in table[name].unique() if text in str(one).casefold()]
+                any_of |= table[name].isin(known)
+            keep &= any_of
+    return keep
+
+
+def _numbers(**values: Any) -> Markup:
+    """Return what the scripts that draw read; the page of a report has more."""
+    return as_json({"problems": [], "cells": {"problem": [], "method": []}} | values)
+
+
+def _whole(text: str) -> int:
+    return int(text) if text.isdecimal() and len(text) < 10 else 0
+
+
+def _told(one: history.History) -> dict[str, Any]:
+    """Return a history as a page tells it; the drawing escapes what it is given."""
+    rows = []
+    for i, version in enumerate(one.versions):
+        step = one.steps.get(i)
+        rows.append({
+            "when": f"{version.began:%Y-%m-%d %H:%M}", "commit": version.commit[:8] + ("+" if version.dirty else ""),
+            "studies": ", ".join(version.studies), "runs": len(version.runs),
+            "value": history.summary_of(one, version)[3], "verdict": step.verdict if step else "",
+            "why": step.why if step else "the same values" if version.same else "",
+        })  # fmt: skip
+    return {
+        "title": f"{one.optimizer} on {one.problem}", "setting": one.setting[1:], "sentence": history.sentence(one),
+        "rows": rows, "drawing": Markup(history.drawing(one)),
+    }  # fmt: skip
+
+
+def _write_note(folder: Path, form: Mapping[str, str]) -> None:
+    with locked(folder):
+        noted = read_notes(folder)
+        if form.get("text"):
+            noted = noted.with_note(form["text"])
+        if form.get("tags"):
+            noted = noted.with_tags([t if t[0] in "+-" else f"+{t}" for t in form["tags"].split()])
+        if "archived" in form:
+            noted = replace(noted, archived=form["archived"] == "yes")
+        write_notes(folder, noted)
+
+
+def _static() -> dict[str, tuple[str, str]]:
+    """Return what pages load, by name: type and text."""
+    if not _STATIC:
+
+        def text(*path: str) -> str:
+            return files("calibench.bench").joinpath(*path).read_text(encoding="utf-8")
+
+        report = ("report", "study")
+        css = [
+            text("report", "shared", "templates", "page.css"), read_static("uPlot.min.css"),
+            text(*report, "templates", "study.css"), text(*report, "templates", "explored.css"),
+            text("ui", "static", "app.css"),
+        ]  # fmt: skip
+        drawn = "\n".join(read_static(name) for name in ("state.js", "style.js", "chart.js"))
+        drawn = f'(function () {{\n"use strict";\n{drawn}\n{text("ui", "static", "drawn.js")}}})();\n'
+        _STATIC["app.css"] = "text/css", "\n".join(css)
+        _STATIC["app.js"] = "text/javascript", text("ui", "static", "app.js")
+        _STATIC["drawn.js"] = "text/javascript", f"{read_static(LIBRARY)}\n{drawn}"
+    return _STATIC
+
+
+_STATIC: dict[str, tuple[str, str]] = {}
