@@ -139,11 +139,9 @@ def select_determined(model: ArmModel, p: Array, order: Sequence[int], weights: 
     """Return which of the parameters in `order` move the readings as none before does, as places in p, sorted.
 
     That is asked of the nominal arm, with the frames of p: no noise and no fit decides it, so that it is the same in
-    every part of the readings. Of a model with `every`, all of them.
+    every part of the readings.
     """
     free = np.array(order, dtype=np.int64)
-    if model.every:
-        return np.sort(free)
     at, frames = model.start, [k for k, name in enumerate(model.names) if name.startswith(_FRAMES)]
     at[frames] = p[frames]
     rows = root_of(normal_blocks(model, at, free, weights).gram[0])

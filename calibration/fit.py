@@ -84,7 +84,7 @@ def fit_arm(model: ArmModel, order: Sequence[int], start: Array | None = None) -
     fit = refit(Fit(model, begin, kept, wild, np.zeros((0, 0))), p)
     frames = [k for k, place in enumerate(kept) if model.names[place].startswith(("base_", "tool_"))]
     bounds = np.array([WORST if is_length(model.names[kept[k]]) else 1e-3 * WORST for k in frames])
-    if not model.every and (np.sqrt(np.diag(fit.covariance)[frames]) > bounds).all():  # not one number
+    if (np.sqrt(np.diag(fit.covariance)[frames]) > bounds).all():  # not one number
         rest = float(np.median(norms(model.errors(fit.p, weights))))
         raise ValueError(
             f"nothing of the arm is determined: {plain(rest, 3)} mm are left of the middle reading; do the joints "

@@ -165,17 +165,15 @@ def _settle(found: Adjustment, stated: Array) -> Adjustment:
         same = np.array_equal(found.wild, before.wild)
         if same and np.allclose(found.noise, before.noise, rtol=_SETTLED, atol=0.0):
             break
-    found = _with_noise(_step_down(found), None, stated)
+    found = _step_down(found)
     rows, inverted = _rows_of(found)
     k = inverted.shape[0]
     parts = [rows[:, found.groups == g].reshape(-1, k) for g in range(len(found.noise))]
     return replace(found, parts=np.stack([inverted @ part.T @ part @ inverted for part in parts]))
 
 
-def _with_noise(found: Adjustment, left: Array | None, stated: Array) -> Adjustment:
-    """Return the fit with the noise of each group by what is `left`, and its degrees of freedom; None leaves both."""
-    if left is None:
-        return found
+def _with_noise(found: Adjustment, left: Array, stated: Array) -> Adjustment:
+    """Return the fit with the noise of each group by what is `left`, and its degrees of freedom."""
     rows, inverted = _rows_of(found)
     kept, noise, freedom = ~found.wild, found.noise.copy(), np.full(len(found.noise), np.inf)
     for g in range(len(noise)):

@@ -28,7 +28,7 @@ class ArmModel:
 
     `sigma` is the noise of a position [mm] and of a rotation [rad]; `distance` that of two sockets of a place [mm], 0
     where it is not known. `scatter` (n,) is how many times as far as others the readings of a socket lie apart. `rows`
-    is the arm of a table. With `every` a fit frees all parameters that it is asked for. `tolerance` [mm, mrad] is the
+    is the arm of a table. `tolerance` [mm, mrad] is the
     standard error of the arm's nominal lengths and angles before any reading. `target` (n,) is the target of each
     reading, 0 the one at the end of the chain; the others sit at `seats` (k, 3) [mm] from it, and at the numbers
     tool_x_K, tool_y_K, tool_z_K from there, which stand before those of the tool.
@@ -45,7 +45,6 @@ class ArmModel:
     sigma_distance: float = KNOWN_TO
     scatter: Array | None = None
     rows: DhArm | None = None
-    every: bool = False
     tolerance: float = WITHIN
     target: Index | None = None
     seats: Array = field(default_factory=lambda: np.zeros((0, 3)))

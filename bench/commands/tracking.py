@@ -106,7 +106,7 @@ def archive(argv: list[str]) -> int:
 
 def delete_study(argv: list[str]) -> int:
     """Delete what bench wrote in a study's folder, after a question."""
-    from calibench.bench.tracking.pack import delete, files_of_ours, told
+    from calibench.bench.tracking.pack import amount, delete, files_of_ours
 
     flags, words = split_flags(argv, ("--yes",))
     results, [name] = _one("delete", words)
@@ -117,11 +117,10 @@ def delete_study(argv: list[str]) -> int:
     if "--yes" not in flags:
         if not sys.stdin.isatty():
             raise ValueError(
-                f"delete: nobody can be asked here; --yes deletes {folder} ({told(len(mine), entry.size)})"
+                f"delete: nobody can be asked here; --yes deletes {folder} ({amount(len(mine), entry.size)})"
             )
-        print(
-            f"delete {folder}: {entry.kind}, {entry.done} done, {told(len(mine), entry.size)}? Type its name: ", end=""
-        )
+        what = f"{entry.kind}, {entry.done} done, {amount(len(mine), entry.size)}"
+        print(f"delete {folder}: {what}? Type its name: ", end="")
         sys.stdout.flush()
         if sys.stdin.readline().strip() != entry.study:
             print("nothing was deleted")

@@ -111,13 +111,11 @@ def histories(results: Path, asked: Asked) -> tuple[list[History], list[LeftOut]
     """Return the history of each cell that is `asked` for, and which studies could not be read."""
     runs, left_out = _runs(results, asked)
     found = [_history(key, mine, asked.by) for key, mine in _cells(runs)]
-    tested = [one for one in found if one.change is not None]
-    corrected = dict(zip(map(id, tested), holm([one.change.p for one in tested if one.change]), strict=True))
-    return [_with_p(one, float(corrected[id(one)])) if one.change else one for one in found], left_out
-
-
-def _with_p(one: History, p: float) -> History:
-    return one if one.change is None else replace(one, change=replace(one.change, p_holm=p))
+    corrected = iter(holm([one.change.p for one in found if one.change is not None]))
+    return [
+        replace(one, change=replace(one.change, p_holm=float(next(corrected)))) if one.change is not None else one
+        for one in found
+    ], left_out
 
 
 def _runs(results: Path, asked: Asked) -> tuple[pd.DataFrame, list[LeftOut]]:

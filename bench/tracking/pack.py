@@ -373,6 +373,6 @@ def _folders_below(folder: Path) -> Iterator[Path]:
         yield from (Path(here) / name for name in folders if not (Path(here) / name).is_symlink())
 
 
-def told(files: int, size: int) -> str:
+def amount(files: int, size: int) -> str:
     """Return how much a study is, for the question whether it is to be deleted."""
     return f"{counted(files, 'file')}, {size / 1e6:.2f} MB"
