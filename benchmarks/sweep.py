@@ -20,7 +20,7 @@ import pandas as pd
 from benchmarks.rounds import COLUMNS
 from calibench.bench.store.runs import ResultStore
 
-_SIZES = (1_000, 10_000, 100_000)
+_SIZES = (1_000, 100_000)
 _WORDS = ("problem=sensor_zero", "optimizer=de", "budget=60", "execution=processes", "execution.n_jobs=2")
 
 

@@ -74,13 +74,12 @@ def pygmo_table() -> str:
             f"`{rule.method}`",
             f"`{rule.name}`{f', at least {rule.least}' if rule.generations else ''}",
             *(str(rule.size(d, budget)) for d, budget in _EXAMPLES),
-            rule.source,
-            rule.read,
+            f"{rule.source} ({rule.read})" if rule.read else rule.source,
             rule.why,
         ]
         for rule in RULES.values()
     ]
-    return table(["algorithm", "members", *examples, "source", "read again in", "why"], rows)
+    return table(["algorithm", "members", *examples, "source", "why"], rows)
 
 
 TABLES = {"scipy": scipy_table, "nlopt": nlopt_table, "pygmo": pygmo_table}
@@ -100,13 +99,23 @@ def filled(page: str) -> str:
 def effects_table(machine: str) -> str:
     """Return the families entered for one machine as a Markdown table, a row each, in the order of their names.
 
-    A column in which all rows agree stands above the table once; cosine and sine of one cause share a row.
+    A column in which all rows agree stands above the table once; cosine and sine of one cause share a row. A general
+    cause that the machine has in its own words, and without twins, is a name, its columns and targets below the table.
     """
-    rows = _waves([_row(family) for family in sorted(own_families(machine), key=lambda family: family.name)])
+    general = () if machine == GENERAL else {_acts(family) for family in own_families(GENERAL)}
+    mine = sorted(own_families(machine), key=lambda family: family.name)
+    known = [family for family in mine if _acts(family) in general and not family.twins]
+    rows = _waves([_row(family) for family in mine if family not in known])
     same = [i for i in range(2, len(_OF_EFFECTS)) if len({row[i] for row in rows}) == 1 and len(rows) > 1]
     head, *shown = ([cell for i, cell in enumerate(line) if i not in same] for line in (_OF_EFFECTS, *rows))
     common = "; ".join(f"{_OF_EFFECTS[i].lower()}: {rows[0][i] or 'none'}" for i in same)
-    return (f"Of all: {common}.\n\n" if common else "") + table(head, shown)
+    as_there = "; ".join(f"{name} ({columns}): {targets}" for name, _, _, columns, _, targets, _ in map(_row, known))
+    below = f"\n\nAs in [general](#general): {as_there}." if as_there else ""
+    return (f"Of all: {common}.\n\n" if common else "") + table(head, shown) + below
+
+
+def _acts(family: EffectFamily) -> tuple[str, str, int]:
+    return family.name, family.channel, len(family.columns)
 
 
 def bounds_table() -> str:

@@ -17,13 +17,11 @@ SERIES = (
 PUBLISHED = "published data that do not ship; tests/bench/test_exchange.py"
 
 BLOCKS = {
-    ("my-simulator.md", "import mujoco"): "MuJoCo is no dependency",
     ("README.md", "de               5000 evaluations"): "printed by the Python above it, which is run and compared",
     ("README.md", "git clone URL calibench && python -m pip install ./calibench"): FRESH,
     ("README.md", "bench run -m problem=./mine.py:Rosenbrock"): FRESH,
     ("guide.md", "git clone URL calibench && python -m pip install ./calibench"): FRESH,
     ("answer.md", "bench run study=calibration24"): HOURS,
-    ("arm.md", "bench run -m problem=arm_ur10,arm_panda"): "NAMES is a list of 67 names; an hour",
     (
         "arm-rates.md",
         "$ bench discover machine=arm data=demo_play",
@@ -42,7 +40,6 @@ BLOCKS = {
     ("clusters.md", "dask scheduler"): "tests/bench/test_dask.py starts a scheduler and workers itself",
     ("clusters.md", "from dask_jobqueue"): CLUSTER,
     ("costly.md", "run 3f2a de on full12"): "a line of a run that lasts; tests/bench/test_progress.py has its words",
-    ("discovery-statistics.md", "python -m benchmarks thresholds"): HOURS,
     ("discovery-statistics.md", "python -m benchmarks.arms nested"): SERIES,
     ("discovery-statistics.md", "python -m benchmarks.blind.write"): HOURS,
     ("discovery-statistics.md", "python -m tests.independent.mount_delta_run"): HOURS,
@@ -56,8 +53,6 @@ BLOCKS = {
         "hand-eye.md",
         "bench calibrate hand_eye=eye_in_hand data=robot.csv",
     ): "tests/bench/test_hand_eye.py makes two streams",
-    ("optimizers.md", "python -m benchmarks.populations.rules"): HOURS,
-    ("optimizers.md", "python -m benchmarks.populations.sizes"): HOURS,
     ("orthoglide-experiments.md", "bench paper"): MINUTES,
     ("orthoglide-rates.md", "python -m tests.discrepancy.orthoglide_score"): HOURS,
     ("my-robot.md", "my_plate/front_left"): "a list of files; tests/bench/test_calibrate.py makes such a folder",

@@ -61,17 +61,17 @@ def cells(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
 
 def section(batches: Sequence[Mapping[str, Any]]) -> str:
-    """Return the section of the page: all batches with their seeds, and the results of those that were registered.
+    """Return the section of the page: the batches that were registered before they were drawn, seeds and results.
 
-    The results of batches that were reported after they had been drawn stand in the record alone.
+    Batches that were reported after they had been drawn stand in the record alone.
     """
-    head = "| batch | registered or reported | cases | nothing missing: gauss | t3 | ar1 | what |"
+    head = "| batch | registered | cases | nothing missing: gauss | t3 | ar1 | what |"
     lines = [BEGIN, "", head, "|---|---|---|---|---|---|---|"]
     registered = [batch for batch in batches if batch.get("rows") and str(batch["date"]).startswith("registered")]
-    for batch in batches:
-        drawn = batch["drawn"]
+    for batch in registered:
+        drawn, date = batch["drawn"], str(batch["date"]).removeprefix("registered ")
         spans = [f"{drawn[k][0]}:{drawn[k][1]}" if k in drawn else "" for k in ("cases", "gauss", "t3", "ar1")]
-        lines.append(f"| {batch['batch']} | {batch['date']} | {' | '.join(spans)} | {batch['what']} |")
+        lines.append(f"| {batch['batch']} | {date} | {' | '.join(spans)} | {batch['what']} |")
     return "\n".join([*lines, "", *_table(registered), "", END])
 
 

@@ -13,10 +13,8 @@ _HEAD = """# Peers, measured in one run
 `make bench` makes an environment for each peer, with the pinned versions of `benchmarks/peers/tools/`, and measures
 all tables of this page; the rows are kept in `results/benchmarks/peers/*.parquet`. The lines of a table take turns,
 round after round. Ratios are of CPU time, taken within a round, to the first line: median and quartiles, which a line
-that took one turn does not have. Times are those of one evaluation (run, report), medians. Wall times, and times
-beside a high load, are of this one machine at one time. Where the load is above the number of cores, ratios hold
-better.
-One section by itself, here the first:
+that took one turn does not have. Times are CPU times of one evaluation (run, report), medians. Where the load is above
+the number of cores, ratios hold better than times. One section by itself, here the first:
 
 ```text
 python -m benchmarks peers --only counting
@@ -76,32 +74,27 @@ def page(tables: Sequence[pd.DataFrame]) -> str:
 
 
 def _table(title: str, lines: pd.DataFrame, above: set[str]) -> str:
-    """Return a heading, the table, and notes on its lines below it, which enter those that stand `above`."""
+    """Return a heading and the table; notes that do not stand `above` are its last column, and enter those that do."""
     rows = lines.to_dict("records")
-    notes = [f"- {row['line']}: {text}" for row in rows if (text := _cell(row["error"] or row["note"]))]
-    fresh = [note for note in notes if note not in above]
-    above.update(fresh)
+    notes = [_cell(row["error"] or row["note"]) for row in rows]
+    fresh = ["" if f"{row['line']}: {note}" in above else note for row, note in zip(rows, notes, strict=True)]
+    above.update(f"{row['line']}: {note}" for row, note in zip(rows, notes, strict=True))
+    cells = [["", "CPU", "ratio (quartiles)", "note"], ["---"] * 4]
+    cells += [[*_line(row), note] for row, note in zip(rows, fresh, strict=True)]
+    shown = 4 if any(fresh) else 3
     return "\n".join(
-        [
-            f"### {title[0].upper()}{title[1:]}\n",
-            "| | CPU | wall | ratio (quartiles) |",
-            "|---|---|---|---|",
-            *map(_line, rows),
-            *(["", *fresh] if fresh else []),
-            "",
-        ]
+        [f"### {title[0].upper()}{title[1:]}\n", *(f"| {' | '.join(line[:shown])} |" for line in cells), ""]
     )
 
 
-def _line(row: dict[Any, Any]) -> str:
+def _line(row: dict[Any, Any]) -> list[str]:
     if row["error"]:
-        return f"| {row['line']} | - | - | - |"
+        return [row["line"], "-", "-"]
     ratio = "-"
     if row["ratio"] == row["ratio"]:
         spread = f" ({_short(row['ratio_q1'])} .. {_short(row['ratio_q3'])})" if row["rounds"] > 1 else ""
         ratio = f"{_short(row['ratio'])}{spread}"
-    cells = (row["line"], told(row["cpu_ns"]), told(row["wall_ns"]), ratio)
-    return f"| {' | '.join(str(cell) for cell in cells)} |"
+    return [row["line"], told(row["cpu_ns"]), ratio]
 
 
 def _short(ratio: float) -> str:

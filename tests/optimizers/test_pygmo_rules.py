@@ -104,7 +104,7 @@ def test_the_minimum_budget_holds_a_population(name: str) -> None:
 
 
 def test_one_population_for_all_was_worth_decades() -> None:
-    """The bars are half of what was measured; docs/optimizers.md has the whole."""
+    """The bars are half of what was measured (`python -m benchmarks.populations.rules`)."""
     problem = problems.make("link_length")
     for name, old, decades in (("pygmo_de", 150, 1.0), ("pygmo_cmaes", 50, 1.0)):
         gained = [
