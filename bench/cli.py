@@ -75,6 +75,8 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
   unpack FILE.zip [results=DIR]                        unpack one that somebody sent, checked, without trust
   ui [RESULTS] [port=8765] [--write]                   all of this in a browser of this machine, sweeps as they run;
                                                        --write: notes and tags too (needs calibench[ui])
+  doctor [--json]                                      versions, machine, compiled kernels and extras, for bug reports;
+                                                       exit 1 where something that is needed does not load
   choose STUDY_DIR [optimizer=NAME] [by=value|goal] [over=instances|seeds] [--json]
                                                        the best of the settings swept, with the optimism of the choice
   status|collect|report|merge|export|import|show|compare|choose|history|pack ... [--trust]
@@ -88,7 +90,8 @@ _VERBS = {  # file of `bench.commands`, function
     "studies": "tracking:list_studies", "sql": "tracking:sql", "note": "tracking:note", "tag": "tracking:tag",
     "archive": "tracking:archive", "delete": "tracking:delete_study", "history": "tracking:history",
     "pack": "tracking:pack_study", "unpack": "tracking:unpack_study", "ui": "tracking:ui",
-    "paper": "paper:run", "discover": "discover:discover", "calibrate": "calibrate:run", "design": "discover:design",
+    "doctor": "doctor:doctor", "paper": "paper:run",
+    "discover": "discover:discover", "calibrate": "calibrate:run", "design": "discover:design",
 }  # fmt: skip
 _READING = (  # take --trust
     "status",

@@ -50,6 +50,7 @@ _WORDS: dict[str, dict[str, dict[str, str]]] = {
             "archived=*": "archived ones too", "--all": "every line, where there are many", **_FLAG,
         },
     },
+    "doctor": {"words": _FLAG},
     "history": {
         "words": {
             **help_of(verbs.HistoryWords), **_FLAG, "--check": "end with 1 where the newest is worse than the tagged",

@@ -92,12 +92,12 @@ _LISTENERS: list[Callable[[], None]] = []
 def unseen(words: Iterable[str]) -> list[str]:
     """Return those of `words` that no process has noted, by `seen`, as compiled from the present sources."""
     digests = ((word, blake2b(word.encode(), digest_size=12).hexdigest()) for word in words)
-    return [word for word, digest in digests if not (_cache_folder() / _SEEN / digest).exists()]
+    return [word for word, digest in digests if not (cache_folder() / _SEEN / digest).exists()]
 
 
 def seen(words: Iterable[str]) -> None:
     """Note that the code behind these words is compiled and kept for later processes."""
-    folder = _cache_folder() / _SEEN
+    folder = cache_folder() / _SEEN
     with suppress(OSError):  # a read-only home: the next process asks again
         folder.mkdir(exist_ok=True)
         for word in words:
@@ -108,7 +108,7 @@ def _compiling(**more: bool) -> Callable[[F], F]:
     import numba
 
     settings: Any = numba.config
-    settings.CACHE_DIR = str(_cache_folder())
+    settings.CACHE_DIR = str(cache_folder())
     if settings.CPU_FEATURES is None and settings.CPU_NAME is None and settings.ENABLE_AVX:
         settings.CPU_FEATURES = _full_width()
     from calibench.core.compilation.loading import close, keep
@@ -140,7 +140,7 @@ def _full_width() -> str | None:
 
 
 @cache
-def _cache_folder() -> Path:
+def cache_folder() -> Path:
     """Return the folder of the present sources, by a digest of all that may contain a kernel, with their paths."""
     root, digest = Path(__file__).resolve().parents[2], blake2b(digest_size=8)
     ours = {**dict.fromkeys(("core", "calibration", "problems", "optimizers"), "*"), "bench": "_*_kernels"}

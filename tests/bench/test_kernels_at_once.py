@@ -24,7 +24,7 @@ def book(tmp_path, monkeypatch):
     book = tmp_path / "book"
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(processes.os, "cpu_count", lambda: 2)
-    compiled._cache_folder.cache_clear()
+    compiled.cache_folder.cache_clear()
 
     def make(name, **options):
         def compile():
@@ -36,7 +36,7 @@ def book(tmp_path, monkeypatch):
     monkeypatch.setattr(problems.registry, "make", make)
     monkeypatch.setattr(optimizers.registry, "make", make)
     yield lambda: [line.split() for line in book.read_text().splitlines()]
-    compiled._cache_folder.cache_clear()
+    compiled.cache_folder.cache_clear()
 
 
 def test_what_is_new_is_compiled_in_other_processes_and_then_loaded_here(book):

@@ -87,7 +87,7 @@ def test_batch_and_cost_agree_in_that_process_too(compiled):
             assert [value.hex() for value in struct.unpack("3d", stored)] == costs[label]
 
 
-CACHE = "from calibench.core.compilation.compiled import _cache_folder; print(_cache_folder())"
+CACHE = "from calibench.core.compilation.compiled import cache_folder; print(cache_folder())"
 
 
 @pytest.fixture
@@ -154,9 +154,9 @@ def test_numba_is_told_that_folder_and_keeps_what_it_compiles_there(tmp_path):
     code = (
         "import numba, calibench.core.compilation.compiled as c\n"
         "from calibench.problems.planar import _closed_loop_kernels as k\n"
-        "print(numba.config.CACHE_DIR == str(c._cache_folder()))\n"
+        "print(numba.config.CACHE_DIR == str(c.cache_folder()))\n"
         "print(k._reach_and_link(1.0, 1.0, 2.0).hex())\n"
-        "print(len(list(c._cache_folder().rglob('*_reach_and_link*.nbi'))))\n"
+        "print(len(list(c.cache_folder().rglob('*_reach_and_link*.nbi'))))\n"
         "told = k._reach_and_link.targetoptions\n"
         "print(told.get('fastmath', False), told['error_model'])\n"
     )  # fmt: skip

@@ -1,0 +1,33 @@
+"""`bench doctor`: what a bug report needs, and what is wrong with an installation."""
+
+import json
+from importlib.metadata import version
+
+from calibench.bench.commands import doctor
+
+
+def test_versions_machine_and_what_is_missing_are_told(run_bench):
+    code, out, err = run_bench("doctor --json")
+    found = json.loads(out)
+    assert (code, err, found["wrong"]) == (0, "", [])
+    assert f"numpy {version('numpy')}" in found["libraries"][0]
+    assert "sql" in found["extras"][0]
+    assert "cores" in found["system"][0]
+    assert "free" in found["disk"][0]
+    told = run_bench("doctor")[1]
+    assert all(line in told for lines in found.values() for line in lines if "GB free" not in line)
+
+
+def test_a_package_that_does_not_load_is_named(run_bench, monkeypatch):
+    def import_module(name):
+        if name == "nlopt":
+            raise ImportError("libnlopt.so: wrong ELF class\nsecond line")
+
+    monkeypatch.setattr(doctor, "import_module", import_module)
+    code, out, _ = run_bench("doctor")
+    assert code == 1
+    assert "wrong       nlopt cannot be imported: ImportError: libnlopt.so: wrong ELF class\n" in out
+
+
+def test_words_are_refused(run_bench):
+    assert run_bench("doctor here")[0] == 2
