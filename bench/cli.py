@@ -86,7 +86,7 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
 _VERBS = {  # file of `bench.commands`, function
     "list": "list:run", "run": "run:run", "identify": "identify:run", "status": "status:run",
     "merge": "study:merge_studies", "compare": "compare:run", "choose": "choose:run", "collect": "study:collect",
-    "report": "study:report", "export": "exchange:export", "import": "exchange:import_study", "show": "study:show",
+    "report": "report:report", "export": "exchange:export", "import": "exchange:import_study", "show": "study:show",
     "studies": "tracking:list_studies", "sql": "tracking:sql", "note": "tracking:note", "tag": "tracking:tag",
     "archive": "tracking:archive", "delete": "tracking:delete_study", "history": "tracking:history",
     "pack": "tracking:pack_study", "unpack": "tracking:unpack_study", "ui": "tracking:ui",

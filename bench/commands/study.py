@@ -1,18 +1,12 @@
-"""``bench collect|report STUDY_DIR`` and ``bench merge``: tables, reports, merged studies; ``bench show``: one run."""
+"""``bench collect STUDY_DIR`` and ``bench merge``: tables, and merged studies; ``bench show``: one run."""
 
 import sys
 from pathlib import Path
 
-import pandas as pd
-
-from calibench.bench.commands.cells import print_summary
 from calibench.bench.commands.console import print_json
 from calibench.bench.commands.status import runs_of_other_shards
-from calibench.bench.papers import ADDITIONS
 from calibench.bench.report.one_run import find_run, show_run
-from calibench.bench.report.study.write import finished_runs, report_progress, write_report
 from calibench.bench.statistics.cells import CELL, mixed_code
-from calibench.bench.statistics.names import problem_titles
 from calibench.bench.store.runs import ResultStore, merge
 from calibench.bench.verbs import ShowWords
 from calibench.bench.words import read, split_flags
@@ -20,32 +14,10 @@ from calibench.core.words import counted, print_plain as print
 
 
 def collect(argv: list[str]) -> int:
-    store = _store(argv)
+    store = store_of(argv)
     aside = store.collect()
     print(f"{counted(len(store.collected()), 'run')} in {store.folder}/runs.parquet, traces.parquet")
-    return _tell_damaged(aside, "set aside here; nothing else is lost, the same `bench run` does its run again")
-
-
-def report(argv: list[str]) -> int:
-    store = _store(argv)
-    damaged, finished = store.damaged(), finished_runs(store)
-    with report_progress() as tell:
-        written = write_report(store, ADDITIONS, tell, finished)
-    print_summary(finished.summary.to_dict("list"))
-    if warning := mixed_code(finished.runs):
-        print(warning)
-    identifiability = store.folder / "identifiability.csv"
-    if identifiability.exists():  # what the data cannot determine, once for each problem whatever its error function
-        table = pd.read_csv(identifiability, keep_default_na=False)
-        lost = table[table["rank"] < table["dimension"]]
-        titles = problem_titles(lost, but=("error",))
-        first = ~titles.duplicated()
-        for title, finding in zip(titles[first], lost.loc[first, "finding"], strict=True):
-            print(f"{title}: {finding}")
-    for path in written:
-        if path.suffix in (".csv", ".png", ".html"):
-            print(path)
-    return _tell_damaged(damaged, "`bench collect` sets it aside; it is not in the report")
+    return tell_damaged(aside, "set aside here; nothing else is lost, the same `bench run` does its run again")
 
 
 def merge_studies(argv: list[str]) -> int:
@@ -68,7 +40,7 @@ def merge_studies(argv: list[str]) -> int:
     return 0
 
 
-def _store(argv: list[str]) -> ResultStore:
+def store_of(argv: list[str]) -> ResultStore:
     _, words = split_flags(argv, ())
     if len(words) != 1:
         raise ValueError("one STUDY_DIR is needed, such as results/adhoc")
@@ -77,7 +49,7 @@ def _store(argv: list[str]) -> ResultStore:
     return store
 
 
-def _tell_damaged(paths: list[Path], what: str) -> int:
+def tell_damaged(paths: list[Path], what: str) -> int:
     for path in paths:
         print(f"bench: {path}: is damaged (not a whole part); {what}", file=sys.stderr)
     return 2 if paths else 0

@@ -15,7 +15,6 @@ from typing import Any, Literal, final, get_args
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from calibench import problems
 
@@ -254,6 +253,8 @@ def solved_for(misfit: Callable[[float], Array], start: float, scale: float = 1.
 
     def of_vector(x: Array) -> Any:
         return misfit(float(x[0]))
+
+    from scipy.optimize import least_squares
 
     fit: Any = least_squares(of_vector, [start], method="lm", x_scale=scale, xtol=1e-15, ftol=1e-15, gtol=1e-15)
     return float(fit.x[0]), np.asarray(fit.jac[:, 0])

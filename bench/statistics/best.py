@@ -17,6 +17,7 @@ from typing import Literal, final
 
 import numpy as np
 import pandas as pd
+from scipy.special import ndtr, ndtri
 
 from calibench.bench.statistics import ranking
 from calibench.bench.statistics.cells import METHOD, TASK
@@ -190,11 +191,9 @@ def _stouffer(p: Sequence[float]) -> float:
     >>> round(_stouffer([0.5**5] * 6), 8), _stouffer([0.25])
     (2.52e-06, 0.25)
     """
-    from scipy.stats import norm
-
     if len(p) == 1:
         return float(p[0])
-    return float(norm.sf(sum(norm.isf(np.asarray(p))) / sqrt(len(p))))
+    return float(ndtr(sum(ndtri(np.asarray(p))) / sqrt(len(p))))
 
 
 def ratio_of(both: Sequence[tuple[Side, Side]]) -> Ratio:

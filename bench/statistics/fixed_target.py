@@ -9,12 +9,14 @@ Sources: Hansen et al., COCO: Performance Assessment, 2016, sections 4 and 5; Au
 Bootstrap and Edgeworth Expansion, 1992, section 3; Dolan and More, 2002 (profiles).
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
-from typing import Any, final
+from typing import Any, ClassVar, Self, final
 
 import numpy as np
 import pandas as pd
@@ -24,11 +26,12 @@ from numpy.typing import NDArray
 from calibench.bench.provenance.run_id import canonical
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, by_cell
 from calibench.bench.statistics.summary import chances, success_interval
-from calibench.bench.store.arrays import index_in
-from calibench.bench.store.columns import PREFIXES, Array, Counts, Flags
+from calibench.bench.store.arrays import dictionary, index_in
+from calibench.bench.store.columns import PREFIXES, Array, Counts, Flags, floats, numbered
 from calibench.core.options import suggest
 
 TARGET = ["quantity", "target"]
+_COUNTS = ("charged", "charged_after")
 RESAMPLES = 999
 LEVEL = 0.95
 FEWEST = 3  # units; of fewer nothing can be said
@@ -68,42 +71,98 @@ class Runtimes:
     paid: Array
 
 
-def runtimes(hits: pd.DataFrame, runs: pd.DataFrame, instances: Sequence[str] = ()) -> Iterator[Runtimes]:
+@final
+@dataclass(frozen=True)
+class Hits:
+    """Hits as numbers: `run` and `level`, shapes (hits,), are places in `ids` and `targets`; `charged` and `after` are
+    the counts at which a target was surely reached, and surely not yet; NaN: never."""
+
+    COLUMNS: ClassVar = ["run_id", *TARGET, *_COUNTS]
+
+    ids: pa.Array
+    targets: pd.DataFrame  # columns of `TARGET`
+    run: Counts
+    level: Counts
+    charged: Array
+    after: Array
+
+    @classmethod
+    def of(cls, table: pd.DataFrame | pa.Table) -> Self:
+        """Return the hits of a table with columns of `HITS_SCHEMA`."""
+        coded = {}
+        for name in ("run_id", "quantity"):
+            column = (
+                table[name] if isinstance(table, pa.Table) else pa.chunked_array([pa.array(table[name], pa.string())])
+            )
+            coded[name] = dictionary(column)
+        value, values = pd.factorize(floats(table["target"]))
+        levels = max(len(values), 1)
+        names, quantity = coded["quantity"]
+        level, different = pd.factorize(quantity * levels + value)
+        named = names.to_numpy(zero_copy_only=False)[different // levels]
+        targets = pd.DataFrame({"quantity": named, "target": values[different % levels] if len(values) else []})
+        return cls(coded["run_id"][0], targets, coded["run_id"][1], level, *(floats(table[name]) for name in _COUNTS))
+
+    def where(self, flags: Flags) -> Hits:
+        """Return the hits whose flag is true."""
+        if flags.all():
+            return self
+        return replace(self, **{name: getattr(self, name)[flags] for name in ("run", "level", "charged", "after")})
+
+    def of_quantity(self, name: str) -> Hits:
+        """Return the hits of the targets of one quantity."""
+        return self.where((self.targets["quantity"] == name).to_numpy()[self.level])
+
+    def of_runs(self, run_ids: pd.Series) -> Hits:
+        """Return the hits of some runs."""
+        return self.where(np.isin(self.ids.to_numpy(zero_copy_only=False), run_ids)[self.run])
+
+    def different(self) -> pd.DataFrame:
+        """Return the targets that some hit is of."""
+        return self.targets.iloc[np.flatnonzero(np.bincount(self.level, minlength=len(self.targets)))]
+
+
+def _first_come(codes: Counts, most: int) -> tuple[Counts, Counts]:
+    """Return the different codes below `most` in the order in which they come, and the place of each of `codes`."""
+    first = np.full(most, len(codes))
+    first[codes[::-1]] = np.arange(len(codes))[::-1]
+    different = np.argsort(first, kind="stable")[: int((first < len(codes)).sum())]
+    place = np.empty(most, dtype=np.int64)
+    place[different] = np.arange(len(different))
+    return different, place[codes]
+
+
+def _in_order(codes: Counts, most: int) -> tuple[Counts, Counts]:
+    """Return the different ones of codes below `most`, in order, and the place of each: `np.unique` without sorting."""
+    present = np.bincount(codes, minlength=most) > 0
+    return np.flatnonzero(present), (np.cumsum(present) - 1)[codes]
+
+
+def runtimes(hits: Hits | pd.DataFrame, runs: pd.DataFrame, instances: Sequence[str] = ()) -> Iterator[Runtimes]:
     """Yield the `Runtimes` of each problem in `runs`, in their order; runs without any target are left out.
 
     Problems that differ only in the options `instances` (and their data) are one; its runs have a column `instance`.
     """
+    hits = hits if isinstance(hits, Hits) else Hits.of(hits)
     rows = pooled(runs, instances)
-    where = index_in(pa.array(hits["run_id"], pa.string()), pa.array(rows["run_id"], pa.string())).to_numpy(
-        zero_copy_only=False
-    )
-    known = ~np.isnan(where.astype(float))
-    seen, row = np.unique(where[known].astype(np.int64), return_inverse=True)
+    where = index_in(hits.ids, pa.array(rows["run_id"], pa.string())).to_numpy(zero_copy_only=False)
+    place = np.where(np.isnan(where.astype(float)), -1, where).astype(np.int64)[hits.run]
+    hits = hits.where(place >= 0)
+    seen, row = _in_order(place[place >= 0], len(rows))
     rows = rows.iloc[seen].reset_index(drop=True)
+    different, code = _first_come(hits.level, len(hits.targets))
+    targets = hits.targets.iloc[different].reset_index(drop=True)
 
-    # the different targets, in the order in which they come, and the number of each hit's
-    quantity, names = pd.factorize(hits.loc[known, "quantity"])
-    level, values = pd.factorize(hits.loc[known, "target"].to_numpy(dtype=float))
-    levels = max(len(values), 1)
-    code, different = pd.factorize(quantity.astype(np.int64) * levels + level)
-    targets = pd.DataFrame(
-        {
-            "quantity": [names[i // levels] for i in different],
-            "target": values[different % levels] if len(values) else [],
-        }
-    )
-
-    time, after = (hits[name].to_numpy(dtype=float, na_value=np.nan)[known] for name in ("charged", "charged_after"))
     spent = rows["charged"].to_numpy(dtype=float)
-    problem = rows.groupby(PROBLEM, sort=False, dropna=False).ngroup().to_numpy()
+    problem = numbered(rows[name] for name in PROBLEM)
     order = np.argsort(problem[row], kind="stable")
     ends = np.searchsorted(problem[row][order], np.arange(problem.max() + 2 if len(problem) else 1))
     for low, high in pairwise(ends.tolist()):
         mine = order[low:high]
-        at, place = np.unique(row[mine], return_inverse=True)
-        level, column = np.unique(code[mine].astype(np.int64), return_inverse=True)
+        at, place = _in_order(row[mine], len(rows))
+        level, column = _in_order(code[mine], len(targets))
         table, early = np.full((2, len(at), len(level)), np.nan)
-        table[place, column], early[place, column] = time[mine], after[mine] + 1
+        table[place, column], early[place, column] = hits.charged[mine], hits.after[mine] + 1
         asked = np.zeros(table.shape, dtype=bool)
         asked[place, column] = True
         yield Runtimes(
@@ -143,7 +202,7 @@ def pooled(runs: pd.DataFrame, options: Sequence[str]) -> pd.DataFrame:
 
 
 def ert(
-    hits: pd.DataFrame, runs: pd.DataFrame, *, instances: Sequence[str] = (), intervals: bool = True
+    hits: Hits | pd.DataFrame, runs: pd.DataFrame, *, instances: Sequence[str] = (), intervals: bool = True
 ) -> pd.DataFrame:
     """Return a row for each cell (`bench.statistics.cells`) and target of `hits`; counts are of what was charged.
 
@@ -248,7 +307,7 @@ def success_intervals(successes: Counts, counts: Counts) -> tuple[Array, Array]:
 
 
 def ecdf(
-    hits: pd.DataFrame, runs: pd.DataFrame, by: Sequence[str] = (), *, at: Sequence[float] | None = None
+    hits: Hits | pd.DataFrame, runs: pd.DataFrame, by: Sequence[str] = (), *, at: Sequence[float] | None = None
 ) -> pd.DataFrame:
     """Return the runtime ECDF of each method: the share of (run, target) pairs that it reached within a cost.
 
@@ -315,7 +374,7 @@ def ert_interval(paid: Array, won: Array) -> tuple[Array, Array]:
     some = np.flatnonzero(won.sum(axis=0) > 0)
     if units < FEWEST or not len(some):
         return low, high
-    columns, where = np.unique(np.concatenate([paid[:, some], won[:, some]]), axis=1, return_inverse=True)
+    columns, where = _different_columns(np.concatenate([paid[:, some], won[:, some]]))
     p, w = columns[:units], columns[units:].astype(float)
     ratio, error = _log_ratio(np.ones((1, units)), p, w)
     ratios, errors = _log_ratio(weights(units), p, w)
@@ -329,9 +388,18 @@ def ert_interval(paid: Array, won: Array) -> tuple[Array, Array]:
     with np.errstate(invalid="ignore", over="ignore"):
         below = np.where(reach == 0, 0.0, -ends[last] * reach)
         above = np.where(reach == 0, 0.0, -ends[first] * reach)
-        low[some] = np.exp(ratio[0] + below)[where.ravel()]
-        high[some] = np.exp(ratio[0] + above)[where.ravel()]
+        low[some] = np.exp(ratio[0] + below)[where]
+        high[some] = np.exp(ratio[0] + above)[where]
     return low, high
+
+
+def _different_columns(table: Array) -> tuple[Array, Counts]:
+    """Return the different columns in order, and the place of each column among them."""
+    seen: dict[bytes, int] = {}
+    place = [seen.setdefault(column.tobytes(), len(seen)) for column in table.T]
+    columns = np.array([np.frombuffer(column) for column in seen]).T
+    ordered, where = np.unique(columns, axis=1, return_inverse=True)  # of all columns it would sort long rows
+    return ordered, where.ravel()[place]
 
 
 def _log_ratio(weight: Array, paid: Array, won: Array) -> tuple[Array, Array]:

@@ -12,9 +12,16 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from calibench import optimizers, problems
-from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING
-from calibench.bench.statistics.summary import MOST_OPTIONS, method_name, method_names, option_text, problem_name
-from calibench.bench.store.columns import Columns, parts, plain
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
+from calibench.bench.statistics.summary import (
+    MOST_OPTIONS,
+    method_name,
+    method_names,
+    names_of_methods,
+    option_text,
+    problem_name,
+)
+from calibench.bench.store.columns import Columns, name_rows, parts, plain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,10 +31,7 @@ _NUMBER = re.compile(r"((?:(?<=[=:,(\[ ])-)?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?)")
 
 def problem_titles(table: pd.DataFrame, but: Sequence[str] = ()) -> pd.Series:
     """Return for each row what its problem is called beside the others here (`titles_of_problems`)."""
-    import pandas as pd
-
-    titles = titles_of_problems(zip(*(table[column] for column in PROBLEM), strict=True), but)
-    return pd.Series(titles, index=table.index, dtype=str)
+    return name_rows(table, PROBLEM, lambda problems: titles_of_problems(problems, but))
 
 
 def titles_of_problems(named: Iterable[tuple[str, str, str]], but: Sequence[str] = ()) -> list[str]:
@@ -85,14 +89,18 @@ def options_seen(runs: pd.DataFrame, problem: str, option: str) -> set[Any]:
 
 def method_titles(table: pd.DataFrame) -> pd.Series:
     """Return for each row its method, with the options that are not the default; one's own as beside the others."""
-    import pandas as pd
+    return name_rows(table, METHOD, _titles_of_methods)
 
-    rows = list(zip(table["optimizer"], table["optimizer_options"], method_names(table), strict=True))
-    titles = {
-        (name, options, beside): method_name(name, options) if name in optimizers.registry else beside
-        for name, options, beside in dict.fromkeys(rows)
-    }
-    return pd.Series([titles[row] for row in rows], index=table.index, dtype=str)
+
+def _titles_of_methods(methods: Sequence[tuple[str, str]]) -> list[str]:
+    beside = zip(methods, names_of_methods(methods), strict=True)
+    return [method_name(*method) if method[0] in optimizers.registry else name for method, name in beside]
+
+
+def name_of_each(runs: pd.DataFrame, names: pd.Series) -> dict[tuple[str, str], str]:
+    """Return method -> its name, from the `names` of runs by their index."""
+    first = runs[METHOD].drop_duplicates()
+    return dict(zip(first.itertuples(index=False, name=None), names[first.index], strict=True))
 
 
 def several(table: Columns) -> list[str]:
@@ -110,9 +118,10 @@ def settings_that_vary(mine: pd.DataFrame) -> list[str]:
 def method_labels(table: pd.DataFrame) -> pd.Series:
     """Return what each row's method is called, with start, budget and target where it has several on one problem."""
     labels = method_names(table)
-    for _, mine in table.groupby(METHOD, sort=False):
+    few = table[[name for name in CELL if name in table]]  # few columns are cheap to cut
+    for _, mine in few.groupby(METHOD, sort=False):
         columns = settings_that_vary(mine)
-        for key, same in mine.groupby(columns, dropna=False) if columns else [((), mine)]:
+        for key, same in mine.groupby(columns, dropna=False) if columns else ():
             texts = [setting_text(column, value) for column, value in zip(columns, key, strict=True)]
             labels.loc[same.index] = [", ".join([name, *texts]) for name in labels.loc[same.index]]
     return labels

@@ -129,10 +129,18 @@ def scores(runs: pd.DataFrame, by: By = "goal") -> Array:
 
 def order_of_scores(pairs: Array) -> Array:
     """Return the ranks of scores, shape (n, 2) -> (n,): 1 is best, those alike (`summary.alike`) share their mean."""
-    from scipy.stats import rankdata
-
     pairs = np.column_stack([pairs[:, 0], alike(pairs[:, 1])])
-    return np.asarray(rankdata(np.unique(pairs, axis=0, return_inverse=True)[1].ravel()))
+    return mean_ranks(np.unique(pairs, axis=0, return_inverse=True)[1].ravel())
+
+
+def mean_ranks(values: Any) -> Array:
+    """Return the ranks of values, shape (n,), none of them NaN: 1 is the least, equal ones share their mean.
+
+    `scipy.stats.rankdata` does the same, and takes half a second to load.
+    """
+    _, place, count = np.unique(values, return_inverse=True, return_counts=True)
+    ranks: Array = (np.cumsum(count) - (count - 1) / 2)[place]
+    return ranks
 
 
 @final

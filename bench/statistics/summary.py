@@ -23,7 +23,19 @@ from calibench.bench.execution.request import repetitions_of
 from calibench.bench.provenance.run_id import canonical, chosen_options, given_options, options_of
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, ByCell, answers, by_cell, by_number, judged
 from calibench.bench.store.arrays import lists_of
-from calibench.bench.store.columns import Array, Columns, Flags, floats, known, numbered, parts, plain, true, typed
+from calibench.bench.store.columns import (
+    Array,
+    Columns,
+    Flags,
+    floats,
+    known,
+    name_rows,
+    numbered,
+    parts,
+    plain,
+    true,
+    typed,
+)
 from calibench.core.registry import NotImported, names_of_files
 
 if TYPE_CHECKING:
@@ -76,7 +88,9 @@ def priced(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]]) -> pd.Series:
     import pandas as pd
 
     known = {key_of_costs(record): record for record in costs}
-    records = [known.get(key, {}) for key in zip(*(runs[column] for column in PROBLEM), strict=True)]
+    problem = numbered(runs[column] for column in PROBLEM)
+    first = runs[PROBLEM].iloc[np.unique(problem, return_index=True)[1]]
+    records = [known.get(key, {}) for key in first.itertuples(index=False, name=None)]
     batched, residuals = runs["batch_evaluations"], runs["residual_evaluations"]
     gradients, joint = (
         runs[name].fillna(0) if name in runs else 0 for name in ("gradient_evaluations", "joint_evaluations")
@@ -87,9 +101,9 @@ def priced(runs: pd.DataFrame, costs: Iterable[Mapping[str, Any]]) -> pd.Series:
     total = pd.Series(0.0, index=runs.index)
     for kind, column in zip(KINDS, counts, strict=True):
         count = column.astype(float)
-        seconds = pd.Series([record.get(kind) for record in records], index=runs.index, dtype=float)
+        seconds = np.array([record.get(kind, np.nan) for record in records], dtype=float)[problem]
         total += (count * seconds).mask(count == 0, 0.0)
-    total[[not record for record in records]] = np.nan
+    total[np.array([not record for record in records], dtype=bool)[problem]] = np.nan
     return total
 
 
@@ -273,10 +287,7 @@ def alike(values: Array) -> Array:
 
 def method_names(table: pd.DataFrame) -> pd.Series:
     """Return what each row's method is called beside the others here (`names_of_methods`)."""
-    import pandas as pd
-
-    names = names_of_methods(zip(table["optimizer"], table["optimizer_options"], strict=True))
-    return pd.Series(names, index=table.index, dtype=str)
+    return name_rows(table, METHOD, names_of_methods)
 
 
 def names_of_methods(methods: Iterable[tuple[str, str]]) -> list[str]:
@@ -353,10 +364,11 @@ def goal_hits(runs: Columns) -> Array:
 
 def endings(table: pd.DataFrame) -> pd.Series:
     """Return of each row's method "restarts", "stops", or "" where it spends the budget or is not known here."""
-    import pandas as pd
+    return name_rows(table, METHOD, _endings)
 
-    keys = list(zip(*(table[column] for column in METHOD), strict=True))
-    kinds = dict.fromkeys(keys, "")
+
+def _endings(methods: Sequence[tuple[str, str]]) -> list[str]:
+    kinds = dict.fromkeys(methods, "")
     for optimizer, text in kinds:
         options = json.loads(text)
         if options.get("restarts"):
@@ -368,7 +380,7 @@ def endings(table: pd.DataFrame) -> pd.Series:
                 kinds[optimizer, text] = "stops" if stops else ""
             except (ValueError, AttributeError):  # options of another version, or a class without traits
                 pass
-    return pd.Series([kinds[key] for key in keys], index=table.index, dtype=str)
+    return [*kinds.values()]
 
 
 @cache

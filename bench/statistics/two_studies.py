@@ -21,7 +21,7 @@ from calibench import optimizers, problems
 from calibench.bench.provenance.run_id import canonical, chosen_options
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import METHOD, PROBLEM, SETTING, answers
-from calibench.bench.statistics.ranking import By, holm, order_of_scores as order_of, scores
+from calibench.bench.statistics.ranking import By, holm, mean_ranks, order_of_scores as order_of, scores
 from calibench.bench.store.columns import Array, parts
 from calibench.core.words import counted
 
@@ -260,15 +260,15 @@ def signed_rank_tails(difference: Array) -> tuple[float, float]:
     SciPy's exact distribution knows no ties. Twice the sum of the ranks above 0 is a sum of independent whole numbers,
     each there or not: its distribution is a product of polynomials. Pairs that are alike are left out.
     """
-    from scipy.stats import rankdata, wilcoxon
-
     apart = difference[difference != 0]
     if not apart.size:
         return 1.0, 1.0
     if len(apart) > _MOST_PAIRS:
+        from scipy.stats import wilcoxon
+
         above, below = (wilcoxon(apart, method="approx", alternative=way).pvalue for way in ("greater", "less"))
         return float(above), float(below)
-    twice = np.rint(2 * rankdata(np.abs(apart))).astype(int)
+    twice = np.rint(2 * mean_ranks(np.abs(apart))).astype(int)
     seen, whole = int(twice[apart > 0].sum()), int(twice.sum())
     ways = np.ones(1)
     for rank in twice.tolist():
@@ -281,16 +281,16 @@ def rank_sum_tails(first: Array, second: Array) -> tuple[float, float]:
 
     Exact, ties and all: the number of ways to choose k of the ranks with sum s, rank by rank.
     """
-    from scipy.stats import mannwhitneyu, rankdata
-
     n = len(first)
     both = np.concatenate([first, second])
     if len(np.unique(both)) == 1:
         return 1.0, 1.0
     if len(both) > _MOST_RUNS:
+        from scipy.stats import mannwhitneyu
+
         below, above = (mannwhitneyu(first, second, alternative=way).pvalue for way in ("less", "greater"))
         return float(below), float(above)
-    twice = np.rint(2 * rankdata(both)).astype(int)
+    twice = np.rint(2 * mean_ranks(both)).astype(int)
     ways = np.zeros((n + 1, int(np.sort(twice)[-n:].sum()) + 1))
     ways[0, 0] = 1.0
     for rank in twice.tolist():

@@ -85,6 +85,14 @@ def compute(name: str, *values: Any, options: Any = None) -> Any:
     return call_function(name, list(values), options)
 
 
+def dictionary(column: pa.ChunkedArray) -> tuple[pa.Array, Counts]:
+    """Return the different values of a column, none of them missing, and the place of each row's among them."""
+    coded = column if pa.types.is_dictionary(column.type) else compute("dictionary_encode", column)
+    whole = coded.unify_dictionaries().combine_chunks()
+    whole = whole.chunk(0) if isinstance(whole, pa.ChunkedArray) else whole
+    return whole.dictionary, numbers(whole.indices).astype(np.int64)
+
+
 def index_in(values: Any, value_set: pa.Array) -> Any:
     """Return for each of `values` its first place in `value_set`, null for what is not there."""
     return compute("index_in", values, options=SetLookupOptions(value_set=value_set))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -70,6 +70,8 @@ def plain(column: Any) -> list[Any]:
 
 def known(column: Any) -> Flags:
     """Tell where a column has something."""
+    if hasattr(column, "notna"):
+        return np.asarray(column.notna(), dtype=bool)
     return np.array([value is not None for value in plain(column)], dtype=bool)
 
 
@@ -80,9 +82,34 @@ def true(column: Any) -> Flags:
 
 def numbered(columns: Iterable[Any]) -> Counts:
     """Return for each row the number, from 0, of what it has in `columns`; what comes first has the lowest."""
+    held = [*columns]
+    if held and all(hasattr(column, "factorize") for column in held):  # those of pandas, all rows at once
+        codes = held[0].factorize()[0]
+        for column in held[1:]:
+            more, values = column.factorize()
+            codes = _renumbered(codes * (len(values) + 1) + more + 1)
+        return _renumbered(codes)
     seen: dict[tuple[Any, ...], int] = {}
-    rows = zip(*map(plain, columns), strict=True)
+    rows = zip(*map(plain, held), strict=True)
     return np.array([seen.setdefault(row, len(seen)) for row in rows], dtype=np.int64)
+
+
+def _renumbered(codes: Counts) -> Counts:
+    """Return for each row the number of its code, in the order in which codes come."""
+    _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
+    place = np.empty(len(first), dtype=np.int64)
+    place[np.argsort(first)] = np.arange(len(first))
+    return place[inverse]
+
+
+def name_rows(table: pd.DataFrame, columns: Sequence[str], names_of: Callable[[list[Any]], Sequence[str]]) -> pd.Series:
+    """Return for each row its name, which `names_of` gives to the different rows of `columns`, in their order."""
+    import pandas as pd
+
+    number = numbered(table[name] for name in columns)
+    different = table[[*columns]].iloc[np.unique(number, return_index=True)[1]]
+    names = np.array([*names_of([*zip(*(plain(different[name]) for name in columns), strict=True)])], dtype=object)
+    return pd.Series(names[number] if len(number) else [], index=table.index, dtype=str)
 
 
 _KINDS = (("prob.", "problem", "problem_options"), ("opt.", "optimizer", "optimizer_options"))

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from calibench.bench.execution.answer import PREFIX, offered
 from calibench.bench.store.arrays import Array, Counts, Flags, Lists, index_in, lists_of, mask_of, numbers
+from calibench.bench.store.columns import floats, numbered
 from calibench.bench.store.schema import HITS_SCHEMA, RUNS_SCHEMA, to_pandas
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ NEEDED = (
     "judged_evaluations", "inside_box",
 )  # fmt: skip  # columns of runs besides those that quantities name
 _LISTS = ("targets", "hits", "hits_charged")
-_CHUNK = 10_000  # runs at a time
+_CHUNK = 2_500  # runs at a time
 _COUNTS = ("evaluations", "charged", "evaluations_after", "charged_after")  # of crossings, along their first axis
 
 
@@ -105,12 +106,13 @@ def declared_levels(runs: pd.DataFrame) -> pd.DataFrame:
     """Return the levels that the runs themselves name: their problem's targets and the value that ends the run."""
     import pandas as pd
 
-    known: dict[tuple[Any, ...], set[float]] = {}
-    for *key, listed, own in zip(*(runs[name] for name in (*PROBLEM, "targets", "target")), strict=True):
-        levels = known.setdefault(tuple(key), set())
-        levels.update(float(level) for level in listed)
-        if own is not None and own == own:
-            levels.add(float(own))
+    number, targets = numbered(runs[name] for name in PROBLEM), lists_of(runs["targets"])
+    level = np.concatenate([targets.flat, floats(runs["target"])])
+    pairs = np.column_stack([np.concatenate([number[targets.row], number]), level])[~np.isnan(level)]
+    keys = [*runs[PROBLEM].iloc[np.unique(number, return_index=True)[1]].itertuples(index=False, name=None)]
+    known: dict[tuple[Any, ...], set[float]] = {key: set() for key in keys}
+    for problem, value in np.unique(pairs, axis=0).tolist():
+        known[keys[int(problem)]].add(value)
     rows = [(*key, "value", level, level) for key, levels in known.items() for level in sorted(levels, reverse=True)]
     return pd.DataFrame(rows, columns=[*PROBLEM, "quantity", "target", "level"])
 

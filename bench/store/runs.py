@@ -26,11 +26,12 @@ import platform
 import shutil
 import time
 import warnings
+from collections import deque
 from collections.abc import Collection, Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import pyarrow as pa
 from filelock import BaseFileLock, FileLock, SoftFileLock, Timeout
@@ -139,6 +140,7 @@ class ResultStore:
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         self._journal: tuple[int, Journal] | None = None  # of this process, which forks
+        self._study: str | None = None  # its name, once it was read
         self._unseen: set[tuple[str, str]] = set()  # names and options that were warned of
 
     def __repr__(self) -> str:
@@ -196,13 +198,13 @@ class ResultStore:
 
     def rows(self, columns: Sequence[str] | None = None) -> pa.Table:
         """Return all finished runs as Arrow has them: columns of `RUNS_SCHEMA`, or `columns`. No pandas is loaded."""
-        found = pa.concat_tables([store.tables(columns)[0] for store in self._studies()])
+        found = pa.concat_tables([store.tables(columns, only="rows")[0] for store in self._studies()])
         pa.default_memory_pool().release_unused()  # what reading took beside: of 1e5 rows 70 MB
         return found
 
     def traces(self) -> pd.DataFrame:
         """Return the traces of all finished runs: run_id, evaluations, charged, best_value, restart."""
-        return to_pandas(pa.concat_tables([store.tables()[1] for store in self._studies()]))
+        return to_pandas(pa.concat_tables([store.tables(only="traces")[1] for store in self._studies()]))
 
     def hits(self, levels: pd.DataFrame | None = None) -> pd.DataFrame:
         """Return when each finished run reached each target: columns of `HITS_SCHEMA`, null where it never did.
@@ -219,7 +221,7 @@ class ResultStore:
         return write_tables(self._hit_tables(levels), HITS_SCHEMA, self.folder / HITS)
 
     def _hit_tables(self, levels: pd.DataFrame | None) -> Iterator[pa.Table]:
-        tables = Tables(self.folder, str(self.manifest()["study"]))
+        tables = self._tables()
         file = None if self.has_journals() or not tables.are_one_pair() else tables.open(TRACES)
         if file is None:
             rows, points = self.tables()
@@ -306,11 +308,11 @@ class ResultStore:
 
     def collected(self) -> set[str]:
         """Return the ids of the runs that are whole in the tables."""
-        return Tables(self.folder, str(self.manifest()["study"])).complete()
+        return self._tables().complete()
 
     def survey(self) -> Survey:
         """Return how each run ended, what is damaged, and the pace: all that is told without reading the rows."""
-        tables, readers = Tables(self.folder, str(self.manifest()["study"])), journals_in(self.folder)
+        tables, readers = self._tables(), journals_in(self.folder)
         new: dict[str, State] = {}
         for state in itertools.chain.from_iterable(reader.states() for reader in readers):
             new.setdefault(state.run_id, state)
@@ -334,7 +336,7 @@ class ResultStore:
     def rows_not_ok(self, columns: Sequence[str]) -> pd.DataFrame:
         """Return the rows (of `columns`) that did not end well; of journals only these are read."""
         asked = list(dict.fromkeys(["run_id", "status", *columns]))
-        tables = Tables(self.folder, str(self.manifest()["study"]))
+        tables = self._tables()
         found = [record for reader in journals_in(self.folder) for record in reader if record.status != "ok"]
         rows = tables.runs(asked)
         rows = kept(rows, compute("not_equal", rows["status"], array_of(["ok"], pa.string())[0]))
@@ -347,7 +349,15 @@ class ResultStore:
 
     def damaged(self) -> list[Path]:
         """Return the journals of which some lines cannot be read."""
-        return list(self.survey().damaged)
+        readers = journals_in(self.folder)
+        for reader in readers:
+            deque(reader.states(), maxlen=0)  # what is damaged is known at its end
+        return [reader.path for reader in readers if reader.damaged]
+
+    def _tables(self) -> Tables:
+        if self._study is None:  # a study keeps its name, and a manifest of many runs takes a tenth of a second
+            self._study = str(self.manifest()["study"])
+        return Tables(self.folder, self._study)
 
     def write(self, run: Run) -> None:
         """Append a run to the journal of this process.
@@ -449,15 +459,22 @@ class ResultStore:
             return [self]
         return [ResultStore(folder) for folder in manifests.studies_in(self.folder)] or [self]
 
-    def tables(self, columns: Sequence[str] | None = None) -> tuple[pa.Table, pa.Table]:
-        """Return rows (of `columns`: then perhaps without traces) and traces of all finished runs, in their order."""
-        tables = Tables(self.folder, str(self.manifest()["study"]))
+    def tables(
+        self, columns: Sequence[str] | None = None, only: Literal["", "rows", "traces"] = ""
+    ) -> tuple[pa.Table, pa.Table]:
+        """Return rows (of `columns`) and traces of all finished runs, in their order; the others perhaps empty."""
+        tables = self._tables()
         written = [record for reader in journals_in(self.folder) for record in reader]
         known = tables.complete()
         records = list(_distinct(written, known))
-        is_quick = columns is not None and not records
-        rows = tables.runs(list(dict.fromkeys(["run_id", *columns])) if columns is not None and is_quick else None)
-        traces = empty_table(TRACES_SCHEMA) if is_quick else tables.traces()
+        if records:  # of which each has both
+            columns_read, only = None, ""
+        elif only == "traces":
+            columns_read = ["run_id"]
+        else:
+            columns_read = None if columns is None else list(dict.fromkeys(["run_id", *columns]))
+        rows = tables.runs(columns_read)
+        traces = empty_table(TRACES_SCHEMA) if only == "rows" else tables.traces()
         ids = array_of(sorted(known), pa.string())
         flags = [is_in(table["run_id"], ids) for table in (rows, traces)]
         rows, traces = (

@@ -35,9 +35,13 @@ _LEFT = "it is left alone: put back a copy, or delete both tables and run again"
 _CHECKED: dict[Path, list[tuple[int, int, int] | None]] = {}  # folders whose tables were found right, and their files
 
 
-def parquet_file(path: Path) -> pq.ParquetFile:
-    """Return the Parquet file of that name on this machine: ``lab:1`` and ``s3://x`` are folders, no addresses."""
-    return pq.ParquetFile(path.absolute(), filesystem=LocalFileSystem())  # read_table loads pyarrow.dataset
+def parquet_file(path: Path, as_codes: Sequence[str] = ()) -> pq.ParquetFile:
+    """Return the Parquet file of that name on this machine: ``lab:1`` and ``s3://x`` are folders, no addresses.
+
+    Columns of text in `as_codes` are read as dictionaries.
+    """
+    # read_table loads pyarrow.dataset
+    return pq.ParquetFile(path.absolute(), filesystem=LocalFileSystem(), read_dictionary=[*as_codes])
 
 
 @final

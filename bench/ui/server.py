@@ -41,6 +41,7 @@ from calibench.bench.report.study.explored import LIBRARY, as_json, policy, read
 from calibench.bench.report.study.page import StudyPage
 from calibench.bench.report.study.write import finished_runs
 from calibench.bench.statistics import tables
+from calibench.bench.statistics.fixed_target import Hits
 from calibench.bench.statistics.ranking import By
 from calibench.bench.statistics.targets import levels_of
 from calibench.bench.statistics.two_studies import compare
@@ -478,7 +479,7 @@ def _page_of(store: ResultStore) -> str:
     finished = finished_runs(store)
     return StudyPage(
         folder=store.folder, runs=finished.runs, traces=finished.traces, summary=finished.summary,
-        hits=store.hits(levels_of(finished.runs)), manifest=store.manifest(),
+        hits=Hits.of(store.hits(levels_of(finished.runs))), manifest=store.manifest(),
     ).html()  # fmt: skip
 
 

@@ -35,7 +35,7 @@ def test_figures_drawn_at_once_have_the_same_bytes_and_order(tmp_path, monkeypat
     assert one[2] == many[2]
     assert len(one[2]) == 15
     assert one[0] == many[0] == list(many[1])[::-1]
-    assert many[1]["figure_2"] == tmp_path / "many" / "figure_2.svg"
+    assert many[1]["figure_2"] == tmp_path / "many" / "figures" / "figure_2.svg"
 
 
 @pytest.mark.parametrize("cores", [1, 3])

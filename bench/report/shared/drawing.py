@@ -29,6 +29,7 @@ from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.ticker import LogFormatterSciNotation, NullLocator
 
 from calibench.bench.gate.processes import CAN_FORK, WorkerPool
+from calibench.bench.report.shared.kept import NOTHING_KEPT, Kept, digest
 
 Drawing = tuple[Figure, pd.DataFrame]
 Drawable = tuple[str, Callable[[], Drawing]]  # its name, and what draws it
@@ -46,6 +47,7 @@ STYLE: Any = {
     "svg.fonttype": "none",
 }  # fmt: skip
 _DPI = 160  # of the PNG
+_ENDINGS = ("svg", "png", "csv")
 _PACKED = 3  # of 9: 6, which is usual, makes files 7 % smaller in three times the time
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SAME = 1e-5  # of the axis' length: Matplotlib draws no minor tick so near to a major one
@@ -120,7 +122,7 @@ def save(name: str, drawing: Drawing, folder: Path) -> list[Path]:
             if type(of) is LogFormatterSciNotation:
                 put(_Powers(scale.base, of.labelOnlyBase))
     folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{name}.{ending}" for ending in ("svg", "png", "csv")]
+    paths = [folder / f"{name}.{ending}" for ending in _ENDINGS]
     with rc_context(STYLE):
         FigureCanvasAgg(figure)  # one for layout and PNG: a new one would measure all texts anew
         join_minor_ticks(figure)
@@ -198,11 +200,21 @@ def join_minor_ticks(figure: Figure) -> None:
 @final
 class Drawings(Mapping[str, Path]):
     """Drawings by name, as a context: the path of an SVG, there when it is asked for. They are drawn in forked
-    processes, the last first: those of the whole field take the longest. `tell(name)` is called before each wait."""
+    processes, the last first: those of the whole field take the longest. `tell(name)` is called before each wait.
+    Those that are `kept` from the last report, drawn from the same, are not drawn again."""
 
-    def __init__(self, drawable: Sequence[Drawable], folder: Path, tell: Callable[[str], None]) -> None:
-        self._drawable, self._folder, self._tell = drawable, folder, tell
+    def __init__(
+        self, drawable: Sequence[Drawable], folder: Path, tell: Callable[[str], None], kept: Kept = NOTHING_KEPT
+    ) -> None:
+        self._folder, self._tell = folder / "figures", tell
         self._files: dict[str, Future[list[Path]]] = {name: Future() for name, _ in drawable}
+        self.digests = {name: digest(draw) for name, draw in drawable}
+        self._drawable = []
+        for name, draw in drawable:
+            if kept.has_figure(folder, name, self.digests[name], _ENDINGS):
+                self._files[name].set_result(self._paths(name))
+            else:
+                self._drawable.append((name, draw))
         self._pool: WorkerPool | None = None
         self._collector = threading.Thread(target=self._collect, name="drawings", daemon=True)
 
@@ -244,10 +256,14 @@ class Drawings(Mapping[str, Path]):
         name, draw = self._drawable[number]
         return save(name, draw(), self._folder)
 
+    def _paths(self, name: str) -> list[Path]:
+        return [self._folder / f"{name}.{ending}" for ending in _ENDINGS]
+
     def _collect(self) -> None:
         """Take the answers of the processes as they come; after one that raised the others have nobody to wait for."""
         assert self._pool is not None
-        for name, future in reversed(self._files.items()):
+        for name, _ in self._drawable[::-1]:
+            future = self._files[name]
             try:
                 self._tell(name)
                 future.set_result(self._pool.take())

@@ -16,6 +16,7 @@ from calibench.bench.report.study.html_tables import lost_of
 from calibench.bench.statistics import ranking, summary as stats
 from calibench.bench.statistics.best import MANY, Method, Rival, against_each
 from calibench.bench.statistics.cells import METHOD, PROBLEM
+from calibench.bench.statistics.names import name_of_each
 from calibench.bench.statistics.summary import outside_box, success_interval
 from calibench.bench.statistics.targets import COLUMN, with_lowest_seen
 from calibench.bench.store.manifest import remaining_by_budget
@@ -73,7 +74,7 @@ def answer(
     cut = remaining.get(int(most), 0) if budgets else 0
     runs, cells = (table[(table["budget"] == most) if budgets else table["budget"].isna()] for table in (runs, cells))
     within = f"Within {_spaced(most)} evaluations a run" if budgets else "Of published runs, which tell no budget"
-    called = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
+    called = name_of_each(runs, names)
     # methods, best first; places are among those that were run on every task, where there are some
     ranked = ranking.methods(cells)
     whole = ranked.loc[ranked["tasks"] == ranked["of_tasks"], METHOD]

@@ -22,7 +22,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from calibench.bench.statistics.cells import CELL, PROBLEM, by_number
-from calibench.bench.statistics.fixed_target import ert, runtimes, success_intervals
+from calibench.bench.statistics.fixed_target import Hits, ert, runtimes, success_intervals
 from calibench.bench.statistics.names import method_labels
 from calibench.bench.statistics.optimum import Optimum
 from calibench.bench.statistics.ranking import methods_in_order
@@ -70,7 +70,7 @@ class Panel:
 
 
 def explored(
-    panels: Sequence[Panel], traces: pd.DataFrame, hits: pd.DataFrame, summary: pd.DataFrame, study: str
+    panels: Sequence[Panel], traces: pd.DataFrame, hits: Hits, summary: pd.DataFrame, study: str
 ) -> dict[str, Any]:
     """Return the numbers of a study as plain values, for `as_json`."""
     panel_of = np.repeat(np.arange(len(panels)), [len(panel.runs) for panel in panels])
@@ -230,7 +230,7 @@ class Reached:
     share: Array | None
 
 
-def reached_targets(runs: pd.DataFrame, hits: pd.DataFrame, goals: Mapping[int, float], costs: Array) -> list[Reached]:
+def reached_targets(runs: pd.DataFrame, hits: Hits, goals: Mapping[int, float], costs: Array) -> list[Reached]:
     """Return what is known of each quantity in `hits`, the goal first."""
     cells = int(runs["cell"].max()) + 1
     table = ert(hits, runs)

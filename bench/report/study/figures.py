@@ -23,10 +23,10 @@ from calibench.bench.report.study.additions import Additions, Mark
 from calibench.bench.report.study.explored import bands
 from calibench.bench.statistics import ranking, summary as stats, tables
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, TASK
-from calibench.bench.statistics.fixed_target import ecdf, ert, performance_profile
+from calibench.bench.statistics.fixed_target import Hits, ecdf, ert, performance_profile
 from calibench.bench.statistics.names import in_order, method_labels, problem_titles, settings_that_vary
 from calibench.bench.statistics.optimum import Optimum, optimum_of
-from calibench.bench.statistics.ranking import FEWEST, Ranked, blocks_of, friedman, looks_of
+from calibench.bench.statistics.ranking import FEWEST, LOOK, Ranked, blocks_of, friedman, looks_of
 from calibench.bench.statistics.summary import endings, method_names
 from calibench.bench.store.arrays import lists_of
 from calibench.core.seeds import digest
@@ -43,6 +43,7 @@ _LETTER = 0.06  # inches of a letter of a name
 _NAMED = 12  # methods that get a colour; the others are a grey background
 _QUANTITY = "gap"
 _DIAGRAM_LETTER = 0.07  # inches of a letter of a name
+_ECDF = ("run_id", *CELL, "charged", LOOK)  # columns that a drawing of shares needs: few are cheap to cut
 _LEAST_P = 1e-300  # p below it is rounding
 _TICK = 0.25  # inches between two numbers of the scale, at least
 FIELD_STYLE: Any = {"axes.grid": False}
@@ -377,24 +378,25 @@ def file_name(title: str) -> str:
     return plain if short == plain else f"{short}-{digest(title)[:6]}"
 
 
-def ecdf_figures(runs: pd.DataFrame, hits: pd.DataFrame, groups: pd.Series) -> Iterator[tuple[str, str, Drawable]]:
+def ecdf_figures(runs: pd.DataFrame, hits: Hits, groups: pd.Series) -> Iterator[tuple[str, str, Drawable]]:
     """Yield (name, caption, how it is drawn) of the whole study and of each of several `groups`, by index of `runs`."""
-    targets = hits[hits["quantity"] == _QUANTITY]
-    if targets.empty:
+    targets = hits.of_quantity(_QUANTITY)
+    if not len(targets.run):
         return
+    runs = runs[[name for name in _ECDF if name in runs]]
     total = len(runs[PROBLEM].drop_duplicates())
     yield "ecdf", f"Runtime ECDF, {counted(total, 'problem')}", partial(runtime_ecdf, runs, targets, "All problems")
     parts = {str(name): mine for name, mine in runs.groupby(groups.to_numpy(), sort=False)}
     if not 1 < len(parts) < total:
         return
     for name, mine in parts.items():
-        some = targets[targets["run_id"].isin(set(mine["run_id"]))]
+        some = targets.of_runs(mine["run_id"])
         title = f"Group {name}"
         caption = f"Runtime ECDF, {title}, {counted(len(mine[PROBLEM].drop_duplicates()), 'problem')}"
         yield f"ecdf_{file_name(name) or digest(name)[:6]}", caption, partial(runtime_ecdf, mine, some, title)
 
 
-def runtime_ecdf(runs: pd.DataFrame, hits: pd.DataFrame, title: str = "") -> Drawing:
+def runtime_ecdf(runs: pd.DataFrame, hits: Hits, title: str = "") -> Drawing:
     """Draw the share of (run, target) pairs that each method reached, over charged evaluations."""
     numbers = ecdf_of(runs, hits)
     with rc_context(STYLE):
@@ -402,12 +404,12 @@ def runtime_ecdf(runs: pd.DataFrame, hits: pd.DataFrame, title: str = "") -> Dra
         axes = figure.subplots()
         draw_shares(axes, numbers, runs.assign(method=method_labels(runs)), "cost")
         put_legend(figure, [axes])
-        count = hits["target"].nunique()
+        count = hits.different()["target"].nunique()
         entitle(figure, f"{title}: {counted(count, 'target')} above the best value" if title else "")
     return figure, numbers
 
 
-def ecdf_of(runs: pd.DataFrame, hits: pd.DataFrame) -> pd.DataFrame:
+def ecdf_of(runs: pd.DataFrame, hits: Hits | pd.DataFrame) -> pd.DataFrame:
     """Return `runtime.ecdf` of hits of one quantity, with the name of each row's method (`method_labels`)."""
     runs = runs.copy(deep=False)
     for _, mine in runs.groupby(METHOD, sort=False):  # a method whose start each problem decides is one

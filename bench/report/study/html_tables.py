@@ -18,7 +18,14 @@ from calibench.bench.report.shared.page import Head, Macros, Table, macros
 from calibench.bench.report.study import figures
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, PROBLEM
-from calibench.bench.statistics.names import method_labels, method_titles, problem_titles, setting_text, several
+from calibench.bench.statistics.names import (
+    method_labels,
+    method_titles,
+    name_of_each,
+    problem_titles,
+    setting_text,
+    several,
+)
 from calibench.bench.statistics.optimum import Optimum, optimum_of
 from calibench.bench.statistics.progress import without_numbers
 from calibench.bench.statistics.ranking import Ranked, best_first
@@ -145,8 +152,8 @@ def by_error(runs: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
 def ranked(runs: pd.DataFrame, names: pd.Series, cells: pd.DataFrame | None = None) -> pd.DataFrame:
     """Return the summary of these runs, a row a cell, best first on each task; all of `cells`, where it is given."""
     cells = stats.summary(runs) if cells is None else cells.copy()
-    named = dict(zip(zip(runs["optimizer"], runs["optimizer_options"], strict=True), names[runs.index], strict=True))
-    cells["method"] = [named[pair] for pair in zip(cells["optimizer"], cells["optimizer_options"], strict=True)]
+    called = name_of_each(runs, names)
+    cells["method"] = [called[pair] for pair in zip(cells["optimizer"], cells["optimizer_options"], strict=True)]
     return best_first(cells)
 
 

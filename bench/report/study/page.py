@@ -25,6 +25,7 @@ from calibench.bench.report.study.explored import Panel, as_json, explored, poli
 from calibench.bench.report.study.html_tables import count, lost_of, number
 from calibench.bench.statistics import summary as stats
 from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, mixed_code
+from calibench.bench.statistics.fixed_target import Hits
 from calibench.bench.statistics.names import in_order, setting_text
 from calibench.bench.statistics.optimum import optimum_of
 from calibench.bench.statistics.ranking import Ranked
@@ -62,7 +63,7 @@ class StudyPage:
     beside: Mapping[str, str] = field(default_factory=dict)
     captions: Mapping[str, str] = field(default_factory=dict)
     traces: pd.DataFrame = field(default_factory=lambda: TRACES_SCHEMA.empty_table().to_pandas())
-    hits: pd.DataFrame = field(default_factory=lambda: HITS_SCHEMA.empty_table().to_pandas())
+    hits: Hits = field(default_factory=lambda: Hits.of(HITS_SCHEMA.empty_table()))
     summary: pd.DataFrame = field(default_factory=pd.DataFrame)
     together: Mapping[str, str] = field(default_factory=dict)
     ranked: Ranked | None = None

@@ -15,6 +15,7 @@ from typing import final
 import pandas as pd
 
 from calibench.bench.report.shared.drawing import Drawings
+from calibench.bench.report.shared.kept import Kept, State, code, files_named, state_of, state_of_file
 from calibench.bench.report.study import figures
 from calibench.bench.report.study.additions import Additions, FilledSection, printed_values
 from calibench.bench.report.study.explored import groups_of
@@ -22,12 +23,12 @@ from calibench.bench.report.study.figures import ecdf_figures
 from calibench.bench.report.study.page import StudyPage
 from calibench.bench.statistics import summary as stats, tables
 from calibench.bench.statistics.cells import METHOD, PROBLEM
+from calibench.bench.statistics.fixed_target import Hits
 from calibench.bench.statistics.ranking import with_looks
 from calibench.bench.statistics.targets import levels_of, with_lowest_seen
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
-from calibench.bench.store.schema import to_pandas
 from calibench.bench.store.tables import parquet_file
 from calibench.bench.sweep.studies import study_preset
 from calibench.core.words import print_plain as print, printable
@@ -45,8 +46,10 @@ _GROUPS = 12  # drawings of groups
 @final
 @dataclass(frozen=True, kw_only=True)
 class FinishedRuns:
-    """The runs of a study with their goals (`with_lowest_seen`), their traces, and their summary with costs."""
+    """The runs of a study with their goals (`with_lowest_seen`), their traces, and their summary with costs; `files`
+    are those that stood in its folder before they were read, or that the runs name."""
 
+    files: State
     runs: pd.DataFrame
     traces: pd.DataFrame
     summary: pd.DataFrame
@@ -54,12 +57,14 @@ class FinishedRuns:
 
 def finished_runs(store: ResultStore) -> FinishedRuns:
     """Return what a report is made of. Raises `StoreError` without runs."""
-    runs, traces = store.runs(), store.traces()
+    files, runs, traces = state_of(store.folder), store.runs(), store.traces()
     if runs.empty:
         raise StoreError(f"{store.folder}: holds no finished run yet")
+    named = files_named([*runs["problem_options"].unique(), *runs["optimizer_options"].unique()])
+    files |= {name: state_of_file(Path(name)) for name in named}
     runs = with_lowest_seen(runs, traces)
     summary = stats.summary(runs, store.manifest().get("costs", []))
-    return FinishedRuns(runs=runs, traces=traces, summary=summary)
+    return FinishedRuns(files=files, runs=runs, traces=traces, summary=summary)
 
 
 @tables.problems_made_once()
@@ -71,10 +76,10 @@ def write_report(
     tell(0, _STEPS, "the runs")
     finished = finished_runs(store) if finished is None else finished
     runs, traces, summary = finished.runs, finished.traces, finished.summary
-    manifest = store.manifest()
+    manifest, kept = store.manifest(), Kept.read(store.folder)
     tell(1, _STEPS, "when each run reached each target")
     written = [store.write_hits(levels_of(runs))]
-    hits = to_pandas(parquet_file(written[0]).read())
+    hits = Hits.of(parquet_file(written[0], as_codes=("run_id", "quantity")).read(Hits.COLUMNS))
     tell(2, _STEPS, "the tables")
     drawn = with_looks(runs, summary)
     together = list(ecdf_figures(drawn, hits, groups_of(runs)))[:_GROUPS]
@@ -84,7 +89,9 @@ def write_report(
     drawable += figures.drawable(drawn, traces, additions, _FEW if many else _DRAWN, ranked)
     steps = _STEPS + len(drawable)
     at = {name: 3 + i for i, (name, _) in enumerate(reversed(drawable))}  # the last is drawn first
-    with Drawings(drawable, store.folder / "figures", lambda name: tell(at[name], steps, f"figure {name}")) as drawings:
+    with Drawings(
+        drawable, store.folder, lambda name: tell(at.get(name, 3), steps, f"figure {name}"), kept
+    ) as drawings:  # fmt: skip
         identifiability = tables.identifiability(runs)
         several = len(runs[METHOD].drop_duplicates()) > 1
         named = {
@@ -116,6 +123,10 @@ def write_report(
         written += drawings.files()
     tell(steps - 1, steps, "the page")
     written.append(write_whole(store.folder / "report.html", lambda file: file.write(page.encode())))
+    ours = [path.relative_to(store.folder).as_posix() for path in written]
+    after = state_of(store.folder, finished.files)  # of which what others changed meanwhile is not in the report
+    files = {name: after[name] if name in ours else finished.files.get(name, []) for name in after}
+    Kept(code=code(), files=files, written=ours, figures=drawings.digests).write(store.folder)
     return written
 
 

@@ -1,0 +1,54 @@
+"""`bench report` once more: what is still true is not made again, and whatever has changed is."""
+
+import json
+
+import pytest
+
+from calibench.bench.report.shared.kept import RECORD, Kept, code
+
+_SWEEP = "run -m problem=sensor_zero,link_length optimizer=lm seeds=2 budget=60 start=random study=s results=."
+
+
+@pytest.fixture
+def study(run_bench, tmp_path, one_process):
+    assert run_bench(_SWEEP)[0] == 0
+    return tmp_path / "s"
+
+
+def _times(folder):
+    return {path.name: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
+
+
+def test_nothing_new_is_said_again_and_nothing_is_written(run_bench, study, monkeypatch):
+    first = run_bench("report s")
+    before = _times(study)
+    assert run_bench("report s")[:2] == first[:2]
+    monkeypatch.chdir(study)
+    assert run_bench("report .")[1] == first[1].replace("\ns/", "\n")  # paths are as one stands
+    assert _times(study) == before
+
+    whole = {name: (study / name).read_bytes() for name in ("report.html", "figures/ecdf.svg", "summary.csv")}
+    (study / "report.html").write_text("edited")
+    (study / "summary.csv").write_text("edited")
+    (study / "figures" / "ecdf.svg").unlink()
+    monkeypatch.chdir(study.parent)
+    run_bench("report s")
+    assert {name: (study / name).read_bytes() for name in whole} == whole
+
+
+def test_a_run_more_draws_the_figures_of_its_problem_alone(run_bench, study):
+    run_bench("report s")
+    page, before = (study / "report.html").read_text(), _times(study / "figures")
+    run_bench("run problem=sensor_zero optimizer=lm seeds=3 budget=60 start=random study=s results=.")
+    assert run_bench("report s")[0] == 0
+    assert (study / "report.html").read_text() != page
+    drawn = {name.partition(".")[0] for name, time in _times(study / "figures").items() if before.get(name) != time}
+    assert drawn == {"ecdf", "convergence_sensor_zero", "target_sensor_zero"}
+
+
+def test_a_record_that_is_damaged_or_of_other_code_is_none(tmp_path):
+    for text in ("", "[]", json.dumps({"other": 1}), json.dumps({"code": "another", "text": "all is well"})):
+        (tmp_path / RECORD).write_text(text)
+        assert Kept.read(tmp_path) == Kept()
+    Kept(code=code(), text="all is well").write(tmp_path)
+    assert Kept.read(tmp_path).is_current(tmp_path)
