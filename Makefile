@@ -11,8 +11,6 @@ PYTEST_WORKERS ?= 2
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
-# tests start many processes, and each would compile our modules anew
-export PYTHONDONTWRITEBYTECODE :=
 # of `make reference`; a small rehearsal: make reference BUDGET=800 SEEDS=1 RESULTS=results/small REFERENCE=results/small/kept
 BUDGET ?= paper
 SEEDS ?= paper

@@ -5,10 +5,8 @@ accuracy of identified parameters is by Pashkevich et al. 2008, section 3.4, whi
 (12) with the covariance of the residuals, which need not be independent (13)-(14).
 """
 
-import csv
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, final
 
 import numpy as np
@@ -210,14 +208,6 @@ class Estimate:
             "parameters": self.rows(level),
             "correlations": self.correlations.tolist(),
         }
-
-    def write_csv(self, path: str | Path, level: float = 0.95) -> None:
-        """Write `rows` to a CSV file with a header."""
-        rows = self.rows(level)
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
 
 
 def estimate(

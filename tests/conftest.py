@@ -1,7 +1,8 @@
 """Before the whole suite each worker compiles its share of the kernels, so that no two compile the same ones.
 
 Likewise every other worker collects the tests from the last file to the first: it finds the second half of what Python
-compiles, and pytest rewrites, kept by the others, and they find the first half.
+compiles, and pytest rewrites, kept by the others, and they find the first half. What is compiled is kept whatever the
+environment says: the tests start many processes, and each would compile our modules anew.
 
 The collection makes a million objects that stay: they are not looked through while it does.
 """
@@ -9,9 +10,12 @@ The collection makes a million objects that stay: they are not looked through wh
 import gc
 import importlib
 import os
+import sys
 
 import pytest
 
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `make test` has it: runs and direct calls add up in one order
 
 gc.disable()  # until all tests are collected
@@ -69,6 +73,18 @@ def pytest_runtestloop(session):
     for name in shares(worker["workercount"])[int(worker["workerid"].removeprefix("gw"))]:
         registry = problems if name in problems.names() else optimizers
         registry.make(name).compile()
+
+
+@pytest.fixture
+def own_cache(tmp_path, monkeypatch):
+    """Return a cache folder of its own, in which nothing is kept but the kernels, which take long to compile."""
+    from calibench.core.compilation import compiled
+
+    kernels, cache = compiled._cache_folder(), tmp_path / "cache"
+    (cache / "calibench").mkdir(parents=True)
+    (cache / "calibench" / kernels.name).symlink_to(kernels)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    return cache
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from calibench import problems
@@ -15,10 +16,14 @@ _HEAD = ("family", "parameters", "directions seen", "poses or readings", "kinds 
          "draws", "most draws")  # fmt: skip
 
 
-def drawn_table(count: int = 24) -> str:
-    """Return a row a family over its first `count` instances: least .. largest, and how often it was drawn again."""
-    of = {family: [problems.make(family, instance=k) for k in range(1, count + 1)] for family in FAMILIES}
-    return table(_HEAD, [_row(family, made) for family, made in of.items()])
+def instances(family: str) -> list[Any]:
+    """Return the instances 1 to 24 of a family."""
+    return [problems.make(family, instance=k) for k in range(1, 25)]
+
+
+def drawn_table(of: Callable[[str], list[Any]] = instances) -> str:
+    """Return a row a family over its instances `of` it: least .. largest, and how often it was drawn again."""
+    return table(_HEAD, [_row(family, of(family)) for family in FAMILIES])
 
 
 def _row(family: str, made: list[Any]) -> list[str]:

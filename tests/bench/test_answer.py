@@ -10,7 +10,6 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from benchmarks.answer.compact import KNOWS, STORED, compact, joined, store, stored
-from benchmarks.answer.drawn import drawn_table
 from benchmarks.answer.figure import DRAWN, RANKED, draw, draw_ranks
 from benchmarks.answer.page import later, page
 from benchmarks.answer.standing import ert_bounds, leading, ranked, standing, winners
@@ -221,9 +220,3 @@ def test_the_noise_that_statistics_take_is_that_of_the_instance(runs: pd.DataFra
     for _, row in runs.iterrows():
         (level,) = levels_of(row.to_frame().T, {"noise": [1.0]})["level"]
         assert level == problem_of(row).as_good_as_noise
-
-
-def test_the_page_of_the_instances_tells_what_was_drawn() -> None:
-    assert drawn_table() in (ROOT / "docs" / "instances.md").read_text(encoding="utf-8"), (
-        "run: python -m benchmarks.answer.drawn"
-    )

@@ -137,11 +137,6 @@ def test_at_the_goal_values_are_tied_and_above_it_they_are_not(made):
     assert ranking.places(apart).tolist() == [2.0, 1.0]
 
 
-def test_success_has_wilsons_interval():
-    assert summary.success_interval(5, 5) == pytest.approx((0.5655, 1.0), abs=1e-4)  # Brown, Cai, DasGupta 2001
-    assert summary.success_interval(30, 100) == pytest.approx((0.2189, 0.3959), abs=1e-4)
-
-
 @pytest.mark.parametrize("count", [1, 2, 7, 30, 1000])
 def test_the_interval_is_that_of_scipy_to_the_last_bit(count):
     for won in range(0, count + 1, max(1, count // 50)):

@@ -213,6 +213,7 @@ def test_the_target_is_a_column_and_a_stop(run_bench, here):
     assert run_bench("run problem=full12 optimizer=lm budget=2000 seeds=2 target=1e-3")[0] == 0
     runs = table(here)
     assert set(runs["stop_reason"]) == {"target"}
+    assert (runs["best_value"] <= 1e-3).all()
     assert all(1e-3 in list(targets) for targets in runs["targets"])
 
 

@@ -342,10 +342,17 @@ def test_the_demonstrations_are_small():
         assert np.isfinite(read_measured(path, "gpm2002")["enc_1"]).all()
 
 
-def test_rivals_that_a_tracker_would_tell_apart_come_with_that_advice():
+@pytest.fixture(scope="module")
+def warm():
+    """Return readings of angles alone, of links that grow as they warm, and what is said of them."""
     made = case(0, family="thermal_links", lam=2.0, noise="gauss", xy=False)
     data = discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata)
-    first = with_advice(discrepancy.explain("gpm2002", data), data, discrepancy.machines.make("gpm2002")).findings[0]
+    return data, discrepancy.explain("gpm2002", data)
+
+
+def test_rivals_that_a_tracker_would_tell_apart_come_with_that_advice(warm):
+    data, report = warm
+    first = with_advice(report, data, discrepancy.machines.make("gpm2002")).findings[0]
     assert {rival.family for rival in first.set} == {"thermal_links", "thermal_base"}
     said = r"tracker in the same run \(x, y to 0.02 mm\) would tell .* \(from ([\d.]+) to ([\d.]+) standard deviations"
     told = re.search(said, first.separated_by)
@@ -354,16 +361,15 @@ def test_rivals_that_a_tracker_would_tell_apart_come_with_that_advice():
     assert float(told[2]) > 4
 
 
-def test_a_machine_that_reaches_no_place_is_told_where_readings_are_to_be_proposed(monkeypatch):
+def test_a_machine_that_reaches_no_place_is_told_where_readings_are_to_be_proposed(monkeypatch, warm):
     """An encoder that counted backwards ended the command: the plan of a radius that nobody had stated was refused."""
     machine = discrepancy.machines.make("gpm2002")
     formulation = machine.formulate(planned(n=40))
     with pytest.raises(discrepancy.DataError, match="reaches no place within") as refused:
         reachable(formulation, WhitenedDesign(formulation).q | {"xa1": 1e6})
     monkeypatch.setattr(batch, "next_poses", Mock(side_effect=refused.value))
-    made = case(0, family="thermal_links", lam=2.0, noise="gauss", xy=False)
-    data = discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata)
-    first = with_advice(discrepancy.explain("gpm2002", data), data, machine).findings[0]
+    data, report = warm
+    first = with_advice(report, data, machine).findings[0]
     assert "no further readings could be planned that tell" in first.separated_by
     assert "reaches no place within" in first.separated_by
 

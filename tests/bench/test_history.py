@@ -8,23 +8,21 @@ import pytest
 from calibench.bench.tracking.history import Asked, change_point, drawing, histories, page, sentence
 from tests.bench.tracked import version
 
+pytestmark = pytest.mark.usefixtures("own_cache")
+
 ASKED = Asked("sensor_zero", "de", "value")
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-
-
-@pytest.fixture
-def results(tmp_path):
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
     """Return a folder of six versions: the first three alike, the third of other draws, the last three worse."""
     rng = np.random.default_rng(4)
     good, drawn_anew = ((1 + rng.random(10)).tolist() for _ in range(2))
     worse = [(4 + rng.random(10)).tolist() for _ in range(2)]
+    folder = tmp_path_factory.mktemp("results")
     for day, values in enumerate([good, good, drawn_anew, worse[0], worse[0], worse[1]]):
-        version(tmp_path / "results" / f"v{day}", "abcdef"[day], values, day)
-    return tmp_path / "results"
+        version(folder / f"v{day}", "abcdef"[day], values, day)
+    return folder
 
 
 def test_the_version_that_made_it_worse_is_named(results):

@@ -23,6 +23,7 @@ from calibench.core.tables.data_file import LARGEST_PARQUET, LARGEST_TEXT, MOST_
 from calibench.discrepancy import DataError
 
 DEEP = "[" * 100_000 + "]" * 100_000
+MANY = 40_000_000  # numbers
 MEMORY = 300_000_000  # bytes above what is there before: no file below may take as much
 
 
@@ -113,7 +114,10 @@ HOSTILE = {
     "word.parquet": (
         lambda path: table(path, {"split": pa.array(["x" * 10**5] * 2000).dictionary_encode()}), "has 100000 characters"
     ),
-    "list.in.parquet": (lambda path: table(path, {"enc_1": [np.zeros(10**8, np.int8)]}), "it holds list"),
+    "list.in.parquet": (
+        lambda path: table(path, {"enc_1": pa.ListArray.from_arrays([0, MANY], np.zeros(MANY))}, use_dictionary=False),
+        "it holds list",
+    ),
     "many.parquet": (lambda path: table(path, {"enc_1": np.zeros(60_000_000, np.int8)}), "60000000 rows of 1 columns"),
     "deep.csv": (lambda path: written(path, f"# measured_data: {DEEP}\nenc_1\n1\n"), "100000 deep in each other"),
     "deep.parquet": (lambda path: with_metadata(path, DEEP), "100000 deep in each other"),

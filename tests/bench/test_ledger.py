@@ -1,4 +1,7 @@
-"""The ledger: a row for every printed number and none besides, verdicts that follow numbers, files that stand alone."""
+"""The ledger: a row for every printed number and none besides, verdicts that follow numbers, files that stand alone.
+
+Its calibrated columns of the first paper: over plans and releases of fmincon, in bands that could fail.
+"""
 
 import dataclasses
 import itertools
@@ -15,7 +18,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from calibench.bench.cli import main
+from calibench.bench.papers.cong2008 import actual
+from calibench.bench.papers.cong2008.actual import quantity, row as cell_of, tolerance_of
 from calibench.bench.papers.cong2008.figures import runs_of
+from calibench.bench.papers.cong2008.stopping import COLUMNS, RELEASES
 from calibench.bench.papers.files import LEDGER_SCHEMA, read_rows, to_table
 from calibench.bench.papers.page import Kept, page
 from calibench.bench.papers.pashkevich2008 import experiments
@@ -32,9 +38,11 @@ from calibench.bench.papers.row import (
     judge_at_least,
     judge_level,
     judge_limit,
+    judge_share,
 )
 from calibench.bench.store.runs import ResultStore
 from calibench.problems import constants
+from tests.few import few
 
 PAPERS = ("cong2008", "pashkevich2008")
 CELLS = {"table1": 18, "table2": 26, "table3": 51, "table4": 51, "table5": 48, "table6": 9, "table7": 25, "table8": 24}
@@ -48,10 +56,11 @@ def results(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def ledger(results):
-    """Return the ledger by the kernels of OpenBLAS that the documents are of: others sum in another order.
+def computed(results):
+    """Return the ledger and its columns' searches by the kernels of OpenBLAS that the documents are of.
 
-    OpenBLAS takes those of the processor, as a process begins: with AVX-512 some searches end elsewhere.
+    Others sum in another order. OpenBLAS takes those of the processor, as a process begins: with AVX-512 some searches
+    end elsewhere.
     """
     narrow = {"X86_V3", "AVX2"} & set(np.__config__.CONFIG["SIMD Extensions"].get("found", []))
     with pytest.MonkeyPatch.context() as patch, ProcessPoolExecutor(1, get_context("spawn")) as alone:
@@ -60,11 +69,24 @@ def ledger(results):
         return alone.submit(_rerun, results).result()
 
 
+@pytest.fixture(scope="module")
+def ledger(computed):
+    return computed[0]
+
+
+@pytest.fixture
+def searches(computed, monkeypatch):
+    """Return the searches of a column by release, as the ledger has them."""
+    monkeypatch.setattr(actual, "searches", computed[1].__getitem__)
+    return computed[1].__getitem__
+
+
 def _rerun(results):
     """Rerun both papers; the page of the Orthoglide's experiments, a third of the time, has slow tests of its own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(experiments, "write_page", lambda path: path)
-        return run_paper(budget=800, seeds=1, results=results, execution="serial")
+        found = {key: dict(actual.searches(key)) for key in COLUMNS}  # first, for what forks here to have them
+        return run_paper(budget=800, seeds=1, results=results, execution="serial"), found
 
 
 def rows_of(ledger, start, paper="cong2008"):
@@ -572,3 +594,96 @@ def test_divided_by_three_holds_in_one_of_two_tables(ledger):
     assert row.verdict == "reproduced in kind"
     assert row.judged == pytest.approx(2.92, abs=5e-3)
     assert "2.92 in Table 1, 2.14 in Table 2" in row.reason
+
+
+PRINTED = Printed("cong2008")
+COLUMN_CELLS = [
+    (key, name)
+    for key in COLUMNS
+    if key != "table4.j3_12"
+    for name in PRINTED.column(key)
+    if name not in ("kmrmse", "iterations")
+]
+
+
+def verdict_of(cell, ours):
+    """Return the verdict that a row's own columns give to another number in place of ours."""
+    band = Tolerance(
+        cell.tolerance, "", cell.tolerance_in_kind, cell.tolerance_in_decades, cell.tolerance_origin
+    )  # fmt: skip
+    return judge(cell.printed, cell.read, ours, band)
+
+
+def test_there_are_fifty_calibrated_values():
+    assert len(COLUMN_CELLS) == 50
+
+
+@pytest.mark.parametrize("key", few(4, COLUMNS))
+def test_a_cell_is_judged_over_every_plan_and_release_alike(searches, key):
+    names = list(PRINTED.column(key))
+    if key == "table4.j3_12":  # along the gauge, a search ends anywhere: only its cost is the searches'
+        names = ["iterations"]
+    pairs = [(release, end) for release, ends in searches(key).items() for end in ends]
+    assert {release for release, _ in pairs} == {variant.release for variant in RELEASES}
+    for name in names:
+        cell = cell_of(PRINTED, key, name)
+        verdicts = [verdict_of(cell, quantity(end, name)) for _, end in pairs]
+        within = [verdict != "not reproduced" for verdict in verdicts]
+        assert cell.n == len(pairs)
+        assert cell.share == pytest.approx(np.mean(within))
+        assert f"{cell.share:.0%} of plans and releases" in cell.reason
+        assert (cell.verdict in ("not reproduced", "depends on plan or release")) == (2 * sum(within) < len(within))
+        if cell.verdict == "reproduced":
+            assert 2 * verdicts.count("reproduced") >= len(verdicts)
+
+
+@pytest.mark.parametrize(("key", "name"), COLUMN_CELLS)
+def test_a_calibrated_value_can_fail(searches, key, name):
+    cell = cell_of(PRINTED, key, name)
+    actual = PRINTED.column(f"{key.partition('.')[0]}.actual")[name]
+    step = 1.0 if cell.unit == "mm" else 0.01
+    assert verdict_of(cell, cell.read) != "not reproduced"
+    assert verdict_of(cell, cell.read + 3 * step) == "not reproduced"
+    digit = PRINTED.digit(f"{key}.{name}")
+    if abs(cell.read - actual) > 1.01 * digit and cell.printed == cell.read:
+        # the truth is not what a search that stopped early printed: it does not pass for it
+        assert verdict_of(cell, actual) == "not reproduced"
+        assert verdict_of(cell, actual + 20 * (cell.read - actual)) == "not reproduced"
+        assert verdict_of(cell, actual - (cell.read - actual)) == "reproduced in kind"
+
+
+def test_a_misprinted_cell_asks_which_reading_it_is(searches):
+    cell = cell_of(PRINTED, "table3.j2", "la3")
+    assert verdict_of(cell, 243.51) == "misprint, corrected"
+    assert verdict_of(cell, 244.49) == "reproduced"
+    assert verdict_of(cell, 244.0) == "not reproduced"
+
+
+def test_a_kmrmse_is_judged_from_both_sides(searches):
+    cell = cell_of(PRINTED, "table3.j1", "kmrmse")
+    assert [verdict_of(cell, factor * cell.printed) for factor in (0.05, 0.2, 5.0, 20.0)] == [
+        "not reproduced", "reproduced in kind", "reproduced in kind", "not reproduced"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("near", "verdict"),
+    [(0, "not reproduced"), (1, "not reproduced"), (2, "depends on plan or release"), (9, "depends on plan or release"),
+     (10, "reproduced")],
+)  # fmt: skip
+def test_a_print_that_some_plans_give_is_neither_reproduced_nor_refuted(near, verdict):
+    band = Tolerance(0.5, "half a digit")
+    ruling = judge_share(3.0, 3.0, [3.1] * near + [9.0] * (20 - near), band)
+    assert (ruling.verdict, ruling.share) == (verdict, near / 20)
+
+
+def test_one_plan_does_not_decide(searches):
+    """Each plan alone gives the cell another verdict; the cell has one, of all plans."""
+    cell = cell_of(PRINTED, "table3.j3", "kmrmse")
+    alone = {
+        judge_share(cell.printed, cell.read, [ends[number].kmrmse for ends in searches("table3.j3").values()],
+                    tolerance_of(PRINTED, "table3.j3", "kmrmse")).verdict
+        for number in range(15)
+    }  # fmt: skip
+    assert len(alone) > 1
+    assert cell.verdict == "depends on plan or release"

@@ -44,10 +44,10 @@ def call(*words, module=False):
     return done.returncode, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("words", ["execution=serial", "execution=processes execution.n_jobs=2"])
-def test_files_that_have_names_of_modules_stand_beside_a_class_and_its_neighbours(here, words):
-    assert call("run", *RUN, "seeds=2", "start=random", "study=s", *words.split())[0] == 0
-    assert ResultStore("results/s").runs()["status"].tolist() == ["ok", "ok"]
+def test_files_that_have_names_of_modules_stand_beside_a_class_and_its_neighbours(here):
+    for study, words in (("s", ["execution=serial"]), ("p", ["execution=processes", "execution.n_jobs=2"])):
+        assert call("run", *RUN, "seeds=2", "start=random", f"study={study}", *words)[0] == 0
+        assert ResultStore(f"results/{study}").runs()["status"].tolist() == ["ok", "ok"]
     assert call("run", "problem=mine:Bowl", *RUN[1:], "seeds=1", "study=m", module=True)[0] == 0
     assert call("status", "results/s") == call("status", "results/s", module=True)
 

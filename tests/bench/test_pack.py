@@ -15,12 +15,7 @@ from calibench.bench.tracking.catalogue import find_study
 from calibench.bench.tracking.pack import LISTING, unpack
 from tests.bench.tracked import study
 
-pytestmark = pytest.mark.usefixtures("one_process", "undrawn")
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+pytestmark = pytest.mark.usefixtures("one_process", "undrawn", "own_cache")
 
 
 @pytest.fixture
@@ -157,16 +152,13 @@ def test_a_name_twice_and_what_is_no_pack_are_refused(tmp_path, run_bench):
     assert not (tmp_path / "results").exists()
 
 
-@pytest.mark.parametrize("at", [0.2, 0.5, 0.9, 0.999])
-def test_a_pack_that_was_damaged_on_its_way_is_refused(packed, tmp_path, at):
-    content = bytearray(packed.read_bytes())
-    content[int(len(content) * at)] ^= 0xFF
-    (tmp_path / "damaged.zip").write_bytes(content)
-    with pytest.raises(ValueError, match=r"^unpack: [^\n]+$"):
-        unpack(tmp_path / "damaged.zip", tmp_path / "there", trust=True)
-    packed.write_bytes(packed.read_bytes()[: int(len(content) * at)])
-    with pytest.raises(ValueError, match=r"^unpack: [^\n]+$"):
-        unpack(packed, tmp_path / "there", trust=True)
+def test_a_pack_that_was_damaged_on_its_way_is_refused(packed, tmp_path):
+    whole = packed.read_bytes()
+    for at in (int(len(whole) * share) for share in (0.2, 0.5, 0.9, 0.999)):
+        for content in (whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 :], whole[:at]):
+            packed.write_bytes(content)
+            with pytest.raises(ValueError, match=r"^unpack: [^\n]+$"):
+                unpack(packed, tmp_path / "there", trust=True)
     assert not list((tmp_path / "there").glob("*")) if (tmp_path / "there").exists() else True
 
 

@@ -138,12 +138,6 @@ def test_an_optimiser_that_asks_for_nothing_is_a_failure():
     assert (run.row["error_type"], run.row["error"]) == ("NoEvaluation", "the optimizer made no evaluation")
 
 
-def test_the_target_is_a_stop_reason():
-    run = bench.execute(problems.make("full12"), optimizers.make("lm"), budget=5000, start="random", target=1e-3)
-    assert run.stop_reason == "target"
-    assert run.best_value <= 1e-3
-
-
 def test_an_answer_outside_the_box_is_called_so():
     p = problems.make("full12")
     run = bench.execute(p, optimizers.make("lm"), budget=5000, seed=0, start="random")

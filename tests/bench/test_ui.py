@@ -75,8 +75,7 @@ def serving(results, write=False):
 
 
 @pytest.fixture(autouse=True)
-def cache(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def settled(own_cache, monkeypatch):
     monkeypatch.setattr(of, "_FRESH", -5.0)
 
 

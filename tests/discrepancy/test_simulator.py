@@ -58,8 +58,7 @@ def broken(inputs, parameters):
 
 
 @pytest.fixture
-def spring(tmp_path, monkeypatch) -> Path:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def spring(tmp_path, own_cache) -> Path:
     name = (
         f"spring_{blake2b(str(tmp_path).encode(), digest_size=4).hexdigest()}"  # one file of a name is known at a time
     )

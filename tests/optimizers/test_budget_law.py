@@ -30,15 +30,15 @@ def traits_of(name: str, **options: Any) -> Traits:
 
 @pytest.mark.parametrize("budget", BUDGETS)
 @pytest.mark.parametrize("name", one_of_each(NAMES))
-@pytest.mark.parametrize("law", AT_A_BUDGET, ids=lambda law: law.__name__)
-def test_a_method_keeps_its_laws_at_every_budget(law: Any, name: str, budget: int) -> None:
-    law(partial(optimizers.make, name), (budget,))
+def test_a_method_keeps_its_laws_at_every_budget(name: str, budget: int) -> None:
+    for law in AT_A_BUDGET:
+        law(partial(optimizers.make, name), (budget,))
 
 
 @pytest.mark.parametrize("name", one_of_each(NAMES))
-@pytest.mark.parametrize("law", ONCE, ids=lambda law: law.__name__)
-def test_what_a_method_says_of_itself_is_true(law: Any, name: str) -> None:
-    law(partial(optimizers.make, name))
+def test_what_a_method_says_of_itself_is_true(name: str) -> None:
+    for law in ONCE:
+        law(partial(optimizers.make, name))
 
 
 @pytest.mark.parametrize("budget", BUDGETS)

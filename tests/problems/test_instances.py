@@ -4,12 +4,14 @@ import json
 import os
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.answer.drawn import drawn_table, instances
 from calibench import bench, optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.provenance.run_id import canonical, options_of
@@ -19,9 +21,8 @@ from calibench.problems.planar.gpm2002 import NAMES, inverse_kinematics
 
 ROOT = Path(__file__).resolve().parents[2]
 FAMILIES = ("sensor_zero", "link_length", "full11", "full12", "tracking_zero", "orthoglide6", "delta9")
-ALL = [(family, k) for family in FAMILIES for k in range(1, 25)]
-SOME = [(family, k) for family in FAMILIES for k in (1, 2, 5, 24)]
 RANKS = {"full12": 11}  # one direction no reading sees; every other family sees all
+each_family = pytest.mark.parametrize("family", FAMILIES)
 
 
 def made(case, **options):
@@ -29,14 +30,13 @@ def made(case, **options):
     return problems.make(family, instance=instance, **options)
 
 
+drawn = cache(instances)  # of a family: 1 to 24
+
+
 def p_rows(problem):
     """Return how many poses, places or readings the plan of an instance has."""
     plan = problem.drawn.plan
     return len(problem.readings) if isinstance(plan, str) else plan.n
-
-
-def over(cases):
-    return pytest.mark.parametrize("case", cases, ids=lambda case: f"{case[0]}-{case[1]}")
 
 
 def test_every_problem_that_simulates_a_machine_is_a_family():
@@ -63,64 +63,66 @@ def test_without_an_instance_nothing_new_is_declared():
     assert all(problems.make(family).as_good_as_noise is None for family in FAMILIES)
 
 
-@over(ALL)
-def test_the_truth_is_in_the_box_and_neither_its_centre_nor_the_start(case):
-    p = made(case)
-    truth, start = (np.array([getattr(c, k) for c in p.parameters]) for k in ("true", "start"))
-    lower, upper = (np.array([getattr(c, k) for c in p.parameters]) for k in ("lower", "upper"))
-    share, begun = (truth - lower) / (upper - lower), (start - lower) / (upper - lower)
-    assert ((share > 0.049) & (share < 0.951)).all()
-    assert ((begun > 0.049) & (begun < 0.951)).all()
-    assert (abs(share - 0.5) > 0.049).all()
-    assert (abs(share - begun) > 0.02).all()
+@each_family
+def test_the_truth_is_in_the_box_and_neither_its_centre_nor_the_start(family):
+    for p in drawn(family):
+        truth, start = (np.array([getattr(c, k) for c in p.parameters]) for k in ("true", "start"))
+        lower, upper = (np.array([getattr(c, k) for c in p.parameters]) for k in ("lower", "upper"))
+        share, begun = (truth - lower) / (upper - lower), (start - lower) / (upper - lower)
+        assert ((share > 0.049) & (share < 0.951)).all(), p.options
+        assert ((begun > 0.049) & (begun < 0.951)).all(), p.options
+        assert (abs(share - 0.5) > 0.049).all(), p.options
+        assert (abs(share - begun) > 0.02).all(), p.options
+        assert (np.abs(p.truth) > 1e-3).all(), f"{p.options}: the box favours the origin"
 
 
-@over(ALL)
-def test_the_box_is_none_that_favours_the_origin(case):
-    p = made(case)
-    assert (np.abs(p.truth) > 1e-3).all()
+@each_family
+def test_every_pose_of_the_plan_is_reached(family):
+    for p in drawn(family):
+        assert np.isfinite(p.readings).all(), p.options
+        assert np.isfinite(p.residuals(p.truth)).all(), p.options
+        if isinstance(p, Orthoglide):
+            continue
+        if isinstance(p, DeltaProbing):
+            assert np.isfinite(p.residuals(p.start)).all(), p.options
+            continue
+        machines = [p.drawn.machine] if family == "tracking_zero" else [p.drawn.setting.actual, p.drawn.setting.nominal]
+        points = p.true_positions if isinstance(p, Planar) else p.points
+        for machine in machines:
+            assert np.isfinite(inverse_kinematics(machine, points)).all(), p.options
 
 
-@over(ALL)
-def test_every_pose_of_the_plan_is_reached(case):
-    p = made(case)
-    assert np.isfinite(p.readings).all()
-    assert np.isfinite(p.residuals(p.truth)).all()
-    if isinstance(p, Orthoglide):
-        return
-    if isinstance(p, DeltaProbing):
-        assert np.isfinite(p.residuals(p.truth)).all()
-        assert np.isfinite(p.residuals(p.start)).all()
-        return
-    machines = [p.drawn.machine] if case[0] == "tracking_zero" else [p.drawn.setting.actual, p.drawn.setting.nominal]
-    points = p.true_positions if isinstance(p, Planar) else p.points
-    for machine in machines:
-        assert np.isfinite(inverse_kinematics(machine, points)).all()
+@each_family
+def test_readings_identify_what_those_of_the_family_do(family):
+    for p in drawn(family):
+        found = identify(p)
+        rank = RANKS.get(family, found.dimension)
+        assert found.rank == rank, p.options
+        assert found.condition <= 1.01 * WORST_CONDITION, (
+            p.options
+        )  # at the true machine's readings; noise moves it little
+        assert p.drawn.noise.level / found.singular_values[rank - 1] <= 1.01 * WORST_ERROR, p.options
 
 
-@over(ALL)
-def test_readings_identify_what_those_of_the_family_do(case):
-    found = identify(made(case))
-    rank = RANKS.get(case[0], found.dimension)
-    assert found.rank == rank
-    assert found.condition <= 1.01 * WORST_CONDITION  # at the true machine's readings; noise moves it little
-    assert made(case).drawn.noise.level / found.singular_values[rank - 1] <= 1.01 * WORST_ERROR
+@each_family
+def test_a_fit_from_the_truth_ends_as_good_as_the_noise(family):
+    for p in (drawn(family)[k - 1] for k in (1, 2, 5, 24)):
+        assert p.minimum <= p(p.truth)
+        assert p.as_good_as_noise in p.targets
+        assert list(p.targets) == sorted(set(p.targets), reverse=True)
+        if p.drawn.noise.level:
+            assert p.targets[-1] == p.as_good_as_noise == p(p.truth)
+            assert 0 < p.minimum < p.as_good_as_noise < p(p.start)
+        else:
+            assert p(p.truth) <= p.targets[-1] < p.as_good_as_noise < p(p.start)
 
 
-@over(SOME)
-def test_a_fit_from_the_truth_ends_as_good_as_the_noise(case):
-    p = made(case)
-    assert p.minimum <= p(p.truth)
-    assert p.as_good_as_noise in p.targets
-    assert list(p.targets) == sorted(set(p.targets), reverse=True)
-    if p.drawn.noise.level:
-        assert p.targets[-1] == p.as_good_as_noise == p(p.truth)
-        assert 0 < p.minimum < p.as_good_as_noise < p(p.start)
-    else:
-        assert p(p.truth) <= p.targets[-1] < p.as_good_as_noise < p(p.start)
+def test_the_page_of_the_instances_tells_what_was_drawn():
+    page = (ROOT / "docs" / "instances.md").read_text(encoding="utf-8")
+    assert drawn_table(drawn) in page, "run: python -m benchmarks.answer.drawn"
 
 
-@over([("full12", 1), ("full11", 2), ("orthoglide6", 2), ("tracking_zero", 4)])
+@pytest.mark.parametrize("case", [("full12", 1), ("full11", 2), ("orthoglide6", 2), ("tracking_zero", 4)], ids=str)
 @pytest.mark.slow
 def test_nothing_in_the_box_is_found_below_the_minimum(case):
     p = made(case)
@@ -144,21 +146,18 @@ def test_the_level_without_noise_is_what_the_finest_readings_leave():
 
 def test_two_instances_have_other_data_and_other_runs():
     for family in FAMILIES:
-        several = [made((family, k)) for k in range(1, 25)]
-        assert len({p.data_id for p in several}) == 24
-        assert len({tuple(p.lower) for p in several}) == 24
+        assert len({p.data_id for p in drawn(family)}) == 24
+        assert len({tuple(p.lower) for p in drawn(family)}) == 24
     one, two = (bench.execute(made(("sensor_zero", k)), optimizers.make("lm"), budget=20) for k in (1, 2))
     assert one.run_id != two.run_id
 
 
 def test_families_and_kinds_of_plan_and_noise_vary():
     for family in FAMILIES:
-        drawn = [made((family, k)).drawn for k in range(1, 25)]
-        kinds = {d.plan if isinstance(d.plan, str) else d.plan.kind for d in drawn}
-        sizes = {p_rows(made((family, k))) for k in range(1, 25)}
-        assert len(kinds) >= (3 if family == "delta9" else 4)
-        assert len(sizes) >= 8
-        quiet = sum(d.noise.level == 0 for d in drawn)
+        plans = [p.drawn.plan for p in drawn(family)]
+        assert len({plan if isinstance(plan, str) else plan.kind for plan in plans}) >= (3 if family == "delta9" else 4)
+        assert len(set(map(p_rows, drawn(family)))) >= 8
+        quiet = sum(p.drawn.noise.level == 0 for p in drawn(family))
         assert 1 <= quiet <= 18
 
 
@@ -254,9 +253,9 @@ def test_a_thing_that_is_drawn_more_leaves_the_others():
 
 
 def test_one_instance_of_four_has_no_noise():
-    drawn = [Noise.drawn(Stream.of("any", k, 0, "noise"), 1e-6, 1e-3).level for k in range(2000)]
-    assert np.mean(np.array(drawn) == 0) == pytest.approx(0.25, abs=0.04)
-    levels = np.log10([level for level in drawn if level])
+    levels = [Noise.drawn(Stream.of("any", k, 0, "noise"), 1e-6, 1e-3).level for k in range(2000)]
+    assert np.mean(np.array(levels) == 0) == pytest.approx(0.25, abs=0.04)
+    levels = np.log10([level for level in levels if level])
     assert levels.min() >= -6
     assert levels.max() <= -3
     assert np.median(levels) == pytest.approx(-4.5, abs=0.1)

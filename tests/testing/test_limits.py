@@ -41,9 +41,9 @@ class Greedy(Bowl):
 
 
 def test_what_hangs_is_told_with_the_law_that_was_tried():
-    said = r"the laws are tried within 2 s; found same_point_has_the_same_value not at its end; .*time_limit=SECONDS"
+    said = r"the laws are tried within 1 s; found same_point_has_the_same_value not at its end; .*time_limit=SECONDS"
     with pytest.raises(AssertionError, match=said):
-        testing.check_problem(Hanging(), time_limit=2)
+        testing.check_problem(Hanging(), time_limit=1)
 
 
 class Endless:
@@ -53,8 +53,8 @@ class Endless:
 
 
 def test_an_optimiser_that_hangs_is_told_too():
-    with pytest.raises(AssertionError, match="within 2 s; found budget_is_a_wall"):
-        testing.check_optimizer(Endless, time_limit=2)
+    with pytest.raises(AssertionError, match="within 1 s; found budget_is_a_wall"):
+        testing.check_optimizer(Endless, time_limit=1)
 
 
 def test_a_machine_and_an_effect_that_hang_are_told_too():
@@ -66,10 +66,10 @@ def test_a_machine_and_an_effect_that_hang_are_told_too():
                 pass
 
     for check in (
-        lambda: testing.check_machine(Machine(), _readings(), time_limit=1),
-        lambda: testing.check_effect(object(), Machine(), _readings(), time_limit=1),
+        lambda: testing.check_machine(Machine(), _readings(), time_limit=0.2),
+        lambda: testing.check_effect(object(), Machine(), _readings(), time_limit=0.2),
     ):
-        with pytest.raises(AssertionError, match=re.escape("the laws are tried within 1 s")):
+        with pytest.raises(AssertionError, match=re.escape("the laws are tried within 0.2 s")):
             check()
 
 
@@ -85,7 +85,7 @@ def test_what_takes_all_memory_breaks_a_law():
 
 
 def test_the_laws_of_many_dimensions_take_little_memory():
-    problem = Bowl(20_000)
+    problem = Bowl(5_000)  # a square matrix of it is twice as large as what is allowed
     tracemalloc.start()
     try:
         jacobian_agrees_with_differences(problem)
