@@ -1,6 +1,7 @@
 """`bench calibrate hand_eye=...`: from its words to the frames of camera and board, and the files of these."""
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
@@ -13,6 +14,7 @@ from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.request import statements_of
 from calibench.bench.calibration.samples import read_samples
 from calibench.bench.measured.files import pairs_of
+from calibench.bench.provenance.environment import made_by
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.verbs import HandEyeWords
 from calibench.bench.words import RequestError, check_study, read
@@ -36,6 +38,7 @@ class HandEyeRequest:
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     folder: Path = Path("results/hand_eye")
+    command: str = ""
 
     def carry_out(self) -> HandEye:
         """Return the frames of camera and board. Raises `ValueError`, in one line."""
@@ -62,7 +65,8 @@ def read_hand_eye(words: Sequence[str]) -> HandEyeRequest:
         free_scale=given.board_scale == "free",
     )  # fmt: skip
     folder = Path(given.results).expanduser() / given.study
-    return HandEyeRequest(data=given.data, setup=setup, folder=folder, **statements_of(given))
+    command = shlex.join(["bench", "calibrate", *words])
+    return HandEyeRequest(data=given.data, setup=setup, folder=folder, command=command, **statements_of(given))
 
 
 def _scale_of(word: str) -> float:
@@ -145,7 +149,8 @@ def write_hand_eye(answer: HandEye, request: HandEyeRequest) -> HandEye:
             f"    command: ros2 run tf2_ros static_transform_publisher --x {x} --y {y} --z {z} --qx {qx} --qy {qy}"
             f" --qz {qz} --qw {qw} --frame-id {frame.parent} --child-frame-id {frame.child}",
         ]
-    ros, text = "\n".join([*lines, ""]), json.dumps(answer.to_dict(), indent=1, allow_nan=False)
+    content = answer.to_dict() | {"provenance": made_by(request.command)}
+    ros, text = "\n".join([*lines, ""]), json.dumps(content, indent=1, allow_nan=False)
     write_whole(files["ros"], lambda file: file.write(ros.encode()))
     write_whole(files["json"], lambda file: file.write(text.encode()))
     return answer

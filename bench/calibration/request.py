@@ -4,6 +4,7 @@
 """
 
 import json
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 from calibench.bench.calibration.files import ARM, read_table
 from calibench.bench.measured.files import pairs_of, write_columns
 from calibench.bench.measured.sources import OF_A_CALIBRATION
+from calibench.bench.provenance.environment import made_by
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.verbs import CalibrateWords, HandEyeWords, PosesWords
 from calibench.bench.words import RequestError, check_study, read
@@ -52,6 +54,7 @@ class CalibrateRequest:
     folder: Path = Path("results/calibrate")
     dh: Path | None = None
     convention: str = ""
+    command: str = ""
 
     def carry_out(self) -> Calibration:
         """Return the calibration. Raises `ValueError`, in one line."""
@@ -107,6 +110,7 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
         how=HowRead(given.observe or "", given.rotation, given.limits), stated=statements_of(given),
         distance=given.distance or 0.0, sigma_distance=given.sigma_distance or KNOWN_TO, level=given.level,
         resamples=given.resamples, page=given.page, folder=Path(given.results).expanduser() / given.study,
+        command=shlex.join(["bench", "calibrate", *words]),
     )  # fmt: skip
 
 
@@ -125,7 +129,8 @@ def write_calibration(answer: Calibration, request: CalibrateRequest) -> Calibra
 
         files["page"] = str(write_page(answer, folder))
     files["json"] = str(folder / "calibration.json")
-    _put(Path(files["json"]), json.dumps(answer.to_dict(), indent=1, allow_nan=False).encode())
+    content = answer.to_dict() | {"provenance": made_by(request.command)}
+    _put(Path(files["json"]), json.dumps(content, indent=1, allow_nan=False).encode())
     return answer
 
 

@@ -106,8 +106,8 @@ def _extras() -> Iterator[str]:
     except PackageNotFoundError:
         declared = []
     for line in declared:
-        if (name := re.match(r"[\w.-]+", line)) and (extra := re.search(r"extra == ['\"]([\w-]+)", line)):
-            packages.setdefault(extra[1], []).append(name[0])
+        if (name := re.match(r"[\w.-]+", line)) and (part := re.search(r"extra == ['\"]([\w-]+)", line)):
+            packages.setdefault(part[1], []).append(name[0])
     missing = {
         extra: [name for name in names if not library_version(name)]
         for extra, names in packages.items()

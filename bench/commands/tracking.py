@@ -185,7 +185,7 @@ def history(argv: list[str]) -> int:
                     said,
                 ]
             )
-        _print_table(["first run", "commit", "study", "runs", one.by, "beside the one before"], rows)
+        _print_table(["first run", "commit", "study", "runs", one.shown, "beside the one before"], rows)
         print(f"{of.sentence(one)}\n")
     if given.to is not None:
         print(given.to)
@@ -263,8 +263,8 @@ def _as_json(one: Any) -> dict[str, Any]:
         })  # fmt: skip
     return {
         "problem": one.problem, "optimizer": one.optimizer, "options": one.options, "setting": one.setting,
-        "by": one.by,
-        "versions": versions, "change": asdict(one.change) if one.change else None, "sentence": sentence(one),
+        "by": one.by, "shown": one.shown, "versions": versions,
+        "change": asdict(one.change) if one.change else None, "sentence": sentence(one),
     }  # fmt: skip
 
 

@@ -72,7 +72,7 @@ def discover(request: DiscoverRequest, retry: bool = False) -> Iterator[Outcome]
     store = FindingStore(request.folder)
     store.check()
     if not alone:
-        store.open()
+        store.open(request.command)
     try:
         if request.workers == 1 or alone or not CAN_FORK:
             yield from map(search, listed)
@@ -141,7 +141,7 @@ def _search(
         if alone and isinstance(error, DataError):
             raise
         record = replace(record, error=_in_a_line(error), seconds=process_time() - cpu)
-    store.open()
+    store.open(request.command)
     page.unlink(missing_ok=True)
     if pages and report is not None:
         from calibench.bench.discovery.page.page import write_report

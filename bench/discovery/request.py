@@ -1,6 +1,7 @@
 """The requests of `bench discover` and `bench design`: a machine, data, statements on them, and the result folder."""
 
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -44,6 +45,7 @@ class DiscoverRequest(_OfMachine):
     folder: Path = field(default=Path("results/discover"))
     pages: Pages = "auto"
     workers: int = 1
+    command: str = ""
 
     @property
     def options(self) -> str:
@@ -67,6 +69,7 @@ def read_discover(words: Sequence[str]) -> DiscoverRequest:
         machine=given.machine, machine_options=options, data=given.data, stated=stated, pages=given.pages,
         across=given.across.removeprefix("[").removesuffix("]"), folder=Path(given.results).expanduser() / given.study,
         workers=1 if given.execution == "serial" else (os.cpu_count() or 1) if n_jobs == -1 else n_jobs,
+        command=shlex.join(["bench", "discover", *words]),
     )  # fmt: skip
 
 

@@ -62,14 +62,22 @@ class FindingStore:
         if used and not is_discovery(self.folder):
             raise StoreError(f"{self.folder}: is no study of bench discover; take another with study=NAME")
 
-    def open(self) -> None:
-        """Create the folder for writing. Raises `StoreError` where something else stands there."""
+    def open(self, command: str = "") -> None:
+        """Create the folder for writing, and note the `command`. Raises `StoreError` where something else is there."""
         self.check()
-        if is_discovery(self.folder):
-            return
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            manifest = {"kind": DISCOVERY, "schema_version": SCHEMA_VERSION, "study": self.study}
+            manifest: dict[str, Any] = {
+                "kind": DISCOVERY,
+                "schema_version": SCHEMA_VERSION,
+                "study": self.study,
+                "commands": [],
+            }
+            if is_discovery(self.folder):
+                manifest |= json_of((self.folder / "manifest.json").read_bytes())
+                if not command or command in manifest["commands"]:
+                    return
+            manifest["commands"] = [*manifest["commands"], *filter(None, [command])]
             text = json.dumps(manifest, indent=1, allow_nan=False).encode()
             write_whole(self.folder / "manifest.json", lambda file: file.write(text))
         except OSError as error:

@@ -5,10 +5,11 @@ import platform
 import subprocess
 import sys
 from contextlib import suppress
+from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TypedDict
+from typing import Any, TypedDict
 
 _PACKAGES = ("calibench", "numpy", "scipy", "numba", "nlopt", "pygmo", "pandas", "pyarrow", "hydra-core")
 _SUITES = ("coco-experiment", "ioh")  # extras whose functions are problems: told where they are installed
@@ -41,6 +42,11 @@ def provenance() -> Provenance:
         "versions": json.dumps({"python": platform.python_version(), **versions}),
         "platform": f"{sys.platform} {platform.machine()}",
     }
+
+
+def made_by(command: str) -> dict[str, Any]:
+    """Return what the file of a result says of its origin: `command`, now, and `provenance`."""
+    return {"command": command, "started_at": datetime.now(UTC).isoformat(timespec="seconds"), **provenance()}
 
 
 @cache

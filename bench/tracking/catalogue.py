@@ -35,21 +35,21 @@ Kind = Literal["runs", "discovery", "calibration"]
 Status = Literal["ok", "failed", "unfinished", "empty", "damaged"]
 MANIFEST, CALIBRATION, HAND_EYE = "manifest.json", "calibration.json", "hand_eye.json"
 _MARKS = (MANIFEST, CALIBRATION, HAND_EYE)  # a folder that has one may be a study
-_MADE_OF = frozenset((*_MARKS, NOTES, "runs.parquet", "traces.parquet", "findings.parquet", "gaps.parquet"))
+_MADE_OF = frozenset((*_MARKS, NOTES, "runs.parquet", "gaps.parquet"))
 _JOURNALS = "journal"  # `bench.store.journal.FOLDER`, which is slow to load
-_VERSION = 1  # of the columns in an index
+_VERSION = 2  # of what an index holds
 _FRESH = 2.0  # seconds in which a file may change again and keep its size and time
 _MOST_FOLDERS = 500_000
 _LARGEST_JSON = 50_000_000  # bytes of a calibration
 _AGO = re.compile(r"(\d{1,4})([hdw])")
 _HOURS = {"h": 1, "d": 24, "w": 168}
-State = list[list[Any]]  # of a folder: name, size, time and number of each file that its entry is made of
+File = tuple[str, int, int, int]  # that an entry is made of: name, size, time and number
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """A line of the catalogue. `study` is its folder below the results, `when` its last run or file (ISO, UTC)."""
+    """A line of the catalogue. `study` is its folder below the results, `when` its last run began (ISO, UTC)."""
 
     study: str
     kind: Kind
@@ -110,54 +110,59 @@ def entries(results: Path) -> Iterator[Entry]:
         results = results.resolve()
     index = _Index(results)
     fresh = time.time_ns() - int(_FRESH * 1e9)
-    for name, path, state in _walk(results, index):
-        entry = index.known(name, state)
-        if entry is None and not index.is_foreign(name, state):
+    for name, path, files in _walk(results, index):
+        state = _state(files)
+        entry, is_known = index.known(name, state)
+        if not is_known:
             entry = _read(path, name)
             settled = entry is None or entry.status != "damaged"
-            if settled and max(time_ns for _, _, time_ns, _ in state) < fresh:
-                index.keep(name, state, entry)
+            index.keep(name, state, entry, settled and max(file[2] for file in files) < fresh)
         if entry is not None:
             yield entry
     index.close()
 
 
-def _walk(results: Path, index: "_Index") -> Iterator[tuple[str, str, State]]:
-    """Yield of each folder that may be a study its name below `results`, its path, and the state of its files."""
+def _walk(results: Path, index: "_Index") -> Iterator[tuple[str, str, list[File]]]:
+    """Yield of each folder that may be a study its name below `results`, its path, and its files."""
     waiting, looked_at = [("", str(results))], 0
     while waiting:
         name, path = waiting.pop()
         looked_at += 1
         if looked_at > _MOST_FOLDERS:
             raise ValueError(f"{results}: has more than {_MOST_FOLDERS} folders; name one with fewer")
-        state: State = []
+        files: list[File] = []
         below: list[tuple[str, str]] = []
         try:
             with os.scandir(path) as found:
                 for one in found:
                     if one.name in _MADE_OF:
-                        state.append(_state_of(one))
+                        files.append(_file_of(one))
                     elif one.name == _JOURNALS and one.is_dir(follow_symlinks=False):
                         with os.scandir(one.path) as journals:
-                            state += [_state_of(journal) for journal in journals]
+                            files += [_file_of(journal) for journal in journals]
                     elif one.name[0] != "." and one.is_dir(follow_symlinks=False):
                         below.append((f"{name}/{one.name}" if name else one.name, one.path))
         except OSError:  # it is gone, or is not ours to read
             continue
-        if any(row[0] in _MARKS for row in state):
-            state.sort()
-            yield name or results.name, path, state
-            if not index.is_foreign(name or results.name, state):
+        if any(file[0] in _MARKS for file in files):
+            yield name or results.name, path, files
+            if (name or results.name) not in index.foreign:
                 continue
         waiting += below
 
 
-def _state_of(one: "os.DirEntry[str]") -> list[Any]:
+def _file_of(one: "os.DirEntry[str]") -> File:
     try:
         found = one.stat(follow_symlinks=False)
     except OSError:
-        return [one.name, -1, 0, 0]
-    return [one.name, found.st_size, found.st_mtime_ns, found.st_ino]
+        return one.name, -1, 0, 0
+    return one.name, found.st_size, found.st_mtime_ns, found.st_ino
+
+
+def _state(files: list[File]) -> str:
+    """Return text that is another where a file is another."""
+    files.sort()
+    return "/".join([f"{name} {size} {time_ns} {number}" for name, size, time_ns, number in files])
 
 
 @final
@@ -167,37 +172,35 @@ class _Index:
     def __init__(self, results: Path) -> None:
         digest = blake2b(os.fsencode(results), digest_size=12).hexdigest()
         self.path = cache_root() / "studies" / f"{digest}-{_VERSION}.sqlite"
+        self.foreign: set[str] = set()  # folders whose manifest is not ours
         self._seen: set[str] = set()
         self._new: list[tuple[str, str, str]] = []
-        self._foreign: set[str] = set()  # of this look: a manifest that is not ours
-        self._rows: dict[str, tuple[str, str]] = {}
+        self._rows: dict[str, tuple[str, Entry | None]] = {}
         try:
             with closing(sqlite3.connect(f"{self.path.as_uri()}?mode=ro", uri=True, timeout=5)) as file:
-                self._rows = {name: (state, text) for name, state, text in file.execute("select * from entries")}
-        except (sqlite3.Error, TypeError, ValueError):
+                kept = file.execute("select name, state, entry from entries").fetchall()
+            rows = json.loads(f"[{','.join([text for _, _, text in kept])}]")  # ten thousand calls take longer
+            self._rows = {
+                name: (state, None if row is None else Entry(**row | {key: tuple(row[key]) for key in _TUPLES}))
+                for (name, state, _), row in zip(kept, rows, strict=True)
+            }
+        except (sqlite3.Error, TypeError, ValueError, KeyError):  # none yet, or a hand has been at it
             pass
 
-    def known(self, name: str, state: State) -> Entry | None:
-        """Return the entry of a folder whose files are as they were; None where it is to be read."""
+    def known(self, name: str, state: str) -> tuple[Entry | None, bool]:
+        """Return the entry of a folder, None where it is none of ours, and whether its files are as they were."""
         self._seen.add(name)
-        kept, text = self._rows.get(name, ("", ""))
-        if text in ("", "null") or kept != json.dumps(state):
-            return None
-        try:
-            found = json.loads(text)
-            return Entry(**found | {key: tuple(found[key]) for key in _TUPLES})
-        except (ValueError, TypeError, KeyError):  # a hand has been at it
-            return None
+        kept, entry = self._rows.get(name, ("", None))
+        if kept == state and entry is None:
+            self.foreign.add(name)
+        return entry, kept == state
 
-    def is_foreign(self, name: str, state: State) -> bool:
-        """Tell whether a folder of these files is known to be no study of ours."""
-        return name in self._foreign or self._rows.get(name) == (json.dumps(state), "null")
-
-    def keep(self, name: str, state: State, entry: Entry | None) -> None:
-        """Remember what was read."""
+    def keep(self, name: str, state: str, entry: Entry | None, settled: bool) -> None:
+        """Remember what was read, where its files are `settled` also for the next look."""
         if entry is None:
-            self._foreign.add(name)
-        self._new.append((name, json.dumps(state), json.dumps(None if entry is None else asdict(entry))))
+            self.foreign.add(name)
+        if settled and f"{name}{state}".isprintable():  # a name that is no Unicode is nothing that SQLite takes
+            self._new.append((name, state, json.dumps(None if entry is None else asdict(entry))))
 
     def close(self) -> None:
         """Write what is new, and forget what is gone."""
@@ -252,7 +255,11 @@ def _entry_of(folder: Path, entry: Entry) -> Entry:
     kind = manifest.get("kind") if isinstance(manifest, dict) else None
     if kind not in (KIND, DISCOVERY):
         raise _ForeignError
-    return _of_discovery(folder, replace(entry, kind="discovery")) if kind == DISCOVERY else _of_runs(folder, entry)
+    if kind == KIND:
+        return _of_runs(folder, entry)
+    said = manifest.get("commands") or [""]
+    command = str(said[-1]) if isinstance(said, list) else ""
+    return _of_discovery(folder, replace(entry, kind="discovery", command=command))
 
 
 def _of_runs(folder: Path, entry: Entry) -> Entry:
@@ -334,7 +341,7 @@ def _of_discovery(folder: Path, entry: Entry) -> Entry:
         entry, when=began.isoformat(timespec="seconds") if began else _when_of(folder),
         status=_status(len(rows), failed, 0), machine=_names(row["machine"] for row in rows), planned=len(rows),
         done=len(rows), failed=failed, commit=last.get("git_commit") or "", dirty=bool(last.get("git_dirty")),
-        headline=", ".join(f"{n} {verdict}" for verdict, n in verdicts.most_common()),
+        headline=", ".join(f"{verdict} in {n} of {len(rows)}" for verdict, n in verdicts.most_common()),
     )  # fmt: skip
 
 
@@ -348,8 +355,9 @@ def _of_calibration(folder: Path, entry: Entry) -> Entry:
     before, after = row["before"], row["after"]
     size = f"{plain(after)} mm" if before is None else f"{plain(before)} -> {plain(after)} mm"
     return replace(
-        entry, kind="calibration", when=_when_of(folder), status="ok", machine=(row["machine"],), planned=1, done=1,
-        headline=f"{size}, {row['level']}" if after is not None else row["level"],
+        entry, kind="calibration", when=row["started_at"].isoformat(timespec="seconds"), status="ok",
+        machine=(row["machine"],), planned=1, done=1, commit=row["git_commit"], dirty=row["git_dirty"],
+        headline=f"{size}, {row['level']}" if after is not None else row["level"], command=row["command"],
     )  # fmt: skip
 
 

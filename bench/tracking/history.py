@@ -41,6 +41,9 @@ from calibench.core.words import plain
 
 _PERMUTATIONS = 1999
 _SAME_RUN = ("best_value", "best_evaluation", "evaluations", "charged")  # alike in all, two runs are one
+_AXES = {
+    "goal": "charged at the goal", "charged": "charged", "value": "best value", "success": "share that reached the goal"
+}  # fmt: skip
 _FROM = ("problem", "optimizer", "start", "budget")
 
 
@@ -94,17 +97,33 @@ class History:
     steps: dict[int, Step]
     change: Change | None = None
 
+    @property
+    def shown(self) -> By:
+        """Return by what its versions are told: by value where half of no version's runs reach the goal."""
+        reached = any(np.isfinite(stats.quantiles(measure(one.runs, self.by), (0.5,))[0]) for one in self.versions)
+        return self.by if reached else "value"
+
 
 @final
 @dataclass(frozen=True)
 class Asked:
-    """Which runs a history is of: globs of names, start and budget, and by what runs are ordered."""
+    """Which runs a history is of: names, start and budget (globs, commas between), and by what runs are ordered."""
 
     problem: str
     optimizer: str
     by: By = "goal"
     start: str = "*"
     budget: str = "*"
+
+    def matches(self, name: str, text: str) -> bool:
+        """Tell whether a text is one of those that are asked for under a name."""
+        return any(fnmatchcase(text, choice) for choice in getattr(self, name).split(","))
+
+    def concerns(self, entry: Entry) -> bool:
+        """Tell whether a study may hold such runs."""
+        return entry.kind == "runs" and all(
+            any(self.matches(name, text) for text in getattr(entry, name)) for name in ("problem", "optimizer")
+        )
 
 
 def histories(results: Path, asked: Asked) -> tuple[list[History], list[LeftOut]]:
@@ -124,9 +143,7 @@ def _runs(results: Path, asked: Asked) -> tuple[pd.DataFrame, list[LeftOut]]:
     for entry in found:
         if entry.status == "damaged":
             left_out.append(LeftOut(results / entry.study, entry.headline))
-        elif any(fnmatchcase(n, asked.problem) for n in entry.problem) and any(
-            fnmatchcase(n, asked.optimizer) for n in entry.optimizer
-        ):
+        elif asked.concerns(entry):
             try:
                 parts.append(_of_study(results, entry, asked))
             except StoreError as error:
@@ -140,7 +157,7 @@ def _of_study(results: Path, entry: Entry, asked: Asked) -> pd.DataFrame:
     keep = np.ones(len(runs), dtype=bool)
     for name in _FROM:
         texts = runs[name].astype(str)
-        keep &= texts.map({text: fnmatchcase(text, getattr(asked, name)) for text in texts.unique()}).to_numpy(bool)
+        keep &= texts.map({text: asked.matches(name, text) for text in texts.unique()}).to_numpy(bool)
     return runs[keep].assign(study=entry.study)
 
 
@@ -254,11 +271,7 @@ def _splits(sums: Array, sizes: Any) -> Array:
 
 def check(results: Path, asked: Asked, tag: str = "") -> tuple[Compared, str, str]:
     """Return how the newest study with such runs stands to the last one that has the tag (any, where it is empty)."""
-    found = [
-        one for one in catalogue(results)
-        if one.kind == "runs" and any(fnmatchcase(n, asked.problem) for n in one.problem)
-        and any(fnmatchcase(n, asked.optimizer) for n in one.optimizer) and one.status != "damaged"
-    ]  # fmt: skip
+    found = [one for one in catalogue(results) if asked.concerns(one) and one.status != "damaged"]
     if not found:
         raise ValueError(f"history: no run of {asked.optimizer} on {asked.problem} in {results}")
     newest, *older = found
@@ -272,19 +285,19 @@ def check(results: Path, asked: Asked, tag: str = "") -> tuple[Compared, str, st
     return compare(sides[0], sides[1], asked.by), base.study, newest.study
 
 
-def measure(history: History, runs: pd.DataFrame) -> Array:
+def measure(runs: pd.DataFrame, by: By) -> Array:
     """Return what is drawn and told of each run: charged at the goal, value, or 1 where the goal was reached."""
-    if history.by == "value":
+    if by == "value":
         return answers(runs)
-    if history.by == "charged":
+    if by == "charged":
         return np.asarray(runs["charged"], dtype=float)
     hits = stats.goal_hits(runs)
-    return np.isfinite(hits).astype(float) if history.by == "success" else np.where(np.isfinite(hits), hits, np.inf)
+    return np.isfinite(hits).astype(float) if by == "success" else np.where(np.isfinite(hits), hits, np.inf)
 
 
 def summary_of(history: History, version: Version) -> tuple[float, float, float, str]:
     """Return quartiles of the measure, and the middle one as text."""
-    values = measure(history, version.runs)
+    values = measure(version.runs, history.shown)
     if history.by == "success":
         share = float(values.mean())
         return share, share, share, f"{int(values.sum())}/{len(values)}"
@@ -322,7 +335,7 @@ def drawing(history: History) -> str:
         parts.append(
             f'<g><title>{escape(title)}</title><line x1="{x(i):.1f}" x2="{x(i):.1f}" y1="{y(q1):.1f}" y2="{y(q3):.1f}" '
             f'stroke="{colour}"/><circle cx="{x(i):.1f}" cy="{y(middle):.1f}" r="4" fill="{colour}"/>'
-            f'<text x="{x(i):.1f}" y="{floor + 18}" font-size="10" text-anchor="middle" fill="currentColor">'
+            f'<text x="{x(i):.1f}" y="{floor + 18}" font-size="12" text-anchor="middle" fill="currentColor">'
             f"{escape(version.commit[:7])}</text></g>"
         )
     if history.change is not None and history.change.p_holm <= LEVEL:
@@ -331,11 +344,12 @@ def drawing(history: History) -> str:
             f'<line x1="{at:.1f}" x2="{at:.1f}" y1="20" y2="{floor}" stroke="#c0392b" stroke-dasharray="4 3"/>'
         )
     ends = [plain(10**v if logarithmic else v) for v in (low, top)]
+    parts.append(f'<text x="8" y="14" font-size="12" fill="currentColor">{_AXES[history.shown]}</text>')
     for value, place in zip(ends, (floor, 40), strict=True):
         parts.append(
-            f'<text x="{left - 8}" y="{place + 4}" font-size="10" text-anchor="end" fill="currentColor">{value}</text>'
+            f'<text x="{left - 8}" y="{place + 4}" font-size="12" text-anchor="end" fill="currentColor">{value}</text>'
         )
-    label = escape(f"{history.optimizer} on {history.problem} over {len(points)} versions, by {history.by}")
+    label = escape(f"{history.optimizer} on {history.problem} over {len(points)} versions, by {history.shown}")
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide} {high}" role="img" aria-label="{label}">'
         + "".join(parts) + "</svg>"

@@ -6,8 +6,10 @@ cannot be read is left out and told. SQL is one SELECT that may read these files
 
 import os
 import stat
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, final, get_args, get_origin
 
@@ -35,7 +37,8 @@ SCHEMAS: dict[str, pa.Schema] = {
 CALIBRATIONS_SCHEMA = pa.schema(
     [
         ("folder", _TEXT), ("kind", _TEXT), ("case", _TEXT), ("machine", _TEXT), ("level", _TEXT),
-        ("poses", pa.int64()), ("before", _REAL), ("after", _REAL), ("changed_at", pa.timestamp("us", tz="UTC")),
+        ("poses", pa.int64()), ("before", _REAL), ("after", _REAL), ("started_at", pa.timestamp("us", tz="UTC")),
+        ("git_commit", _TEXT), ("git_dirty", pa.bool_()), ("command", _TEXT),
     ]
 )  # fmt: skip
 _SEALED = ("runs", "traces")
@@ -122,11 +125,16 @@ def calibration_in(folder: Path) -> dict[str, Any] | None:
     else:
         machine, level, before = "camera", found.get("hand_eye"), None
         after = _number((found.get("unseen") or {}).get("position") if isinstance(found.get("unseen"), dict) else None)
-    poses = found.get("poses" if arm else "pairs")
+    poses, made = found.get("poses" if arm else "pairs"), found.get("provenance")
+    made = made if isinstance(made, dict) else {}
+    began = os.stat(path).st_mtime
+    with suppress(ValueError):
+        began = datetime.fromisoformat(str(made.get("started_at"))).timestamp()
     return {
         "folder": "", "kind": "arm" if arm else "camera", "case": found["case"], "machine": machine,
         "level": str(level), "poses": poses if isinstance(poses, int) else None, "before": before, "after": after,
-        "changed_at": os.stat(path).st_mtime_ns // 1000,
+        "started_at": datetime.fromtimestamp(began, UTC), "git_commit": str(made.get("git_commit") or ""),
+        "git_dirty": bool(made.get("git_dirty")), "command": str(made.get("command") or ""),
     }  # fmt: skip
 
 
@@ -141,6 +149,7 @@ def dataset(results: str | Path = "results", table: TableName = "runs", *words: 
 
     `table` is runs, traces, hits, findings or gaps; `words` are filters of ``bench studies``. ``.to_table(columns=...,
     filter=...).to_pandas()`` reads what is asked for; polars takes it by ``scan_pyarrow_dataset``, duckdb as a table.
+    Of thousands of studies give ``cache_metadata=False`` as well: Arrow keeps 0.2 MB a file else.
     """
     import pyarrow.dataset as ds
     from pyarrow.fs import LocalFileSystem
@@ -181,55 +190,75 @@ def query(
     except ImportError:
         raise ValueError("sql: needs duckdb; pip install 'calibench[sql]'") from None
     found = catalogue(results, words)
+    files: dict[str, list[Path]] = {}
+    left_out: list[LeftOut] = []
+    for name in SCHEMAS:  # nothing is looked for of a table whose name does not stand in the text
+        files[name], missing = files_of(results, found, name) if name in text.lower() else ([], [])
+        left_out += missing
+    in_memory = {
+        "studies": pa.Table.from_pylist([asdict(one) | {"study": _unicode(one.study)} for one in found], _STUDIES)
+    }
+    if "calibrations" in text.lower():
+        in_memory["calibrations"] = _calibrations(results, found)
+    try:
+        try:
+            return *_answer(text, {name: [paths] for name, paths in files.items()}, in_memory), left_out
+        except duckdb.Error as error:
+            if ".parquet" not in str(error):
+                raise
+            groups, wrong = _sift(files)
+            return *_answer(text, groups, in_memory), left_out + wrong
+    except duckdb.Error as error:
+        raise ValueError(f"sql: {' '.join(str(error).split())[:600]}") from None
+
+
+def _answer(
+    text: str, groups: Mapping[str, Sequence[Sequence[Path]]], in_memory: Mapping[str, pa.Table]
+) -> tuple[list[str], list[tuple[Any, ...]]]:
+    """Return names and rows of a SELECT. Each group of files has the columns of its first one; DuckDB reads them."""
+    import duckdb
+
     base: dict[str, str | bool | int | float | list[str]] = {
         "autoinstall_known_extensions": "false",
         "autoload_known_extensions": "false",
     }
     with duckdb.connect(":memory:", config=base) as engine:
-        try:
-            asked = engine.extract_statements(text)
-            if len(asked) != 1 or asked[0].type != duckdb.StatementType.SELECT:
-                raise ValueError("sql: one SELECT is needed; nothing is written by SQL")
-            left_out = _views(engine, results, found, text.lower())
-            rows = engine.execute(text)
-            return [column[0] for column in rows.description or ()], rows.fetchall(), left_out
-        except duckdb.Error as error:
-            raise ValueError(f"sql: {' '.join(str(error).split())[:600]}") from None
+        asked = engine.extract_statements(text)
+        if len(asked) != 1 or asked[0].type != duckdb.StatementType.SELECT:
+            raise ValueError("sql: one SELECT is needed; nothing is written by SQL")
+        allowed = [str(path) for of_one in groups.values() for paths in of_one for path in paths]
+        engine.execute(f"set allowed_paths = [{', '.join(map(_quoted, allowed))}]")
+        engine.execute("set enable_external_access = false")
+        engine.execute("set python_enable_replacements = false")
+        engine.execute("set lock_configuration = true")
+        for name, of_one in groups.items():
+            parts = [", ".join(_quoted(str(path)) for path in paths) for paths in of_one if paths]
+            engine.register(f"no_{name}", SCHEMAS[name].empty_table())
+            views = [f"from no_{name}", *(f"from read_parquet([{part}])" for part in parts)]
+            engine.execute(f"create view {name} as {' union all by name '.join(views)}")
+        for name, table in in_memory.items():
+            engine.register(name, table)
+        rows = engine.execute(text)
+        return [column[0] for column in rows.description or ()], rows.fetchall()
 
 
-def _views(engine: Any, results: Path, found: Sequence[Entry], text: str) -> list[LeftOut]:
-    """Make the views that a text speaks of, and close the machine to all but their files."""
-    left_out: list[LeftOut] = []
-    allowed: list[str] = []
-    files: dict[str, list[str]] = {}
-    for name in SCHEMAS:
-        paths, missing = files_of(results, found, name) if name in text else ([], [])
-        left_out += missing
-        files[name] = [str(path) for path in paths if name in _SEALED or not _wrong(path)]
-        allowed += files[name]
-    engine.execute(f"set allowed_paths = [{', '.join(map(_quoted, allowed))}]")
-    engine.execute("set parquet_metadata_cache = true")  # a view is looked at twice
-    engine.execute("set enable_external_access = false")
-    engine.execute("set python_enable_replacements = false")
-    engine.execute("set lock_configuration = true")
-    for name, texts in files.items():
-        if texts:
-            listed = ", ".join(map(_quoted, texts))
-            engine.execute(f"create view {name} as select * from read_parquet([{listed}], union_by_name=true)")
-        else:
-            engine.register(name, SCHEMAS[name].empty_table())
-    if "calibrations" in text:
-        engine.register("calibrations", _calibrations(results, found))
-    engine.register("studies", pa.Table.from_pylist([asdict(entry) for entry in found], _STUDIES))
-    return left_out
+def _sift(files: Mapping[str, Sequence[Path]]) -> tuple[dict[str, list[list[Path]]], list[LeftOut]]:
+    """Return the files that are as they were written, together those of the same columns, and what is left out."""
+    groups: dict[str, dict[frozenset[str], list[Path]]] = {name: {} for name in files}
+    wrong = []
+    for name, paths in files.items():
+        for path in paths:
+            try:
+                columns = frozenset(check_table(path, sealed=name in _SEALED).schema_arrow.names)
+                groups[name].setdefault(columns, []).append(path)
+            except StoreError as error:
+                wrong.append(LeftOut(path.parent, str(error)))
+    return {name: [*of_one.values()] for name, of_one in groups.items()}, wrong
 
 
-def _wrong(path: Path) -> bool:
-    try:
-        check_table(path, sealed=False)
-    except StoreError:
-        return True
-    return False
+def _unicode(name: str) -> str:
+    """Return the name of a folder as text: a file system takes bytes that are none."""
+    return name.encode(errors="replace").decode()
 
 
 def _quoted(text: str) -> str:
@@ -242,7 +271,7 @@ def _calibrations(results: Path, found: Sequence[Entry]) -> pa.Table:
         if entry.kind == "calibration" and entry.status != "damaged":
             row = calibration_in(folder_of(results, entry))
             if row is not None:
-                rows.append(row | {"folder": entry.study})
+                rows.append(row | {"folder": _unicode(entry.study)})
     return pa.Table.from_pylist(rows, CALIBRATIONS_SCHEMA)
 
 

@@ -17,6 +17,7 @@ from dataclasses import asdict, replace
 from fnmatch import fnmatchcase
 from hashlib import blake2b
 from hmac import compare_digest
+from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, cast, final
@@ -55,9 +56,10 @@ from calibench.core.registry import names_of_files
 from calibench.core.words import plain
 
 _EVERY = 1.0  # seconds between two looks at a sweep
-_SHOWN = 500  # lines of the catalogue
-_ROWS = 200  # runs on a page
+_ROWS = 100  # of a table at a time: a browser draws five hundred in a second
 _KEPT = 4  # pages of studies
+_CELLS = 20  # histories on a page
+_NAMED = ("problem", "optimizer")
 _LARGEST_FORM = 100_000  # bytes
 _MOST_FOLLOWED = 20  # sweeps at a time
 _ORDERS: tuple[By, ...] = ("goal", "value", "charged")
@@ -112,19 +114,20 @@ def application(results: Path, port: int, token: str, *, write: bool = False) ->
         Route("/compare", site.page(site.compare)), Route("/study/{id}", site.page(site.study)),
         Route("/study/{id}/runs", site.page(site.runs)), Route("/study/{id}/run/{run}", site.page(site.run)),
         Route("/study/{id}/page/{number:int}", site.page(site.report)), Route("/study/{id}/live", site.page(site.live)),
-        Route("/study/{id}/events", site.events), Route("/study/{id}/note", site.note, methods=["POST"]),
+        Route("/study/{id}/events", site.events), Route("/study/{id}/history", site.page(site.history)),
+        Route("/study/{id}/note", site.note, methods=["POST"]),
         Route("/static/{name}", site.static),
     ]  # fmt: skip
     inner = Starlette(routes=routes, exception_handlers={HTTPException: site.refuse, Exception: site.fail})
-    return _Door(inner, port, token, site.form_token, write)
+    return _Door(inner, port, token, write)
 
 
 @final
 class _Door:
     """What every request passes: its host, its token or cookie, its method; and the headers of every answer."""
 
-    def __init__(self, inner: ASGIApp, port: int, token: str, form_token: str, write: bool) -> None:
-        self.inner, self.token, self.form_token, self.write = inner, token, form_token, write
+    def __init__(self, inner: ASGIApp, port: int, token: str, write: bool) -> None:
+        self.inner, self.token, self.write = inner, token, write
         self.hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
         self.cookie, self.session = f"calibench-{port}", secrets.token_urlsafe(24)
 
@@ -191,6 +194,7 @@ class _Site:
         self._pages: OrderedDict[tuple[Any, ...], str] = OrderedDict()
         self._lock = threading.Lock()  # pages of studies are made one by one
         self._followed = 0
+        self._is_ready = False
 
     def page(self, make: Callable[[Request], Response]) -> Callable[[Request], Response]:
         """Return an endpoint, carried out by a thread: it imports no class that a file names."""
@@ -260,9 +264,15 @@ class _Site:
                     lines.append(entry)
         except ValueError as problem:
             error = str(problem).removeprefix("studies: ")
-        rows = [self._line(entry) for entry in lines[:_SHOWN]]
+        first = _whole(request.query_params.get("from", "0"))
+        rows = [self._line(entry) for entry in lines[first : first + _ROWS]]
+        if not self._is_ready:  # what the page of a study needs takes a second to load: while the list is being read
+            self._is_ready = True
+            threading.Thread(target=import_module, args=("scipy.stats",), daemon=True).start()
         template = "catalogue_rows" if "part" in request.query_params else "catalogue"
-        return self._html(template, "Studies", rows=rows, query=query, count=len(lines), error=error)
+        return self._html(
+            template, "Studies", rows=rows, query=query, first=first, step=_ROWS, count=len(lines), error=error
+        )
 
     def _line(self, entry: Entry) -> dict[str, Any]:
         status: str = entry.status
@@ -291,7 +301,7 @@ class _Site:
             return RedirectResponse(f"/study/{values['it']['id']}/live", 303)
         others = [(id_of(one), one.study) for one in self._entries().values() if one.kind == "runs" and one != entry]
         noted = read_notes(folder)
-        return self._html("study", entry.study, **values, noted=noted, others=others[:_SHOWN], tab="page")
+        return self._html("study", entry.study, **values, noted=noted, others=others[:500], tab="page")
 
     def report(self, request: Request) -> Response:
         """Answer with a page of the study for the frame: as it was written, or made now where the runs have changed."""
@@ -331,7 +341,7 @@ class _Site:
         found = table[_kept(table, query.split())]
         if order.lstrip("-") in _COLUMNS:
             found = found.sort_values(order.lstrip("-"), ascending=not down, kind="stable")
-        first = max(0, _whole(request.query_params.get("from", "0")))
+        first = _whole(request.query_params.get("from", "0"))
         rows = [
             {name: plain(row[name]) if name in _NUMBERS and row[name] == row[name] else row[name] for name in _COLUMNS}
             for row in found.iloc[first : first + _ROWS].to_dict("records")
@@ -435,22 +445,26 @@ class _Site:
         )  # fmt: skip
 
     def history(self, request: Request) -> Response:
-        """Answer with methods over versions of the code, each with its drawing."""
+        """Answer with methods over versions of the code, as is asked, or the cells of a study, each with a drawing."""
         given = request.query_params
         problem, optimizer = given.get("problem", ""), given.get("optimizer", "")
-        by = next((one for one in (*_ORDERS, "success") if one == given.get("by")), "goal")
         runs = [entry for entry in self._entries().values() if entry.kind == "runs"]
-        names = [sorted({name for one in runs for name in getattr(one, of)}) for of in ("problem", "optimizer")]
-        found: list[dict[str, Any]] = []
+        values: dict[str, Any] = {"names": [sorted({n for one in runs for n in getattr(one, of)}) for of in _NAMED]}
+        study = ""
+        if "id" in request.path_params:
+            _, entry, values = self._frame(request)
+            study, problem, optimizer = entry.study, ",".join(entry.problem), ",".join(entry.optimizer)
+        by = next((one for one in (*_ORDERS, "success") if one == given.get("by")), "goal")
+        found: list[history.History] = []
         left_out: Sequence[Any] = ()
         if problem and optimizer:
-            asked = history.Asked(problem, optimizer, cast(By, by))
-            all_found, left_out = history.histories(self.results, asked)
-            found = [_told(one) for one in sorted(all_found, key=lambda one: -len(one.versions))]
+            found, left_out = history.histories(self.results, history.Asked(problem, optimizer, cast(By, by)))
+        found = [one for one in found if not study or any(study in version.studies for version in one.versions)]
+        found.sort(key=lambda one: (one.change.p if one.change else 1.0, -len(one.versions)))
         return self._html(
-            "history", "History", problem=problem, optimizer=optimizer, by=by, orders=(*_ORDERS, "success"),
-            problems=names[0], optimizers=names[1], found=found,
-            left_out=[(str(one.path), one.why) for one in left_out],
+            "history", f"History of {study}" if study else "History", **values, tab="history", problem=problem,
+            optimizer=optimizer, by=by, orders=(*_ORDERS, "success"), found=[_told(one) for one in found[:_CELLS]],
+            more=len(found) - _CELLS, left_out=[(str(one.path), one.why) for one in left_out],
         )  # fmt: skip
 
     def static(self, request: Request) -> Response:
@@ -525,8 +539,8 @@ def _told(one: history.History) -> dict[str, Any]:
             "why": step.why if step else "the same values" if version.same else "",
         })  # fmt: skip
     return {
-        "title": f"{one.optimizer} on {one.problem}", "setting": one.setting[1:], "sentence": history.sentence(one),
-        "rows": rows, "drawing": Markup(history.drawing(one)),
+        "title": f"{one.optimizer} on {one.problem}", "by": one.shown, "setting": one.setting[1:],
+        "sentence": history.sentence(one), "rows": rows, "drawing": Markup(history.drawing(one)),
     }  # fmt: skip
 
 

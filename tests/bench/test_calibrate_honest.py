@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from calibench.bench.cli import main
+from calibench.bench.tracking.catalogue import catalogue
 from calibench.calibration.kinematics import forward, nominal
 from calibench.calibration.urdf import read_urdf
 from tests.bench.arm_by_hand import NAMES, about, measured, placed, table, texts, urdf
@@ -129,6 +130,9 @@ def test_numbers_that_other_poses_would_tell_stand_apart_from_those_that_look_li
     with pytest.raises(SystemExit):
         main(["calibrate", "urdf=my.urdf", "data=my.csv", "level=geometry"])
     found = json.loads((tmp_path / "results/calibrate/my/calibration.json").read_text())
+    assert found["provenance"]["command"] == "bench calibrate urdf=my.urdf data=my.csv level=geometry"
+    [entry] = catalogue("results")
+    assert (entry.command, entry.when) == (found["provenance"]["command"], found["provenance"]["started_at"])
     badly = [one["parameter"] for one in found["undetermined"] if one["reason"].startswith("these poses tell it")]
     assert badly
     said = capsys.readouterr().out

@@ -13,6 +13,7 @@ from calibench import optimizers, problems
 from calibench.bench.cli import main
 from calibench.bench.exchange.studies import algorithm_names
 from calibench.bench.execution.run import execute
+from calibench.bench.store.notes import Notes, read_notes, write_notes
 from calibench.bench.store.runs import ResultStore
 from calibench.problems.suites.black_box import COCO_GAPS
 from tests.bench.exchange_studies import mixed_study, suite_study
@@ -130,6 +131,26 @@ def test_mlflow_holds_each_run_once_under_its_cell(mixed, tmp_path, capsys):
     client.set_tag(half, "calibench.done", "false")  # as a stopped export leaves it
     bench("export", "mlflow", mixed, "--to", to)
     assert capsys.readouterr().out.startswith("1 run added")
+
+
+def test_notes_and_tags_go_to_mlflow_as_they_are_now(mixed, tmp_path):
+    pytest.importorskip("mlflow", reason="mlflow is not installed")
+    from mlflow.tracking import MlflowClient
+
+    folder = shutil.copytree(mixed, tmp_path / mixed.name)
+    run_id = ResultStore(folder).runs()["run_id"].iloc[0]
+    write_notes(folder, Notes().with_tags(["+draft"]).with_note("for the talk"))
+    bench("export", "mlflow", folder, "--to", tmp_path / "mlruns")
+    write_notes(folder, read_notes(folder).with_tags(["+paper", "-draft"]).with_note("<b>the best</b>", run_id))
+    bench("export", "mlflow", folder, "--to", tmp_path / "mlruns")
+    client = MlflowClient(tracking_uri=(tmp_path / "mlruns").as_uri())
+    experiment = client.get_experiment_by_name(mixed.name)
+    assert experiment.tags == {"calibench.tags": "paper", "mlflow.note.content": "for the talk"}
+    noted = {
+        run.data.tags["calibench.run_id"]: run.data.tags["mlflow.note.content"]
+        for run in client.search_runs([experiment.experiment_id]) if "mlflow.note.content" in run.data.tags
+    }  # fmt: skip
+    assert noted == {run_id: "<b>the best</b>"}
 
 
 def test_a_run_that_was_done_again_takes_its_place_in_mlflow(mixed, tmp_path, capsys):

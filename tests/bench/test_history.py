@@ -36,6 +36,14 @@ def test_the_version_that_made_it_worse_is_named(results):
     assert sentence(one).startswith("It became worse with dddd (2026-11-04); p 0.0")
 
 
+def test_a_goal_that_nobody_reaches_is_drawn_by_value(results):
+    [one], _ = histories(results, Asked("nothing,sensor_zero", "de"))
+    assert (one.by, one.shown) == ("goal", "value")
+    assert "best value" in drawing(one)
+    assert one.change is not None
+    assert one.change.worse
+
+
 def test_versions_that_give_the_same_are_no_evidence(tmp_path):
     values = (1 + np.random.default_rng(0).random(10)).tolist()
     for day in range(6):

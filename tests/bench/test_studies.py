@@ -8,12 +8,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from calibench import bench
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.notes import NOTES, read_notes
 from calibench.bench.store.runs import ResultStore, merge
+from calibench.bench.store.tables import write_tables
 from calibench.bench.tracking import catalogue as of
 from calibench.bench.tracking.catalogue import catalogue
 from calibench.bench.tracking.pack import delete
@@ -211,6 +213,25 @@ def test_sql_reads_all_studies_and_nothing_else(results, tmp_path):
         with pytest.raises(ValueError, match=r"^sql: [^\n]+$"):
             query(results, text)
     assert before == {path: path.read_bytes() for path in results.rglob("*.parquet")}
+
+
+def test_sql_reads_files_of_any_name_and_of_fewer_columns_and_leaves_out_the_damaged(results):
+    pytest.importorskip("duckdb")
+    study(results / "odd [1]*?", day=3)
+    study(results / "odd 1", "link_length", day=4)
+    assert query(results, "select count(*) from runs")[1] == [(4,)]
+    shutil.copytree(results / "one", results / os.fsdecode(b"no \xff"))
+    assert query(results, "select count(*) from studies where kind = 'runs'")[1] == [(5,)]
+    shutil.rmtree(results / os.fsdecode(b"no \xff"))
+    traces = results / "one" / "traces.parquet"
+    table = pq.read_table(traces).drop_columns(["restart"])
+    write_tables([table], table.schema, traces)
+    asked = "select count(distinct run_id), count(restart) < count(*) from traces"
+    assert query(results, asked)[1:] == ([(3, True)], [])
+    for spoilt in (b"PAR1" + b"\xff" * 50 + b"PAR1", b"x"):
+        (results / "odd 1" / "traces.parquet").write_bytes(spoilt)
+        _, rows, [left_out] = query(results, asked)
+        assert (rows, left_out.path) == ([(2, True)], (results / "odd 1").absolute())
 
 
 def test_a_dataset_reads_what_is_asked_for(results):

@@ -8,7 +8,7 @@ import shutil
 import socket
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from urllib.parse import urlencode
 
 import pytest
@@ -40,10 +40,10 @@ class Client:
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
         given = {"cookie": self.cookie} if self.cookie else {}
         form = {"content-type": "application/x-www-form-urlencoded"} if body else {}
-        connection.request(method, path, urlencode(body) if body else None, {**given, **form, **headers})
-        answer = connection.getresponse()
-        answer.text = answer.read().decode()
-        connection.close()
+        with closing(connection):
+            connection.request(method, path, urlencode(body) if body else None, {**given, **form, **headers})
+            answer = connection.getresponse()
+            answer.text = answer.read().decode()
         return answer
 
     def enter(self):
@@ -101,6 +101,8 @@ def ids(results):
 def test_each_set_of_a_discovery_has_its_page(results):
     with pytest.raises(SystemExit):
         main(["discover", "machine=gpm2002", "data=demo_backlash", f"results={results}", "study=searched"])
+    [entry] = catalogue(results, ["kind=discovery"])
+    assert entry.command.startswith("bench discover machine=gpm2002 data=demo_backlash")
     with serving(results) as client:
         client.enter()
         place = f"/study/{ids(results)['searched']}"
@@ -187,6 +189,13 @@ def test_the_catalogue_is_searched_in_the_words_of_its_columns(client):
     assert "there is no column" in found("optimizr=de")[1]
 
 
+def test_many_studies_are_shown_a_page_at_a_time(client, results, monkeypatch):
+    monkeypatch.setattr(server, "_ROWS", 1)
+    assert '/?q=kind%3Druns&amp;from=1"' in client.ask("/?q=kind%3Druns").text
+    text = client.ask("/?q=kind%3Druns&from=1").text
+    assert (">one</a>" in text, ">deeper/two</a>" in text, "2 studies, 2 to 2" in text) == (True, False, True)
+
+
 def test_a_run_has_its_story_and_runs_are_searched(client, results):
     one = f"/study/{ids(results)['deeper/two']}"
     run_id = run_of("link_length", "de").row["run_id"]
@@ -219,9 +228,13 @@ def test_two_studies_stand_side_by_side_and_a_history_is_drawn(tmp_path):
         known = ids(results)
         text = client.ask(f"/compare?a={known['v0']}&b={known['v1']}&by=value").text
         assert "B is worse in 1" in " ".join(text.split())
-        text = client.ask("/history?problem=sensor_zero&optimizer=de&by=value").text
-        assert "It became worse with bbbbbbbb" in text
-        assert text.count("<circle") == 2
+        for path in (
+            "/history?problem=sensor_*,full12&optimizer=de&by=value",
+            f"/study/{known['v0']}/history?by=value",
+        ):
+            text = client.ask(path).text
+            assert "It became worse with bbbbbbbb" in text
+            assert text.count("<circle") == 2
 
 
 def test_nothing_is_written_without_write(client, results):
