@@ -60,7 +60,12 @@ class CalibrateWords:
     sigma_distance: Annotated[float | None, Word(
         "sigma_distance", "0.05", "sockets: how well that distance is known", form="MM", above=0,
         needed="how well distance= is known [mm], above 0, is needed")] = None
-    level: Annotated[Literal["auto", "frames", "zeros", "geometry", "gains"], Word(
+    gap: Annotated[float | None, Word(
+        "gap", "0.1", "joints and poses in two files with times: how far apart rows may be", form="SECONDS", above=0,
+        needed="how far apart in time joints and poses may be [s], above 0, is needed")] = None
+    priors: Annotated[str, Word(
+        "priors", "my_priors.csv", "numbers that you know: a table of name, value, sd [mm, rad]", form="FILE")] = ""
+    level: Annotated[Literal["auto", "frames", "zeros", "geometry", "gains", "elastic"], Word(
         "level", "geometry", "how much of the arm is calibrated")] = "auto"
     limits: Annotated[bool, Word(
         "limits", "false", "whether joints must stand inside the limits of the description")] = True

@@ -25,11 +25,13 @@ def calibrate(
     distance: float = 0.0, sigma_distance: float = KNOWN_TO, level: Level = "auto", resamples: int = 200,
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None, names: Sequence[str] = (),
     name: str = "readings", base: str = "", tip: str = "", convention: str = "",
+    priors: Mapping[str, tuple[float, float]] | None = None,
 ) -> Calibration:  # fmt: skip
     """Return the calibration of the arm in a URDF, or in a table of joints (CSV, Excel), by `readings`.
 
     `readings` have a column a joint, and x, y, z of the target (with a rotation, if one was measured), or `socket` for
-    a ball in sockets. `columns` renames, {"x": "Weg X"}; `names` are those of an array's columns. The other options
+    a ball in sockets. `priors` has numbers that are known, {"z_joint_3": (0.8, 0.05)}: off by so much, and its standard
+    error [mm, rad]. `columns` renames, {"x": "Weg X"}; `names` are those of an array's columns. The other options
     are those of ``bench calibrate``. Raises `ValueError` in one line.
     """
     table = table_of(readings, columns=columns, units=units, names=names, name=name)
@@ -40,8 +42,9 @@ def calibrate(
         else read_arm(Path(urdf_or_table), convention=convention, base=base, tip=tip, option="", data=table, how=how)
     )
     return calibrate_arm(
-        arm, table, how=how, distance=distance, sigma_distance=sigma_distance, level=level, resamples=resamples
-    )
+        arm, table, how=how, distance=distance, sigma_distance=sigma_distance, level=level, resamples=resamples,
+        priors=priors,
+    )  # fmt: skip
 
 
 def design(

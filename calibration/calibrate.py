@@ -5,7 +5,7 @@ poses best that were left out.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import nan
 from pathlib import Path
@@ -17,10 +17,13 @@ import numpy as np
 from calibench.calibration import fit as fitting
 from calibench.calibration.arm import Arm, Files, placement
 from calibench.calibration.choose import choose
+from calibench.calibration.columns import PAYLOAD
 from calibench.calibration.determined import LEVELS, information_of, is_length, order_of
 from calibench.calibration.fit import Fit, HeldOut
 from calibench.calibration.frames import stepped
 from calibench.calibration.kinematics import forward, nominal
+from calibench.calibration.loads import torques
+from calibench.calibration.loci import PLANE
 from calibench.calibration.model import KNOWN_TO, ArmModel, model_of
 from calibench.calibration.normal import normal_blocks, root_of
 from calibench.calibration.poses import foretold, ranges
@@ -33,7 +36,7 @@ from calibench.core.process import one_thread
 from calibench.core.words import plain
 
 SCHEMA_VERSION = 1
-Level = Literal["auto", "frames", "zeros", "geometry", "gains"]
+Level = Literal["auto", "frames", "zeros", "geometry", "gains", "elastic"]
 _FRAMES = ("base_", "tool_")
 WRITTEN = ("frames", "zeros", "geometry")
 _SPOILT = 0.75  # of the squares of what is left: a step that makes more leaves less than half of it
@@ -47,7 +50,7 @@ _FEWEST = 5  # fewest poses of a part that is reported
 _RANGES, _DRAWN = 4, 12  # ranges of a joint that are reported, and drawn
 _WORDS = {
     "x": "shift along x", "y": "shift along y", "z": "shift along z", "rx": "turn about x", "ry": "turn about y",
-    "rz": "turn about z", "zero": "zero", "gain": "scale of its reading",
+    "rz": "turn about z", "zero": "zero", "gain": "scale of its reading", "elastic": "compliance",
     **{number: number for number in ("theta", "d", "a", "alpha", "beta")},
 }  # fmt: skip
 _TO_JSON = (
@@ -162,7 +165,8 @@ class Calibration:
     of the `poses`, all but those that the file holds back, with the maker's lengths and angles taken for true to the
     `tolerance` [mm, mrad]. `without_gains` [mm] is what is left of it where nobody
     scales the joints' readings, NaN where none are scaled. `scatter` is what is left of a coordinate [mm] and of a
-    rotation [rad]. `frames` are base (in the tracker) and target (on the tip): x y z [mm], roll pitch yaw [rad].
+    rotation [rad]. `frames` are base (in the tracker) and target (on the tip): x y z [mm], roll pitch yaw [rad]; fixed
+    points and planes are in the base, a plane with its normal.
     """
 
     case: str
@@ -220,8 +224,13 @@ class Calibration:
             f"{plain(self.before.rms, 3)} mm before, {plain(self.after.rms, 3)} mm after (rms)"
         )
         if np.isfinite(self.without_gains):
-            comment += f" with the joint scales, which stand elsewhere; {plain(self.without_gains, 3)} mm without them"
-        errors = {change.parameter: change.sd for change in self.changes if not change.parameter.startswith("gain_")}
+            what = "compliances" if self.chosen == "elastic" else "joint scales"
+            comment += f" with the {what}, which stand elsewhere; {plain(self.without_gains, 3)} mm without them"
+        errors = {
+            change.parameter: change.sd
+            for change in self.changes
+            if not change.parameter.startswith(("gain_", "elastic_"))
+        }
         return self.arm.files(self.fit, comment, errors)
 
     def write_urdf(self, path: str | Path) -> Path:
@@ -243,13 +252,14 @@ class Calibration:
 @one_thread()
 def calibrate_arm(
     arm: Arm, table: Table, *, how: HowRead, distance: float = 0.0, sigma_distance: float = KNOWN_TO,
-    level: Level = "auto", resamples: int = 200,
+    level: Level = "auto", resamples: int = 200, priors: Mapping[str, tuple[float, float]] | None = None,
 ) -> Calibration:  # fmt: skip
     """Return the calibration of `arm` by the readings in `table`. Raises `ValueError`, in one line.
 
     `how` says how the table is read, `distance` [mm] how far the two sockets of a place are apart, 0 where it is not
     known, `sigma_distance` [mm] how well it is known. `level` is how much of the arm is calibrated; auto takes what
-    predicts poses best that were not fitted. Intervals come from `resamples` draws.
+    predicts poses best that were not fitted. Intervals come from `resamples` draws. `priors` has what is known of
+    numbers of the arm: by how much each is off its nominal value, and the standard error of that [mm, rad].
     """
     clock, chain = perf_counter(), arm.chain
     fits: dict[str, Fit] = {}
@@ -261,20 +271,32 @@ def calibrate_arm(
         if how.rotation and readings.angles is None:
             raise DataError(f"rotation= is the order of rotations, and none of {table.name} is read; leave it out")
         model = model_of(
-            chain, readings, start.base, start.tool, distance=distance, sigma_distance=sigma_distance, table=arm.table
-        )
+            chain, readings, start.base, start.tool, distance=distance, sigma_distance=sigma_distance, table=arm.table,
+            priors=priors,
+        )  # fmt: skip
+        tried: tuple[str, ...] = LEVELS
+        if level == "elastic":
+            other, tried = readings.other, (*LEVELS, level)
+            torque = torques(
+                chain, readings.joints, start.tool[:3, 3],
+                np.nan_to_num(other[PAYLOAD]) if PAYLOAD in other else np.zeros(len(readings)),
+                {n: other[f"torque_{n}"] for n in chain.driven if f"torque_{n}" in other}, chain.source,
+            )  # fmt: skip
+            model = replace(model, torque=torque)
         part, p = model.at(train), model.start
-        orders = {one: order_of(model.names, one, model.sliding) for one in LEVELS}
-        for one in LEVELS:
+        orders = {one: order_of(model.names, one, model.sliding) for one in tried}
+        for one in tried:
             try:
                 fits[one] = fitting.fit_arm(part, orders[one], p)
             except ValueError as error:
                 raise DataError(f"{error}{joints_beside(readings, model.chain)}") from None
-            p = fits[one].p
+            p = fits[one].p if one != "gains" else fits["geometry"].p
     except DataError as error:
         raise arm.refusal(error, table, how) from None
 
-    choice = choose(fits, WRITTEN if level == "auto" else (level,), fits["gains" if level == "gains" else "geometry"])
+    choice = choose(
+        fits, WRITTEN if level == "auto" else (level,), fits[level if level in ("gains", "elastic") else "geometry"]
+    )
     fits, judged, chosen = dict(choice.fits), dict(choice.unseen), choice.level
     fit, wild = fits[chosen], fits[chosen].wild
     poses = np.arange(len(model.joints)) if model.position is None else poses_of(model.joints)
@@ -287,13 +309,13 @@ def calibrate_arm(
     elif different < len(readings):
         folds = f"each of {different} different ones left out once with its repeats, in {choice.folds} groups"
     if not train.all():  # a row that is held back is wild as a fitted one is, but beside those that are held back
-        judged = {one: fitting.predict(fits[one], model, ~train) for one in LEVELS}
+        judged = {one: fitting.predict(fits[one], model, ~train) for one in tried}
         wild = np.zeros(len(train), dtype=bool)
         wild[train] = fit.wild
         for sizes in (judged[chosen].position, judged[chosen].rotation):
             wild[~train] |= False if sizes is None else fitting.far_out(sizes[~train])
     levels = {
-        one: _error(one, judged[one], ~wild, poses, distance, fits[one].spent if train.all() else 0.0) for one in LEVELS
+        one: _error(one, judged[one], ~wild, poses, distance, fits[one].spent if train.all() else 0.0) for one in tried
     }
     draws, without_gains = fitting.resample(fit, resamples), _without_gains(fit, model, judged[chosen], wild)
 
@@ -335,7 +357,8 @@ def calibrate_arm(
 
 def _poses_in(readings: Readings) -> int:
     """Return how many poses were read; of several targets each pose is as many readings."""
-    return len(np.unique(readings.joints, axis=0)) if readings.targets else len(readings)
+    several = readings.targets or readings.loci is not None
+    return len(np.unique(readings.joints, axis=0)) if several else len(readings)
 
 
 def _frames_of(model: ArmModel, p: Array, readings: Readings) -> dict[str, tuple[float, ...]]:
@@ -344,6 +367,12 @@ def _frames_of(model: ArmModel, p: Array, readings: Readings) -> dict[str, tuple
     if model.position is None:
         return {"target": (*tool[:3, 3].tolist(),)}
     frames = {name: (*frame[:3, 3], *rpy_of(frame)) for name, frame in (("base", base), ("target", tool))}
+    if model.loci is not None:
+        for name, frame in model.loci.frames(model.loci_numbers(p)).items():
+            there = np.linalg.inv(base) @ frame
+            frames[name] = (*there[:3, 3].tolist(), *(there[:3, 2].tolist() if name.startswith("plane") else ()))
+        if not model.loci.tell_base(model.position):
+            del frames["base"]
     for name, place in zip(readings.targets[1:], model.places(p)[1:], strict=False):
         frames[f"target {name}"] = (*(tool[:3, :3] @ place + tool[:3, 3]).tolist(),)
     return frames
@@ -363,9 +392,10 @@ def _error(level: str, errors: HeldOut, known: Mask, poses: Index, distance: flo
 def _without_gains(fit: Fit, model: ArmModel, errors: HeldOut, wild: Mask) -> float:
     """Return the error [mm] of what is written where nobody scales the joints' readings; NaN where none are scaled."""
     p, place = fit.p.copy(), {name: k for k, name in enumerate(model.names)}
-    gains = [name for name in place if name.startswith("gain_")]
-    if not {place[name] for name in gains} & set(fit.kept.tolist()):
+    gains, elastic = ([name for name in place if name.startswith(one)] for one in ("gain_", "elastic_"))
+    if not {place[name] for name in (*gains, *elastic)} & set(fit.kept.tolist()):
         return nan
+    p[[place[name] for name in elastic]] = 0.0
     for name in gains:
         if (zero := place.get(name.replace("gain_", "zero_"))) is not None:
             p[zero] *= p[place[name]]  # the zero as it is written
@@ -404,7 +434,14 @@ def _notes(
             cure = "were they misread, or do they lie at one range of a joint, whose error they are?"
         text = f"the {subject} in no error above, with {them} the error after is {plain(with_them, 3)} mm; {cure}"
         yield Note(Code.WILD_UNCOUNTED, text, values={"readings": count, "error_mm": with_them})
-    if np.isfinite(without_gains):
+    if np.isfinite(without_gains) and chosen == "elastic":
+        yield Note(
+            Code.GAINS_ELSEWHERE,
+            f"compliances have no place in a {source}: give it each joint's reading less compliance times torque, and "
+            f"add that to a joint's command; without them what is written leaves {plain(without_gains, 3)} mm",
+            values={"error_mm": without_gains},
+        )
+    elif np.isfinite(without_gains):
         yield Note(
             Code.GAINS_ELSEWHERE,
             f"joint scales have no place in a {source}: give it each joint's reading times (1 + its scale), and divide "
@@ -416,7 +453,12 @@ def _notes(
             Code.DISTANCE_UNKNOWN,
             f"distance= of the two sockets is not stated, so nothing fixes how large the arm is but its {source}",
         )
-    if chosen != "gains" and levels["gains"].ci95[1] < levels["geometry"].rms:
+    if model.loci is not None and model.position is not None:
+        text = f"{model.loci.words(model.position)} read: errors are along what was read, and tell nothing across it"
+        if (model.loci.kind == PLANE).all():
+            text += f"; planes do not tell how large the arm is, which its {source} says"
+        yield Note(Code.PARTS_OF_PLACES, text)
+    if chosen not in ("gains", "elastic") and levels["gains"].ci95[1] < levels["geometry"].rms:
         yield Note(
             Code.GAINS_WOULD_HELP,
             f"with a scale for each joint's reading the error would be {plain(levels['gains'].rms, 3)} mm instead of "
@@ -450,7 +492,7 @@ def _notes(
 
 def _step(fit: Fit, readings: Readings) -> Iterable[Note]:
     """Yield a note where base or tracker moved so little that it was not seen before the calibration."""
-    if readings.position is None:
+    if readings.position is None or readings.loci is not None:
         return
     known = np.flatnonzero(~fit.wild)
     step = stepped(fit.model.errors(fit.p)[0][known], readings.position[known])
@@ -477,7 +519,7 @@ def _changes_of(arm: Arm, fit: Fit, draws: Array) -> tuple[Change, ...]:
         if kind not in ("base", "tool") and place not in badly:
             nominal = 1.0 if kind == "gain" else 0.0
             low, high = np.quantile(draws[:, k], [0.025, 0.975]) - nominal
-            unit = "mm" if is_length(name, model.sliding) else "" if kind == "gain" else "rad"
+            unit = {"gain": "", "elastic": "rad/(N m)"}.get(kind, "mm" if is_length(name, model.sliding) else "rad")
             sd, change = float(draws[:, k].std(ddof=1)), float(fit.p[place] - nominal)
             changes.append(Change(name, joint, _WORDS[kind], unit, change, sd, (float(low), float(high))))
 
@@ -527,7 +569,7 @@ def _undetermined_of(fit: Fit, geometry: Fit) -> tuple[Undetermined, ...]:
         undetermined[place] = Undetermined(names[place], reason, known_to=size * known_to, change=moved)
     held = "with it free, poses that were not fitted are not predicted better"
     for place in set(kept) - set(fit.kept.tolist()):
-        if not names[place].startswith((*_FRAMES, "gain_")):
+        if not names[place].startswith((*_FRAMES, "gain_", "elastic_")):
             undetermined[place] = Undetermined(names[place], held)
     return tuple(undetermined[k] for k in order if k in undetermined)
 
@@ -537,7 +579,8 @@ def _known_to(fit: Fit) -> dict[int, tuple[float, float]]:
     before, both = information_of(fit.model)[fit.kept], 1.0 / np.diag(fit.covariance)
     alone = np.maximum(both - before, 1e-6 * before)
     sizes = zip(fit.kept.tolist(), alone**-0.5, np.where(before > 0, before, np.inf) ** -0.5, strict=True)
-    return {place: (float(by_them), float(within)) for place, by_them, within in sizes if by_them > within > 0}
+    stated = {k for k in fit.kept if fit.model.names[k] in fit.model.priors}  # of them the user knows it, no file
+    return {k: (float(of), float(within)) for k, of, within in sizes if of > within > 0 and k not in stated}
 
 
 def _parts_of(drawn: Drawn) -> tuple[tuple[Part, ...], tuple[Part, ...]]:

@@ -86,7 +86,7 @@ def _candidates(level: str, fit: Fit, common: Fit, fold: Index) -> list[_Candida
     model = replace(fit.model, sigma=common.model.sigma, scatter=common.model.scatter)
     blocks = normal_blocks(model, fit.p, kept, common.weights, fold)
     gram, slope, square, whole = blocks.gram, blocks.slope, blocks.square, blocks.sum()
-    off = (fit.p - model.start)[kept]
+    off = (fit.p - model.wanted)[kept]
     step = _solved(whole.gram, whole.slope, information_of(model)[kept], off)[0]
     left = whole.square[0] + 2 * step @ whole.slope[0] + step @ whole.gram[0] @ step
     noise = max(left, 0.0) / max(whole.count[0] - len(kept), 1.0)  # in squares of the common one

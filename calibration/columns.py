@@ -23,6 +23,8 @@ EULER = ("rx", "ry", "rz")
 QUATERNION = ("qx", "qy", "qz", "qw")
 OF_A_JOINT = ("direction", "velocity", "torque")  # what a file may tell of each joint, beside its reading
 WARMTH, PAYLOAD, SOCKET, SITE, TARGET = "temp_K", "payload_kg", "socket", "place", "target"
+DISTANCE, DISTANCE_TO, PLANE = "distance", "distance_to", "plane"
+STATED = tuple(f"{DISTANCE_TO}_{axis}" for axis in POSITION)  # where the point is that a distance is from
 WAYS = {
     **{axis: ("mm", f"place along {axis}") for axis in POSITION},
     **{f"r{axis}": ("rad", f"turn about {axis}") for axis in POSITION},
@@ -31,7 +33,7 @@ _BY_BEGIN = {  # before the name of a joint or of a socket: unit and words; what
     **{f"{one}_": (unit, f"{words} of") for one, (unit, words) in WAYS.items()},
     "zero_": ("rad", "zero of"), "length_": ("mm", "length of the link to"), "q_": ("", ""),
     "direction_": ("", "direction of"), "velocity_": ("rad/s", "velocity of"), "torque_": ("N mm", "torque of"),
-    "pair": ("mm", "sockets"), "socket": ("mm", "socket"),
+    "pair": ("mm", "sockets"), "socket": ("mm", "socket"), "distance_": ("mm", "distance from"),
     **{f"tool_{one}_": ("mm", f"place along {one} of target") for one in POSITION},
 }  # fmt: skip
 
@@ -57,7 +59,8 @@ ARM = Declared(  # of the files of an arm, for a calibration and for a search
         Quantity("temperature_C", "K", "temperature"), Quantity(WARMTH, "K", "temperature above its middle"),
         Quantity(PAYLOAD, "kg", "payload"), Quantity(SOCKET, "", "socket", text=True),
         Quantity(SITE, "", "place", text=True), Quantity(TARGET, "", "target", text=True),
-        Quantity("split", text=True),
+        Quantity(DISTANCE, "mm", "distance from a fixed point"), Quantity(DISTANCE_TO, text=True),
+        Quantity(PLANE, text=True), Quantity("split", text=True),
     ),
     named=_of_a_joint,
 )  # fmt: skip
@@ -65,18 +68,32 @@ _SPELT = {
     **{f"{lead}{axis}": axis for axis in POSITION for lead in ("", "p", "t", "pos", "position")},
     **{f"{lead}{axis}": f"r{axis}" for axis in POSITION for lead in ("r", "phi", "rot", "rotation")},
     **{name: name for name in QUATERNION},
-    "roll": "rx", "pitch": "ry", "yaw": "rz",
+    "roll": "rx", "pitch": "ry", "yaw": "rz", "height": "z",
 }  # fmt: skip
 _NOT_MEASURED = {
     "goal", "target", "command", "commanded", "cmd", "desired", "nominal", "setpoint", "reference", "ref", "std",
     "sigma", "sd", "stdev", "error", "err", "cov", "flange",
 }  # fmt: skip
 _SAID = {"actual", "measured", "meas", "feedback", "encoder", "position", "pos", "angle", "state", "value", "q"}
-_STEMS = {"q", "j", "joint", "axis", "a", "theta", "angle", "joints", "jointangle", "actualq", "column"}
+_STEMS = {
+    "q",
+    "j",
+    "joint",
+    "axis",
+    "achse",
+    "gelenk",
+    "a",
+    "theta",
+    "angle",
+    "joints",
+    "jointangle",
+    "actualq",
+    "column",
+}
 _PLACES = ("xyz", "position", "pos", "place", "point", "p")
 _LISTED = 20  # joints or columns that a refusal names
 _UNIT = re.compile(r"(.*[a-z0-9])[_ .-](mm|cm|um|m|inch|in|deg|degrees|rad|mrad)", re.IGNORECASE)
-_TIMES = {"t_s", "t", "time", "timestamp"}
+TIMES = {"t_s", "t", "time", "timestamp", "stamp", "__time", "%time"}
 
 
 @final
@@ -85,6 +102,7 @@ class Matched:
     """The columns of a file by what they are; `figaroh`: called as FIGAROH calls them, whose unit is the metre.
 
     `targets` has the places of all targets by name where a row holds several, `position` that of the first of them.
+    `distance` has fixed points by name, "" where a column names them.
     """
 
     joints: Mapping[str, str]
@@ -94,6 +112,7 @@ class Matched:
     figaroh: bool = False
     notes: tuple[Note, ...] = ()
     targets: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    distance: Mapping[str, str] = field(default_factory=dict)
 
 
 _NO_JOINT = "or take its row out, or give it the type fixed"
@@ -123,6 +142,8 @@ def match_columns(
 
     by_joint, notes = _joint_columns(names, joints, door)
     used = set(by_joint.values())
+    distance = {of: name for name in names if name not in used and (of := _far_from(name)) is not None}
+    used |= {*distance.values(), *(name for name in names if name.lower() in STATED)}
     targets, turns, figaroh = _measured_columns([name for name in names if name not in used], door)
     unnamed = [name for name in names if name not in used and re.fullmatch(r"column_\d+", name)]
     if not targets and len(unnamed) in (3, 6, 7):  # of a file without a header beside one of joints
@@ -133,13 +154,13 @@ def match_columns(
         notes = (*notes, Note(Code.COLUMNS_MATCHED, text, tuple(unnamed)))
     position = next(iter(targets.values()), {})
     used |= {*turns.values()}.union(*(target.values() for target in targets.values()))
+    other = {name.lower(): name for name in names if name.lower() in STATED}
     rest = [name for name in names if name not in used]
-    other: dict[str, str] = {}
     for name in rest:
         tokens, plain = _tokens(name), name.strip().lower()
-        if plain in (SOCKET, SITE, TARGET, "split", "valid", PAYLOAD, "temperature_c"):
+        if plain in (SOCKET, SITE, TARGET, DISTANCE_TO, PLANE, "split", "valid", PAYLOAD, "temperature_c"):
             other.setdefault("temperature_C" if plain == "temperature_c" else plain, name)
-        elif plain in _TIMES:
+        elif plain in TIMES:
             other.setdefault("t_s", name)
         elif "temperature" in tokens or tokens == ["temp"]:
             other.setdefault("temperature_C", name)
@@ -151,8 +172,18 @@ def match_columns(
             other.setdefault(ours, name)
     return Matched(
         joints=by_joint, position=position, rotation=turns, other=other, figaroh=figaroh, notes=notes,
-        targets=targets if len(targets) > 1 else {},
+        targets=targets if len(targets) > 1 else {}, distance=distance,
     )  # fmt: skip
+
+
+def measured_axes(names: Sequence[str]) -> bool:
+    """Tell whether `names` have a place of a target, or an axis of it, a distance or a plane."""
+    if any(name.lower() == PLANE or _far_from(name) is not None for name in names):
+        return True
+    try:
+        return bool(_measured_columns(names, _Door("machine.", "URDF"))[0])
+    except ValueError:  # several
+        return True
 
 
 def by_their_names(
@@ -316,12 +347,14 @@ def _measured_columns(names: Sequence[str], door: _Door) -> tuple[dict[str, dict
         how = f"{door.column('x', of_x[0])}, and y and z alike"
         raise ValueError(f"{' and '.join(of_x)} could both be the measured x; {how}")
     if not whole:
-        part = next((g for g in groups.values() if any(axis in g for axis in POSITION)), None)
-        if part:
-            lost = next(axis for axis in POSITION if axis not in part)
-            there = next(part[axis] for axis in POSITION if axis in part)
-            raise ValueError(f"{there} is there and no {lost}; a position has x, y and z; {door.column(lost, 'NAME')}")
-        return {}, {}, False
+        some = [{axis: g[axis] for axis in POSITION if axis in g} for g in groups.values()]
+        some = [part for part in some if part]
+        if len(some) > 1:
+            listed_ = " and ".join(next(iter(part.values())) for part in some)
+            raise ValueError(
+                f"{listed_} are of places that are not whole; {door.column('x', 'NAME')}, and y and z alike"
+            )
+        return ({"1": some[0]} if some else {}), {}, False
     group = next(iter(whole.values()))
     wanted = next((names for names in (QUATERNION, EULER) if all(axis in group for axis in names)), ())
     targets = {
@@ -339,6 +372,12 @@ def _unnumbered(key: tuple[str, str]) -> tuple[str, str]:
 
 def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+def _far_from(name: str) -> str | None:
+    """Return the point that a distance is from: of `distance_A` A, of `Distance` none, ""; None for other columns."""
+    parted = re.fullmatch(rf"{DISTANCE}(?:[\s_.-]+(?!to\b|to_)(.+))?", _bare(name).strip(), re.IGNORECASE)
+    return (parted[1] or "") if parted and not only_asked(name) else None
 
 
 def only_asked(name: str) -> bool:

@@ -22,7 +22,7 @@ DISTINCT = 0.02  # sine of the angle to what is kept already: below it a paramet
 ALIKE = 5e-3  # part of a column: less than this beside the others may only come from the arm's other errors
 LEVELS = ("frames", "zeros", "geometry", "gains")
 _RANK = {
-    "base": 0, "tool": 1, "zero": 2, "x": 3, "y": 3, "z": 5, "rx": 4, "ry": 4, "rz": 6, "gain": 7,
+    "base": 0, "tool": 1, "zero": 2, "x": 3, "y": 3, "z": 5, "rx": 4, "ry": 4, "rz": 6, "gain": 7, "elastic": 8,
     "theta": 2, "a": 3, "alpha": 4, "beta": 5, "d": 6,
 }  # fmt: skip  # of a URDF, and of a table
 _OF_SLIDING = {"d": 2, "theta": 4}  # the zero of a joint that slides is a length
@@ -30,7 +30,7 @@ _FRAMES = ("base_", "tool_")
 _GAUGE = 1e-3  # part of a column: what is less than this beside the others takes up .001 mm a mm at most
 _MASTERED = 50.0  # mrad, or mm of a joint that slides: as far as a zero is off
 _PLACES = {f"{frame}_{axis}" for frame in ("base", "tool") for axis in "xyz"}  # and tool_x_2 of the second target
-_UP_TO = {"frames": 1, "zeros": 2, "geometry": 6, "gains": 7}
+_UP_TO = {"frames": 1, "zeros": 2, "geometry": 6, "gains": 7, "elastic": 6}
 
 
 def gauge(chain: kinematics.Chain, readings: kinematics.Compared) -> tuple[str, ...]:
@@ -131,8 +131,9 @@ def order_of(names: Sequence[str], level: str, sliding: Collection[str] = ()) ->
     ranks = []
     for k, name in enumerate(names):
         kind, _, joint = name.partition("_")
-        ranks.append((({**_RANK, **_OF_SLIDING} if joint in sliding else _RANK)[kind], -k if kind == "d" else k, k))
-    return [k for rank, _, k in sorted(ranks) if rank <= _UP_TO[level]]
+        last_first = kind in ("base", "d")  # fixed points and tables, which nobody states, before the base
+        ranks.append((({**_RANK, **_OF_SLIDING} if joint in sliding else _RANK)[kind], -k if last_first else k, k))
+    return [k for rank, _, k in sorted(ranks) if rank <= _UP_TO[level] or (level == "elastic" and rank == 8)]
 
 
 def select_determined(model: ArmModel, p: Array, order: Sequence[int], weights: Array) -> Index:
@@ -144,7 +145,8 @@ def select_determined(model: ArmModel, p: Array, order: Sequence[int], weights: 
     free = np.array(order, dtype=np.int64)
     at, frames = model.start, [k for k, name in enumerate(model.names) if name.startswith(_FRAMES)]
     at[frames] = p[frames]
-    rows = root_of(normal_blocks(model, at, free, weights).gram[0])
+    known = np.array([1 / model.priors[name][1] if name in model.priors else 0.0 for name in model.names])[free]
+    rows = np.vstack([root_of(normal_blocks(model, at, free, weights).gram[0]), np.diag(known)[known > 0]])
     return np.sort(free[independent_columns(rows, _GAUGE)])
 
 
@@ -159,6 +161,7 @@ def information_of(model: ArmModel) -> Array:
             kind, _, joint = name.partition("_")
             mastered = kind == ("d" if joint in model.sliding else "theta") or kind == "zero"
             sd[k] = (_MASTERED if mastered else model.tolerance) * (1.0 if is_length(name, model.sliding) else 1e-3)
+        sd[k] = model.priors[name][1] if name in model.priors else sd[k]
     return np.asarray(sd**-2)
 
 

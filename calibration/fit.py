@@ -42,8 +42,7 @@ class Fit:
     def spent(self) -> float:
         """Return the part of the residuals that went into numbers, those counting less that were known before."""
         known = float(information_of(self.model)[self.kept] @ np.diag(self.covariance))
-        a_pose = 3 if self.model.turns is None else 6
-        return (len(self.kept) - known) / max(a_pose * float(self.weights.sum()), 1.0)
+        return (len(self.kept) - known) / max(float(self.weights @ self.model.counted), 1.0)
 
     @property
     def weights(self) -> Array:
@@ -53,7 +52,8 @@ class Fit:
     def covariance_by_name(self) -> dict[str, Any]:
         """Return `names`, `units` and the `matrix` of the covariance of the numbers that were free, for JSON."""
         names = [self.model.names[k] for k in self.kept]
-        units = ["" if n.startswith("gain_") else "mm" if is_length(n, self.model.sliding) else "rad" for n in names]
+        of = {"gain": "", "elastic": "rad/(N m)"}
+        units = [of.get(n.partition("_")[0], "mm" if is_length(n, self.model.sliding) else "rad") for n in names]
         return {"names": names, "units": units, "matrix": self.covariance.tolist()}
 
 
@@ -73,6 +73,9 @@ def fit_arm(model: ArmModel, order: Sequence[int], start: Array | None = None) -
             middle = float(np.median(size[~wild]))
             sigma[k] = max(middle / 1.538, _FLOOR)  # the median length of three unit normals is 1.538
             far |= size > _WILD * max(middle, 1e3 * _FLOOR)
+        if model.loci is not None:
+            far, scatter, sigma[0] = _by_kind(model, model.errors(p, weights)[0], wild)
+            model = replace(model, scatter=scatter)
         if far.mean() <= (_MOST_IN_SOCKETS if model.position is None else _MOST):  # else they cannot be exceptions
             wild = far
         settled = np.allclose(sigma, model.sigma, rtol=_SAME, atol=0.0)
@@ -125,16 +128,16 @@ def _adjust(model: ArmModel, p: Array, kept: Index, weights: Array, soft: bool, 
     p = held
     if not len(kept):
         return p
-    nominal, information = model.start[kept], information_of(model)[kept]
+    wanted, information = model.wanted[kept], information_of(model)[kept]
 
     def value_of(p: Array) -> float:
-        return _value(model, p, weights, soft) + float(information @ (p[kept] - nominal) ** 2)
+        return _value(model, p, weights, soft) + float(information @ (p[kept] - wanted) ** 2)
 
     damping, value = 1e-6, value_of(p)
     for _ in range(_STEPS):
         sums = normal_blocks(model, p, kept, weights, soft=soft)
         gram = sums.gram[0] + np.diag(information)
-        slope = sums.slope[0] + information * (p[kept] - nominal)
+        slope = sums.slope[0] + information * (p[kept] - wanted)
         for _ in range(12):
             tried = p.copy()
             tried[kept] += solve(gram, slope, damping * np.diag(gram))
@@ -154,6 +157,17 @@ def far_out(size: Array) -> Mask:
     """Return which errors (n,) are wild beside the others, (n,); none where so many are that they are no accident."""
     far: Mask = np.asarray(size > _WILD * max(float(np.median(size)), 1e3 * _FLOOR))
     return np.zeros(len(size), dtype=bool) if far.mean() > _MOST else far
+
+
+def _by_kind(model: ArmModel, errors: Array, wild: Mask) -> tuple[Mask, Array, float]:
+    """Return which `errors` (n, 3) are wild, the noise of each reading by its kind over that of the first, and that."""
+    assert model.loci is not None
+    size, kind, noise = norms((errors, None)), model.loci.kind * 4 + model.counted.astype(int), np.ones(len(errors))
+    for one in np.unique(kind):
+        there = kind == one
+        usual = float(np.sqrt(chdtri(one % 4, 0.5)))  # the median length of so many unit normals
+        noise[there] = max(float(np.median(size[there & ~wild])) / usual, _FLOOR)
+    return np.asarray(size > _WILD * 1.538 * np.maximum(noise, 1e3 * _FLOOR)), noise / noise[0], float(noise[0])
 
 
 def _with_scatter(model: ArmModel, p: Array, weights: Array) -> ArmModel:
@@ -239,7 +253,7 @@ def resample(fit: Fit, count: int, seed: int = 0) -> Array:
     sums, there = normal_blocks(fit.model, fit.p, fit.kept, fit.weights, pose), np.unique(pose[~fit.wild])
     weights = [np.bincount(rng.choice(there, len(there)), minlength=len(sums.gram)) for _ in range(count)]
     drawn = sums.by(np.array(weights, dtype=float))
-    known, off = information_of(fit.model)[fit.kept], (fit.p - fit.model.start)[fit.kept]
+    known, off = information_of(fit.model)[fit.kept], (fit.p - fit.model.wanted)[fit.kept]
     priors = known * off + np.sqrt(known) * rng.normal(size=(count, len(known)))  # before any reading, drawn anew too
     steps = [solve(gram + np.diag(known), slope) for gram, slope in zip(drawn.gram, drawn.slope + priors, strict=True)]
     return np.asarray(fit.p[fit.kept] + np.array(steps))
@@ -256,7 +270,7 @@ def _resample_sockets(fit: Fit, count: int, rng: np.random.Generator) -> Array:
     rows = np.concatenate([rows, points / model.of_rows[:, None, None]], axis=2)
     more = np.hstack([more, np.zeros((len(more), rows.shape[2] - k))])
     known, off = np.zeros(rows.shape[2]), np.zeros(rows.shape[2])  # before any reading, drawn anew too
-    known[:k], off[:k] = information_of(model)[fit.kept], (fit.p - model.start)[fit.kept]
+    known[:k], off[:k] = information_of(model)[fit.kept], (fit.p - model.wanted)[fit.kept]
     scale = np.sqrt((rows**2).sum(axis=(0, 1)) + (more**2).sum(axis=0) + known) + 1e-12
     known, off = known / scale**2, off * scale
     rows, more = rows / scale, more / scale

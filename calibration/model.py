@@ -6,6 +6,7 @@ units of the noise; for a ball in sockets the vector from its socket's mean poin
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import final
@@ -14,8 +15,11 @@ import numpy as np
 
 from calibench.calibration.dh import DhArm, DhTable
 from calibench.calibration.kinematics import Chain, forward, jacobian, nominal, parameter_names
+from calibench.calibration.loci import Loci
 from calibench.calibration.readings import Readings
 from calibench.calibration.rigid import Array, Index, Mask, cross, vector_of
+from calibench.core.notes import DataError
+from calibench.core.options import suggest
 
 WITHIN = 20.0  # mm, or mrad: hardly a tolerance; a closer one would keep up the noise that it leaves
 KNOWN_TO = 0.05  # mm: how well the distance of two printed or drilled sockets is known where nobody says it
@@ -31,7 +35,10 @@ class ArmModel:
     is the arm of a table. `tolerance` [mm, mrad] is the
     standard error of the arm's nominal lengths and angles before any reading. `target` (n,) is the target of each
     reading, 0 the one at the end of the chain; the others sit at `seats` (k, 3) [mm] from it, and at the numbers
-    tool_x_K, tool_y_K, tool_z_K from there, which stand before those of the tool.
+    tool_x_K, tool_y_K, tool_z_K from there, which stand before those of the tool. Where less than places was read,
+    `loci` says what each reading allows; the numbers of its fixtures stand before those of the tool as well. `priors`
+    has numbers of which more is known: by how much they are off, and its standard error [mm, rad]. `torque` [N m],
+    (n, columns), is what each joint holds: it stands at its reading less elastic_J, its compliance, times that.
     """
 
     chain: Chain
@@ -48,12 +55,22 @@ class ArmModel:
     tolerance: float = WITHIN
     target: Index | None = None
     seats: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    loci: Loci | None = None
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    torque: Array | None = None
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Return the names of all parameters."""
         names = parameter_names(self.chain) if self.rows is None else self.rows.names
-        return (*names[:-6], *(f"tool_{one}_{k}" for k in range(2, len(self.seats) + 2) for one in "xyz"), *names[-6:])
+        return (*names[:-6], *self._more, *names[-6:])
+
+    @cached_property
+    def _more(self) -> tuple[str, ...]:
+        """Return the names of the numbers that stand before those of the tool: of further targets, and of fixtures."""
+        of_targets = (f"tool_{one}_{k}" for k in range(2, len(self.seats) + 2) for one in "xyz")
+        elastic = () if self.torque is None else (f"elastic_{name}" for name in self.chain.driven)
+        return (*of_targets, *elastic, *(() if self.loci is None else self.loci.names))
 
     @property
     def sliding(self) -> frozenset[str]:
@@ -64,12 +81,24 @@ class ArmModel:
     def start(self) -> Array:
         """Return the nominal parameters: nothing is wrong."""
         start = nominal(self.chain) if self.rows is None else self.rows.nominal
-        return np.concatenate([start[:-6], np.zeros(3 * len(self.seats)), start[-6:]])
+        return np.concatenate([start[:-6], np.zeros(len(self._more)), start[-6:]])
+
+    @property
+    def wanted(self) -> Array:
+        """Return the parameters before any reading: nominal, or what is known of them."""
+        return self.start + [self.priors[name][0] if name in self.priors else 0.0 for name in self.names]
 
     @property
     def of_rows(self) -> Array:
         """Return the noise of each position, (n,) [mm]."""
         return self.sigma[0] * (np.ones(len(self.joints)) if self.scatter is None else self.scatter)
+
+    @property
+    def counted(self) -> Array:
+        """Return how many numbers were read at each reading, (n,)."""
+        if self.loci is not None and self.position is not None:
+            return self.loci.counted(self.position)
+        return np.full(len(self.joints), 3.0 if self.turns is None else 6.0)
 
     def at(self, keep: Mask | Index) -> ArmModel:
         """Return the model of some poses, with its sockets counted from 0 without a gap."""
@@ -80,12 +109,14 @@ class ArmModel:
         return replace(
             self, joints=self.joints[keep], position=position, turns=turns, socket=socket, place=self.place[keep],
             scatter=scatter, target=None if self.target is None else self.target[keep],
+            loci=None if self.loci is None else self.loci.at(keep),
+            torque=None if self.torque is None else self.torque[keep],
         )  # fmt: skip
 
     def placed(self, p: Array) -> Array:
         """Return the target's pose at each reading, (n, 4, 4)."""
-        arm = self._of_arm(p)
-        poses = forward(self.chain, arm, self.joints) if self.rows is None else self.rows.forward(arm, self.joints)
+        arm, stands = self._of_arm(p), self._stands(p)
+        poses = forward(self.chain, arm, stands) if self.rows is None else self.rows.forward(arm, stands)
         if self.target is not None:
             poses = poses.copy()
             poses[:, :3, 3] += self._beside(p, poses)
@@ -93,30 +124,48 @@ class ArmModel:
 
     def slopes(self, p: Array, free: Index) -> Array:
         """Return the derivative of the target's pose in the parameters `free`, (n, 6, k), or (n, 3, k) of places."""
-        of, arm, seats = self.rows, self._of_arm(p), 3 * len(self.seats)
-        some, turns = None if seats else free, self.turns is not None or seats > 0
-        slopes = (
-            jacobian(self.chain, arm, self.joints, some, turns)
-            if of is None
-            else of.jacobian(arm, self.joints, some, turns)
-        )
-        if not seats:
+        of, arm, seats, stands = self.rows, self._of_arm(p), 3 * len(self.seats), self._stands(p)
+        some, turns = None if self._more else free, self.turns is not None or seats > 0
+        slopes = jacobian(self.chain, arm, stands, some, turns) if of is None else of.jacobian(arm, stands, some, turns)
+        if not self._more:
             return slopes
-        more = np.zeros((len(slopes), 6, seats))
+        more = np.zeros((*slopes.shape[:2], len(self._more)))
         if self.target is not None:
-            first = forward(self.chain, arm, self.joints) if of is None else of.forward(arm, self.joints)
+            first = forward(self.chain, arm, stands) if of is None else of.forward(arm, stands)
             lever = self._beside(p, first)
             slopes[:, :3] += cross(np.swapaxes(slopes[:, 3:], 1, 2), lever[:, None]).swapaxes(1, 2)
             for k in range(len(self.seats)):
                 more[:, :3, 3 * k : 3 * k + 3] = np.where((self.target == k + 1)[:, None, None], first[:, :3, :3], 0.0)
+        if self.torque is not None:
+            more[:, :, seats : seats + self.torque.shape[1]] = -self._of_readings(slopes) * self.torque[:, None]
         return np.concatenate([slopes[:, :, :-6], more, slopes[:, :, -6:]], axis=2)[:, :, free]
 
     def places(self, p: Array) -> Array:
         """Return where each target sits from the first one, in its frame, (k + 1, 3) [mm]."""
-        return np.concatenate([np.zeros((1, 3)), self.seats + p[-6 - 3 * len(self.seats) : -6].reshape(-1, 3)])
+        return np.concatenate([np.zeros((1, 3)), self.seats + self._of_more(p)[: 3 * len(self.seats)].reshape(-1, 3)])
 
     def _of_arm(self, p: Array) -> Array:
-        return np.concatenate([p[: -6 - 3 * len(self.seats)], p[-6:]]) if len(self.seats) else p
+        return np.concatenate([p[: -6 - len(self._more)], p[-6:]]) if self._more else p
+
+    def _stands(self, p: Array) -> Array:
+        """Return where the joints are that are read, (n, columns): less by what they give way."""
+        if self.torque is None:
+            return self.joints
+        first = 3 * len(self.seats)
+        return np.asarray(self.joints - self._of_more(p)[first : first + self.torque.shape[1]] * self.torque)
+
+    def _of_readings(self, slopes: Array) -> Array:
+        """Return the derivative of the target's pose in each reading, (n, c, columns), by those in all numbers."""
+        place, (gains, _) = {name: k for k, name in enumerate(self.names)}, self.chain.following
+        zeros = [place.get(f"zero_{joint.name}", place.get(f"theta_{joint.name}", -1)) for joint in self.chain.joints]
+        return np.asarray(slopes[:, :, zeros] @ (gains * (np.array(zeros) >= 0)[:, None]))
+
+    def loci_numbers(self, p: Array) -> Array:
+        """Return the numbers of the fixtures of `loci`."""
+        return self._of_more(p)[len(self._more) - (0 if self.loci is None else len(self.loci.names)) :]
+
+    def _of_more(self, p: Array) -> Array:
+        return p[len(p) - 6 - len(self._more) : -6]
 
     def _beside(self, p: Array, poses: Array) -> Array:
         """Return from the first target to that of each reading, (n, 3) [mm], where it stands at `poses`."""
@@ -127,8 +176,15 @@ class ArmModel:
         poses = self.placed(p) if poses is None else poses
         if self.position is None:
             return poses[:, :3, 3] - self._means(poses[:, :3, 3], weights)[self.socket], None
+        if self.loci is not None:
+            return self._across(p, poses)[0], None
         turned = None if self.turns is None else np.einsum("nij,nkj->nik", poses[:, :3, :3], self.turns)
         return poses[:, :3, 3] - self.position, None if turned is None else vector_of(turned)
+
+    def _across(self, p: Array, poses: Array) -> tuple[Array, Array, Array]:
+        assert self.loci is not None
+        assert self.position is not None
+        return self.loci.residuals(poses[:, :3, 3], self.position, self.loci_numbers(p))
 
     def residuals(self, p: Array, weights: Array) -> tuple[Array, Array]:
         """Return residuals (n, c) over their noise, and those of known distances, (d,)."""
@@ -145,7 +201,12 @@ class ArmModel:
         """Return the derivatives of `residuals` in the parameters `kept`: (n, c, k) and (d, k)."""
         slopes = self.slopes(p, kept)
         if self.position is not None:
-            over = slopes[:, :3] / self.sigma[0]
+            over = slopes[:, :3] / self.of_rows[:, None, None]
+            if self.loci is not None:
+                every = np.zeros((len(slopes), 3, len(p)))
+                _, across, of_fixtures = self._across(p, self.placed(p))
+                every[:, :, len(p) - 6 - of_fixtures.shape[2] : -6] = of_fixtures / self.of_rows[:, None, None]
+                over = across @ over + every[:, :, kept]
             if self.turns is not None:
                 over = np.concatenate([over, slopes[:, 3:] / self.sigma[1]], axis=1)
             return over, np.zeros((0, len(kept)))
@@ -180,14 +241,25 @@ class ArmModel:
 def model_of(
     chain: Chain, readings: Readings, base: Array, tool: Array, *, distance: float = 0.0,
     sigma_distance: float = KNOWN_TO, table: DhTable | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
 ) -> ArmModel:  # fmt: skip
-    """Return the model of `readings` with the frames that were found in its chain; of a `table` its numbers."""
+    """Return the model of `readings` with the frames that were found in its chain; of a `table` its numbers.
+
+    Raises `DataError` for `priors` of numbers that the arm has not.
+    """
     placed = chain.placed(base, chain.tool @ tool)
     model = ArmModel(
         chain=placed, joints=readings.joints, position=readings.position, turns=readings.turns,
         socket=readings.socket, place=readings.place, distance=distance,
         sigma_distance=sigma_distance, rows=None if table is None else DhArm(table, placed.mount, placed.tool),
+        loci=readings.loci, priors=priors or {},
     )  # fmt: skip
+    for name, (value, sd) in model.priors.items():
+        known = [one for one in model.names if not one.startswith(("base_", "tool_"))]
+        if name not in known:
+            raise DataError(f"priors: {name} is no number of the arm; {suggest(name, known)}")
+        if not (np.isfinite(value) and 0 < sd < np.inf):
+            raise DataError(f"priors: {name}: {value:g} with {sd:g}; a value and a standard error above 0 are needed")
     if not readings.target.any():
         return model
     assert readings.position is not None

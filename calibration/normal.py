@@ -53,7 +53,7 @@ def normal_blocks(
     whole places, as a socket's point is the mean of all that was read in it.
     """
     group = np.zeros(len(weights), dtype=np.int64) if group is None else group
-    count, k = int(group.max(initial=0)) + 1, len(free)
+    count, k, counted = int(group.max(initial=0)) + 1, len(free), model.counted
     sums = Blocks(np.zeros((count, k, k)), np.zeros((count, k)), np.zeros(count), np.zeros(count))
     for there, rows, over, more, far in _parts(model, p, free, weights, np.argsort(group, kind="stable")):
         known = weights[there]
@@ -61,7 +61,7 @@ def normal_blocks(
         rows, over = rows * by[:, None, None], over * by[:, None]
         ends = np.flatnonzero(np.diff(group[there], prepend=-1, append=-1))
         for a, b in pairwise(ends.tolist()):
-            used = float((known[a:b] > 0).sum() * over.shape[1])
+            used = float(counted[there[a:b]][known[a:b] > 0].sum())
             _add(sums, int(group[there[a]]), rows[a:b].reshape(-1, k), over[a:b].ravel(), used)
         for (socket, _), row, one in zip(model.pairs() if len(far) else (), more, far, strict=True):
             _add(sums, int(group[model.socket == socket][0]), row[None], one[None], 0.0)

@@ -16,6 +16,7 @@ from calibench.calibration.determined import information_of, is_length, order_of
 from calibench.calibration.dh import DhArm
 from calibench.calibration.fit import Fit, fit_arm
 from calibench.calibration.kinematics import Chain, forward, nominal
+from calibench.calibration.loci import PLANE
 from calibench.calibration.model import ArmModel, model_of
 from calibench.calibration.normal import normal_blocks, root_of
 from calibench.calibration.rigid import Array, Index, Mask, shift
@@ -158,7 +159,11 @@ def at_joints(model: ArmModel, joints: Array) -> ArmModel:
     poses = forward(model.chain, nominal(model.chain), joints)
     turns = None if model.turns is None else poses[:, :3, :3]
     none = np.full(len(joints), -1, dtype=np.int64)
-    return replace(model, joints=joints, position=poses[:, :3, 3], turns=turns, socket=none, place=none, target=None)
+    loci = None if model.loci is None else model.loci.points(len(joints))
+    return replace(
+        model, joints=joints, position=poses[:, :3, 3], turns=turns, socket=none, place=none, target=None, loci=loci,
+        scatter=None, torque=None if model.torque is None else np.zeros_like(joints),
+    )  # fmt: skip
 
 
 _POOL, _WORKSPACE = 600, 200  # random poses: to choose from, and to compute the arm's error over
@@ -248,6 +253,10 @@ def design_poses(
     if start is not None:
         if start.readings.position is None:
             raise DataError("data=: holds a ball in sockets; poses are proposed for a measured position or pose")
+        if (loci := start.readings.loci) is not None and (loci.kind == PLANE).any():
+            raise DataError(
+                "data=: holds planes that are touched, and of poses at large few touch them; none are proposed"
+            )
         model = model_of(chain, start.readings, start.base, start.tool, table=table)
         fit, notes = fit_arm(model, order_of(model.names, "geometry", model.sliding)), start.readings.notes
     shown = _USUAL if fit is None else fit.model.sigma
@@ -272,10 +281,10 @@ def design_poses(
     of_joints = np.array([not model.names[k].startswith(("base_", "tool_")) for k in kept])
     before = np.zeros((len(kept), len(kept)))
     if fit is not None:
-        measured = _whitened(fit.model, p, fit.model.joints, kept) * scale  # by the noise that they have shown
+        measured = fit.model.jacobian(p, kept, fit.weights)[0] * scale  # by the noise that they have shown
         good = measured[~fit.wild].reshape(-1, len(kept))
         before = good.T @ good
-    rows = _whitened(model, p, pool, kept)
+    rows = _as_read(model, p, pool, kept)
     workspace = _whitened(model, p, pool[_POOL:], kept)[:, :3] * scale * noise[0] * of_joints
     chosen = choose(rows[:_POOL] * scale, before, workspace, count, by, np.where(of_joints, 1 / off**2, _PRIOR))
     joints = pool[list(chosen.places)]
@@ -301,6 +310,24 @@ def design_poses(
 
 def _whitened(model: ArmModel, p: Array, joints: Array, kept: Index) -> Array:
     return at_joints(model, joints).jacobian(p, kept, np.ones(len(joints)))[0]
+
+
+def _as_read(model: ArmModel, p: Array, joints: Array, kept: Index) -> Array:
+    """Return the whitened slopes of poses to come, (n, c, k), each read in all ways in which poses were read."""
+    if (loci := model.loci) is None:
+        return _whitened(model, p, joints, kept)
+    assert model.position is not None
+    there, rows = at_joints(model, joints), []
+    assert there.position is not None
+    for k in np.unique(loci.fixture):
+        axes = np.isfinite(model.position[loci.fixture == k]).any(axis=0)
+        way = replace(
+            there, position=np.where(axes, there.position, np.nan),
+            loci=replace(loci.points(len(joints)), fixture=np.full(len(joints), k)),
+            scatter=np.full(len(joints), float(np.median(model.of_rows[loci.fixture == k])) / model.sigma[0]),
+        )  # fmt: skip
+        rows.append(way.jacobian(p, kept, np.ones(len(joints)))[0])
+    return np.concatenate(rows, axis=1)
 
 
 def _random_poses(

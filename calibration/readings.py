@@ -13,9 +13,22 @@ from typing import Any, final
 import numpy as np
 from scipy.spatial import KDTree
 
-from calibench.calibration.columns import TARGET, Matched, by_their_names, is_called_joint, match_columns, only_asked
+from calibench.calibration import loci as kinds
+from calibench.calibration.columns import (
+    DISTANCE_TO,
+    PLANE,
+    POSITION,
+    STATED,
+    TARGET,
+    Matched,
+    by_their_names,
+    is_called_joint,
+    match_columns,
+    only_asked,
+)
 from calibench.calibration.frames import frames_of_positions
 from calibench.calibration.kinematics import Chain, forward, nominal
+from calibench.calibration.loci import Fixture, Loci
 from calibench.calibration.rig import unfolded
 from calibench.calibration.rigid import Array, Index, Mask, rpy_of
 from calibench.core.notes import Code, DataError, Note
@@ -30,7 +43,7 @@ _MOVING = 3  # joints at the least, where the arm has as many
 _ALIKE = 1e-3  # rad or mm by which joints differ at most where a pose is taken again
 _HUGE = 1e12  # a value that no instrument gives
 _LISTED = 8  # columns that a note names
-_WORDS = ("socket", "place", TARGET, "split", "valid")  # columns that are no numbers beside a pose
+_WORDS = ("socket", "place", TARGET, DISTANCE_TO, PLANE, "split", "valid")  # columns that are no numbers beside a pose
 _LENGTH = 0.5  # the most by which a quaternion's length may differ from 1
 TURNS = 4 * np.pi  # rad: no joint turns further
 
@@ -110,7 +123,8 @@ class Readings:
     `position` (n, 3) [mm], `turns` (n, 3, 3); `angles` (n, 3 | 4) are the rotations as the file has them. `socket` (n,)
     counts the sockets of all places from 0, `place` (n,) the places, `target` (n,) those of `targets` on the flange,
     of which the first is read most. `hold` (n,) marks what the file keeps back. `rows`
-    (n,) are those of the table. `sliding` names the joints that are read in mm.
+    (n,) are those of the table. `sliding` names the joints that are read in mm. Where less than places was read,
+    `loci` says what each reading is, and `position` is NaN where an axis was not.
     """
 
     observed: str
@@ -129,26 +143,30 @@ class Readings:
     notes: tuple[Note, ...] = ()
     sliding: frozenset[str] = frozenset()
     targets: tuple[str, ...] = ()
+    loci: Loci | None = None
 
     def __len__(self) -> int:
         return len(self.joints)
 
     def label(self, i: int) -> str:
-        """Return how a message names pose i in the file."""
-        return self.table.label(int(self.rows[i]))
+        """Return how a message names pose i in the file, and what was read there where less than a place was."""
+        fixture = -1 if self.loci is None else int(self.loci.fixture[i])
+        beside = "" if self.loci is None or fixture < 0 else f", {self.loci.fixtures[fixture].words}"
+        return self.table.label(int(self.rows[i])) + beside
 
     def with_note(self, code: Code, text: str, columns: Iterable[str] = (), **values: Any) -> Readings:
         """Return the same readings with one more note."""
         return replace(self, notes=(*self.notes, Note(code, text, tuple(columns), values=values)))
 
-    def where(self, keep: Mask) -> Readings:
+    def where(self, keep: Mask | Index) -> Readings:
         """Return the poses that `keep`, a mask or places, names."""
         cut: dict[str, Any] = {
             key: getattr(self, key)[keep]
             for key in ("joints", "position", "angles", "socket", "place", "target", "hold", "rows", "turns")
             if getattr(self, key) is not None
         }
-        return replace(self, **cut, other={name: column[keep] for name, column in self.other.items()})
+        loci = None if self.loci is None else self.loci.at(keep)
+        return replace(self, **cut, loci=loci, other={name: column[keep] for name, column in self.other.items()})
 
     @property
     def train(self) -> Mask:
@@ -170,6 +188,12 @@ def columns_of(readings: Readings, distance: float = 0.0) -> tuple[dict[str, Any
         first = {place: readings.socket[readings.place == place].min() for place in np.unique(readings.place)}
         columns["socket"] = readings.socket - np.array([first[place] for place in readings.place])
         columns["place"] = readings.place
+    if readings.loci is not None:
+        names = np.array(["", *(one.name for one in readings.loci.fixtures)])[readings.loci.fixture + 1]
+        is_distance = readings.loci.kind == kinds.DISTANCE
+        columns |= {"distance": readings.loci.length, DISTANCE_TO: np.where(is_distance, names, "")}
+        columns[PLANE] = np.where(readings.loci.kind == kinds.PLANE, names, "")
+        units["distance"] = "mm"
     if readings.targets:
         columns[TARGET] = np.array(readings.targets)[readings.target]
     columns |= readings.other
@@ -198,7 +222,8 @@ def _readings(table: Table, chain: Chain, observe: str, copies: bool, option: st
     given = [name for name in given if name in table.columns]
     sliding = frozenset(joint.name for joint in chain.joints if joint.kind == "sliding")
     bases = {column: "mm" if name in sliding else "rad" for name, column in matched.joints.items()}
-    bases |= dict.fromkeys(matched.position.values(), "mm")
+    stated_places = {name: matched.other[name] for name in STATED if name in matched.other}
+    bases |= dict.fromkeys((*matched.position.values(), *matched.distance.values(), *stated_places.values()), "mm")
     bases |= dict.fromkeys(matched.rotation.values(), "rad") if len(matched.rotation) == 3 else {}
     for column, base in bases.items():
         if (unit := table.units.get(column, base)) != base:
@@ -212,21 +237,31 @@ def _readings(table: Table, chain: Chain, observe: str, copies: bool, option: st
             f"and {listed(names, _LISTED)} {'is a joint' if len(names) == 1 else 'are joints'} beside them: add the "
             "row, or leave the column out"
         )
-    joints, position, angles = (
+    joints, angles = (
         np.column_stack([np.asarray(table.columns[one], dtype=float) for one in part.values()]) if part else None
-        for part in (matched.joints, matched.position, matched.rotation)
+        for part in (matched.joints, matched.rotation)
     )
     assert joints is not None
+    position, loci, of = (None, None, np.arange(len(table))) if observe == "sockets" else _read_of(table, matched)
     observe = observe or (
         "sockets" if "socket" in matched.other and not matched.position else "pose" if matched.rotation else "position"
     )
-    if observe == "sockets":
+    notes = [*table.notes, *matched.notes]
+    if loci is not None:
+        assert position is not None
+        if TARGET in matched.other:
+            raise DataError(f"column {matched.other[TARGET]}: several targets go with x, y and z alone; leave it out")
+        if matched.rotation:
+            text = f"{', '.join(matched.rotation.values())}: rotations are left out beside {loci.words(position)}"
+            notes.append(Note(Code.ROTATION_LEFT_OUT, text, tuple(matched.rotation.values())))
+        observe, angles = "position", None
+    elif observe == "sockets":
         position = angles = None
         if "socket" not in matched.other:
             raise DataError("a column socket (0, 1, ...) is needed, or a folder of places with hole_0.csv, hole_1.csv")
     elif position is None:
         raise DataError(
-            f"no measured x, y and z were found among {', '.join(given)} (a distance alone is not read); "
+            f"no measured x, y and z were found among {', '.join(given)}, and no distance or plane; "
             f"{as_columns({'x': 'NAME', 'y': 'NAME', 'z': 'NAME'})} names them, or machine.observe=sockets for a ball "
             "in sockets"
         )
@@ -236,8 +271,18 @@ def _readings(table: Table, chain: Chain, observe: str, copies: bool, option: st
         )
     if observe == "position":
         angles = None
-    notes = [*table.notes, *matched.notes]
-    values = np.column_stack([joints, *(part for part in (position, angles) if part is not None)])
+    if loci is None:
+        values = np.column_stack([joints, *(part for part in (position, angles) if part is not None)])
+    else:  # what was read of the joints of a row, 0 where nothing was, and no number where nothing at all
+        assert position is not None
+        values = np.column_stack([joints, np.zeros((len(joints), 3 + len(loci.fixtures)))])
+        there = loci.fixture >= 0
+        values[of[there], joints.shape[1] + 3 + loci.fixture[there]] = loci.length[there]
+        values[of[~there], joints.shape[1] : joints.shape[1] + 3] = position[~there]
+        values = (
+            np.nan_to_num(values, nan=0.0, posinf=np.inf)
+            + np.where(np.isin(np.arange(len(joints)), of), 0, np.nan)[:, None]
+        )
     whole = _whole_rows(table, matched, values, angles, notes)
     if beside:
         notes.append(Note(Code.COLUMNS_UNREAD, f"not read: {listed(beside, _LISTED)}", tuple(beside)))
@@ -262,9 +307,75 @@ def _readings(table: Table, chain: Chain, observe: str, copies: bool, option: st
         other={n: np.asarray(table.columns[c], dtype=float) for n, c in matched.other.items() if n not in _WORDS}
         | {name: np.asarray(table.columns[name], dtype=float) for name in beside},
         notes=tuple(notes), sliding=sliding,
-    ).where(whole)  # fmt: skip
+    )  # fmt: skip
+    if loci is None:
+        readings = readings.where(whole)
+    else:
+        assert position is not None
+        kept = replace(readings, position=None).where(of[whole[of]])
+        readings = replace(kept, position=position[whole[of]], loci=loci.at(whole[of]))
     _check(readings, whole, chain)
     return readings
+
+
+def _read_of(table: Table, matched: Matched) -> tuple[Array | None, Loci | None, Index]:
+    """Return what was read of the target, (m, 3), what each such reading allows, and its row; no loci for places.
+
+    A row may hold several: axes, distances from fixed points, and the plane that the target touches.
+    """
+    n = len(table)
+    axes, columns = np.full((n, 3), np.nan), table.columns
+    for axis, column in matched.position.items():
+        axes[:, POSITION.index(axis)] = columns[column]
+    plane = _labels(columns[matched.other[PLANE]]) if PLANE in matched.other else np.full(n, "")
+    beside = bool(matched.distance) or PLANE in matched.other
+    some, whole = np.isfinite(axes).any(axis=1), np.isfinite(axes).all(axis=1)
+    if not beside and (not matched.position or whole.any() or not some.any()):
+        return (axes if matched.position else None), None, np.arange(n)
+    if whole.any() and len(matched.position) == 3:
+        some = whole  # what lacks an axis of three is left out
+    fixtures: list[Fixture] = []
+    rows, fixture, length = [np.flatnonzero(some)], [np.full(int(some.sum()), -1)], [np.full(int(some.sum()), np.nan)]
+
+    def add(name: str, kind: int, there: Mask, far: Array, at: Array | None = None) -> None:
+        frame = np.eye(4)
+        frame[:3, 3] = 0.0 if at is None else at
+        fixtures.append(Fixture(name, kind, frame, at is not None))
+        rows.append(np.flatnonzero(there))
+        fixture.append(np.full(int(there.sum()), len(fixtures) - 1))
+        length.append(far[there])
+
+    stated = [matched.other[name] for name in STATED if name in matched.other]
+    places = np.column_stack([columns[c] for c in stated]).astype(float) if len(stated) == 3 else None
+    for name, column in matched.distance.items():
+        far = np.asarray(columns[column], dtype=float)
+        labels = np.full(n, name or "1")
+        if not name and places is not None:
+            labels = np.array([" ".join(map(plain, one)) for one in places])
+        if not name and DISTANCE_TO in matched.other:
+            labels = _labels(columns[matched.other[DISTANCE_TO]])
+        for label in dict.fromkeys(labels[np.isfinite(far) & (labels != "")].tolist()):
+            there = np.isfinite(far) & (labels == label)
+            at = None if name or places is None else np.median(places[there], axis=0)
+            add(label, kinds.DISTANCE, there, far, at if at is not None and np.isfinite(at).all() else None)
+    for label in dict.fromkeys(plane[plane != ""].tolist()):
+        add(label, kinds.PLANE, plane == label, np.full(n, np.nan))
+    names = [one.name for one in fixtures]
+    if len({*names}) < len(names):
+        raise DataError(
+            f"{listed(sorted({one for one in names if names.count(one) > 1}), 5)}: two fixtures of one name"
+        )
+    of = np.concatenate(rows)
+    order = np.argsort(of, kind="stable")
+    loci = Loci(np.concatenate(fixture).astype(np.int64)[order], np.concatenate(length)[order], tuple(fixtures))
+    read = np.where((loci.fixture < 0)[:, None], axes[of[order]], np.nan)
+    return read, loci, of[order]
+
+
+def _labels(column: Any) -> Any:
+    """Return the cells of a column of names as words, (n,), "" where there is none."""
+    words = np.array([str(one).strip() for one in np.asarray(column).tolist()])
+    return np.where(np.isin(words, ("nan", "None")), "", words)
 
 
 def readable(table: Table) -> list[str]:
@@ -283,12 +394,13 @@ def by_target(table: Table, matched: Matched) -> tuple[Table, Matched, Index | N
         if clock not in columns:
             matched = replace(matched, other={name: c for name, c in matched.other.items() if name != "t_s"})
     places = [*matched.position.values(), *(c for group in matched.targets.values() for c in group.values())]
-    used = dict.fromkeys((*matched.joints.values(), *places, *matched.rotation.values()))
+    lengths = [*matched.distance.values(), *(matched.other[name] for name in STATED if name in matched.other)]
+    used = dict.fromkeys((*matched.joints.values(), *places, *matched.rotation.values(), *lengths))
     turned, units, notes = by_their_names(table.columns, used, table.units)
     table = replace(
         table, columns={**table.columns, **turned}, units={**table.units, **units}, notes=(*table.notes, *notes)
     )
-    if not matched.position or not (matched.targets or TARGET in matched.other):
+    if len(matched.position) < 3 or matched.distance or not (matched.targets or TARGET in matched.other):
         return table, matched, None
     of_places = {table.units.get(name, "") for name in places}
     if len(of_places) > 1:
@@ -311,14 +423,18 @@ def _check(readings: Readings, whole: Mask, chain: Chain) -> None:
     """Refuse too few poses, joints that turn further than any does, and poses in which too few joints move."""
     used, observe, hold = readings.joints[readings.train], readings.observed, readings.hold
     poses = len(used) if observe == "sockets" or not len(used) else len(np.unique(poses_of(used)))
-    if poses < _LEAST[observe]:
+    least = _LEAST[observe]
+    if (loci := readings.loci) is not None and readings.position is not None:
+        each = loci.counted(readings.position)[readings.train].sum() / max(poses, 1)
+        least = int(np.ceil(3 * least / min(max(each, 1.0), 3.0)))
+    if poses < least:
         without = "" if whole.all() else f", as {int((~whole).sum())} of {len(whole)} rows are left out,"
         without += "" if hold is None else f" beside the {int(hold.sum())} that column split holds back"
         text = (
             f"{counted(poses, 'pose')}{without} {'is' if poses == 1 else 'are'} too few: {_LEAST[observe]} at the "
             "least, and some 40 that differ much in every joint; bench design machine=arm plan.n=40 says which"
         )
-        raise DataError(text, Note(Code.FEW_POSES, text, values={"poses": poses, "least": _LEAST[observe]}))
+        raise DataError(text, Note(Code.FEW_POSES, text, values={"poses": poses, "least": least}))
     for k, name in enumerate(chain.driven):
         largest = float(np.abs(readings.joints[:, k]).max(initial=0.0))
         column = readings.matched.joints[name]
@@ -398,7 +514,8 @@ def joints_beside(readings: Readings, chain: Chain) -> str:
 
 def _beside(given: Sequence[str], matched: Matched) -> list[str]:
     """Return the columns of numbers that nothing reads; commanded values and scatter are none of them."""
-    used = {*matched.joints.values(), *matched.position.values(), *matched.rotation.values(), *matched.other.values()}
+    parts = (matched.joints, matched.position, matched.rotation, matched.other, matched.distance)
+    used = {column for part in parts for column in part.values()}
     return [name for name in given if name not in used and not only_asked(name)]
 
 
@@ -430,7 +547,7 @@ def columns_in_degrees(readings: Readings, chain: Chain) -> list[str]:
     """Return the columns of joints in degrees: all rotary ones, or those beyond all turns where degrees fit."""
     turning = [k for k, name in enumerate(chain.driven) if name not in readings.sliding]
     beyond = [k for k in turning if np.abs(readings.joints[:, k]).max() > TURNS]
-    if (position := readings.position) is None:
+    if (position := readings.position) is None or readings.loci is not None:
         return [readings.matched.joints[chain.driven[k]] for k in turning]
     apart = []
     for those in (turning, beyond):

@@ -5,6 +5,7 @@ the file states is kept; what contradicts the arm is refused, with the mistake w
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import inf, pi
@@ -14,9 +15,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from calibench.calibration import frames as solve
+from calibench.calibration.columns import POSITION, STATED
 from calibench.calibration.dh import FORMS, NUMBERS, DhRow, DhTable
 from calibench.calibration.frames import Frames
 from calibench.calibration.kinematics import Chain, ChainError, ChainJoint, forward, nominal
+from calibench.calibration.loci import Placed, place
 from calibench.calibration.readings import TURNS, Readings, Table, columns_in_degrees, joints_beside, read_readings
 from calibench.calibration.rigid import Array, Index, quaternion, turn
 from calibench.core.notes import Code, DataError, Note
@@ -87,6 +90,8 @@ def _start(readings: Readings, chain: Chain, rotation: str, limits: bool) -> Sta
         tool[:3, 3] = ball
         return Start(_within_limits(readings, chain, limits), np.eye(4), tool)
 
+    if readings.loci is not None:
+        return _of_loci(readings, chain, limits)
     if readings.target.any():  # by the target that is read most; the others are found from it
         first = _start(readings.where(readings.target == 0), chain, rotation, limits)
         known = {name: UNITS[note.values["unit"]] for note in first.readings.notes for name in note.columns
@@ -119,6 +124,64 @@ def _start(readings: Readings, chain: Chain, rotation: str, limits: bool) -> Sta
     if readings.observed != "pose":
         return Start(readings, frames.base, frames.tool)
     return _with_rotations(readings, frames, poses, rotation)
+
+
+_ENOUGH = 10  # whole places, of which base and target are found as ever
+
+
+def _of_loci(readings: Readings, chain: Chain, limits: bool) -> Start:
+    """Return the start of readings of less than places; units that nothing states are those that fit the arm best."""
+    loci, read = readings.loci, readings.position
+    assert loci is not None
+    assert read is not None
+    whole = np.asarray(np.isfinite(read).all(axis=1))
+    frames, known = None, dict[str, str]()
+    if whole.sum() >= _ENOUGH:
+        first = _start(replace(readings.where(whole), loci=None), chain, "", limits)
+        frames = first.base, first.tool
+        known = {c: n.values["unit"] for n in first.readings.notes if n.code is Code.UNIT_FOUND for c in n.columns}
+        readings = replace(readings, notes=first.readings.notes)
+    columns = [*readings.matched.position.values(), *readings.matched.distance.values()]
+    columns += [readings.matched.other[name] for name in STATED if name in readings.matched.other]
+    stated = {*readings.table.units, *known} | ({*"xyz"} & {*columns} if frames is not None else set())
+    open_ = [column for column in columns if column not in stated]
+
+    def scale(column: str, unit: str) -> float:
+        return UNITS[known.get(column, unit if column in open_ else "mm")]
+
+    poses = forward(chain, nominal(chain), readings.joints)
+    reach = float(np.sqrt(((poses[:, :3, 3] - poses[:, :3, 3].mean(axis=0)) ** 2).sum(axis=1).mean()))
+    found: list[tuple[float, str, Readings, Placed]] = []
+    for unit in UNITS if open_ else ("mm",):
+        axes = [scale(readings.matched.position[a], unit) if a in readings.matched.position else 1.0 for a in POSITION]
+        far = scale(next(iter(readings.matched.distance.values()), ""), unit)
+        fixtures = []
+        for one in loci.fixtures:
+            frame = one.frame.copy()
+            frame[:3, 3] *= scale(columns[-1], unit) if one.stated else 1.0
+            fixtures.append(replace(one, frame=frame))
+        scaled = replace(loci, length=loci.length * far, fixtures=tuple(fixtures))
+        placed = place(poses, read * axes, scaled, frames)
+        of_points = {name: scale(columns[-1], unit) for name in STATED if name in readings.other}
+        other = {name: column * of_points.get(name, 1.0) for name, column in readings.other.items()}
+        meant = replace(readings, position=read * axes, loci=placed.loci, other=other)
+        found.append((placed.apart, unit, meant, placed))
+        if placed.apart < DOUBTFUL * reach:
+            break
+    apart, unit, readings, placed = min(found, key=lambda one: one[0])
+    readings = _within_limits(readings, chain, limits)
+    if apart > APART * reach:
+        assert readings.position is not None
+        assert readings.loci is not None
+        text = (
+            f"readings of {readings.loci.words(readings.position)} and nominal arm lie {plain(apart, 3)} mm apart, "
+            f"wherever base, target and fixtures are: is this the {chain.source} of the arm, and are the units right?"
+        )
+        raise DataError(text, Note(Code.OTHER_ARM, text))
+    if open_:
+        how = "no unit is stated; it fits" if len(open_) == 1 else "no unit is stated; they fit"
+        readings = readings.with_note(Code.UNIT_FOUND, f"{', '.join(open_)}: {how} the arm in {unit}", open_, unit=unit)
+    return Start(readings, placed.base, placed.tool)
 
 
 def slid(readings: Readings, chain: Chain) -> tuple[Readings, Array, Frames]:
@@ -466,14 +529,14 @@ def misfit_of_table(table: DhTable, data: Table, how: HowRead) -> float:
             _, apart, most = apart_in_sockets(poses, readings.socket)
             if apart > most:
                 return inf  # before `start_of` looks for the reason
-        else:
+        elif readings.loci is None:
             frames = slid(readings, chain)[2]
             if frames.apart > APART * frames.reach or unit_of(frames) is None:
                 return inf
         start_of(readings, chain, how.rotation, how.limits)
     except (DataError, ChainError):
         return inf
-    return 0.0 if readings.position is None else frames.apart / frames.reach
+    return 0.0 if readings.position is None or readings.loci is not None else frames.apart / frames.reach
 
 
 def mistake_of_table(table: DhTable, data: Table, how: HowRead) -> str:
@@ -481,6 +544,9 @@ def mistake_of_table(table: DhTable, data: Table, how: HowRead) -> str:
     now = misfit_of_table(table, data, how)
     if now < DOUBTFUL:
         return ""
+    with suppress(DataError, ChainError):
+        if read_readings(data, table.chain, how.observe).loci is not None:
+            return ""
     cures: list[tuple[float, str]] = []  # what each change leaves that cures the misfit, the best first
     for changed in (_changed(table), _other_lengths(table, data, how)):
         tried = [(misfit_of_table(other, data, how), text) for other, text in changed]

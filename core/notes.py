@@ -60,6 +60,7 @@ class Code(StrEnum):
     FAR_OFF = "far_off", "so much is left that the description is hardly that of the arm"
     NARROW_RANGE = "narrow_range", "beyond the poses that were read the answer is much less sure"
     STEP = "step", "base or tracker moved a little between two rows"
+    PARTS_OF_PLACES = "parts_of_places", "less than places was read: some axes, distances, or planes that were touched"
     TARGETS = "targets", "several targets on the flange are read, each at a place of its own"
     BASE_DRIFT = "base_drift", "what targets that stand with the base tell of the tracker's drift"
     SCALE = "scale", "the camera sees the board at another scale than the robot's moves have"

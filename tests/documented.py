@@ -55,6 +55,7 @@ BLOCKS = {
     ): "tests/bench/test_hand_eye.py makes two streams",
     ("orthoglide-experiments.md", "bench paper"): MINUTES,
     ("orthoglide-rates.md", "python -m tests.discrepancy.orthoglide_score"): HOURS,
+    ("my-robot.md", "ros2 topic echo"): "needs ROS; tests/bench/test_by_time.py makes such files",
     ("my-robot.md", "my_plate/front_left"): "a list of files; tests/bench/test_calibrate.py makes such a folder",
     ("own-machine.md", "[project.entry-points"): "tests/test_tutorials.py installs it",
     ("own-problem.md", "[project.entry-points"): "tests/core/test_names_and_options.py has entry points of its own",

@@ -16,10 +16,13 @@ from calibench.bench.measured.sources import joined, sets
 from calibench.calibration import columns
 from calibench.calibration.readings import Table
 from calibench.core.notes import DataError, once
-from calibench.core.tables.columns import Columns
+from calibench.core.plain import json_of
+from calibench.core.tables import csv_table
+from calibench.core.tables.columns import Columns, Declared, Quantity, columns_of
 
 _DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "discrepancy" / "demo" / "arm"
 ARM = replace(columns.ARM, demonstrations=_DEMONSTRATIONS)
+_PRIORS = Declared("", (Quantity("name", text=True),))
 
 
 def read_table(named: str, stated: Mapping[str, Any]) -> Table:
@@ -44,6 +47,23 @@ def read_table(named: str, stated: Mapping[str, Any]) -> Table:
     if all(set(one.columns) == first for one in read):
         return _one_after_the_other(read)
     return _of_one(read[0].name, joined(dict(zip([one.name for one in read], contents, strict=True)), stated))
+
+
+def read_priors(named: str) -> dict[str, tuple[float, float]]:
+    """Return what ``priors=`` states, name -> value and sd: a table with these columns, or JSON. Raises `DataError`."""
+    try:
+        if named.lstrip().startswith("{"):
+            rows = [(name, *pair) for name, pair in json_of(named).items()]
+        else:
+            table = columns_of(csv_table.read_table(Path(named).expanduser()), _PRIORS).columns
+            rows = list(zip(*(table[key].tolist() for key in ("name", "value", "sd")), strict=True))
+        return {str(name): (float(value), float(sd)) for name, value, sd in rows}
+    except KeyError as error:
+        raise DataError(f"priors={named}: has no column {error}; name, value and sd are needed") from None
+    except OSError as error:
+        raise DataError(f"priors={named}: {error.strerror}") from None
+    except (AttributeError, TypeError, ValueError) as error:
+        raise DataError(f"priors={named}: {error}; name, value and sd are needed, in mm and rad") from None
 
 
 def _of_one(name: str, content: Columns) -> Table:

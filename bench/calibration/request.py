@@ -12,7 +12,7 @@ from typing import Any, final
 
 import numpy as np
 
-from calibench.bench.calibration.files import ARM, read_table
+from calibench.bench.calibration.files import ARM, read_priors, read_table
 from calibench.bench.measured.files import pairs_of, write_columns
 from calibench.bench.measured.sources import OF_A_CALIBRATION
 from calibench.bench.provenance.environment import made_by
@@ -55,6 +55,7 @@ class CalibrateRequest:
     dh: Path | None = None
     convention: str = ""
     command: str = ""
+    priors: str = ""
 
     def carry_out(self) -> Calibration:
         """Return the calibration. Raises `ValueError`, in one line."""
@@ -68,7 +69,7 @@ class CalibrateRequest:
             arm = read_arm(path, table=True, convention=self.convention, option="", data=table, how=self.how)
         return calibrate_arm(
             arm, table, how=self.how, distance=self.distance, sigma_distance=self.sigma_distance, level=self.level,
-            resamples=self.resamples,
+            resamples=self.resamples, priors=read_priors(self.priors) if self.priors else None,
         )  # fmt: skip
 
 
@@ -90,7 +91,7 @@ def file_of_arm(given: CalibrateWords | PosesWords, option: str) -> Path:
     return path
 
 
-def statements_of(given: CalibrateWords | HandEyeWords | PosesWords) -> dict[str, dict[str, str]]:
+def statements_of(given: CalibrateWords | HandEyeWords | PosesWords) -> dict[str, Any]:
     """Return what words state of the columns of a file. Raises `DataError`."""
     words = {"columns": given.columns, "units": given.units}
     return {key: pairs_of(key, text) for key, text in words.items() if text}
@@ -107,10 +108,12 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
         raise RequestError("sigma_distance= says how well distance= is known; state distance= too, or leave it out")
     return CalibrateRequest(
         urdf=given.urdf, dh=given.dh, convention=given.convention, tip=given.tip, base=given.base, data=given.data,
-        how=HowRead(given.observe or "", given.rotation, given.limits), stated=statements_of(given),
+        how=HowRead(given.observe or "", given.rotation, given.limits),
+        stated=statements_of(given) | ({} if given.gap is None else {"gap": given.gap}),
         distance=given.distance or 0.0, sigma_distance=given.sigma_distance or KNOWN_TO, level=given.level,
         resamples=given.resamples, page=given.page, folder=Path(given.results).expanduser() / given.study,
         command=shlex.join(["bench", "calibrate", *words]),
+        priors=given.priors,
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from calibench.core.words import plain
 
 LEVEL_WORDS = {
     "frames": "nothing (base and target only)", "zeros": "joint zeros", "geometry": "zeros, lengths, angles",
-    "gains": "these and joint scales",
+    "gains": "these and joint scales", "elastic": "lengths and compliances",
 }  # fmt: skip
 _NAMED = 4  # numbers that are told by name
 _SHORT = {"position": "position", "pose": "position and rotation", "sockets": "a ball in sockets"}
@@ -34,8 +34,10 @@ def headline(answer: Calibration) -> str:
 
 def sentences(answer: Calibration) -> list[str]:
     """Return the sentences after the headline."""
+    loci, read = answer.readings.loci, answer.readings.position
+    what = _SHORT[answer.observed] if loci is None or read is None else loci.words(read)
     lines = [
-        f"{answer.poses} poses of {len(answer.joints)} joints, {_SHORT[answer.observed]} read, {answer.base} to "
+        f"{answer.poses} poses of {len(answer.joints)} joints, {what} read, {answer.base} to "
         f"{answer.tip}; {answer.folds}"
     ]
     if answer.fitted < answer.poses:
@@ -79,6 +81,8 @@ def rows_of_changes(answer: Calibration) -> list[list[str]]:
             by = f"{1e3 * change.change:+.3f} mrad ({degrees(change.change):+.3f}°)"
         elif change.unit == "mm":
             by = f"{change.change:+.3f} mm"
+        elif change.unit:
+            by, size = f"{1e6 * change.change:+.2f} μ{change.unit}", 1e6
         low, high = change.ci95
         rows.append([change.joint, change.what, by, f"{size * low:+.3f} to {size * high:+.3f}"])
     return rows

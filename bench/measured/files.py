@@ -21,6 +21,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from calibench.bench.measured.by_time import ros_columns
 from calibench.bench.measured.matlab_table import read_matlab
 from calibench.bench.store.atomic_file import write_whole
 from calibench.core.notes import Code, DataError, Note
@@ -180,6 +181,10 @@ def _read(path: Path, declared: Declared) -> Columns | Table:
     if ending in MATLAB:
         return replace(read_matlab(path, declared.words), metadata=_metadata(path))
     if ending != ".parquet":
+        if declared.machine == "arm" and path.is_file():
+            of_ros = ros_columns(data_file.text_of(data_file.read_whole(path, data_file.LARGEST_TEXT)))
+            if of_ros is not None:
+                return replace(of_ros, metadata=_metadata(path))
         return read_table(path, bare=True, blocks=True)
     packed = data_file.read_whole(path, data_file.LARGEST_PARQUET, _SMALLER)
     try:

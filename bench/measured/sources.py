@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 
+from calibench.bench.measured.by_time import GAP, by_time
 from calibench.bench.measured.files import (
     ENDINGS,
     as_measured,
@@ -147,7 +148,9 @@ def _bare(content: Columns) -> bool:
 
 
 def joined(contents: Mapping[str, Columns], stated: Mapping[str, Any]) -> Columns:
-    """Return the columns of all files, by name, of as many rows; without headers they are counted on."""
+    """Return the columns of all files by time, or, by name, of as many rows; without headers they are counted on."""
+    if (in_time := by_time(contents, float(stated.get("gap", GAP)))) is not None:
+        return in_time
     columns: dict[str, Any] = {}
     units: dict[str, str] = {}
     rows = {file: len(next(iter(one.columns.values()))) for file, one in contents.items()}

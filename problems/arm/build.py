@@ -158,6 +158,8 @@ def read_measured(
         readings = read_readings(table, chain, "sockets" if sockets else "", copies=True, option="problem.")
         if len(readings.targets) > 1:
             raise ValueError(f"column target: a problem has one target, and these are {', '.join(readings.targets)}")
+        if readings.loci is not None:
+            raise ValueError("a problem needs x, y and z in each row; bench calibrate takes less than places")
         begin = start_of(readings if by_train else replace(readings, hold=None), chain, rotation, limits=True)
         return replace(begin, readings=replace(begin.readings, hold=readings.hold))
     except (OSError, ValueError) as error:

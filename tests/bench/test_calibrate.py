@@ -394,7 +394,8 @@ def swapped_joints(q, seen):
         (lambda q, s: table(q, s, names=[*NAMES[:5], "last"]), "joint joint_6 of the URDF has no column"),
         (lambda q, s: table(q, s, names=[*NAMES[:5], "Joint 6"]), ""),
         (lambda q, s: table(q, s, ("goal_x", "goal_y", "goal_z")), "no measured x, y and z were found"),
-        (lambda q, s: table(q, s, ("x", "y", "height")), "x is there and no z"),
+        (lambda q, s: table(q, s, ("x", "y", "height")), ""),
+        (lambda q, s: table(q, s, ("pose_x", "other_y", "z2")), "pose_x and other_y and z2 are of places that are not"),
         (lambda q, s: table(q, np.random.default_rng(0).normal(0, 500, s.shape)), "is this the URDF of the arm"),
     ],
 )

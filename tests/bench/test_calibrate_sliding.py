@@ -122,14 +122,14 @@ def test_copies_under_other_headings_than_ours_are_refused(lifter):
         explain(machines.make("arm", urdf="lifter.urdf"), data)
 
 
-def test_distances_alone_are_told_to_be_not_read(lifter, capsys):
+def test_distances_that_are_none_are_refused_and_a_search_takes_no_distance(lifter, capsys):
     lines = [",".join(line.split(",")[:6]) for line in (lifter / "lifter.csv").read_text().splitlines()]
     (lifter / "wire.csv").write_text("\n".join([lines[0].replace("X [mm]", "distance [mm]"), *lines[1:], ""]))
     for words in (["calibrate", "urdf=lifter.urdf"], ["discover", "machine=arm", "machine.urdf=lifter.urdf"]):
         with pytest.raises(SystemExit) as ended:
             main([*words, "data=wire.csv"])
         assert ended.value.code == 2
-        assert "(a distance alone is not read)" in capsys.readouterr().err
+        assert "readings of a distance and nominal arm lie" in capsys.readouterr().err
 
 
 def test_no_error_over_a_joint_is_cut_off_by_the_joints_before_it():

@@ -267,7 +267,7 @@ def test_the_order_of_rows_tells_directions_and_says_so(urdf) -> None:
         ({"pan": None}, "joint pan of the URDF has no column"),
         ({"pan": lambda v: np.degrees(v)}, "units=pan:deg"),
         ({"z": lambda v: -v}, "left-handed frame only"),
-        ({"x": None}, "y is there and no x"),
+        ({"x": None}, "a search needs x, y and z in each row"),
         ({"lift": lambda v: v + np.pi / 2}, "-90° are added to joint lift"),
         (dict.fromkeys("xyz", lambda v: v / 1000), "units=x:m,y:m,z:m"),
     ],

@@ -25,10 +25,11 @@ from calibench.calibration.columns import (
     match_columns,
 )
 from calibench.calibration.kinematics import Chain
+from calibench.calibration.loads import GRAVITY, moments, torques_about_axes
 from calibench.calibration.readings import Table, by_target, columns_of, read_readings, readable
-from calibench.calibration.rigid import Array, cross, rpy_of
+from calibench.calibration.rigid import Array, rpy_of
 from calibench.calibration.start import ANGLES, UNITS, HowRead, Start, meanings, rotations_of, start_of
-from calibench.calibration.walk import READING, TURNS, Walk, walk
+from calibench.calibration.walk import READING, TURNS, walk
 from calibench.core.notes import Code, Note, once
 from calibench.core.options import suggest
 from calibench.discrepancy.checks.validate import entered
@@ -63,6 +64,8 @@ def accepted(data: MeasuredData, arm: Arm, observe: str = "") -> tuple[MeasuredD
         start = start_of(read_readings(table, chain, how.observe, copies=True), chain)
     except DataError as error:
         raise arm.refusal(error, table, how) from None
+    if start.readings.loci is not None:
+        raise DataError(f"{data.name}: a search needs x, y and z in each row; bench calibrate takes less than places")
     whole = data.rows(start.readings.rows)
     columns, units, _ = columns_of(start.readings)
     columns |= {name: whole[name] for name in _KEPT if name in whole}
@@ -198,7 +201,6 @@ def rotations(data: MeasuredData) -> Array | None:
     return rotations_of(np.stack([np.asarray(data[name], dtype=float) for name in TURNS], axis=-1), "rpy")
 
 
-GRAVITY = (0.0, 0.0, -9.81)  # m/s2
 ROD = 10.0  # kg a metre: what links of which no mass is told are taken to weigh
 _WEIGHTLESS = (
     "the {source} tells no masses and the file no payload_kg: for what gravity bends each link is taken for a rod of "
@@ -222,15 +224,10 @@ def with_loads(chain: Chain, base: Array, start: Mapping[str, float], data: Meas
 def torques(chain: Chain, base: Array, start: Mapping[str, float], data: MeasuredData) -> dict[str, Array]:
     """Return `torque_J` [N mm] of each driven joint that gravity asks of it, where none was measured."""
     held = loads(chain, base, start, data)
-    gains, _ = chain.following
+    by_joint = torques_about_axes(chain, held).T
     return {
-        f"torque_{name}": sum(
-            gains[k, i] * (held[:, k] @ joint.axis)
-            for k, joint in enumerate(chain.joints)
-            if gains[k, i] and joint.kind == "rotary"
-        )
-        + np.zeros(len(data))
-        for i, name in enumerate(chain.driven)
+        f"torque_{name}": torque
+        for name, torque in zip(chain.driven, by_joint, strict=True)
         if f"torque_{name}" not in data
     }
 
@@ -280,30 +277,3 @@ def gravity_of(data: MeasuredData) -> Array:
     if pull.shape != (3,) or not 0 < np.linalg.norm(pull) < np.inf:
         raise DataError(f"{data.name}: gravity={stated}: three numbers [m/s2] in the frame of the base are needed")
     return pull
-
-
-def moments(chain: Chain, way: Walk, turned: Array, payload: Array, gravity: Array) -> Array:
-    """Return the moments on the joints, (n, J, 3) [N mm], in each joint's own frame."""
-    pull = turned @ gravity  # m/s2, in the tracker's frame
-    n = len(way.target)
-    weights: list[tuple[Array, Array]] = []  # of each moving body: mass (n,) and place (n, 3)
-    turns = [*way.frames[1:], way.flange]
-    for k, joint in enumerate(chain.joints):
-        if joint.mass is None or joint.centre is None:
-            weights.append((np.zeros(n), way.target))
-            continue
-        # the frame that moves with joint k, from that of the next joint before it moves, or of the flange
-        turn, place = turns[k]
-        fixed = chain.joints[k + 1].origin if k + 1 < len(chain.joints) else chain.tail
-        turn = turn @ fixed[:3, :3].T
-        place = place - turn @ fixed[:3, 3]
-        weights.append((np.full(n, joint.mass), place + turn @ joint.centre))
-    weights.append((payload, way.target))
-    on_joints = np.zeros((n, len(chain.joints), 3))
-    for k in range(len(chain.joints)):
-        turn, place = way.frames[k]
-        held = np.zeros((n, 3))
-        for mass, centre in weights[k:]:
-            held -= cross(centre - place, mass[:, None] * pull)
-        on_joints[:, k] = np.einsum("...ji,...j->...i", turn, held)
-    return on_joints

@@ -1,0 +1,236 @@
+"""Messages of ROS as tables write them, and files of two sources that time stamps join.
+
+Read are `ros2 topic echo --csv` (no header; the joints' names in each row), `rostopic echo -p` (%time, field.name0),
+and exports of bagpy and rosbags (header.stamp.secs, lists in a cell). The stamp of the header goes before any other
+time. Each row of the file of poses is joined to where the joints were then: interpolated where they are read closely
+and stood still, or the nearest row within a gap.
+"""
+
+import csv
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from calibench.calibration.columns import POSITION, QUATERNION, TIMES, measured_axes
+from calibench.calibration.rigid import Array, Index, Mask
+from calibench.core.notes import Code, DataError, Note
+from calibench.core.tables.columns import Columns, as_seconds
+from calibench.core.words import plain
+
+GAP = 0.1  # s, between a pose and the joints' reading, where nothing is stated
+_STILL = 2e-4  # of the way of a joint: less than it moves about a moment at which it stands
+_SIZES = {3: POSITION, 7: (*POSITION, *QUATERNION)}
+_HEADLESS = re.compile(r"\d{9,10},\d{1,9},[^,]*,")
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan", re.IGNORECASE)
+_OF_PLACE, _OF_TURN = {"position", "point", "translation"}, {"orientation", "rotation"}
+
+
+def ros_columns(text: str) -> Columns | None:
+    """Return joints by name, places and quaternions, and `t_s` [s] of a file that ROS wrote; None for any other."""
+    first = text[: text.find("\n") + 1] or text
+    if _HEADLESS.match(first):
+        return _of_echo([row for row in csv.reader(text.splitlines()) if row and row[0].isdigit()])
+    heads = [head.strip() for head in next(csv.reader([first]), [])]
+    times = _stamps(heads)
+    if times is None:
+        return None
+    rows = [row for row in csv.reader(text.splitlines()[1:]) if len(row) == len(heads)]
+    cells = dict(zip(heads, zip(*rows, strict=True), strict=True)) if rows else {}
+    if not cells:
+        return None
+    seconds = np.zeros(len(rows))
+    for head, unit in times.items():
+        seconds = seconds + unit * np.array([float(cell or "nan") for cell in cells[head]])
+    columns: dict[str, Any] = {"t_s": seconds} | _joints_of(cells)
+    for head in heads:
+        parts = re.split(r"[./]", head.lower())
+        of = parts[-2] if len(parts) > 1 else ""
+        if (of in _OF_PLACE and parts[-1] in POSITION) or (of in _OF_TURN and parts[-1] in "xyzw"):
+            name = parts[-1] if of in _OF_PLACE else f"q{parts[-1]}"
+            columns[name] = np.array([float(cell or "nan") for cell in cells[head]])
+    return _named(columns)
+
+
+def _named(columns: dict[str, Any]) -> Columns:
+    text = f"a file of ROS, {len(columns['t_s'])} messages: {', '.join(name for name in columns if name != 't_s')}"
+    units = {"t_s": "s"} | {axis: "m" for axis in POSITION if axis in columns}
+    return Columns(columns, notes=(Note(Code.FILE, text),), units=units)
+
+
+def _stamps(heads: list[str]) -> dict[str, float] | None:
+    """Return the columns whose sum is the time, and the seconds of their units; None where a file is not of ROS."""
+    ends = {tuple(re.split(r"[./]", head.lower())[-2:]): head for head in heads}
+    for second, nano in (("sec", "nanosec"), ("secs", "nsecs"), ("sec", "nsec")):
+        if ("stamp", second) in ends and ("stamp", nano) in ends:
+            return {ends["stamp", second]: 1.0, ends["stamp", nano]: 1e-9}
+        if (second,) in ends and (nano,) in ends:
+            return {ends[second,]: 1.0, ends[nano,]: 1e-9}
+    if "%time" in heads:
+        return {ends.get(("header", "stamp"), "%time"): 1e-9}
+    return None
+
+
+def _joints_of(cells: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
+    """Return the positions of joints by name; each row says its own order, as several nodes may write one topic."""
+    names: dict[str, list[str]] = {}  # head's begin -> columns of names, and of positions
+    places: dict[str, list[str]] = {}
+    for head in cells:
+        if parted := re.fullmatch(r"(?:field\.)?(name|position)_?(\d*)", head):
+            (names if parted[1] == "name" else places).setdefault("", []).append(head)
+    if not names or not places:
+        return {}
+
+    def of(heads: list[str], row: int, words: bool) -> list[str]:
+        found: list[str] = []
+        for head in heads:
+            cell = cells[head][row]
+            many = re.findall(r"'([^']*)'|\"([^\"]*)\"", cell) if words else []
+            found += [a or b for a, b in many] if many else [cell] if words else _NUMBER.findall(cell)
+        return [one for one in found if one]
+
+    n = len(next(iter(cells.values())))
+    return _by_name([(of(names[""], i, True), of(places[""], i, False)) for i in range(n)])
+
+
+def _by_name(rows: list[tuple[list[str], list[str]]]) -> dict[str, Array]:
+    columns: dict[str, Array] = {}
+    for i, (names, values) in enumerate(rows):
+        for name, value in zip(names, values, strict=False):
+            columns.setdefault(name, np.full(len(rows), np.nan))[i] = float(value)
+    return columns
+
+
+def _of_echo(rows: list[list[str]]) -> Columns | None:
+    """Return what rows of `ros2 topic echo --csv` hold: sec, nanosec, frame_id, and joints or a pose behind them."""
+    seconds = np.array([float(row[0]) + 1e-9 * float(row[1]) for row in rows])
+    split = []
+    for row in rows:
+        words = next((k for k, cell in enumerate(row[3:]) if _NUMBER.fullmatch(cell.strip())), len(row) - 3)
+        split.append(([one.strip() for one in row[3 : 3 + words]], [cell.strip() for cell in row[3 + words :]]))
+    most, numbers = max(len(words) for words, _ in split), max(len(values) for _, values in split)
+    if most > 1 or (most == 1 and numbers <= 3):
+        return _named({"t_s": seconds} | _by_name(split))
+    axes = _SIZES[7] if numbers >= 7 else _SIZES.get(numbers)
+    if axes is None:
+        return None
+    return _named({"t_s": seconds} | _by_name([([*axes], values[: len(axes)]) for _, values in split]))
+
+
+def by_time(contents: Mapping[str, Columns], gap: float = GAP) -> Columns | None:
+    """Return the rows of poses with the joints of the other files at their times; None where times do not part them.
+
+    One of the files has what was measured, and each has a time. Raises `DataError` where clocks have nothing in common.
+    """
+    clocks = {file: next((c for c in one.columns if c.lower() in TIMES), "") for file, one in contents.items()}
+    measured = [file for file, one in contents.items() if measured_axes(list(one.columns))]
+    times = {file: _seconds(contents[file], clock) for file, clock in clocks.items() if clock}
+    if len(times) < len(contents) or len(measured) != 1:
+        return None
+    [poses] = measured
+    if all(np.array_equal(one, times[poses], equal_nan=True) for one in times.values()):
+        return None
+    at, columns = times[poses], {name: np.asarray(column) for name, column in contents[poses].columns.items()}
+    known, still, units = np.isfinite(at), np.isfinite(at), dict(contents[poses].units)
+    stand = np.zeros(len(at), dtype=np.int64)
+    for file in contents:
+        if file == poses:
+            continue
+        begin, end = np.nanmin(times[file]), np.nanmax(times[file])
+        if begin > np.nanmax(at) + gap or end < np.nanmin(at) - gap:
+            mine, theirs = (
+                f"{plain(float(np.nanmin(one)), 12)} to {plain(float(np.nanmax(one)), 12)} s"
+                for one in (at, times[file])
+            )
+            raise DataError(
+                f"{poses} is of {mine} and {file} of {theirs}: of two clocks, which nothing joins here; write both by "
+                "one clock, as header stamps are"
+            )
+        found = np.zeros(len(at), dtype=bool)
+        for name, column in contents[file].columns.items():
+            if name == clocks[file] or column.dtype.kind not in "iuf":
+                continue
+            if name in columns:
+                raise DataError(f"{file}: column {name} is in {poses} too; rename one")
+            values, there, stands = _at_times(times[file], np.asarray(column, dtype=float), at, gap)
+            columns[name] = values
+            found |= there
+            still &= stands
+            stand += np.cumsum(_moved(values, np.asarray(column, dtype=float)))
+        known &= found
+        units |= {name: unit for name, unit in contents[file].units.items() if name in columns}
+    kept = known & still
+    stand += np.cumsum(~kept)  # one that is left out parts two stands
+    made = _of_stands(columns, kept, stand)
+    count = len(next(iter(made.values())))
+    text = (
+        f"{', '.join(contents)} are joined by time: {int(kept.sum())} of {len(at)} rows of {poses} are joined, "
+        f"{count} poses at which the arm stood; {int((~known).sum())} are further than {plain(gap, 3)} s from all "
+        f"joints, at {int((known & ~still).sum())} the arm moved"
+    )
+    counts = {"rows": len(at), "joined": int(kept.sum()), "poses": count}
+    notes = [*(note for one in contents.values() for note in one.notes), Note(Code.FILE, text, values=counts)]
+    if not count:
+        raise DataError(f"{text}; gap= states how far apart in time rows may be [s]")
+    metadata = {key: value for one in contents.values() for key, value in one.metadata.items()}
+    return replace(contents[poses], columns=made, units=units, notes=tuple(notes), metadata=metadata)
+
+
+def _seconds(content: Columns, clock: str) -> Array:
+    times = np.asarray(content.columns[clock], dtype=float)
+    seconds = None if clock in content.units else as_seconds(times)[0]
+    return times if seconds is None else np.asarray(seconds)
+
+
+def _at_times(times: Array, column: Array, at: Array, gap: float) -> tuple[Array, Mask, Mask]:
+    """Return a joint at the times `at`, (n,): interpolated, or the nearest; where it was read, and where it stood."""
+    some = np.isfinite(times) & np.isfinite(column)
+    order = np.argsort(times[some], kind="stable")
+    when, values = times[some][order], column[some][order]
+    if not len(when):
+        return np.full(len(at), np.nan), np.zeros(len(at), dtype=bool), np.ones(len(at), dtype=bool)
+    after = np.clip(np.searchsorted(when, at), 1, max(len(when) - 1, 1))
+    if len(when) == 1:
+        after[:] = 0
+    before = np.maximum(after - 1, 0)
+    close = (at - when[before] <= gap) & (when[after] - at <= gap) & (at >= when[before]) & (when[after] >= at)
+    nearest = np.where(np.abs(at - when[before]) <= np.abs(when[after] - at), before, after)
+    there = close | (np.abs(when[nearest] - at) <= gap)
+    found = np.where(close, np.interp(at, when, values), values[nearest])
+    first, last = np.searchsorted(when, at - gap), np.searchsorted(when, at + gap, side="right")
+    ends = np.clip(np.stack([first, last - 1]), 0, len(when) - 1)
+    way = _STILL * max(float(np.ptp(values)), 1e-12)
+    stands = np.abs(values[ends[1]] - values[ends[0]]) <= way
+    for end in ends:  # nor was it elsewhere at either end
+        stands &= np.abs(values[end] - found) <= way
+    return np.where(there, found, np.nan), there, np.where(close, stands, True)
+
+
+def _moved(values: Array, column: Array) -> Mask:
+    """Return before which rows a joint moved on, (n,)."""
+    way = 5 * _STILL * max(float(np.nanmax(column) - np.nanmin(column)), 1e-12) if np.isfinite(column).any() else np.inf
+    return np.abs(np.diff(values, prepend=values[:1])) > way
+
+
+def _of_stands(columns: Mapping[str, Any], kept: Mask, stand: Index) -> dict[str, Any]:
+    """Return one row for each stand: the middle value of numbers, the first of words; quaternions of one sign."""
+    rows = np.flatnonzero(kept)
+    starts = np.flatnonzero(np.diff(stand[rows], prepend=-1))
+    groups = np.split(rows, starts[1:]) if len(rows) else []
+    quaternions = [name for name in columns if name in QUATERNION]
+    made = {name: np.array(column) for name, column in columns.items()}
+    if len(quaternions) == 4:
+        q = np.column_stack([made[name] for name in quaternions])
+        for group in groups:
+            q[group] *= np.where(q[group] @ q[group[0]] < 0, -1.0, 1.0)[:, None]
+        made |= dict(zip(quaternions, q.T, strict=True))
+    out: dict[str, Any] = {}
+    for name, column in made.items():
+        if column.dtype.kind in "iuf":
+            out[name] = np.array([np.nanpercentile(column[g], 50, method="lower") if np.isfinite(column[g]).any()
+                                  else np.nan for g in groups], dtype=float)  # fmt: skip
+        else:
+            out[name] = column[[group[0] for group in groups]]
+    return out
