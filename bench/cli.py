@@ -47,7 +47,8 @@ _USAGE = """usage: bench VERB ...            (calibench VERB ... is the same; --
       [flange=flange_in_base|base_in_flange] [columns=.. units=..] [rotation=rpy|xyz|vector]
       [board_scale=TRUE_SIZE_BY_TOLD] [sigma=MM] [sigma_rotation=RAD] [--json]
                                                        a camera on the hand or beside the robot: its frame, and the
-                                                       board's, from pairs of poses
+                                                       board's, from pairs of poses; with urdf=FILE and joints in
+                                                       the data: arm and camera in one fit
   design machine=NAME data=FILE|plan=NAME [plan.OPTION=V] [size=SIGMAS] [next=K] [rivals=A,B] [--json]
                                                        what such data could and could not tell apart, before fitting
   status [--watch] STUDY_DIR                           how far a sweep is, what failed and why; --watch: until its end

@@ -51,6 +51,13 @@ class CalibrateWords:
     machine: Annotated[str, Word("machine", "arm", "may be left out")] = ""
     observe: Annotated[Literal["position", "pose", "sockets"] | None, Word(
         "machine.observe", "position", "what was read; found from the columns where it is not stated")] = None
+    hand_eye: Annotated[Literal["eye_in_hand", "eye_to_hand"] | None, Word(
+        "hand_eye", "eye_in_hand", "a camera read a board's pose; arm and camera are calibrated in one fit")] = None
+    read: Annotated[Literal["board_in_camera", "camera_in_board"] | None, Word(
+        "read", "board_in_camera", "hand_eye: what the camera's columns hold")] = None
+    board_scale: Annotated[float | None, Word(
+        "board_scale", "0.97", "hand_eye: true size of the board by the stated one", form="RATIO", above=0,
+        needed="the board's true size over that which the camera was told, above 0, is needed")] = None
     columns: Columns = ""
     units: Units = ""
     rotation: Rotation = ""

@@ -26,14 +26,20 @@ def calibrate(
     columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None, names: Sequence[str] = (),
     name: str = "readings", base: str = "", tip: str = "", convention: str = "",
     priors: Mapping[str, tuple[float, float]] | None = None,
+    hand_eye: Mounting | None = None, read: Read = "", board_scale: float = 1.0,
 ) -> Calibration:  # fmt: skip
     """Return the calibration of the arm in a URDF, or in a table of joints (CSV, Excel), by `readings`.
 
     `readings` have a column a joint, and x, y, z of the target (with a rotation, if one was measured), or `socket` for
     a ball in sockets. `priors` has numbers that are known, {"z_joint_3": (0.8, 0.05)}: off by so much, and its standard
-    error [mm, rad]. `columns` renames, {"x": "Weg X"}; `names` are those of an array's columns. The other options
-    are those of ``bench calibrate``. Raises `ValueError` in one line.
+    error [mm, rad]. `columns` renames, {"x": "Weg X"}; `names` are those of an array's columns. With `hand_eye` a
+    camera is calibrated in the same fit, by the poses of a board that it sees, as in the function `hand_eye`. The other
+    options are those of ``bench calibrate``. Raises `ValueError` in one line.
     """
+    camera = None
+    if hand_eye is not None:
+        orders = {"board": rotation} if rotation else {}
+        camera = Setup(hand_eye=hand_eye, read=read, rotation=orders, board_scale=board_scale)
     table = table_of(readings, columns=columns, units=units, names=names, name=name)
     how = HowRead(observe, rotation, limits)
     arm = (
@@ -43,7 +49,7 @@ def calibrate(
     )
     return calibrate_arm(
         arm, table, how=how, distance=distance, sigma_distance=sigma_distance, level=level, resamples=resamples,
-        priors=priors,
+        priors=priors, camera=camera,
     )  # fmt: skip
 
 

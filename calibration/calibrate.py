@@ -4,13 +4,15 @@ The levels (frames, zeros, geometry, gains) are fitted one after the other, and 
 poses best that were left out.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import nan
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Literal, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 import numpy as np
 
@@ -35,6 +37,10 @@ from calibench.core.plain import finite
 from calibench.core.process import one_thread
 from calibench.core.words import plain
 
+if TYPE_CHECKING:
+    from calibench.calibration.hand_eye import Frame
+    from calibench.calibration.hand_eye_start import Setup
+
 SCHEMA_VERSION = 1
 Level = Literal["auto", "frames", "zeros", "geometry", "gains", "elastic"]
 _FRAMES = ("base_", "tool_")
@@ -56,6 +62,7 @@ _WORDS = {
 _TO_JSON = (
     "observed", "base", "tip", "joints", "poses", "fitted", "folds", "chosen", "tolerance", "levels", "changes",
     "undetermined", "wild", "regions", "by_joint", "over_joints", "frames", "scatter", "notes", "files", "seconds",
+    "camera", "board",
 )  # fmt: skip
 
 
@@ -166,7 +173,8 @@ class Calibration:
     `tolerance` [mm, mrad]. `without_gains` [mm] is what is left of it where nobody
     scales the joints' readings, NaN where none are scaled. `scatter` is what is left of a coordinate [mm] and of a
     rotation [rad]. `frames` are base (in the tracker) and target (on the tip): x y z [mm], roll pitch yaw [rad]; fixed
-    points and planes are in the base, a plane with its normal.
+    points and planes are in the base, a plane with its normal; where a camera was calibrated with the arm, `camera` and
+    `board` are instead.
     """
 
     case: str
@@ -201,6 +209,8 @@ class Calibration:
     notes: tuple[Note, ...]
     seconds: float = nan
     files: Mapping[str, str] = field(default_factory=dict)
+    camera: Frame | None = None
+    board: Frame | None = None
 
     def __repr__(self) -> str:
         errors = f"{self.error_before:.3g} -> {self.error_after:.3g} mm on poses that were not fitted"
@@ -253,17 +263,23 @@ class Calibration:
 def calibrate_arm(
     arm: Arm, table: Table, *, how: HowRead, distance: float = 0.0, sigma_distance: float = KNOWN_TO,
     level: Level = "auto", resamples: int = 200, priors: Mapping[str, tuple[float, float]] | None = None,
+    camera: Setup | None = None,
 ) -> Calibration:  # fmt: skip
     """Return the calibration of `arm` by the readings in `table`. Raises `ValueError`, in one line.
 
     `how` says how the table is read, `distance` [mm] how far the two sockets of a place are apart, 0 where it is not
     known, `sigma_distance` [mm] how well it is known. `level` is how much of the arm is calibrated; auto takes what
     predicts poses best that were not fitted. Intervals come from `resamples` draws. `priors` has what is known of
-    numbers of the arm: by how much each is off its nominal value, and the standard error of that [mm, rad].
+    numbers of the arm: by how much each is off its nominal value, and the standard error of that [mm, rad]. With a
+    `camera` a board's pose in it is what is read, and both their frames are told.
     """
-    clock, chain = perf_counter(), arm.chain
+    clock, chain, named = perf_counter(), arm.chain, {*table.columns}
     fits: dict[str, Fit] = {}
     try:
+        if camera is not None:
+            from calibench.calibration import arm_camera  # an arm without one needs nothing of it
+
+            table, how = arm_camera.as_readings(table, chain, camera), HowRead("pose", limits=how.limits)
         start = how.start(table, chain)
         readings, train = start.readings, start.readings.train
         if distance and readings.observed != "sockets":
@@ -272,7 +288,7 @@ def calibrate_arm(
             raise DataError(f"rotation= is the order of rotations, and none of {table.name} is read; leave it out")
         model = model_of(
             chain, readings, start.base, start.tool, distance=distance, sigma_distance=sigma_distance, table=arm.table,
-            priors=priors,
+            priors=priors, sees=camera is not None and camera.hand_eye == "eye_in_hand",
         )  # fmt: skip
         tried: tuple[str, ...] = LEVELS
         if level == "elastic":
@@ -321,7 +337,7 @@ def calibrate_arm(
 
     mistake = arm.mistake(table, how)
     notes: list[Note] = [mistake] if mistake else [*_far_off(levels[chosen].rms, model, readings)]
-    notes += [*arm.notes, *readings.notes]
+    notes += [*arm.notes, *(note for note in readings.notes if set(note.columns) <= named)]
     notes += _notes(levels, fit, chosen, model, readings.where(train), without_gains, judged=judged, wild=wild)
     again = int(np.isin(poses[~train], poses[train]).sum())
     if again:  # they say little of others
@@ -338,6 +354,7 @@ def calibrate_arm(
         before=np.where(wild, np.nan, judged["frames"].position), after=np.where(wild, np.nan, judged[chosen].position),
     )  # fmt: skip
     regions, by_joint = _parts_of(drawn)
+    frames = None if camera is None else arm_camera.frames_of_fit(arm, fit, draws, camera.hand_eye)
     size = fitting.norms(model.errors(fit.p, np.where(wild, 0.0, 1.0)))
     worst_first = sorted(np.flatnonzero(wild), key=lambda i: -size[i])
     return Calibration(
@@ -350,8 +367,8 @@ def calibrate_arm(
         wild=tuple(Wild(readings.label(int(i)), float(size[i])) for i in worst_first), regions=regions,
         by_joint=by_joint, over_joints=over_joints(drawn), drawn=drawn, without_gains=without_gains,
         scatter=(fit.model.sigma[0], fit.model.sigma[1]),
-        frames=_frames_of(model, fit.p, readings),
-        notes=once(notes), seconds=perf_counter() - clock,
+        frames=_frames_of(model, fit.p, readings) if frames is None else {},
+        camera=frames and frames[0], board=frames and frames[1], notes=once(notes), seconds=perf_counter() - clock,
     )  # fmt: skip
 
 

@@ -14,12 +14,11 @@ from scipy.special import chdtri
 
 from calibench.calibration.determined import WORST, information_of, is_length, select_determined
 from calibench.calibration.model import ArmModel
-from calibench.calibration.normal import covariance_of, normal_blocks, solve
+from calibench.calibration.normal import covariance_of, descend, normal_blocks, solve
 from calibench.calibration.readings import poses_of
 from calibench.calibration.rigid import Array, Index, Mask
 from calibench.core.words import plain
 
-_STEPS, _SETTLED = 60, 1e-9
 _ROUNDS, _SAME = 8, 0.02  # until the noise that is left changes by less
 _WILD = 6.0  # times the median error: a reading beyond is wild; noise alone has one in 10^9 poses
 _FLOOR = 1e-9
@@ -133,24 +132,16 @@ def _adjust(model: ArmModel, p: Array, kept: Index, weights: Array, soft: bool, 
     def value_of(p: Array) -> float:
         return _value(model, p, weights, soft) + float(information @ (p[kept] - wanted) ** 2)
 
-    damping, value = 1e-6, value_of(p)
-    for _ in range(_STEPS):
+    def equations(p: Array) -> tuple[Array, Array]:
         sums = normal_blocks(model, p, kept, weights, soft=soft)
-        gram = sums.gram[0] + np.diag(information)
-        slope = sums.slope[0] + information * (p[kept] - wanted)
-        for _ in range(12):
-            tried = p.copy()
-            tried[kept] += solve(gram, slope, damping * np.diag(gram))
-            cost = value_of(tried)
-            if cost <= value:
-                break
-            damping = max(damping, 1e-9) * 10
-        else:
-            break
-        gained, p, value, damping = value - cost, tried, cost, max(damping / 10, 1e-12)
-        if gained <= _SETTLED * (1 + value):
-            break
-    return p
+        return sums.gram[0] + np.diag(information), sums.slope[0] + information * (p[kept] - wanted)
+
+    def moved(p: Array, step: Array) -> Array:
+        tried = p.copy()
+        tried[kept] += step
+        return tried
+
+    return descend(p, value_of, equations, moved)
 
 
 def far_out(size: Array) -> Mask:

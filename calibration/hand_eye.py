@@ -6,8 +6,9 @@ Intervals are Student's (Satterthwaite 1946); see Tsai and Lenz 1989. `hand_eye_
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import nan
 from typing import Any, final
 
@@ -126,33 +127,44 @@ class Frame:
     matrix: tuple[Numbers, ...]
 
 
+def frame_of(parent: str, child: str, pose: Array, spread: Callable[[Array], tuple[Array, Array]]) -> Frame:
+    """Return the frame at `pose` (4, 4) [mm]: `spread` has standard errors and half widths of its numbers.
+
+    It takes how these numbers follow a shift and a turn (m, 6) of the pose, in its parent.
+    """
+    x, y, z, w = q = np.asarray(Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True))
+    shift, turn = np.split(np.eye(6), 2)
+    (place, of_place), (angle, of_angle) = spread(shift), spread(turn)
+    turned = 0.5 * np.array([[w, z, -y], [-z, w, x], [y, -x, w], [-x, -y, -z]])  # of a small turn before q
+    quaternion, of_quaternion = spread(turned @ turn)
+    position_ci95, quaternion_ci95 = (
+        tuple((float(v - h), float(v + h)) for v, h in zip(values, half, strict=True))
+        for values, half in ((pose[:3, 3], of_place), (q, of_quaternion))
+    )
+    numbers = {
+        "position": pose[:3, 3], "position_se": place, "quaternion": q, "quaternion_se": quaternion,
+        "turn_se": angle, "turn_within95": of_angle, "rpy": rpy_of(pose),
+    }  # fmt: skip
+    return Frame(
+        parent=parent, child=child, position_ci95=position_ci95, quaternion_ci95=quaternion_ci95,
+        matrix=tuple(tuple(map(float, row)) for row in pose),
+        **{name: tuple(map(float, values)) for name, values in numbers.items()},
+    )  # fmt: skip
+
+
 def frames_of(adjustment: Adjustment, mounting: str) -> tuple[Frame, Frame]:
     """Return the camera's frame, and the board's: on the flange and in the base, or the other way round."""
-    camera, board = ("flange", "base") if mounting == "eye_in_hand" else ("base", "flange")
-    frames = []
-    for parent, child, pose, slopes in zip(
-        (camera, board), ("camera", "board"), (inverse(adjustment.mount), adjustment.tool), slopes_of(adjustment),
-        strict=True,
-    ):  # fmt: skip
-        x, y, z, w = q = np.asarray(Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True))
-        turned = 0.5 * np.array([[w, z, -y], [-z, w, x], [y, -x, w], [-x, -y, -z]])  # of a small turn before q
-        place, of_place = spread(adjustment, slopes[:3])
-        turn, of_turn = spread(adjustment, slopes[3:])
-        quaternion, of_quaternion = spread(adjustment, turned @ slopes[3:])
-        position_ci95, quaternion_ci95 = (
-            tuple((float(v - h), float(v + h)) for v, h in zip(values, half, strict=True))
-            for values, half in ((pose[:3, 3], of_place), (q, of_quaternion))
-        )
-        numbers = {
-            "position": pose[:3, 3], "position_se": place, "quaternion": q, "quaternion_se": quaternion,
-            "turn_se": turn, "turn_within95": of_turn, "rpy": rpy_of(pose),
-        }  # fmt: skip
-        frames.append(Frame(
-            parent=parent, child=child, position_ci95=position_ci95, quaternion_ci95=quaternion_ci95,
-            matrix=tuple(tuple(map(float, row)) for row in pose),
-            **{name: tuple(map(float, values)) for name, values in numbers.items()},
-        ))  # fmt: skip
-    return frames[0], frames[1]
+    parents = ("flange", "base") if mounting == "eye_in_hand" else ("base", "flange")
+    poses, slopes = (np.asarray(inverse(adjustment.mount)), adjustment.tool), slopes_of(adjustment)
+    camera, board = (
+        frame_of(parent, child, pose, partial(_spread_by, adjustment, by))
+        for parent, child, pose, by in zip(parents, ("camera", "board"), poses, slopes, strict=True)
+    )
+    return camera, board
+
+
+def _spread_by(adjustment: Adjustment, by: Array, numbers: Array) -> tuple[Array, Array]:
+    return spread(adjustment, numbers @ by)
 
 
 def slopes_of(adjustment: Adjustment) -> Array:

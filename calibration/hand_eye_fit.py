@@ -16,12 +16,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import f, norm
 
+from calibench.calibration.normal import covariance_of, descend
 from calibench.calibration.readings import poses_of
 from calibench.calibration.rigid import Array, Index, Mask, inverse, rotation_of, rpy_of, vector_of
 
 _FLOOR = 1e-9  # mm or rad: the noise of readings without any
 _WILD = 6.0  # times the median residual: a pair beyond has no say
-_ROUNDS, _STEPS, _SETTLED = 30, 20, 1e-4
+_ROUNDS, _SETTLED, _SETTLED_TO = 30, 1e-4, 1e-11
 _LEAST = 1.0  # degree of freedom: with fewer nothing tells a noise
 _CHANCE = 1e-3  # of noise alone to look like directions that differ, or like neighbours that agree
 _ROWS = 10  # pairs: with fewer neither is tested
@@ -156,12 +157,12 @@ def _settle(found: Adjustment, stated: Array) -> Adjustment:
     for _ in range(_ROUNDS):
         before = found
         found = _step_down(found)
-        left = axes_of(found) @ np.column_stack([found.position, found.turned])[:, :, None]
-        size = np.linalg.norm((left[:, :, 0] / found.noise[found.groups]).reshape(-1, 2, 3), axis=2)
+        left = _left(found)
+        size = np.linalg.norm((left / found.noise[found.groups]).reshape(-1, 2, 3), axis=2)
         middle = np.median(size[~found.wild], axis=0)
         floor = 1e3 * _FLOOR / found.noise[found.groups[[0, 3]]]
         found = replace(found, wild=(size > _WILD * np.maximum(middle, floor)).any(axis=1))
-        found = _with_noise(found, left[:, :, 0], stated)
+        found = _with_noise(found, left, stated)
         same = np.array_equal(found.wild, before.wild)
         if same and np.allclose(found.noise, before.noise, rtol=_SETTLED, atol=0.0):
             break
@@ -187,27 +188,13 @@ def _with_noise(found: Adjustment, left: Array, stated: Array) -> Adjustment:
 
 
 def _step_down(found: Adjustment) -> Adjustment:
-    """Return the least squares solution under the noise of `found`, by Levenberg's damping."""
-    damping, value = 1e-9, _value(found)
-    for _ in range(_STEPS):
-        rows, residuals = _slopes(found)
-        flat, wanted = rows.reshape(-1, rows.shape[2]), -residuals.ravel()
-        size = np.linalg.norm(flat, axis=0) + _FLOOR
-        q, r = np.linalg.qr(flat / size)
-        for _ in range(12):
-            damped = np.vstack([r, np.sqrt(damping) * np.eye(len(r))])
-            step = np.linalg.lstsq(damped, np.concatenate([q.T @ wanted, np.zeros(len(r))]), rcond=None)[0] / size
-            tried = _moved(found, step)
-            cost = _value(tried)
-            if cost <= value:
-                break
-            damping = max(damping, 1e-9) * 10
-        else:
-            break
-        gained, found, value, damping = value - cost, tried, cost, max(damping / 10, 1e-12)
-        if gained <= 1e-11 * (1 + value):
-            break
-    return found
+    """Return the least squares solution under the noise of `found`."""
+    return descend(found, _value, lambda one: _equations(*_slopes(one)), _moved, _SETTLED_TO)
+
+
+def _equations(rows: Array, residuals: Array) -> tuple[Array, Array]:
+    flat = rows.reshape(-1, rows.shape[2])
+    return flat.T @ flat, flat.T @ residuals.ravel()
 
 
 def _moved(found: Adjustment, step: Array) -> Adjustment:
@@ -244,6 +231,11 @@ def axes_of(found: Adjustment) -> Array:
     return made
 
 
+def _left(found: Adjustment) -> Array:
+    """Return what is left of the pairs in the axes of the noise, (n, 6)."""
+    return np.asarray((axes_of(found) @ np.column_stack([found.position, found.turned])[:, :, None])[:, :, 0])
+
+
 def _slopes(found: Adjustment) -> tuple[Array, Array]:
     """Return slopes (n, 6, k) and residuals (n, 6) over their noise, 0 for wild pairs."""
     sight, n = found.sight, len(found.sight.seen)
@@ -270,22 +262,17 @@ def _slopes(found: Adjustment) -> tuple[Array, Array]:
             rows[:, :, k] = (ends[0] - ends[1]) / (2 * h)
     over = np.where(found.wild[:, None], 0.0, 1 / found.noise[found.groups])
     axes = axes_of(found) * over[:, :, None]
-    residuals = axes @ np.column_stack([found.position, found.turned])[:, :, None]
-    return axes @ rows, residuals[:, :, 0]
+    return axes @ rows, _left(found) * over
 
 
 def _rows_of(found: Adjustment) -> tuple[Array, Array]:
     """Return slopes over their noise (n, 6, k), and the inverse of their information (k, k)."""
-    rows = _slopes(found)[0]
-    flat = rows.reshape(-1, rows.shape[2])
-    scale = np.linalg.norm(flat, axis=0) + _FLOOR
-    inverted = np.linalg.pinv((flat / scale).T @ (flat / scale), rcond=1e-13) / np.outer(scale, scale)
-    return rows, np.asarray(inverted)
+    rows, residuals = _slopes(found)
+    return rows, covariance_of(_equations(rows, residuals)[0])
 
 
 def _value(found: Adjustment) -> float:
-    axes = axes_of(found) @ np.column_stack([found.position, found.turned])[:, :, None]
-    value = float((axes[~found.wild, :, 0] ** 2 / found.noise[found.groups] ** 2).sum())
+    value = float(((_left(found)[~found.wild] / found.noise[found.groups]) ** 2).sum())
     return value if np.isfinite(value) else np.inf
 
 
@@ -295,8 +282,7 @@ def _directions(found: Adjustment, stated: Array) -> Index:
     if kept.sum() < _ROWS:
         return groups
     as_apart = replace(found, groups=_APART, noise=found.noise[[0, 1, 0, 1]])
-    found_apart = _with_noise(as_apart, (axes_of(as_apart) @ np.column_stack(
-        [found.position, found.turned])[:, :, None])[:, :, 0], np.zeros(4))  # fmt: skip
+    found_apart = _with_noise(as_apart, _left(as_apart), np.zeros(4))
     for k in (0, 1):
         along, across = found_apart.noise[k], found_apart.noise[k + 2]
         if stated[k] or max(along, across) <= 1e3 * _FLOOR:

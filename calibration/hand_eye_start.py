@@ -277,20 +277,31 @@ def _in_base_units(table: Table, both: Mapping[str, Matched]) -> tuple[Table, tu
     used = [name for side in both.values() for name in (*side.position.values(), *side.rotation.values())]
     turned, units, notes = by_their_names(table.columns, used, table.units)
     table = replace(table, columns={**table.columns, **turned}, units={**table.units, **units})
-    for side in both.values():
-        angles = side.rotation.values() if len(side.rotation) == 3 else ()
-        for names, base, example in ((side.position.values(), "mm", "m"), (angles, "rad", "deg")):
-            open_ = [name for name in names if name not in table.units]
-            if open_:
-                ways = [",".join(f"{name}:{unit}" for name in open_) for unit in (base, example)]
-                raise DataError(
-                    f"{', '.join(open_)}: no unit is stated; write it in the heading, such as {open_[0]} [{example}], "
-                    f"or state units={ways[0]} or units={ways[1]}"
-                )
-            other = next((name for name in names if table.units[name] != base), None)
-            if other is not None:
-                raise DataError(f"column {other} is in {table.units[other]}, and {base} or {example} is needed")
+    places = [name for side in both.values() for name in side.position.values()]
+    angles = [name for side in both.values() if len(side.rotation) == 3 for name in side.rotation.values()]
+    for names, base, example in ((places, "mm", "m"), (angles, "rad", "deg")):
+        open_ = [name for name in names if name not in table.units]
+        if open_:
+            ways = [",".join(f"{name}:{unit}" for name in open_) for unit in (base, example)]
+            raise DataError(
+                f"{', '.join(open_)}: no unit is stated; write it in the heading, such as {open_[0]} [{example}], "
+                f"or state units={ways[0]} or units={ways[1]}"
+            )
+        other = next((name for name in names if table.units[name] != base), None)
+        if other is not None:
+            raise DataError(f"column {other} is in {table.units[other]}, and {base} or {example} is needed")
     return table, notes
+
+
+def side_of(name: str) -> str:
+    """Return whose pose a column is of by its name: flange, board, camera, or "" for none of them."""
+    return _parted(name)[0]
+
+
+def _parted(name: str) -> tuple[str, str]:
+    first, _, rest = name.strip().replace(" ", "_").replace(".", "_").partition("_")
+    side = next((side for side, words in _CALLED.items() if first.lower() in words), "")
+    return side if rest else "", rest
 
 
 def _sides(table: Table, ours: Mapping[str, str]) -> dict[str, Matched]:
@@ -299,9 +310,8 @@ def _sides(table: Table, ours: Mapping[str, str]) -> dict[str, Matched]:
     for name, column in table.columns.items():
         if column.dtype.kind not in "iuf":
             continue
-        first, _, rest = ours.get(name, name).strip().replace(" ", "_").replace(".", "_").partition("_")
-        side = next((side for side, words in _CALLED.items() if first.lower() in words), None)
-        if side and rest:
+        side, rest = _parted(ours.get(name, name))
+        if side:
             if rest in by_side.setdefault(side, {}):
                 raise DataError(f"{by_side[side][rest]} and {name} could both be {side}_{rest}; leave one of them out")
             by_side[side][rest] = name

@@ -17,7 +17,7 @@ from calibench.calibration.dh import DhArm, DhTable
 from calibench.calibration.kinematics import Chain, forward, jacobian, nominal, parameter_names
 from calibench.calibration.loci import Loci
 from calibench.calibration.readings import Readings
-from calibench.calibration.rigid import Array, Index, Mask, cross, vector_of
+from calibench.calibration.rigid import Array, Index, Mask, cross, inverse, vector_of
 from calibench.core.notes import DataError
 from calibench.core.options import suggest
 
@@ -38,7 +38,9 @@ class ArmModel:
     tool_x_K, tool_y_K, tool_z_K from there, which stand before those of the tool. Where less than places was read,
     `loci` says what each reading allows; the numbers of its fixtures stand before those of the tool as well. `priors`
     has numbers of which more is known: by how much they are off, and its standard error [mm, rad]. `torque` [N m],
-    (n, columns), is what each joint holds: it stands at its reading less elastic_J, its compliance, times that.
+    (n, columns), is what each joint holds: it stands at its reading less elastic_J, its compliance, times that. With
+    `sees` the target is a camera: `position` and `turns` are of the tracker's frame in the target's, and so are
+    residuals.
     """
 
     chain: Chain
@@ -58,6 +60,7 @@ class ArmModel:
     loci: Loci | None = None
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     torque: Array | None = None
+    sees: bool = False
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -178,6 +181,7 @@ class ArmModel:
             return poses[:, :3, 3] - self._means(poses[:, :3, 3], weights)[self.socket], None
         if self.loci is not None:
             return self._across(p, poses)[0], None
+        poses = inverse(poses) if self.sees else poses
         turned = None if self.turns is None else np.einsum("nij,nkj->nik", poses[:, :3, :3], self.turns)
         return poses[:, :3, 3] - self.position, None if turned is None else vector_of(turned)
 
@@ -201,6 +205,11 @@ class ArmModel:
         """Return the derivatives of `residuals` in the parameters `kept`: (n, c, k) and (d, k)."""
         slopes = self.slopes(p, kept)
         if self.position is not None:
+            if self.sees:  # of R, t to R', -R' t: in the target, R' (w x t - dt) and -R' w
+                placed = self.placed(p)
+                turned = np.cross(slopes[:, 3:], placed[:, :3, 3, None], axis=1) - slopes[:, :3]
+                back = placed[:, :3, :3].swapaxes(1, 2)
+                slopes = np.concatenate([back @ turned, -back @ slopes[:, 3:]], axis=1)
             over = slopes[:, :3] / self.of_rows[:, None, None]
             if self.loci is not None:
                 every = np.zeros((len(slopes), 3, len(p)))
@@ -241,15 +250,21 @@ class ArmModel:
 def model_of(
     chain: Chain, readings: Readings, base: Array, tool: Array, *, distance: float = 0.0,
     sigma_distance: float = KNOWN_TO, table: DhTable | None = None,
-    priors: Mapping[str, tuple[float, float]] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None, sees: bool = False,
 ) -> ArmModel:  # fmt: skip
     """Return the model of `readings` with the frames that were found in its chain; of a `table` its numbers.
 
     Raises `DataError` for `priors` of numbers that the arm has not.
     """
+    position, turns = readings.position, readings.turns
+    if sees:
+        if position is None or turns is None:
+            raise DataError("the board's rotations fit no place of a camera on this arm")
+        turns = turns.swapaxes(1, 2)
+        position = -np.einsum("nij,nj->ni", turns, position)
     placed = chain.placed(base, chain.tool @ tool)
     model = ArmModel(
-        chain=placed, joints=readings.joints, position=readings.position, turns=readings.turns,
+        chain=placed, joints=readings.joints, position=position, turns=turns, sees=sees,
         socket=readings.socket, place=readings.place, distance=distance,
         sigma_distance=sigma_distance, rows=None if table is None else DhArm(table, placed.mount, placed.tool),
         loci=readings.loci, priors=priors or {},

@@ -5,10 +5,10 @@ of the other groups and one solution of k numbers; so is a draw of poses, any ch
 is made for some thousand poses at once, so that 100 000 take no more room than their readings.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import final
+from typing import TypeVar, final
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from calibench.calibration.rigid import Array, Index
 _AT_ONCE = 2048  # poses whose J is there at the same time
 _NOTHING = 1e-150  # in the place of the length of a column of zeros
 _SINGULAR = 1e-13  # of the largest eigenvalue, columns being scaled: below it a direction moves no residual
+_STEPS, _TRIES = 60, 12
+At = TypeVar("At")
 
 
 @final
@@ -100,6 +102,32 @@ def solve(gram: Array, slope: Array, prior: Array | float = 0.0, off: Array | fl
     """
     scaled, scale = _scaled(gram + np.diag(np.broadcast_to(prior, slope.shape)))
     return np.asarray(np.linalg.lstsq(scaled, -(slope + prior * off) / scale, rcond=_SINGULAR)[0] / scale)
+
+
+def descend(
+    at: At, value_of: Callable[[At], float], equations: Callable[[At], tuple[Array, Array]],
+    moved: Callable[[At, Array], At], settled: float = 1e-9,
+) -> At:  # fmt: skip
+    """Return the least squares solution from `at` on, by Levenberg's damping.
+
+    `equations` are the normal ones, (k, k) and (k,), there; `moved` goes a step (k,). It ends where one gains less than
+    `settled` of the value.
+    """
+    damping, value = 1e-6, value_of(at)
+    for _ in range(_STEPS):
+        gram, slope = equations(at)
+        for _ in range(_TRIES):
+            tried = moved(at, solve(gram, slope, damping * np.diag(gram)))
+            cost = value_of(tried)
+            if cost <= value:
+                break
+            damping = max(damping, 1e-9) * 10
+        else:
+            break
+        gained, at, value, damping = value - cost, tried, cost, max(damping / 10, 1e-12)
+        if gained <= settled * (1 + value):
+            break
+    return at
 
 
 def covariance_of(gram: Array) -> Array:

@@ -53,6 +53,10 @@ BLOCKS = {
         "hand-eye.md",
         "bench calibrate hand_eye=eye_in_hand data=robot.csv",
     ): "tests/bench/test_hand_eye.py makes two streams",
+    (
+        "hand-eye.md",
+        "bench calibrate hand_eye=eye_in_hand urdf=my.urdf",
+    ): "tests/bench/test_calibrate_camera.py makes an arm with a camera",
     ("orthoglide-experiments.md", "bench paper"): MINUTES,
     ("orthoglide-rates.md", "python -m tests.discrepancy.orthoglide_score"): HOURS,
     ("my-robot.md", "ros2 topic echo"): "needs ROS; tests/bench/test_by_time.py makes such files",

@@ -13,6 +13,7 @@ import numpy as np
 from calibench.bench.calibration.files import read_table
 from calibench.bench.calibration.request import statements_of
 from calibench.bench.calibration.samples import read_samples
+from calibench.bench.calibration.words import transforms_text
 from calibench.bench.measured.files import pairs_of
 from calibench.bench.provenance.environment import made_by
 from calibench.bench.store.atomic_file import write_whole
@@ -136,21 +137,10 @@ def write_hand_eye(answer: HandEye, request: HandEyeRequest) -> HandEye:
     folder.mkdir(parents=True, exist_ok=True)
     files = {"ros": folder / "static_transforms.yaml", "json": folder / "hand_eye.json"}
     answer = replace(answer, files={kind: str(path) for kind, path in files.items()})
-    head = f"# bench calibrate hand_eye={answer.hand_eye}, {answer.case}: {answer.pairs} pairs; metres"
-    lines = [head, "transforms:"]
-    for frame in (answer.camera, answer.board):  # translation, quaternion, and the command that publishes each
-        x, y, z = (f"{value / 1000 + 0.0:.7f}" for value in frame.position)
-        qx, qy, qz, qw = (f"{value + 0.0:.8f}" for value in frame.quaternion)
-        lines += [
-            f"  - parent: {frame.parent}",
-            f"    child: {frame.child}",
-            f"    translation: {{x: {x}, y: {y}, z: {z}}}",
-            f"    rotation: {{x: {qx}, y: {qy}, z: {qz}, w: {qw}}}",
-            f"    command: ros2 run tf2_ros static_transform_publisher --x {x} --y {y} --z {z} --qx {qx} --qy {qy}"
-            f" --qz {qz} --qw {qw} --frame-id {frame.parent} --child-frame-id {frame.child}",
-        ]
+    head = f"bench calibrate hand_eye={answer.hand_eye}, {answer.case}: {answer.pairs} pairs"
+    ros = transforms_text(head, (answer.camera, answer.board))
     content = answer.to_dict() | {"provenance": made_by(request.command)}
-    ros, text = "\n".join([*lines, ""]), json.dumps(content, indent=1, allow_nan=False)
+    text = json.dumps(content, indent=1, allow_nan=False)
     write_whole(files["ros"], lambda file: file.write(ros.encode()))
     write_whole(files["json"], lambda file: file.write(text.encode()))
     return answer

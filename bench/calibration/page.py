@@ -5,7 +5,7 @@ from math import degrees, isfinite
 from pathlib import Path
 
 from calibench.bench.calibration.figures import calibration_figures
-from calibench.bench.calibration.words import headline, level_rows, rows_of_changes, sentences
+from calibench.bench.calibration.words import headline, level_rows, rows_of_changes, rows_of_frame, sentences
 from calibench.bench.provenance.environment import provenance
 from calibench.bench.report.shared.drawing import save
 from calibench.bench.report.shared.page import Head, Table, inline_svg, render
@@ -28,12 +28,16 @@ def write_page(answer: Calibration, folder: Path) -> Path:
     heads += ["rotation [mrad]"] if any(isfinite(one.rotation) for one in answer.levels) else []
     heads += ["sockets apart [mm]"] if any(isfinite(one.spans) for one in answer.levels) else []
     words = {"base": "base of the arm, in the tracker's frame", "target": f"target, on {answer.tip}"}
-    frames = []
+    frames: list[dict[str, str | Table]] = []
     for name, values in answer.frames.items():
         text = f"x y z {', '.join(f'{value:.3f}' for value in values[:3])} mm"
         if values[3:] and (name == "base" or answer.observed == "pose"):
             text += f"; roll pitch yaw {', '.join(f'{degrees(value):.4f}°' for value in values[3:])}"
         frames.append({"what": words.get(name, f"{name}, on {answer.tip}"), "place": text})
+    for frame in (one for one in (answer.camera, answer.board) if one is not None):
+        frames.append({"what": f"{frame.child} in {frame.parent}", "table": _table(
+            ("number", "value", "standard error", "95 %"), rows_of_frame(frame), ("value", "standard error", "95 %")
+        )})  # fmt: skip
     why = ("number", "why it keeps its value")
     badly, undetermined = (
         _table(why, [[one.parameter, one.reason] for one in answer.undetermined if isfinite(one.known_to) == finite])
@@ -52,7 +56,8 @@ def write_page(answer: Calibration, folder: Path) -> Path:
         frames=frames, notes=[_sentence(note.text) for note in answer.notes], files=answer.files,
         facts={
             answer.source: str(answer.arm.path), "chain": f"{answer.base} to {answer.tip}: {', '.join(answer.joints)}",
-            "read": answer.observed, "scatter that is left": f"{plain(answer.scatter[0], 3)} mm a coordinate{turned}",
+            "read": answer.observed if answer.camera is None else "the board's pose in the camera",
+            "scatter that is left": f"{plain(answer.scatter[0], 3)} mm a coordinate{turned}",
             "commit": origin["git_commit"],
             "versions": ", ".join(f"{name} {version}" for name, version in versions.items() if version),
             "computing time": f"{answer.seconds:.2f} s",

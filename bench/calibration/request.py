@@ -13,6 +13,7 @@ from typing import Any, final
 import numpy as np
 
 from calibench.bench.calibration.files import ARM, read_priors, read_table
+from calibench.bench.calibration.words import transforms_text
 from calibench.bench.measured.files import pairs_of, write_columns
 from calibench.bench.measured.sources import OF_A_CALIBRATION
 from calibench.bench.provenance.environment import made_by
@@ -21,6 +22,7 @@ from calibench.bench.verbs import CalibrateWords, HandEyeWords, PosesWords
 from calibench.bench.words import RequestError, check_study, read
 from calibench.calibration.arm import read_arm
 from calibench.calibration.calibrate import Calibration, Level, calibrate_arm
+from calibench.calibration.hand_eye_start import Setup
 from calibench.calibration.model import KNOWN_TO
 from calibench.calibration.poses import Design, design_poses
 from calibench.calibration.readings import columns_of
@@ -56,6 +58,7 @@ class CalibrateRequest:
     convention: str = ""
     command: str = ""
     priors: str = ""
+    camera: Setup | None = None
 
     def carry_out(self) -> Calibration:
         """Return the calibration. Raises `ValueError`, in one line."""
@@ -69,7 +72,7 @@ class CalibrateRequest:
             arm = read_arm(path, table=True, convention=self.convention, option="", data=table, how=self.how)
         return calibrate_arm(
             arm, table, how=self.how, distance=self.distance, sigma_distance=self.sigma_distance, level=self.level,
-            resamples=self.resamples, priors=read_priors(self.priors) if self.priors else None,
+            resamples=self.resamples, priors=read_priors(self.priors) if self.priors else None, camera=self.camera,
         )  # fmt: skip
 
 
@@ -106,6 +109,15 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
     check_study(given.study)
     if given.sigma_distance is not None and not given.distance:
         raise RequestError("sigma_distance= says how well distance= is known; state distance= too, or leave it out")
+    camera = None
+    if given.hand_eye is not None:
+        orders = {"board": given.rotation} if given.rotation else {}
+        camera = Setup(
+            hand_eye=given.hand_eye, read=given.read or "", rotation=orders, board_scale=given.board_scale or 1.0
+        )
+    elif given.read or given.board_scale:
+        key = "read" if given.read else "board_scale"
+        raise RequestError(f"{key}= is of a camera; state hand_eye= too, or leave it out")
     return CalibrateRequest(
         urdf=given.urdf, dh=given.dh, convention=given.convention, tip=given.tip, base=given.base, data=given.data,
         how=HowRead(given.observe or "", given.rotation, given.limits),
@@ -114,6 +126,7 @@ def read_calibrate(words: Sequence[str]) -> CalibrateRequest:
         resamples=given.resamples, page=given.page, folder=Path(given.results).expanduser() / given.study,
         command=shlex.join(["bench", "calibrate", *words]),
         priors=given.priors,
+        camera=camera,
     )  # fmt: skip
 
 
@@ -126,6 +139,10 @@ def write_calibration(answer: Calibration, request: CalibrateRequest) -> Calibra
     columns, units, stated = columns_of(answer.readings, request.distance)
     readings = Columns(columns, stated, units=units)
     files["readings"] = str(write_columns(readings, ARM, folder / OF_A_CALIBRATION))
+    if answer.camera is not None and answer.board is not None:
+        head = f"bench calibrate hand_eye=... with {answer.source}, {answer.case}: {answer.poses} poses"
+        text = transforms_text(head, (answer.camera, answer.board))
+        files["ros"] = str(_put(folder / "static_transforms.yaml", text.encode()))
     answer = replace(answer, files=files)
     if request.page:
         from calibench.bench.calibration.page import write_page  # drawings take half a second to load

@@ -1,9 +1,16 @@
 """A calibration in words: the headline, further sentences, and the cells of its tables."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from math import degrees, isfinite
+from typing import TYPE_CHECKING
 
 from calibench.calibration.calibrate import Calibration
 from calibench.core.words import plain
+
+if TYPE_CHECKING:
+    from calibench.calibration.hand_eye import Frame
 
 LEVEL_WORDS = {
     "frames": "nothing (base and target only)", "zeros": "joint zeros", "geometry": "zeros, lengths, angles",
@@ -36,6 +43,7 @@ def sentences(answer: Calibration) -> list[str]:
     """Return the sentences after the headline."""
     loci, read = answer.readings.loci, answer.readings.position
     what = _SHORT[answer.observed] if loci is None or read is None else loci.words(read)
+    what = what if answer.camera is None else "the board's pose in the camera"
     lines = [
         f"{answer.poses} poses of {len(answer.joints)} joints, {what} read, {answer.base} to "
         f"{answer.tip}; {answer.folds}"
@@ -86,3 +94,37 @@ def rows_of_changes(answer: Calibration) -> list[list[str]]:
         low, high = change.ci95
         rows.append([change.joint, change.what, by, f"{size * low:+.3f} to {size * high:+.3f}"])
     return rows
+
+
+def rows_of_frame(frame: Frame) -> list[list[str]]:
+    """Return number, value, standard error and interval of a frame: place, quaternion, turns in the parent."""
+    rows = []
+    places = zip("xyz", frame.position, frame.position_se, frame.position_ci95, strict=True)
+    for name, value, error, (low, high) in places:
+        rows.append([f"{name} [mm]", f"{value:.3f}", plain(error, 2), f"{low:.3f} to {high:.3f}"])
+    quaternion = zip(
+        ("qx", "qy", "qz", "qw"), frame.quaternion, frame.quaternion_se, frame.quaternion_ci95, strict=True
+    )
+    for name, value, error, (low, high) in quaternion:
+        rows.append([name, f"{value:.6f}", plain(error, 2), f"{low:.6f} to {high:.6f}"])
+    for name, error, within in zip("xyz", frame.turn_se, frame.turn_within95, strict=True):
+        about = f"turn about {name} of {frame.parent} [°]"
+        rows.append([about, "", plain(degrees(error), 2), f"±{plain(degrees(within), 2)}"])
+    return rows
+
+
+def transforms_text(head: str, frames: Sequence[Frame]) -> str:
+    """Return frames for ROS, in metres, each with the command that publishes it."""
+    lines = [f"# {head}; metres", "transforms:"]
+    for frame in frames:
+        x, y, z = (f"{value / 1000 + 0.0:.7f}" for value in frame.position)
+        qx, qy, qz, qw = (f"{value + 0.0:.8f}" for value in frame.quaternion)
+        lines += [
+            f"  - parent: {frame.parent}",
+            f"    child: {frame.child}",
+            f"    translation: {{x: {x}, y: {y}, z: {z}}}",
+            f"    rotation: {{x: {qx}, y: {qy}, z: {qz}, w: {qw}}}",
+            f"    command: ros2 run tf2_ros static_transform_publisher --x {x} --y {y} --z {z} --qx {qx} --qy {qy}"
+            f" --qz {qz} --qw {qw} --frame-id {frame.parent} --child-frame-id {frame.child}",
+        ]
+    return "\n".join([*lines, ""])

@@ -1,6 +1,7 @@
 """``bench calibrate``: an arm's URDF, or its table, and readings in; the calibrated one, its errors and a page out.
 
-``bench calibrate hand_eye=...``: poses of a flange and a board in; the frames of camera and board out.
+``bench calibrate hand_eye=...``: poses of a flange and a board in; the frames of camera and board out. With ``urdf=``
+and joints in the place of the flange: all of it in one fit.
 """
 
 from __future__ import annotations
@@ -10,18 +11,19 @@ from math import degrees, isfinite
 from typing import TYPE_CHECKING
 
 from calibench.bench.calibration.request import read_calibrate, write_calibration
-from calibench.bench.calibration.words import headline, level_rows, rows_of_changes, sentences
+from calibench.bench.calibration.words import headline, level_rows, rows_of_changes, rows_of_frame, sentences
 from calibench.bench.commands.console import print_end, print_table
 from calibench.bench.words import split_flags
 from calibench.core.words import plain, print_plain as print
 
 if TYPE_CHECKING:
-    from calibench.calibration.hand_eye import Outlier, Residual
+    from calibench.calibration.hand_eye import Frame, Outlier, Residual
 
 
 def run(argv: list[str]) -> int:
     flags, words = split_flags(argv, ("--json",))
-    if any(word.partition("=")[0] == "hand_eye" for word in words):
+    keys = {word.partition("=")[0] for word in words}
+    if "hand_eye" in keys and not keys & {"urdf", "dh", "machine.urdf", "machine.dh"}:
         return calibrate_camera(words, "--json" in flags)
     request = read_calibrate(words)
     result = write_calibration(request.carry_out(), request)
@@ -39,6 +41,8 @@ def run(argv: list[str]) -> int:
     if result.changes:
         print(f"\nwhat changes in the {result.source}")
         print_table(["joint", "what", "by", "95 %"], rows_of_changes(result))
+    if result.camera is not None and result.board is not None:
+        _print_frames(result.camera, result.board)
     wild = [f"{one.row} ({plain(one.error, 3)} mm)" for one in result.wild]
     print_end("wild readings", wild, result.notes, result.files.values())
     return 0
@@ -74,25 +78,16 @@ def calibrate_camera(words: list[str], as_json: bool) -> int:
     if result.closed_forms:
         away = ", ".join(f"{form.name} {form.size()}" for form in result.closed_forms)
         print(f"  closed forms of all pairs have the camera away by: {away}")
-    for frame in (result.camera, result.board):
-        print(f"\n{frame.child} in {frame.parent}")
-        # a row for each number: place [mm], turns about the parent's axes [°], quaternion
-        rows = []
-        places = zip("xyz", frame.position, frame.position_se, frame.position_ci95, strict=True)
-        for name, value, error, (low, high) in places:
-            rows.append([f"{name} [mm]", f"{value:.3f}", plain(error, 2), f"{low:.3f} to {high:.3f}"])
-        quaternion = zip(
-            ("qx", "qy", "qz", "qw"), frame.quaternion, frame.quaternion_se, frame.quaternion_ci95, strict=True
-        )
-        for name, value, error, (low, high) in quaternion:
-            rows.append([name, f"{value:.6f}", plain(error, 2), f"{low:.6f} to {high:.6f}"])
-        for name, error, within in zip("xyz", frame.turn_se, frame.turn_within95, strict=True):
-            about = f"turn about {name} of {frame.parent} [°]"
-            rows.append([about, "", plain(degrees(error), 2), f"±{plain(degrees(within), 2)}"])
-        print_table(["", "value", "standard error", "95 %"], rows)
+    _print_frames(result.camera, result.board)
     pairs = [f"{one.row} ({_size(one)})" for one in result.outliers]
     print_end("outlying pairs", pairs, result.notes, result.files.values())
     return 0
+
+
+def _print_frames(*frames: Frame) -> None:
+    for frame in frames:
+        print(f"\n{frame.child} in {frame.parent}")
+        print_table(["", "value", "standard error", "95 %"], rows_of_frame(frame))
 
 
 def _size(left: Residual | Outlier) -> str:

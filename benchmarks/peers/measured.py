@@ -56,6 +56,7 @@ TABLES = (
     Table("report", "a report of 10 000 runs", 3, False),
     Table("calibration", "calibrating the planar robot from 300 poses", 7, True, {"options": _POSES}),
     Table("arm", "calibrating an arm of six joints from 300 poses", 5, True),
+    Table("arms", "calibrating three makers' arms from 120 places each", 1, True),
     Table("hand_eye", "a camera on a hand from 40 pairs of poses", 5, True, group="cameras"),
     Table("hand_eye_wild", "the same, four of the pairs wrong by 30 mm on each axis", 5, True, group="cameras"),
     Table("reading", "reading a run into pandas", 3, False),

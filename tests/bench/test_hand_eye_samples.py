@@ -131,7 +131,7 @@ def test_each_file_gives_what_the_table_of_the_same_pairs_gives(bench, tmp_path,
 
 def test_arrays_without_a_unit_are_refused_with_what_to_state(bench, tmp_path):
     opencv(tmp_path / "opencv.npz")
-    assert "flange_x, flange_y, flange_z: no unit is stated" in bench("data=opencv.npz", code=2)
+    assert "flange_z, board_x, board_y, board_z: no unit is stated" in bench("data=opencv.npz", code=2)
 
 
 BOMB = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import arm6
+import arms3
 from answering import answer, timed
 
 _SETTINGS = """
@@ -64,7 +65,67 @@ def _arm(work: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = {"arm": {"FIGAROH": _arm}}
+def _fitted(folder: str, name: str) -> Any:
+    import numpy as np
+    import pandas as pd
+    from figaroh.calibration.base_calibration import BaseCalibration
+    from figaroh.calibration.calibration_tools import calc_updated_fkm
+
+    q, seen = arms3.read(folder, name)
+    joints = [f"j{k}" for k in range(1, q.shape[1] + 1)]
+    pd.DataFrame(np.hstack([seen, q]), columns=["x1", "y1", "z1", *joints]).to_csv(f"{folder}/figaroh.csv", index=False)
+    settings = _SETTINGS.replace("FILE", f"{folder}/figaroh.csv").replace("l7", f"l{len(joints) + 1}")
+    settings = settings.replace("number_of_samples: 300", f"number_of_samples: {len(q)}")
+    Path(f"{folder}/figaroh.yaml").write_text(settings.replace("[j1, j2, j3, j4, j5, j6]", f"[{', '.join(joints)}]"))
+
+    class Arm(BaseCalibration):  # type: ignore[misc]
+        def cost_function(self, var: Any) -> Any:
+            there = calc_updated_fkm(self.model, self.data, var, self.q_measured, self.calib_config)
+            return self.apply_measurement_weighting(self.PEE_measured - there)
+
+    arm = Arm(_opened(f"{folder}/{name}.urdf"), f"{folder}/figaroh.yaml")
+    arm.calib_config.update(known_baseframe=True, known_tipframe=False)
+    arm.initialize()
+    arm.solve(enable_logging=False)
+    return lambda fresh: (
+        calc_updated_fkm(
+            arm.model, arm.data, arm.LM_result.x, np.asarray(fresh), {**arm.calib_config, "NbSample": len(fresh)}
+        )
+        .reshape(3, -1)
+        .T
+    )
+
+
+def _opened(path: str) -> Any:
+    from figaroh.tools.robot import Robot
+
+    return Robot(path, package_dirs=str(Path(path).parent))
+
+
+def _arms(work: Mapping[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+
+    def calibrated() -> int:
+        for name in arms3.NAMES:
+            try:
+                found[name] = _fitted(work["arms"], name)
+            except Exception as error:
+                found[name] = error
+        return 3
+
+    def of(name: str) -> Any:
+        if isinstance(found[name], Exception):
+            raise found[name]
+        return found[name]
+
+    taken = timed(calibrated)
+    return {**taken, "note": arms3.told(work["arms"], of, _fitted, _opened)}
+
+
+LINES: dict[str, dict[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]] = {
+    "arm": {"FIGAROH": _arm},
+    "arms": {"FIGAROH": _arms},
+}
 
 if __name__ == "__main__":
     answer(LINES)

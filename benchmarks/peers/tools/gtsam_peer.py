@@ -1,4 +1,4 @@
-"""GTSAM: a camera on a hand as a graph of factors with two unknown poses, robust or not."""
+"""GTSAM: a camera on a hand as a graph of factors with two unknown poses, robust or not; an arm as one factor."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
+import arms3
 import numpy as np
 import pairs40
 from answering import answer, timed
@@ -51,10 +52,50 @@ def _hand_eye(robust: bool, wild: bool, work: Mapping[str, Any]) -> dict[str, An
     return {**timed(calibrated), "note": pairs40.told(found[0], _solve)}
 
 
+def _fitted(folder: str, name: str) -> Any:
+    import gtsam
+
+    (q, seen), urdf = arms3.read(folder, name), f"{folder}/{name}.urdf"
+    size = 6 * q.shape[1] + 3  # placements, and the tool that is off by millimetres
+
+    def off(x: Any) -> Any:
+        return (_placed(urdf, x, q) - seen).ravel() / 3e-5
+
+    def error(_: Any, values: Any, slopes: Any) -> Any:
+        x = values.atVector(0)
+        if slopes is not None:
+            slopes[0] = np.array([(off(x + step) - off(x - step)) / 2e-6 for step in 1e-6 * np.eye(size)]).T
+        return off(x)
+
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.add(gtsam.CustomFactor(gtsam.noiseModel.Unit.Create(seen.size), [0], error))
+    sigmas = np.array([*[1e-3, 1e-3, 1e-3, 5e-3, 5e-3, 5e-3] * q.shape[1], 0.01, 0.01, 0.01])
+    graph.add(gtsam.PriorFactorVector(0, np.zeros(size), gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
+    values.insert(0, np.zeros(size))
+    x = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize().atVector(0)
+    return lambda q: _placed(urdf, x, q)
+
+
+def _placed(urdf: str, x: Any, q: Any) -> Any:
+    return arms3.positions(urdf, x[:-3].reshape(-1, 6), q, x[-3:])
+
+
+def _arms(work: Mapping[str, Any]) -> dict[str, Any]:
+    found: list[Any] = []
+
+    def calibrated() -> int:
+        found.extend(_fitted(work["arms"], name) for name in arms3.NAMES)
+        return 3
+
+    taken = timed(calibrated)
+    by_name = dict(zip(arms3.NAMES, found, strict=True))
+    return {**taken, "note": arms3.told(work["arms"], by_name.__getitem__, _fitted, None)}
+
+
 LINES = {
     table: {"GTSAM": partial(_hand_eye, False, wild), "GTSAM, Cauchy": partial(_hand_eye, True, wild)}
     for table, wild in (("hand_eye", False), ("hand_eye_wild", True))
-}
+} | {"arms": {"GTSAM, prior of 1 mm": _arms}}
 
 if __name__ == "__main__":
     answer(LINES)

@@ -33,11 +33,21 @@ def _hand_eye(method: str, wild: bool, work: Mapping[str, Any]) -> dict[str, Any
     return {**timed(calibrated), "note": pairs40.told(found[0], _solve)}
 
 
+def _sequence(work: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the frames (4, 4) [m] of what sits on the hand in a sequence, by each method."""
+    poses = np.load(f"{work['folder']}/motions.npz")
+    found = {}
+    for name, method in _METHODS.items():
+        made = _solve(method, poses["flange"], poses["seen"])
+        found[f"OpenCV, {name}"] = made.tolist() if np.isfinite(made).all() else None
+    return {"found": found}
+
+
 _METHODS = {"Tsai": "TSAI", "Park": "PARK", "Daniilidis": "DANIILIDIS"}
 LINES = {
     table: {f"OpenCV, {name}": partial(_hand_eye, method, wild) for name, method in _METHODS.items()}
     for table, wild in (("hand_eye", False), ("hand_eye_wild", True))
-}
+} | {"sequences": {"OpenCV": _sequence}}
 
 if __name__ == "__main__":
     answer(LINES)
