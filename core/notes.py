@@ -75,7 +75,7 @@ class Code(StrEnum):
     ROWS_WILD = "rows_wild", "rows that lie where no reading of the machine can are left out"
     ROWS_EQUAL = "rows_equal", "rows are the same in every column, as chance makes them on a coarse scale, or copies"
     ROWS_SAID_TWICE = "rows_said_twice", "rows that were there before are taken as repeats"
-    ROWS_THINNED = "rows_thinned", "a formula was looked for on some of very many rows, and fitted to all of them"
+    ROWS_THINNED = "rows_thinned", "of very many rows some are searched, and the others held out"
     ROWS_FITTED = "rows_fitted", "rows without a word in the column of held-out rows are fitted"
     TIME_BACKWARDS = "time_backwards", "the time runs backwards, and rows are taken in its order"
     TIME_REPEATED = "time_repeated", "rows share a time stamp, so that nothing in time falls between them"

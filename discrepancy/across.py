@@ -23,7 +23,7 @@ from calibench.discrepancy.model.machine import Machine, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.model import Model, signature
 from calibench.discrepancy.model.roles import roles_of
-from calibench.discrepancy.procedure import calibrated, in_order
+from calibench.discrepancy.procedure import calibrated, in_order, searched
 from calibench.discrepancy.report import Amplitude, Carried, CarriedVerdict, Caution, Doubt, Finding, Report
 from calibench.discrepancy.search.form import forms_of
 from calibench.discrepancy.search.select import delta_bic
@@ -168,7 +168,7 @@ def _expected(finding: Finding, first: Fit) -> _Expected | None:
 def _in_another(findings: Sequence[Finding], first: Fit, machine: Machine, other: MeasuredData) -> list[Carried]:
     """Return what one other set says of each finding."""
     whole = validate(machine, listen(other)[0], in_order)
-    fitted = calibrated(whole, np.ones(len(whole.data), dtype=bool))
+    fitted = calibrated(whole, searched(whole.data, np.ones(len(whole.data), dtype=bool)))
     base, known = fitted.base, catalogue(fitted.whole)
     rows: list[Carried] = []
     testable: list[_Expected] = []
@@ -223,7 +223,7 @@ def _refitted(expected: Sequence[_Expected], base: Fit, of_run: Sequence[Effect]
     own: tuple[Effect, ...] = ()
     for name in dict.fromkeys(map(name_of, of_run)):
         on = projected_scores(joint)
-        scored = [s for s, _ in score_all(joint, on, [e for e in of_run if name_of(e) == name], bases=False)]
+        scored = [s for s, _ in score_all(joint, on, [e for e in of_run if name_of(e) == name], sums=True)]
         best = max(scored, key=lambda s: delta_bic(s, on))
         more = (*own, best.effect)
         if delta_bic(best, on) > 0 and np.isfinite((beside := _beside(base, held, more)).cost):

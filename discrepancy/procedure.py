@@ -21,6 +21,7 @@ from calibench.discrepancy.fitting.fit import (
     PLACE,
     Fit,
     ResidualProblem,
+    at_any_scale,
     fit,
     fit_from_several,
     keeping_fits,
@@ -47,6 +48,7 @@ from calibench.discrepancy.search.standing import renewed
 from calibench.discrepancy.search.stepwise import (
     Selection,
     held_by_order,
+    is_calm,
     judge,
     select_stepwise,
     with_alternatives,
@@ -60,6 +62,7 @@ GAP_OF_FITTED = (
     "the fitted readings"
 )
 _LEARNED = 3  # times that unknown noise is learned again at most: names and noise settle together, or never
+_STRETCH = 20  # rows that follow each other, which are searched all or not at all
 _OTHERS = (0.5, 2.0)  # times the stated noise: the search is repeated there where no repeats tell the noise
 
 
@@ -86,7 +89,8 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
     data, asked = listen(data)
     whole = validate(machine, data, in_order)
     split = np.asarray(whole.data["split"]) if whole.data.has("split") else np.full(len(whole.data), "train")
-    hold = split == "hold"
+    hold = ~searched(whole.data, split != "hold")
+    thinner = _note_of_rows(int((split != "hold").sum()), int((~hold).sum()))
     # fit: the machine without effects, under the noise that repeats show
     parameters = {p.name: p for p in whole.parameters}
     first = calibrated(whole, ~hold)
@@ -145,8 +149,10 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         gap=gap, lone=lone, standing=standing, no_noise=first.no_noise,
     )  # fmt: skip
     # the notes of the data as they hold now that the search is done
-    of_data = []
+    of_data = list(thinner)
     for note in whole.data.notes:
+        if note.code is Code.NOT_HELD_OUT and thinner:
+            continue
         if note.code is Code.NOT_HELD_OUT and not gap.cross_validated:
             note = Note(Code.GAP_OF_FITTED, GAP_OF_FITTED)
         if note.code is Code.NOISE_LEARNED and base.noise.from_repeats:
@@ -168,6 +174,35 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         fitted=reports.Fitted(ResidualProblem(final.model, final), ResidualProblem(base.model, base), machine),
         seconds=time.process_time() - began,
     )  # fmt: skip
+
+
+def searched(data: MeasuredData, fitted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which rows of those to be `fitted`, (n,), a search fits: of very many some, the others tell the error.
+
+    An effect that matters is far beyond chance in a few thousand rows. Poses stay whole, and so do stretches of rows
+    that follow each other where no poses are told: repeats, and noise that is carried on, are in both.
+    """
+    rows, most = np.flatnonzero(fitted), current_thresholds().searched_rows
+    if len(rows) <= most:
+        return fitted
+    name = next((name for name in ("shared_id", "pose_id", "visit_id") if data.has(name)), None)
+    group = np.arange(len(rows)) // _STRETCH
+    if name is not None:
+        _, first, own = np.unique(np.asarray(data[name])[rows], return_index=True, return_inverse=True)
+        if np.bincount(own).max() <= most / _STRETCH:
+            group = np.argsort(np.argsort(first))[own]  # in the order in which they were met
+    count = int(group.max()) + 1
+    chosen = np.linspace(0, count - 1, max(1, count * most // len(rows))).round().astype(int)
+    some = np.zeros(len(fitted), dtype=bool)
+    some[rows[np.isin(group, chosen)]] = True
+    return some
+
+
+def _note_of_rows(rows: int, kept: int) -> tuple[Note, ...]:
+    if kept == rows:
+        return ()
+    text = f"{kept} of {rows} rows, spread over the run, were fitted and searched; the others are held out"
+    return (Note(Code.ROWS_THINNED, text, values={"kept": kept, "rows": rows}),)
 
 
 def _note_of_thinned(base: Fit) -> tuple[Note, ...]:
@@ -300,8 +335,8 @@ def _selected(
     share = carried(found.fit) if found.alarm and base.noise.profiled and not base.noise.autocorrelation else 0.0
     if share:
         there = fit(model, replace(base.noise, autocorrelation=share), base.x)
-        calm = select_stepwise(there, candidates, terms, rng, level)
-        if not calm.alarm:
+        if is_calm(there, candidates, terms, rng, level):
+            calm = select_stepwise(there, candidates, terms, rng, level)
             text = f"no pose is read again; {100 * share:.0f} % of the noise is taken to be carried on"
             return calm, there, suspects, (*notes, Note(Code.NOISE_CARRIED, text, values={"part": share}))
     # repeats that were approached from both sides differ by the play of a joint, which looks like wild readings: a
@@ -323,7 +358,7 @@ def _selected(
         base = fit(model, noise, base.x)
         found = select_stepwise(base, candidates, terms, rng, level)
     for _ in range(_LEARNED if unknown_noise_of(base.model.formulation) else 0):
-        verdict, _, standing = judge(found, base, terms, suspects, level)
+        verdict, _, standing = judge(found, base, terms, suspects, level, doubts=False)
         if verdict == "unknown" or not found.sets or found.fit.exact:
             break
         formulation, noise, notes_now = learned_beside(standing.fit, suspects)
@@ -402,8 +437,9 @@ def _at_other_noise(
     others = []
     for factor in _OTHERS:
         at = replace(base, noise=replace(base.noise, scale=factor * base.noise.scale))
-        found = select_stepwise(at, candidates, terms, np.random.default_rng(seed), level)
-        verdict, findings, _ = judge(found, at, terms, suspects, level)
+        with at_any_scale():
+            found = select_stepwise(at, candidates, terms, np.random.default_rng(seed), level)
+            verdict, findings, _ = judge(found, at, terms, suspects, level)
         others.append(reports.OtherNoise(factor, _short_of(verdict, left, factor), tuple(f.effect for f in findings)))
     return tuple(others)
 

@@ -172,8 +172,6 @@ class Thresholds:
         "on the finding reports the change of size")  # fmt: skip
     along_share: float = _of(0.02, JUDGED, "part of the size", "the same change along the way of the effect's own "
         "carriage, where its formula is a constant")  # fmt: skip
-    linear_hope: float = _of(0.25, JUDGED, "part of the gain", "of very many readings, exact fits are tried only if "
-        "the linear gain reaches this part of the required one")  # fmt: skip
     change_places: int = _of(40, NUMERICAL, "places", "places of a step that are scanned at once")
     change_hopeful: float = _of(0.5, JUDGED, "part of the largest gain", "a step is tried at the places between its "
         "scanned ones only if its gain there is above this part of the largest gain of all candidates; a larger value "
@@ -229,18 +227,9 @@ class Thresholds:
     bootstrap_draws: int = _of(1000, NUMERICAL, "draws", "draws of whole poses, for the interval of the held-out error")
 
     # Very many readings
-    many_readings: int = _of(10_000, NUMERICAL, "readings", "from this number on, a part of the readings is fitted and "
-        "screened first")  # fmt: skip
-    part_readings: int = _of(4000, NUMERICAL, "readings", "readings of that part")
+    searched_rows: int = _of(3000, NUMERICAL, "rows", "that a search fits, spread over the run where there are more: "
+        "in so many an effect of the size `matters` is eight standard errors from nothing")  # fmt: skip
     step_still: float = _of(0.0001, NUMERICAL, "sigma", "rms of the last step of a fit that has converged")
-    step_nearly: float = _of(0.01, NUMERICAL, "sigma", "the same for very many readings, whose next step would be a "
-        "thousandth of it")  # fmt: skip
-    behind_errors: float = _of(6.0, JUDGED, "standard errors", "a candidate is screened out only if it is behind the "
-        "best by at least this many standard errors")  # fmt: skip
-    behind_share: float = _of(0.03, JUDGED, "part of the gain", "part of the best gain by which it must be behind as "
-        "well")  # fmt: skip
-    behind_share_placed: float = _of(0.2, JUDGED, "part of the gain", "the same part for a step, because its place is "
-        "refined later")  # fmt: skip
 
 
 THRESHOLDS = Thresholds()

@@ -177,8 +177,13 @@ def held_out(
     counts = np.bincount(poses).astype(float)
     k = len(counts)
     few, draws = k <= 5000, thresholds().bootstrap_draws
-    drawn = rng.multinomial(k, np.full(k, 1 / k), size=draws) if few else rng.poisson(1.0, (200, k))
-    logs = 0.5 * np.log(np.maximum((drawn @ squares) / np.maximum(drawn @ counts, 1), 1e-300))
+    if few:
+        drawn = rng.multinomial(k, np.full(k, 1 / k), size=draws)
+        sums = drawn @ squares, drawn @ counts
+    else:  # one after the other: all of them would take gigabytes
+        both = np.column_stack([squares, counts])
+        sums = tuple(np.array([rng.poisson(1.0, k) @ both for _ in range(200)]).T)
+    logs = 0.5 * np.log(np.maximum(sums[0] / np.maximum(sums[1], 1), 1e-300))
     with np.errstate(divide="ignore"):  # readings that are met exactly: 0 with the interval 0 to 0
         middle = np.log(root(after))
     spread = float(np.hypot(np.std(logs) * np.sqrt(k / max(k - 1, 1)), common))

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import chdtri, chndtr, fdtrc
 
-from calibench.discrepancy.fitting.fit import Fit, project_off, triangle
+from calibench.discrepancy.fitting.fit import Fit, project_off
 from calibench.discrepancy.model.effect import ChangePoint, Effect, has_free_period, name_of
 from calibench.discrepancy.model.model import signature
 from calibench.discrepancy.thresholds import thresholds
@@ -24,7 +24,6 @@ from calibench.problems.base import Array
 
 _OWN = 0.2  # of a score's variance that calibration must leave, for it to tell the tails of the noise
 _CORE = 1.4826  # standard deviations in the median of absolute values, of Gaussian ones
-_FULL = 1e6  # condition up to which columns are orthonormal after the second time
 _NUMBERS = 4_000_000  # held at once
 
 
@@ -147,14 +146,7 @@ def projected_scores(fit: Fit, spared: bool = False) -> ProjectedScores:
     """Return the scores of a fit, projected off what its Jacobian can absorb; `spared` see `ProjectedScores`."""
     size = np.sqrt((fit.J**2).sum(axis=0))
     size[size == 0] = 1.0
-    A, R = fit.J / size, np.empty(0)
-    many = len(fit.at.misclosure) >= thresholds().many_readings
-    if many and np.linalg.cond(R := triangle(A)) <= _FULL:  # A R^-1, repeated once against rounding
-        Q = A @ np.linalg.inv(R)
-        again = triangle(Q)
-        Q, R = Q @ np.linalg.inv(again), again @ R
-    else:
-        Q, R = np.linalg.qr(A)
+    Q, R = np.linalg.qr(fit.J / size)
     Q = np.asarray(Q[:, np.abs(np.diag(R)) > 1e-10])
     y = fit.noise.scores(fit.r)
     return ProjectedScores(project_off(y, Q), Q, bool(fit.noise.extra), fit.noise.profiled, spared)
@@ -205,13 +197,15 @@ def uncancelled(effect: Effect, fit: Fit) -> float:
 
 def subspaces(on: ProjectedScores, D: Array, least: float | None = None) -> list[Subspace]:
     """Return the parts of K candidates' columns, shape (K, N, k), of which at least `least` is visible."""
-    return [seen for seen, _ in _seen(on, D.transpose(1, 0, 2), thresholds().visible if least is None else least)]
+    least = thresholds().visible if least is None else least
+    return [seen for seen, _ in _seen(on, D.transpose(1, 0, 2), least, bases=True)]
 
 
-def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspace, Array]]:
+def _seen(on: ProjectedScores, D: Array, least: float, bases: bool) -> Iterator[tuple[Subspace, Array]]:
     """Yield for each of K candidates, columns D (N, K, k), the part that is visible, and the scores along it, (2, m).
 
-    The second are those of the `tested` scores. All columns are projected at once, by one product of matrices.
+    The second are those of the `tested` scores. All columns are projected at once, by one product of matrices. A basis
+    has no rows unless `bases` are asked for.
     """
     N, K, k = D.shape
     size = np.sqrt(np.einsum("nkj,nkj->kj", D, D))
@@ -220,7 +214,8 @@ def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspac
     along = (np.stack([on.y, on.tested]) @ left).reshape(2, K, k).transpose(1, 0, 2)
     if k == 1:
         s = np.sqrt(np.einsum("nk,nk->k", left, left))[:, None]
-        W, V, lengths = (left / np.where(s[:, 0] > 0, s[:, 0], 1.0)).reshape(N, K, 1), np.ones((K, 1, 1)), s
+        W, V, lengths = left.reshape(N, K, 1), np.ones((K, 1, 1)), s
+        W = W / np.where(s > 0, s, 1.0) if bases else W[:0]
     else:
         # by the Gram matrices, in which the square of the least that is kept stands far above rounding
         each = np.ascontiguousarray(left.reshape(N, K, k).transpose(1, 0, 2))
@@ -228,7 +223,7 @@ def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspac
         lengths = np.sqrt(np.diagonal(gram, axis1=1, axis2=2))
         squares, vectors = np.linalg.eigh(gram)
         s, V = np.sqrt(np.maximum(squares[:, ::-1], 0.0)), vectors[:, :, ::-1]
-        W = (each @ V / np.where(s > 0, s, 1.0)[:, None, :]).transpose(1, 0, 2)
+        W = (each @ V / np.where(s > 0, s, 1.0)[:, None, :] if bases else each[:, :0]).transpose(1, 0, 2)
     many, shown = s > least, V / np.where(s > 0, s, 1.0)[:, None, :]
     whole = many.all(axis=1)
     back, z = shown / size[:, :, None], along @ shown
@@ -241,21 +236,22 @@ def _seen(on: ProjectedScores, D: Array, least: float) -> Iterator[tuple[Subspac
 
 
 def score_all(
-    fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: float | None = None, *, bases: bool = True
-) -> list[tuple[Scored, Array]]:
-    """Return the score test of each candidate, and an orthonormal basis (N, m) of its visible part.
+    fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: float | None = None, *, bases: bool = False,
+    sums: bool = False,
+) -> list[tuple[Scored, Array]]:  # fmt: skip
+    """Return the score test of each candidate, and where `bases` are asked for one (N, m) of its visible part.
 
-    From `drawn_rows` rows on bases come without rows, as no noise is drawn in them. Without `bases` so do those of
-    waves, and of all candidates where readings have several constraints: sums run over the readings.
+    From `drawn_rows` rows on bases come without rows, as no noise is drawn in them. By `sums` over the readings so do
+    those of waves, and of all candidates where readings have several constraints.
     """
     least = thresholds().visible if least is None else least
     if len(on.y) >= thresholds().drawn_rows:
         return _by_sums(fit, on, effects, least)
     found: list[tuple[Scored, Array]] = [None] * len(effects)  # type: ignore[list-item]
     wide = fit.at.misclosure.shape[1]
-    summed = [] if bases else [place for place, one in enumerate(effects) if wide > 1 or has_free_period(one)]
-    for place, sums in zip(summed, _by_sums(fit, on, [effects[place] for place in summed], least) if summed else ()):
-        found[place] = sums
+    summed = [place for place, one in enumerate(effects) if sums and (wide > 1 or has_free_period(one))]
+    for place, one in zip(summed, _by_sums(fit, on, [effects[place] for place in summed], least) if summed else ()):
+        found[place] = one
     by_size: dict[int, list[int]] = {}
     for place, effect in enumerate(effects):
         if found[place] is None:
@@ -265,7 +261,7 @@ def score_all(
         for start in range(0, len(places), max(1, most // k)):
             some = places[start : start + max(1, most // k)]
             D = _columns(fit, [effects[place] for place in some])
-            for place, (seen, z) in zip(some, _seen(on, D, least)):
+            for place, (seen, z) in zip(some, _seen(on, D, least, bases)):
                 found[place] = _scored(fit, on, effects[place], seen, z), seen.U
     return found
 

@@ -2,8 +2,7 @@
 
 Slopes taken at the readings carry the noise of the residual they are multiplied with: a bias of order n sigma^2 in
 J^T r. So all slopes are taken at the *adjusted* readings theta - Sigma B^T (B Sigma B^T)^-1 F (Pope 1972), whose
-remaining noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers. Of very many
-readings a part is fitted first; all of them are fitted from where that ends.
+remaining noise does not correlate with the residual. `docs/discovery-statistics.md` has the numbers.
 """
 
 from __future__ import annotations
@@ -113,8 +112,7 @@ class Fit:
         """
         size = np.sqrt((self.J**2).sum(axis=0))
         size[size == 0] = 1.0
-        few = len(self.J) < thresholds().many_readings
-        R = np.linalg.qr(self.J / size, mode="r") if few else triangle(self.J) / size
+        R = np.linalg.qr(self.J / size, mode="r")
         # the root of the information in one whitened residual
         nu = self.noise.t_degrees
         precision = float(np.sqrt((nu + 1) / (nu + 3)) / self.noise.core) if np.isfinite(nu) else self.noise.gain
@@ -135,33 +133,25 @@ def fit(
     """
     x = model.start if start is None else np.asarray(start, dtype=float).copy()
     readings = readings_of(model)
-    many = len(readings) >= thresholds().many_readings
-    if many:
-        x = fit(*part_of(model, noise), start, near=near, steps=steps).x
-    elif start is None or not near:
+    if start is None or not near:
         x = _descend(model, noise, x, readings, steps)
-    adjusted = readings if many or about is None else readings_of(about.at.model)
+    adjusted = readings if about is None else readings_of(about.at.model)
     converged = False
     for _ in range(8):
         at = linearise(model, noise, x, adjusted, readings)
         columns = at.columns
         r, J = at.whiten(at.misclosure), at.whiten(columns)
         step = _step(r, J, noise)
-        if many and np.isfinite(noise.t_degrees):  # a weighted step is shorter than a step by information
-            step = step * ((noise.t_degrees + 3) / (noise.t_degrees + 1))
-        # else until the weights of heavy-tailed noise no longer change; slopes are kept
-        for _ in range(_REWEIGHTED if np.isfinite(noise.t_degrees) and not many else 0):
+        # until the weights of heavy-tailed noise no longer change; slopes are kept
+        for _ in range(_REWEIGHTED if np.isfinite(noise.t_degrees) else 0):
             further = _step(r + J @ step, J, noise)
             step = step + further
             if not np.sqrt(np.mean((J @ further) ** 2)) >= thresholds().step_still * noise.scale:
                 break
         x = x + step
         left, moved = at.misclosure + columns @ step, J @ step
-        last = thresholds().step_nearly if many and not np.isfinite(noise.t_degrees) else thresholds().step_still
-        still = bool(np.sqrt(np.mean(moved**2)) < last * noise.scale)
+        still = bool(np.sqrt(np.mean(moved**2)) < thresholds().step_still * noise.scale)
         converged = still and adjusted is not readings  # slopes at the unadjusted readings do not decide convergence
-        if converged and many:  # another evaluation of the slopes would change x by the square of the step only
-            return Fit(model, x, noise, replace(at, misclosure=left).lean, r + moved, J, converged)
         adjusted = readings - _noise_of(at, left, noise)
         if converged:
             break
@@ -189,12 +179,6 @@ def wider(found: Fit, extra: Mapping[str, Array]) -> Fit:
         for one in (found.model, found.at.model)
     )
     return replace(found, model=model, at=replace(found.at, model=there))
-
-
-def part_of(model: Model, noise: Noise) -> tuple[Model, Noise]:
-    """Return the model and the noise of a random part of very many readings, the same at every call."""
-    n = len(model.formulation.data)
-    return _of_rows(model, noise, np.sort(np.random.default_rng(0).choice(n, thresholds().part_readings, False)))
 
 
 def _of_rows(model: Model, noise: Noise, some: NDArray[np.int_]) -> tuple[Model, Noise]:
@@ -469,6 +453,7 @@ class _End:
 
 
 _ENDS: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("ends", default=None)
+_ANY_SCALE: ContextVar[bool] = ContextVar("any scale", default=False)
 
 
 @contextmanager
@@ -479,6 +464,16 @@ def keeping_fits() -> Iterator[None]:
         yield
     finally:
         _ENDS.reset(before)
+
+
+@contextmanager
+def at_any_scale() -> Iterator[None]:
+    """Inside the block, a fit that `fit_once` remembers ends where it ended, whatever the scale of its noise was."""
+    before = _ANY_SCALE.set(True)
+    try:
+        yield
+    finally:
+        _ANY_SCALE.reset(before)
 
 
 def made_once(of: tuple[Any, ...], make: Callable[[], Fit]) -> Fit:
@@ -499,9 +494,10 @@ def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, abo
     With Gaussian noise the scale changes neither the minimum nor the steps towards it, only the tolerance. So where a
     fit ended is kept, without its arrays: one further step from there shows whether the fit at another scale would have
     ended there too. A fit that did not converge near its start under a wider noise does not do so under a narrower one.
+    Where only names are asked for (`at_any_scale`), no further step is.
     """
-    ends, readings = _ENDS.get(), readings_of(model)
-    if ends is None or np.isfinite(noise.t_degrees) or len(readings) >= thresholds().many_readings:
+    ends = _ENDS.get()
+    if ends is None or np.isfinite(noise.t_degrees):
         return fit(model, noise, start, near=near, about=about)
     digest = blake2b(digest_size=16)
     if about is not None:
@@ -511,10 +507,10 @@ def fit_once(model: Model, noise: Noise, start: Array, *, near: bool = True, abo
     alive = (model.formulation, *model.effects, *noise.extra.values())
     key = (*map(id, alive), *noise.extra, noise.autocorrelation, near, start.tobytes(), digest.digest())
     end = ends.get(key)
-    walked = end is not None and (end.scale == noise.scale or (near and end.scale > noise.scale))
-    if end is not None and (end.converged or walked):
+    same = end is not None and (_ANY_SCALE.get() or end.scale == noise.scale)
+    if end is not None and (end.converged or same or (near and end.scale > noise.scale)):
         found = fit_at(model, noise, end.x, end.adjusted, end.converged)
-        if not end.converged or end.scale == noise.scale or rests(found):
+        if not end.converged or same or rests(found):
             return found
     found = fit(model, noise, start, near=near, about=about)
     ends[key] = _End(found.x, readings_of(found.at.model), noise.scale, found.converged, alive)

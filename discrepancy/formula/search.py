@@ -10,7 +10,7 @@ do; beside it these may take what it leaves.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, combinations
+from itertools import combinations
 from math import nan
 from typing import final
 
@@ -136,6 +136,7 @@ def _answer_of(ground: Fit, whole: Formulation, seed: int, again: bool = True) -
     search, about = _Search(thinned(ground), whole), ground
     while True:
         found = search.best(np.random.default_rng(seed))
+        search.forget()
         if found is None:
             return None
         best, rivals = found
@@ -163,12 +164,11 @@ def _predicts(ground: Fit, best: _Found, whole: Formulation, free: Sequence[Smoo
     """Return whether a formula searched for on three of four poses predicts the others better than smooth functions.
 
     Both are found anew, as what was chosen on all rows has seen the rows left out; surely better, unless it is of the
-    structure of the `best` of all rows. From very many rows on, it is not asked: what is chosen among that many is
-    hardly chance.
+    structure of the `best` of all rows.
     """
     formulation, noise = ground.model.formulation, ground.noise
     out = folds(formulation.data, _PARTS) == _PARTS - 1
-    if len(out) >= thresholds().many_readings or not out.any():
+    if not out.any():
         return True
     plain = Noise(noise.scale, noise.autocorrelation, noise.t_degrees, profiled=noise.profiled)
     part = fit(Model(formulation.on(formulation.data.rows(~out)), ground.model.effects), plain, ground.x)
@@ -280,7 +280,8 @@ class _Search:
         # of each product, the rows of the table that it multiplies, (m, 2)
         self.factors = np.array([[place[a] for a in p] + [0] * (2 - len(p)) for p in self.products]).reshape(-1, 2)
         self.held: dict[bytes, Array] = {}
-        self.weights: dict[str, tuple[Array, Array]] = {}
+        self.weights: dict[str, tuple[Array, Array | None]] = {}
+        self.by_row: tuple[ProjectedScores, Array | None, Array] | None = None
         self.pulls: dict[str, tuple[ProjectedScores, Array]] = {}
         self.lengths: dict[tuple[str, int], tuple[Array, Array]] = {}
         single = len(every) * len(self.own)
@@ -403,20 +404,27 @@ class _Search:
 
     # score tests
 
-    def _weights(self, quantity: str) -> tuple[Array, Array] | None:
-        """Return the whitened signature W of a change in each row, and what W'W is; None where neither fits in memory.
+    def _weights(self, quantity: str) -> tuple[Array, Array | None]:
+        """Return what a change in each row adds to the scores `_by_row`, (n, c), and its square, (n,).
 
-        Where each row's noise is its own these are (n, c), and (n,) of a diagonal; else (N, n) and (n, n).
+        There is no square where the noise of rows hangs together: the length of a column is then that of its signature.
         """
         if quantity not in self.weights:
-            n, slope = len(self.data), self.fit.at.slopes[quantity]
-            if self.apart:
-                white = self.fit.at.whiten(slope).reshape(slope.shape)
-                self.weights[quantity] = white, np.einsum("nc,nc->n", white, white)
-            elif n * slope.size <= _NUMBERS // 4:
-                white = signatures(self.fit, {quantity: np.eye(n)})
-                self.weights[quantity] = white, white.T @ white
-        return self.weights.get(quantity)
+            slope = self.fit.at.slopes[quantity]
+            white = self.fit.at.whiten(slope).reshape(slope.shape) if self.apart else slope
+            self.weights[quantity] = white, np.einsum("nc,nc->n", white, white) if self.apart else None
+        return self.weights[quantity]
+
+    def _by_row(self, on: ProjectedScores, extra: Array | None) -> Array:
+        """Return Q and y, and `extra` scores, as products with them are taken row by row, (n, c, t)."""
+        kept = self.by_row
+        if kept is None or kept[0] is not on or kept[1] is not extra:
+            targets = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])])
+            n, c = self.fit.at.misclosure.shape
+            rows = targets.reshape(n, c, -1)
+            kept = on, extra, rows if self.apart else self.formulation.decorrelate(self.fit.at.whiten.back(rows))
+            self.by_row = kept
+        return kept[2]
 
     def column_of(self, term: Term) -> Array:
         """Return the whitened signature of a unit of each size of a term, (N, k)."""
@@ -429,11 +437,10 @@ class _Search:
         self, on: ProjectedScores, quantity: str, blocks: Iterable[tuple[Array, int]], extra: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Return T, rank and, of `extra` scores (N, d), the largest T, of columns (n, m) that go k by k together."""
-        p = on.Q.shape[1]
-        targets = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])])
+        p, pull = on.Q.shape[1], self._pull(quantity, on, extra)
         T, ranks, most = [], [], np.zeros(0 if extra is None else extra.shape[1])
         for V, k in blocks:
-            across, gram = self._across(quantity, V, k, on, targets)
+            across, gram = V.T @ pull, self._grams(quantity, V, k)
             if k == 1:
                 each, rank = _of_one(gram[:, 0, 0], (across[:, :p] ** 2).sum(axis=1), across[:, p:])
             else:
@@ -451,26 +458,24 @@ class _Search:
                 most = np.maximum(most, each[:, 1:].max(axis=0))
         return np.concatenate([np.zeros(0), *T]), np.concatenate([np.zeros(0, dtype=int), *ranks]), most
 
-    def _across(self, quantity: str, V: Array, k: int, on: ProjectedScores, targets: Array) -> tuple[Array, Array]:
-        """Return products of the whitened columns of V, (n, m), with targets (N, t), and k by k with each other."""
-        known, v = self._weights(quantity), V.reshape(len(V), -1, k).transpose(1, 2, 0)
-        if known is None:
+    def _grams(self, quantity: str, V: Array, k: int) -> Array:
+        """Return the products of whitened columns, of changes V (n, m), k by k with each other, (m / k, k, k)."""
+        square = self._weights(quantity)[1]
+        if square is None:
             D = signatures(self.fit, {quantity: V})
-            d = D.reshape(len(D), -1, k)
-            return D.T @ targets, np.einsum("nmi,nmj->mij", d, d)
-        pull, square = self._pull(quantity, on, targets), known[1]
+            d = D.reshape(len(D), -1, k).transpose(1, 2, 0)
+            return np.asarray(d @ d.transpose(0, 2, 1))
         if k == 1:
-            return V.T @ pull, (square @ V**2 if square.ndim == 1 else (V * (square @ V)).sum(axis=0))[:, None, None]
-        other = v * square if square.ndim == 1 else v @ square
-        return V.T @ pull, other @ v.transpose(0, 2, 1)
+            return np.asarray(square @ V**2)[:, None, None]
+        v = V.reshape(len(V), -1, k).transpose(1, 2, 0)
+        return np.asarray((v * square) @ v.transpose(0, 2, 1))
 
-    def _pull(self, quantity: str, on: ProjectedScores, targets: Array) -> Array:
-        """Return what each row adds to products with targets (N, t), (n, t); that of Q and y is kept."""
+    def _pull(self, quantity: str, on: ProjectedScores, extra: Array | None) -> Array:
+        """Return what each row adds to products with Q and y, and `extra` scores, (n, t); that of Q and y is kept."""
         last, t = self.pulls.get(quantity), on.Q.shape[1] + 1
-        if targets.shape[1] == t and last is not None and last[0] is on:
+        if extra is None and last is not None and last[0] is on:
             return last[1]
-        white = self.weights[quantity][0]
-        pull = np.einsum("nc,nct->nt", white, targets.reshape(*white.shape, -1)) if self.apart else white.T @ targets
+        pull = np.einsum("nc,nct->nt", self._weights(quantity)[0], self._by_row(on, extra))
         self.pulls[quantity] = on, pull[:, :t]
         return np.asarray(pull)
 
@@ -482,15 +487,12 @@ class _Search:
         Lengths, and what calibration absorbs of them, are the same beside any terms and are computed once.
         """
         own, waves = self.own[quantity], self._blocks_of([Term(quantity, wave) for wave in self.waves])
-        if (known := self._weights(quantity)) is None:
-            return self.scan(on, quantity, chain(((V.T, 1) for _, V in self._values(own)), waves), extra)
-        targets = np.column_stack([on.Q, on.y, *([extra] if extra is not None else [])])
-        pull, square, p = self._pull(quantity, on, targets), known[1], self.first.Q.shape[1]
+        pull, square, p = self._pull(quantity, on, extra), self._weights(quantity)[1], self.first.Q.shape[1]
         more = on.Q.shape[1] - p
         T, ranks, most = [], [], np.zeros(0 if extra is None else extra.shape[1])
         for start, V in self._values(own):
             if (quantity, start) not in self.lengths:
-                whole = V**2 @ square if square.ndim == 1 else (V * (V @ square)).sum(axis=1)
+                whole = self._grams(quantity, V.T, 1)[:, 0, 0] if square is None else V**2 @ square
                 self.lengths[quantity, start] = whole, ((V @ pull[:, :p]) ** 2).sum(axis=1)
             size, absorbed = self.lengths[quantity, start]
             across = V @ pull[:, p:]
@@ -503,14 +505,15 @@ class _Search:
         return np.concatenate([*T, last[0]]), np.concatenate([*ranks, last[1]]), np.maximum(most, last[2])
 
     def _values(self, own: Array) -> Iterable[tuple[int, Array]]:
-        """Yield the values of products, (m, n), block by block, each with its number."""
-        most = max(1, _NUMBERS // len(self.data))
+        """Yield the values of products, (m, n), block by block, each with its number; the first of them are kept."""
+        most, key = max(1, _NUMBERS // len(self.data)), own.tobytes()
         for start in range(0, len(own), most):
-            if (values := self.held.get(own.tobytes())) is None:
+            if (values := self.held.get(key)) is None:
                 first, second = self.factors[own[start : start + most]].T
                 values = self.table[first] * self.table[second]
-            if len(own) <= most:  # parts of the same columns share them
-                self.held[own.tobytes()] = values
+                # parts of the same columns share them
+                if len(own) <= most and values.size + sum(v.size for v in self.held.values()) <= _NUMBERS:
+                    self.held[key] = values
             yield start, values
 
     def _blocks_of(self, terms: Sequence[Term]) -> Iterable[tuple[Array, int]]:
@@ -530,6 +533,12 @@ class _Search:
                 values[:, j * k : (j + 1) * k] = value
             yield values, k
             at = end
+
+    def forget(self) -> None:
+        """Let go of what only a search needs: an answer is told long after it."""
+        for kept in (self.held, self.values, self.weights, self.pulls, self.lengths):
+            kept.clear()
+        self.table, self.by_row = np.empty((0, 0)), None
 
     def worth(self, T: float, rank: int, terms: Sequence[Term], on: ProjectedScores) -> float:
         """Return the description that a formula saves: what it explains, less its numbers and its place in the list."""

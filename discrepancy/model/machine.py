@@ -66,8 +66,9 @@ class Formulation(Protocol):
     def decorrelate(self, rows: Array) -> Array:
         """Return `rows`, shape (n, ...), mixed along the first axis so that noise shared by readings is shared no more.
 
-        Where each row's noise is its own, `rows` as they are; it must be linear. `Model` passes residuals, Jacobian
-        and signatures through it, so that after it the stated `sigma` is that of independent rows.
+        Where each row's noise is its own, `rows` as they are; it must be linear and symmetric, as C^-1/2 is. `Model`
+        passes residuals, Jacobian and signatures through it, so that after it the stated `sigma` is that of
+        independent rows.
         """
         ...
 

@@ -157,6 +157,13 @@ class Whitener:
             white = (self.blocks @ columns.reshape(n, c, -1)).reshape(columns.shape)
         return np.asarray(white.reshape(n * c, *columns.shape[2:]))
 
+    def back(self, rows: Array) -> Array:
+        """Return L^-T times `rows`, (n, c, t), whose products with columns are those of `rows` with whitened ones."""
+        if self.band is None:
+            return np.asarray(self.blocks.transpose(0, 2, 1) @ rows)
+        solved, _ = dtbtrs(self.band, np.asfortranarray(rows.reshape(-1, rows.shape[2])), uplo="L", trans="T")
+        return np.asarray(solved).reshape(rows.shape)
+
     def of(self, rows: slice, c: int) -> Whitener:
         """Return the whitener of some successive rows of `c` constraints each, as if no row came before them."""
         if self.band is None:

@@ -2,8 +2,7 @@
 
 The gain of a candidate is what it brings in twice the log-likelihood, less log N for each coefficient that the data
 see and 2 log of the places scanned for a change point. At every pick all candidates within `Thresholds.close`
-of the winner stay in its set. A part of very many readings shows which candidates can still win; only those are fitted
-to all readings.
+of the winner stay in its set.
 """
 
 import math
@@ -15,7 +14,7 @@ import numpy as np
 
 from calibench.discrepancy.diagnostics import score
 from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
-from calibench.discrepancy.fitting.fit import Fit, fit, fit_once, part_of
+from calibench.discrepancy.fitting.fit import Fit, fit_once
 from calibench.discrepancy.model import effect as effects
 from calibench.discrepancy.model.effect import Effect, is_possible, name_of
 from calibench.discrepancy.registries import description_of
@@ -52,6 +51,7 @@ class Option:
     """A candidate fitted exactly beside the other picks: its model's fit and its gain over the model without it.
 
     `behind` is its distance to the best of its set if formulas may be off; infinite where that was not computed.
+    `energy` is what `energy_of` tells of one whose fit is `light`, and has no rows.
     """
 
     effect: Effect
@@ -59,6 +59,7 @@ class Option:
     gain: float
     rank: int
     behind: float = np.inf
+    energy: float = 0.0
 
     @property
     def name(self) -> str:
@@ -103,12 +104,12 @@ def run_tests(
     p = []
     groups: tuple[tuple[Sequence[Effect], float], ...] = ((candidates, t.visible), (smooth, t.smooth_visible))
     for members, least in groups:
-        tested = score.score_all(at, on, members, least, bases=False)
+        tested = score.score_all(at, on, members, least, bases=rng is not None, sums=True)
         smallest, law = min((s.p for s, _ in tested), default=1.0), np.empty(0)
         if rng is not None and t.p_sure < smallest < t.p_calm:  # else draws decide nothing
             # the tests themselves do without some of the bases
             known = [U for s, U in tested if s.m and len(U)]
-            rest = score.score_all(at, on, [s.effect for s, U in tested if not len(U)], least)
+            rest = score.score_all(at, on, [s.effect for s, U in tested if not len(U)], least, bases=True)
             law = score.smallest_p_law(on, [*known, *(U for s, U in rest if s.m and len(U))], rng)
         p.append(score.family_wise(smallest, law, max(len(tested), 1)))
         scored.append([s for s, _ in tested])
@@ -128,7 +129,7 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     for s in named:
         steps = isinstance(s.effect, effects.ChangePoint) and delta_bic(s, on) > t.change_hopeful * top
         places = effects.finer(s.effect, data) if steps else ()
-        placed = [one for one, _ in score.score_all(base, on, places, bases=False)] if places else []
+        placed = [one for one, _ in score.score_all(base, on, places, sums=True)] if places else []
         placed = [*best_of_each(placed, on)[:1]]
         ranked.append(max((s, *placed), key=lambda one: delta_bic(one, on)))
     ranked.sort(key=lambda s: -delta_bic(s, on))
@@ -140,7 +141,7 @@ def options(base: Fit, tests: Tests) -> tuple[Option, ...]:
     where = {part_of(s.effect.target) for s in near[:2]}
     bent = [s for s in ranked if s not in near and s.visible < t.bent and part_of(s.effect.target) in where]
     found: list[Option] = []
-    for scored in _screened(base, (*near, *bent)):
+    for scored in (*near, *bent):
         one = option(base, scored, on)
         if is_possible(one.effect, one.amplitude):
             found.append(one)
@@ -158,12 +159,13 @@ def gains_of_any_phase(
     It may explain more than the best name, though neither of its terms does alone.
     """
     wholes = {s.name: whole for s in named if (whole := effects.whole_of(s.effect)) is not None}
-    scored = score.score_all(base, on, list(wholes.values()), bases=False)
+    scored = score.score_all(base, on, list(wholes.values()), sums=True)
     return {name: delta_bic(s, on) for name, (s, _) in zip(wholes, scored)}
 
 
 def light(o: Option, base: Fit) -> Option:
-    return replace(o, fit=replace(o.fit, at=base.at, r=base.r[:0], J=base.J[:0]))
+    rows = np.empty(0), np.empty((0, len(o.fit.x)))
+    return replace(o, fit=replace(o.fit, at=base.at, r=rows[0], J=rows[1]), energy=energy_of(o))
 
 
 def _in_order(found: Sequence[Option]) -> tuple[Option, ...]:
@@ -187,7 +189,7 @@ def option(base: Fit, scored: score.Scored, on: score.ProjectedScores) -> Option
     """Return a scored candidate fitted exactly, a change point at the best of its effects.finer places too."""
     best = _refit(base, scored, on)
     if near := effects.finer(scored.effect, base.model.formulation.data):
-        fine = best_of_each([s for s, _ in score.score_all(base, on, near, bases=False)], on)[0]
+        fine = best_of_each([s for s, _ in score.score_all(base, on, near, sums=True)], on)[0]
         if fine.T > scored.T:
             best = max(best, _refit(base, fine, on), key=lambda o: o.gain)
     return best
@@ -249,36 +251,10 @@ def fit_with(base: Fit, effects: Sequence[Effect]) -> Fit:
     return current
 
 
-def _screened(base: Fit, scored: Sequence[score.Scored]) -> tuple[score.Scored, ...]:
-    """Return which of `scored` are worth a fit to all the readings; all of them where readings are not very many."""
-    n, t = len(base.at.misclosure), thresholds()
-    if n < t.many_readings or len(scored) < 2:
-        return tuple(scored)
-    model, noise = part_of(base.model, base.noise)
-    plain = fit(model, noise, base.x)
-    fits = [fit(model.with_effects(s.effect), noise, np.concatenate([base.x, s.coefficients])) for s in scored]
-    sound = [k for k, f in enumerate(fits) if f.cost <= plain.cost]
-    sizes = {k: scored[k].effect.amplitude(fits[k].x[-len(scored[k].effect.coefficients) :]) for k in sound}
-    able = [k for k in sound if is_possible(scored[k].effect, sizes[k])]
-    if not able:
-        return tuple(scored)
-    best = min(able, key=lambda k: fits[k].cost)
-    readings = len(model.formulation.data)
-    grown, size = n / readings, len(scored[best].coefficients)
-    top = grown * (plain.cost - fits[best].cost)
-
-    out = set()
-    for k in sound:
-        behind = (noise.costs(fits[k].r) - noise.costs(fits[best].r)).reshape(readings, -1).sum(axis=1)
-        fitted = grown * (size + len(scored[k].coefficients)) + size * np.log(len(base.r))  # as part of any gain
-        spare = (t.behind_share_placed if scored[k].effect.positions > 1 else t.behind_share) * top + fitted
-        if grown * (behind.sum() - t.behind_errors * np.sqrt(readings) * behind.std()) > spare:
-            out.add(k)
-    return tuple(s for k, s in enumerate(scored) if k not in out)
-
-
 def energy_of(o: Option) -> float:
     """Return the energy of an option's signature, in scores, before calibration absorbs a part of it."""
+    if not len(o.fit.r):
+        return o.energy
     k = len(o.effect.coefficients)
     trace = o.fit.J[:, -k:] @ o.fit.x[-k:] * o.fit.noise.gain
     return float(trace @ trace)

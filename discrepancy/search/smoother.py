@@ -141,9 +141,12 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
     pose = np.unique(data["pose_id"] if data.has("pose_id") else np.arange(len(data)), return_inverse=True)[1]
     pose = np.repeat(pose, c)
 
-    # each component with its cosines in the scores, also projected off calibration, and the variances of their weights,
-    # (lengths, m), for an rms of about 1 in the scores
-    tried: list[tuple[Component, Array, Array, Array]] = []
+    def raw_of(component: Component, waves: Array) -> Array:  # its cosines in the scores
+        return whiten(at.slopes[component.quantity][some][:, :, None] * waves[:, None, :]) * gain
+
+    # each component with its cosines projected off calibration, and the variances of their weights, (lengths, m), for
+    # an rms of about 1 in the scores
+    tried: list[tuple[Component, Array, Array]] = []
     squares: list[Array] = []  # their products with each other
     for term, quantity in ((one, quantity) for one in terms for quantity in one.quantities):
         # as many cosines as the poses can tell, and no more
@@ -153,11 +156,11 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
             high=term.high, count=count, levels=term.levels,
         )  # fmt: skip
         waves, frequencies = component.waves(data.columns)
-        raw = whiten(at.slopes[quantity][some][:, :, None] * waves[:, None, :]) * gain
+        raw = raw_of(component, waves)
         shapes = [np.exp(-0.5 * (frequencies * length) ** 2) for length in _LENGTHS[: 1 if term.levels else None]]
         middle = np.sqrt(np.mean(raw**2)) or 1.0
         variances = np.stack([shape / shape.sum() for shape in shapes]) / middle**2
-        tried.append((component, raw, seen := project_off(raw, on.Q), variances))
+        tried.append((component, seen := project_off(raw, on.Q), variances))
         squares.append(seen.T @ seen)
 
     # the most likely ones in turn, with the variance of each weight; `B` are their columns scaled to a variance of 1
@@ -170,7 +173,7 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
         known = cho_factor(np.eye(B.shape[1]) + scaled.T @ scaled) if B.shape[1] else None
         open_to = {
             k: _Beside.of(seen, squares[k], lengths, scaled, y_scaled, known, on.degrees, 1 / rest**2)
-            for k, (_, _, seen, lengths) in enumerate(tried)
+            for k, (_, seen, lengths) in enumerate(tried)
             if k not in chosen
         }
         fitted: dict[int, tuple[float, Array]] = {}
@@ -182,7 +185,8 @@ def _once(base: Fit, terms: tuple[SmoothTerm, ...]) -> Fit:
         if fitted[k][0] < t.smooth_gain:
             break
         variances = fitted[k][1] * rest**2
-        _, raw, seen, _ = tried[k]
+        component, seen, _ = tried[k]
+        raw = raw_of(component, component.waves(data.columns)[0])
         more = np.concatenate([B, seen * np.sqrt(variances)], axis=1)
         further = np.concatenate([raws, raw * np.sqrt(variances)], axis=1)
         held = np.full(further.shape[1], _rest(more, on.y, on.degrees) ** 2)

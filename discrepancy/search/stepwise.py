@@ -8,6 +8,7 @@ gains beside all smooth functions together.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import final
@@ -32,6 +33,7 @@ from calibench.problems.base import Array
 
 Sets = tuple[tuple[Option, ...], ...]
 Kept = Mapping[str, tuple[Option, ...]]  # name -> its set
+Controls = tuple[Fit, Mapping[str, Shuffled]]  # the fit whose names were shuffled, name -> its control
 
 _MARGIN = 20.0  # delta BIC: where gains are small, a ratio of them says nothing
 _NOTHING_LEFT = 2  # degrees of freedom: with fewer left nothing could check a name
@@ -94,8 +96,7 @@ def select_stepwise(
     first_p = 1.0
     while True:
         current, picks = picked.fit, picked.effects
-        tests = run_tests(current, still_open(candidates, set(map(name_of, picks))), terms, rng, spared=first is None)
-        p = 1.0 if current.exact else min(tests.still, _lack_of_fit(tests, current) / t.share_misfit)
+        tests, p = _tested(current, picks, candidates, terms, rng, spared=first is None)
         if first is None:
             first, first_p = tests, p
         more = p < level and len(picks) < t.effects_most
@@ -107,12 +108,9 @@ def select_stepwise(
         if not more and form is None:
             break
         enough = t.further_gain if picks else 0.0
-        many = len(current.at.misclosure) >= t.many_readings  # then an exact fit is slow
-        gains = (select.delta_bic(s, tests.on) for s in tests.names)
-        hopeless = many and max(gains, default=-np.inf) < t.linear_hope * enough
         # misfit alone gives no name, unless the degrees of freedom are so few that no other test can
         significant = tests.p_names < level or (not picks and _few(current))
-        found = options(current, tests) if more and significant and not hopeless else ()
+        found = options(current, tests) if more and significant else ()
 
         if form is not None and not (found and found[0].gain > form.gain):
             with_form = fit_with(base, (*forms, form.effect))
@@ -123,7 +121,7 @@ def select_stepwise(
             kept, picked = picked.by_name, after  # a form explains a part of what names explain
             continue
 
-        short = bool(found) and 0 < found[0].gain <= enough and current.noise.profiled and not many
+        short = bool(found) and 0 < found[0].gain <= enough and current.noise.profiled
         if not found or (found[0].gain <= enough and not short):
             break
         # a smooth function has the right phase at once, the sine or the cosine of a wave the wrong one
@@ -153,6 +151,22 @@ def select_stepwise(
         first=first, last=tests, p=first_p, alarm=first_p < level, left=p,
         smooth_explains=_smooth_explains(base, picked, forms, terms, first),
     )  # fmt: skip
+
+
+def is_calm(
+    base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm], rng: np.random.Generator, level: float
+) -> bool:
+    """Return whether a search at `level` would tell no alarm: its first test alone, whose draws `rng` keeps."""
+    return _tested(base, (), candidates, terms, deepcopy(rng), spared=True)[1] >= level
+
+
+def _tested(
+    at: Fit, picks: Sequence[Effect], candidates: Sequence[Effect], terms: Sequence[SmoothTerm],
+    rng: np.random.Generator, spared: bool,
+) -> tuple[Tests, float]:  # fmt: skip
+    """Return the tests of a fit with some picks, and the p of "nothing is left"."""
+    tests = run_tests(at, still_open(candidates, set(map(name_of, picks))), terms, rng, spared)
+    return tests, 1.0 if at.exact else min(tests.still, _lack_of_fit(tests, at) / thresholds().share_misfit)
 
 
 def exchange(
@@ -220,7 +234,7 @@ def _settled(picked: Picked, base: Fit, candidates: Sequence[Effect], kept: Kept
             place = end
         on = score.projected_scores(replace(at, r=at.r - at.J[:, out] @ at.x[out], J=np.delete(at.J, out, axis=1)))
         new = still_open(candidates, {name_of(e) for e in others})
-        scored = [(s, U) for s, U in score.score_all(at, on, [*two, *new]) if s.m]
+        scored = [(s, U) for s, U in score.score_all(at, on, [*two, *new], bases=True) if s.m]
         first = {s.name: (s, U) for s, U in reversed(scored[:2])}
         now = _together(list(first.values()), on)
         pair, gain = _best_pair(scored[2:], on)
@@ -249,11 +263,10 @@ def _in_place_of_one(picked: Picked, base: Fit, candidates: Sequence[Effect], ke
     each something beside the other, and predict left-out poses better; of a handful of readings nothing tells that.
     """
     one, t = picked.sets[0][0], thresholds()
-    few, many = base.degrees <= t.few_degrees, len(base.at.misclosure) >= t.many_readings
-    if one.name in kept or not len(one.fit.r) or few or many:
+    if one.name in kept or not len(one.fit.r) or base.degrees <= t.few_degrees:
         return picked
     on = score.projected_scores(base)
-    scored = [(s, U) for s, U in score.score_all(base, on, still_open(candidates, {one.name})) if s.m]
+    scored = [(s, U) for s, U in score.score_all(base, on, still_open(candidates, {one.name}), bases=True) if s.m]
     pair, gain = _best_pair(scored, on)
     least = one.gain + t.further_gain + t.formula_error * energy_of(one)
     if gain <= least:
@@ -297,8 +310,8 @@ def _together(pair: Sequence[tuple[score.Scored, Array]], on: score.ProjectedSco
 def predicts_better(current: Fit, found: Option) -> bool:
     """Return whether a further effect also predicts the fitted poses better when each is left out in turn."""
     at, k, scores = found.fit, len(found.effect.coefficients), current.noise.scores
-    if not len(at.r) or len(at.model.formulation.data) >= thresholds().many_readings:
-        return True  # of very many readings those that are fitted tell it as well
+    if not len(at.r):
+        return True
     return bool(_squares_left_out(at, scores, k, without=True) > _squares_left_out(at, scores, k))
 
 
@@ -373,13 +386,13 @@ def _needed(picked: Picked, base: Fit, ground: Fit) -> Picked:
 
 def judge(
     selection: Selection, base: Fit, terms: Sequence[SmoothTerm], suspects: Sequence[NoiseFinding], level: float,
-    candidates: Sequence[Effect] = (), free: Sequence[SmoothTerm] = (),
+    candidates: Sequence[Effect] = (), free: Sequence[SmoothTerm] = (), *, doubts: bool = True,
 ) -> tuple[Verdict, tuple[Finding, ...], Selection]:  # fmt: skip
     """Return the verdict, the findings and their selection: where names explain too little, the names that still stand.
 
     A name that still explains something beside smooth functions is right, but not the whole: the verdict is partly.
     So is a name of the `candidates` whose course one of the smooth functions has, which are made of terms `free`.
-    `suspects` are findings about the noise.
+    `suspects` are findings about the noise. Without `doubts` nothing is asked that makes a verdict partly.
     """
     blamed = []
     for s in suspects:
@@ -396,7 +409,7 @@ def judge(
         )  # fmt: skip
         blamed.append(noise)
     verdict, findings = _verdict_of(selection, base, blamed, level)
-    if verdict in ("named", "ambiguous", "partly"):
+    if doubts and verdict in ("named", "ambiguous", "partly"):
         findings, foreign = guard.with_doubts(findings, selection.fit, terms)
         verdict = "partly" if foreign else verdict
     if verdict != "unknown":
@@ -414,7 +427,7 @@ def judge(
 
 def held_by_order(
     selection: Selection, base: Fit, candidates: Sequence[Effect], terms: Sequence[SmoothTerm]
-) -> tuple[Selection, Mapping[str, Shuffled]]:
+) -> tuple[Selection, Controls]:
     """Return the selection without names that shuffled rows have as well, and the control of those that stay.
 
     The worst goes first, as one of two names may only be there because of the other.
@@ -423,7 +436,7 @@ def held_by_order(
         told = controls(selection.fit, [[o.effect for o in own] for own in selection.sets], candidates)
         worst = max((one.p for some in told for one in some.values()), default=0.0)
         if worst <= thresholds().shuffled_p:
-            return selection, {name: one for some in told for name, one in some.items()}
+            return selection, (selection.fit, {name: one for some in told for name, one in some.items()})
         out = {name for some in told for name, one in some.items() if one.p == worst}
         left = ([o for o in own if o.name not in out] for own in selection.sets)
         sets = tuple(tuple(own) for own in left if own)
@@ -440,11 +453,11 @@ def held_by_order(
 
 
 def with_orders(
-    findings: Sequence[Finding], selection: Selection, candidates: Sequence[Effect], known: Mapping[str, Shuffled]
+    findings: Sequence[Finding], selection: Selection, candidates: Sequence[Effect], controlled: Controls
 ) -> tuple[Finding, ...]:
-    """Return the findings with their controls by shuffled rows: the `known` ones, or else those of the selection."""
-    picked = {own[0].name for own in selection.sets}
-    if not picked <= {*known}:
+    """Return the findings with their controls by shuffled rows: those that are known, or else of another fit."""
+    (at, known), picked = controlled, {own[0].name for own in selection.sets}
+    if findings and selection.fit is not at and not picked <= {*known}:
         told = controls(selection.fit, [[own[0].effect] for own in selection.sets], candidates)
         known = {**{name: one for some in told for name, one in some.items()}, **known}
     return tuple(replace(f, shuffled=known.get(f.effect)) for f in findings)

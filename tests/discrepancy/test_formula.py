@@ -13,9 +13,10 @@ from scipy.linalg import cho_factor
 from benchmarks.blind.gpm2002.simulate import case
 from calibench.bench.discovery.page.words import formula_sentences, gap_sentence, headline
 from calibench.discrepancy import Constraints, Joint, MeasuredData, Roles, explain
-from calibench.discrepancy.fitting.fit import thinned
+from calibench.discrepancy.fitting.fit import fit, thinned
 from calibench.discrepancy.formula.effect import FormulaEffect
 from calibench.discrepancy.formula.grammar import Atom, Run, Term, lag, play, side, slip
+from calibench.discrepancy.formula.search import _Search
 from calibench.discrepancy.registries import effects
 from calibench.discrepancy.report import Report
 from calibench.discrepancy.search.smoother import _Beside
@@ -200,6 +201,20 @@ def test_a_part_of_very_many_rows_is_the_fit_at_these_rows() -> None:
     assert part.r.reshape(-1, c) == pytest.approx(found.r.reshape(n, c)[some])
     assert part.J.reshape(40, c, -1) == pytest.approx(found.J.reshape(n, c, -1)[some])
     assert thinned(found) is found
+
+
+@pytest.mark.parametrize("carried", [0.0, 0.4])
+def test_terms_explain_what_their_whitened_columns_do_however_noise_is_carried_on(carried: float) -> None:
+    before = told("product").before.fit
+    at = fit(before.model, replace(before.noise, autocorrelation=carried), before.x)
+    search = _Search(at, at.model.formulation)
+    on, quantity, rng = search.first, "hz", np.random.default_rng(1)
+    T, ranks, _ = search._everything(on, quantity, rng.standard_normal((len(on.y), 3)))
+    assert search._weights(quantity)[0].size == at.at.misclosure.size  # no matrix of rows by rows
+    for k in rng.choice(len(search.own[quantity]), 40, replace=False):
+        column = search.column_of(Term(quantity, search.products[search.own[quantity][k]]))[:, 0]
+        left = column - on.Q @ (on.Q.T @ column)
+        assert T[k] == pytest.approx((left @ on.y) ** 2 / (left @ left) if ranks[k] else 0.0, rel=1e-6)
 
 
 def test_no_smooth_function_is_likelier_than_its_bound() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from calibench.discrepancy import Model, machines
 from calibench.discrepancy.fitting import fit as kept
-from calibench.discrepancy.fitting.fit import Fit, fit, fit_once, keeping_fits
+from calibench.discrepancy.fitting.fit import Fit, at_any_scale, fit, fit_once, keeping_fits
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.thresholds import THRESHOLDS, using
 from tests.discrepancy.empty_runs import empty_run
@@ -108,3 +108,16 @@ def test_a_fit_that_came_to_no_rest_is_not_walked_again_under_a_narrower_noise(
         fit_once(model, Noise(2.0), start)
         assert len(walked) == 2
         assert _same(again, fit(model, Noise(0.5), start))
+
+
+def test_where_only_names_are_asked_for_no_fit_is_made_again_at_another_scale(
+    model: Model, walked: list[Fit], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = fit(model, Noise()).x + 1e-4
+    with using(replace(THRESHOLDS, step_still=0.0)), keeping_fits():
+        first = fit_once(model, Noise(), start, near=False)
+        assert not first.converged
+        with at_any_scale():
+            others = [fit_once(model, Noise(scale), start, near=False) for scale in (0.5, 2.0)]
+    assert len(walked) == 1
+    assert all(_same(first, other) and other.noise.scale != 1 for other in others)

@@ -98,7 +98,7 @@ def test_from_as_many_rows_as_nobody_draws_sums_score_every_candidate_as_its_col
     formulation = machines.make("gpm2002").formulate(MeasuredData(data.columns, "gpm2002", data.metadata, "case"))
     at = fit(Model(formulation), Noise(autocorrelation=autocorrelation))
     on, tried = projected_scores(at), catalogue(formulation).candidates
-    slow = score_all(at, on, tried)
+    slow = score_all(at, on, tried, bases=True)
     with using(replace(THRESHOLDS, drawn_rows=len(on.y))):
         quick = score_all(at, on, tried)
     assert any(len(U) for _, U in slow)

@@ -112,7 +112,7 @@ def test_sums_score_a_wave_as_its_columns_do():
     at = fit(model, Noise(), model.start)
     waves = [e for e in catalogue(formulation).candidates if isinstance(e, OfFreePeriod)][::37]
     on = projected_scores(at)
-    for (quick, _), (slow, U) in zip(score_all(at, on, waves, bases=False), score_all(at, on, waves)):
+    for (quick, _), (slow, U) in zip(score_all(at, on, waves, sums=True), score_all(at, on, waves, bases=True)):
         assert len(U) == len(on.y)
         assert (quick.m, quick.T) == (slow.m, pytest.approx(slow.T, rel=1e-9))
         assert quick.coefficients == pytest.approx(slow.coefficients, rel=1e-7)

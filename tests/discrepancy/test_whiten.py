@@ -22,6 +22,9 @@ def test_whitened_noise_has_unit_covariance(constraints: int, autocorrelation: f
     white = whitener(B, sigma, autocorrelation, place)
     half = white(np.linalg.cholesky(V).reshape(n, constraints, -1))
     np.testing.assert_allclose(half @ half.T, np.eye(n * constraints), atol=0.02)  # the band ends at 1e-3
+    columns, scores = rng.standard_normal((n, constraints, 4)), rng.standard_normal((n, constraints, 2))
+    across = columns.reshape(-1, 4).T @ white.back(scores).reshape(-1, 2)
+    np.testing.assert_allclose(across, white(columns).T @ scores.reshape(-1, 2), atol=1e-10)
 
 
 def test_scores_of_heavy_tails_have_unit_variance_and_a_slope_of_their_gain() -> None:
