@@ -330,9 +330,8 @@ def calibrate_arm(
         wild[train] = fit.wild
         for sizes in (judged[chosen].position, judged[chosen].rotation):
             wild[~train] |= False if sizes is None else fitting.far_out(sizes[~train])
-    levels = {
-        one: _error(one, judged[one], ~wild, poses, distance, fits[one].spent if train.all() else 0.0) for one in tried
-    }
+    numbers = float(np.minimum(model.counted, 3).mean())
+    levels = {one: _error(one, judged[one], ~wild, poses, distance, numbers) for one in tried}
     draws, without_gains = fitting.resample(fit, resamples), _without_gains(fit, model, judged[chosen], wild)
 
     mistake = arm.mistake(table, how)
@@ -395,11 +394,12 @@ def _frames_of(model: ArmModel, p: Array, readings: Readings) -> dict[str, tuple
     return frames
 
 
-def _error(level: str, errors: HeldOut, known: Mask, poses: Index, distance: float, spent: float) -> Error:
+def _error(level: str, errors: HeldOut, known: Mask, poses: Index, distance: float, numbers: float) -> Error:
     position = np.where(known, errors.position, np.nan)
     there = position[np.isfinite(position)]
     return Error(
-        level=level, rms=fitting.rms(position), ci95=fitting.rms_interval(position, poses, spent),
+        level=level, rms=fitting.rms(position),
+        ci95=fitting.rms_interval(position, poses, errors.alone, errors.shared, numbers),
         median=float(np.median(there)), largest=float(there.max()),
         rotation=nan if errors.rotation is None else fitting.rms(np.where(known, errors.rotation, np.nan)),
         spans=fitting.rms(errors.spans - distance) if len(errors.spans) and distance else nan,
@@ -580,9 +580,9 @@ def _undetermined_of(fit: Fit, geometry: Fit) -> tuple[Undetermined, ...]:
     for place, (known_to, within) in _known_to(fit).items():
         unit = "mm" if is_length(names[place], model.sliding) else "mrad"
         size = 1.0 if unit == "mm" else 1e3
-        reason = f"these poses tell it to {plain(size * known_to, 2)} {unit}"
-        reason += f", its {model.chain.source} to {plain(size * within, 2)}: it stays near that"
         moved = float(fit.p[place] - fit.model.start[place])
+        reason = f"these poses tell it to {plain(size * known_to, 2)} {unit}, its {model.chain.source} to "
+        reason += f"{plain(size * within, 2)}: it stays near that, changed by {plain(size * moved, 2)}"
         undetermined[place] = Undetermined(names[place], reason, known_to=size * known_to, change=moved)
     held = "with it free, poses that were not fitted are not predicted better"
     for place in set(kept) - set(fit.kept.tolist()):

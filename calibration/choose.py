@@ -14,12 +14,13 @@ import numpy as np
 
 from calibench.calibration.determined import information_of
 from calibench.calibration.fit import Fit, HeldOut, folds_of, judge, refit
-from calibench.calibration.model import WITHIN, ArmModel
-from calibench.calibration.normal import normal_blocks
+from calibench.calibration.model import WITHIN
+from calibench.calibration.normal import normal_blocks, whitening_of
 from calibench.calibration.rigid import Array, Index
 
 FOLDS = 20  # with a twentieth of the poses each: fits to the others are nearly the fit to all
 TOLERANCES = (WITHIN, 2.0, 0.5, 0.1)  # mm, mrad; the first is hardly one
+_ALL = 1.0 - 1e-6  # of what is known of a direction: that much comes of one fold
 _TINY = 1e-12  # of a column's square: two directions that neither readings nor maker know
 
 
@@ -56,8 +57,9 @@ def choose(fits: Mapping[str, Fit], levels: Sequence[str], common: Fit) -> Choic
     best = {level: _best(some, None) for level, some in of_level.items()}
     allowed = [one for one in candidates if one.level in levels]
     level = _best(allowed, None).level
-    unseen = {one: _unseen(allowed if one == level else some, common.model, fold) for one, some in of_level.items()}
-    return Choice(level, {one: refit(best[one].fit) for one in fits}, unseen, int(fold.max()) + 1)
+    written = {one: refit(best[one].fit) for one in fits}
+    unseen = {one: _unseen(allowed if one == level else some, written[one], fold) for one, some in of_level.items()}
+    return Choice(level, written, unseen, int(fold.max()) + 1)
 
 
 def _best(candidates: Sequence[_Candidate], without: int | None) -> _Candidate:
@@ -75,9 +77,34 @@ def _best(candidates: Sequence[_Candidate], without: int | None) -> _Candidate:
     return candidates[best]
 
 
-def _unseen(candidates: Sequence[_Candidate], model: ArmModel, fold: Index) -> HeldOut:
+def _unseen(candidates: Sequence[_Candidate], written: Fit, fold: Index) -> HeldOut:
     """Return the errors of each fold by the candidate that the others choose, fitted to the others."""
-    return judge(model, fold, [_best(candidates, f).without[f] for f in range(int(fold.max()) + 1)])
+    without = [_best(candidates, f).without[f] for f in range(int(fold.max()) + 1)]
+    alone, shared = _variance(written, fold)
+    return replace(judge(written.model, fold, without), alone=alone, shared=shared)
+
+
+def _variance(fit: Fit, fold: Index) -> tuple[float, float]:
+    """Return the variance of the mean square left out, over 2 / count: as each differs, and as fits share poses.
+
+    Of noise with covariance 1 a fold f has errors with I + J_f C_f J_f', two folds with J_f C_f P C_g J_g', where P is
+    the information of all poses and of the maker, and C_f the inverse of it without f. Squares of these covariances are
+    summed where P is 1. To first order the second is J_f C J_g' of a fit to the other folds: so it is the variance of
+    the fit's own mean square at other poses, too.
+    """
+    sums = normal_blocks(fit.model, fit.p, fit.kept, fit.weights, fold)
+    whole = sums.sum()
+    count = float(whole.count[0])
+    noise = float(whole.square[0]) / max(count - len(fit.kept), 1.0)
+    way = whitening_of(whole.gram[0] + np.diag(noise * information_of(fit.model)[fit.kept]))
+    values, vectors = np.linalg.eigh(way @ sums.gram @ way.T)
+    values = np.clip(values, 0.0, _ALL)
+    left = values / (1.0 - values)
+    pairs = vectors * (left / (1.0 - values))[:, None] @ vectors.swapaxes(1, 2)
+    mean = 1.0 + left.sum() / count
+    alone = 1.0 + (2 * left + left**2).sum() / count
+    shared = ((pairs.sum(axis=0) ** 2).sum() - (pairs**2).sum()) / count
+    return float(alone / mean**2), float(shared / mean**2)
 
 
 def _candidates(level: str, fit: Fit, common: Fit, fold: Index) -> list[_Candidate]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any, final
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, fdtri
 
 from calibench.calibration.determined import WORST, information_of, is_length, select_determined
 from calibench.calibration.model import ArmModel
@@ -21,7 +21,7 @@ from calibench.core.words import plain
 
 _ROUNDS, _SAME = 8, 0.02  # until the noise that is left changes by less
 _WILD = 6.0  # times the median error: a reading beyond is wild; noise alone has one in 10^9 poses
-_FLOOR = 1e-9
+_FLOOR, _NONE = 1e-9, 1e-12
 _KNOWN, _AGAIN = 30.0, 3
 _MOST, _MOST_IN_SOCKETS = 0.35, 0.2  # part of the readings that may be wild; more than that is no accident
 
@@ -179,7 +179,7 @@ def _value(model: ArmModel, p: Array, weights: Array, soft: bool) -> float:
     return value if np.isfinite(value) else np.inf
 
 
-FOLDS = 5
+FOLDS = 5  # of pairs of a camera
 _APART = 2000  # poses that are drawn each by itself
 _FAR = 6.0  # times the median: a posture beyond has no influence on the point of its own socket
 
@@ -187,11 +187,17 @@ _FAR = 6.0  # times the median: a posture beyond has no influence on the point o
 @final
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Errors of poses not fitted, `position` [mm] and `rotation` [rad], NaN for others; `spans` [mm] of two sockets."""
+    """Errors of poses not fitted, `position` [mm] and `rotation` [rad], NaN for others; `spans` [mm] of two sockets.
+
+    `alone` and `shared` make the variance of their mean square, in units of that of noise: as each error differs from
+    others, and as their fits have readings in common.
+    """
 
     position: Array
     rotation: Array | None
     spans: Array
+    alone: float = 1.0
+    shared: float = 0.0
 
 
 def predict(fit: Fit, model: ArmModel, there: Mask) -> HeldOut:
@@ -206,12 +212,6 @@ def folds_of(model: ArmModel, most: int) -> Index:
     if model.position is None and len(places) > 1:
         return np.asarray(np.searchsorted(places, model.place) % most, dtype=np.int64)
     return np.asarray(poses_of(model.joints) % most, dtype=np.int64)
-
-
-def cross_validate(fit: Fit) -> HeldOut:
-    """Return the errors of all poses of `fit`, each by a fit of the same parameters to those of other folds."""
-    fold = folds_of(fit.model, FOLDS)
-    return judge(fit.model, fold, [fit_from(fit, np.asarray(fold != k)) for k in range(int(fold.max()) + 1)])
 
 
 def judge(model: ArmModel, fold: Index, by_fold: Sequence[Array]) -> HeldOut:
@@ -300,20 +300,25 @@ def rms(errors: Array) -> float:
     return float(np.sqrt((known**2).mean())) if len(known) else float("nan")
 
 
-def rms_interval(errors: Array, poses: Index, spent: float = 0.0) -> tuple[float, float]:
-    """Return the 95 % interval of the rms of errors (n,) of poses not fitted, which `poses` (n,) numbers.
+def rms_interval(
+    errors: Array, poses: Index, alone: float = 1.0, shared: float = 0.0, numbers: float = 3.0
+) -> tuple[float, float]:
+    """Return the 95 % interval of the rms at other poses, by errors (n,) of poses not fitted, which `poses` numbers.
 
-    Mean squares as a chi-square of as many degrees of freedom as their spread over the poses says (Satterthwaite 1946),
-    three a pose at most. Of poses left out in turn a part `spent` of the residuals went into the numbers fitted: only
-    the rest differ independently, and fits that share their readings err alike, which costs that part again.
+    `numbers` is how many were read at a reading, in the mean. The mean square of these errors is to that of other poses
+    as two independent chi-squares (Satterthwaite 1946): an F interval. Its variance is what the spread over the poses
+    says, or more by the fits if that is larger, `alone`; what fits share is in it once, and once more in the error of
+    the fit to all, which other poses will meet (see `HeldOut`).
     """
     there = np.isfinite(errors)
     pose = np.unique(poses[there], return_inverse=True)[1]
     means = np.bincount(pose, errors[there] ** 2) / np.bincount(pose)
     if len(means) < 2:
         return float("nan"), float("nan")
-    mean, square = float((errors[there] ** 2).mean()), float(means.var(ddof=1)) / len(means)
-    freedom = min(2 * mean**2 / square, 3.0 * len(means)) if square > 0 else 3.0 * len(means)
-    freedom *= (1.0 - min(spent, 0.9)) ** 2
-    low, high = np.sqrt(freedom * mean / chdtri(freedom, [0.025, 0.975]))
+    mean = float((errors[there] ** 2).mean())
+    if not mean > 0:
+        return 0.0, 0.0
+    own = max(float(means.var(ddof=1)) / len(means) / mean**2, 2 * alone / (numbers * len(means)))
+    common = own * shared / alone
+    low, high = np.sqrt(mean * fdtri(2 / max(common, _NONE), 2 / (own + common), [0.025, 0.975]))
     return float(low), float(high)

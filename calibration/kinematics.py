@@ -103,6 +103,25 @@ class Chain:
             offsets[k] = follows.offset
         return gains, offsets
 
+    @cached_property
+    def fixed(self) -> tuple[Array, Array, Index]:
+        """Return `fixed`, `align` and `sliding` of the kernels: each joint's frame is turned so that its axis is z."""
+        turned = []
+        for joint in self.joints:
+            towards = np.eye(4)
+            if joint.axis[2] != 1.0:
+                x = np.cross(np.eye(3)[int(np.argmin(np.abs(joint.axis)))], joint.axis)
+                x /= np.linalg.norm(x)
+                towards[:3, :3] = np.column_stack([x, np.cross(joint.axis, x), joint.axis])
+            turned.append(towards)
+        fixed = [self.mount, self.joints[0].origin]
+        fixed += [back.T @ joint.origin for back, joint in zip(turned, self.joints[1:], strict=False)]
+        fixed.append(turned[-1].T @ self.tail @ self.tool)
+        flat = np.ascontiguousarray([np.concatenate([f[:3, :3].ravel(), f[:3, 3]]) for f in fixed])
+        align = np.ascontiguousarray([t[:3, :3].ravel() for t in turned])
+        sliding = np.array([joint.kind == "sliding" for joint in self.joints], dtype=np.int64)
+        return flat, align, sliding
+
     def positions(self, q: Array) -> Array:
         """Return where each joint of the chain stands, (n, J), from the readings q, (n, driven)."""
         gains, offsets = self.following
@@ -182,7 +201,7 @@ def _poses(chain: Chain, p: Mapping[str, Any] | Array, q: Array, free: Index, or
             f"{chain.name}: q has {q.shape[1]} columns; one is needed for each of {', '.join(chain.driven)}"
         )
     stands = np.ascontiguousarray(chain.positions(q))
-    seen, screws = kernels.poses(vector(chain, p), free, *_fixed_of(chain), stands, oriented)
+    seen, screws = kernels.poses(vector(chain, p), free, *chain.fixed, stands, oriented)
     made = np.zeros((len(q), 4, 4))
     made[:, :3, 3], made[:, :3, 0], made[:, :3, 1] = seen[:, :3], seen[:, 3:6], seen[:, 6:]
     made[:, :3, 2], made[:, 3, 3] = cross(seen[:, 3:6], seen[:, 6:]), 1.0
@@ -248,23 +267,4 @@ def constants(chain: Chain, readings: Compared, template: Array, free: Index, li
     stands, kinds = np.ascontiguousarray(chain.positions(readings.q)), readings.groups[:, 0]
     count = int(readings.groups[kinds == SOCKET, 2].max(initial=-1)) + 1
     compared = (bool((kinds == POSE).any()), readings.groups, readings.values, readings.weight)
-    return (template, free, *_fixed_of(chain), stands, *compared, count, float(limit), readings.size)
-
-
-def _fixed_of(chain: Chain) -> tuple[Array, Array, Index]:
-    """Return `fixed`, `align` and `sliding` of the kernels: each joint's frame is turned so that its axis is z."""
-    turned = []
-    for joint in chain.joints:
-        towards = np.eye(4)
-        if joint.axis[2] != 1.0:
-            x = np.cross(np.eye(3)[int(np.argmin(np.abs(joint.axis)))], joint.axis)
-            x /= np.linalg.norm(x)
-            towards[:3, :3] = np.column_stack([x, np.cross(joint.axis, x), joint.axis])
-        turned.append(towards)
-    fixed = [chain.mount, chain.joints[0].origin]
-    fixed += [back.T @ joint.origin for back, joint in zip(turned, chain.joints[1:], strict=False)]
-    fixed.append(turned[-1].T @ chain.tail @ chain.tool)
-    flat = np.ascontiguousarray([np.concatenate([f[:3, :3].ravel(), f[:3, 3]]) for f in fixed])
-    align = np.ascontiguousarray([t[:3, :3].ravel() for t in turned])
-    sliding = np.array([joint.kind == "sliding" for joint in chain.joints], dtype=np.int64)
-    return flat, align, sliding
+    return (template, free, *chain.fixed, stands, *compared, count, float(limit), readings.size)

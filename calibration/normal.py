@@ -138,10 +138,21 @@ def covariance_of(gram: Array) -> Array:
 
 def root_of(gram: Array) -> Array:
     """Return rows (r, k) with these normal equations: they tell of columns what all readings tell; r is the rank."""
+    values, vectors, scale = _known(gram)
+    return np.asarray(np.sqrt(values)[:, None] * vectors.T * scale)
+
+
+def whitening_of(gram: Array) -> Array:
+    """Return directions (r, k), W, of numbers that these normal equations tell: W' W is their covariance."""
+    values, vectors, scale = _known(gram)
+    return np.asarray(vectors.T / np.sqrt(values)[:, None] / scale)
+
+
+def _known(gram: Array) -> tuple[Array, Array, Array]:
     scaled, scale = _scaled(gram)
     values, vectors = np.linalg.eigh(scaled)
     kept = values > _SINGULAR * values.max(initial=0.0)
-    return np.asarray(np.sqrt(values[kept])[:, None] * vectors[:, kept].T * scale)
+    return values[kept], vectors[:, kept], scale
 
 
 def _scaled(gram: Array) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
@@ -33,8 +34,9 @@ def calibration_figures(answer: Calibration) -> Iterator[tuple[str, Drawing]]:
             share, errors = 100 * (places + 1) / max(len(table), 1), np.sort(table[name])[places]
             axes.step(errors, share, where="post", color=colour, ls=dash, lw=1.6, label=name)
         axes.set(xlabel="error of a pose that was not fitted [mm]", ylabel="poses with less [%]", ylim=(0, 100))
-        axes.set_xlim(0, None)
-        axes.legend(loc="lower right")
+        axes.set_xscale("log")
+        _by_decades(axes.xaxis, table)
+        figure.legend(loc="outside upper right", ncols=2)
     yield "errors", (figure, table)
 
     # the error from above, before and after, in one scale of colours
@@ -97,7 +99,15 @@ def draw_joints(axes: Axes, table: pd.DataFrame) -> None:
     axes.tick_params(axis="x", length=0)
     axes.grid(axis="x", visible=False)
     axes.set(xlim=(0, len(names)), ylabel="rms error [mm]")
-    axes.set_ylim(bottom=0)
+    axes.set_yscale("log")
+    _by_decades(axes.yaxis, table[["before", "after"]])
+
+
+def _by_decades(axis: Axis, errors: pd.DataFrame) -> None:
+    """Label an axis of errors, of which a hundredth may be left after a calibration: the decades, or all if few."""
+    low, high = errors.min().min(), errors.max().max()
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter("{x:g}" if high < 10 * low else NullFormatter())
 
 
 def gain_chart(design: Design) -> Drawing:
@@ -120,9 +130,7 @@ def gain_chart(design: Design) -> Drawing:
         ticks = [n for n in (0, 5, 20, 50, 100, 200, 500, 1000, 2000, 4000) if n <= most and (n == 0 or n > most / 50)]
         axes.set_xticks(ticks, [str(n) for n in ticks])
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter("{x:g}")
-        near = table["left_mm"].max() < 10 * table["error_mm"].min()
-        axes.yaxis.set_minor_formatter("{x:g}" if near else NullFormatter())
+        _by_decades(axes.yaxis, table[["left_mm", "error_mm"]])
         beside = f"poses beside {design.measured} measured" if design.measured else "poses"
         axes.set(xlabel=f"{beside} (dotted: more that are as good)", ylabel="error, rms [mm]", xlim=(0, most))
         axes.legend()

@@ -38,7 +38,7 @@ def write_page(answer: Calibration, folder: Path) -> Path:
         frames.append({"what": f"{frame.child} in {frame.parent}", "table": _table(
             ("number", "value", "standard error", "95 %"), rows_of_frame(frame), ("value", "standard error", "95 %")
         )})  # fmt: skip
-    why = ("number", "why it keeps its value")
+    why = ("number", "why")
     badly, undetermined = (
         _table(why, [[one.parameter, one.reason] for one in answer.undetermined if isfinite(one.known_to) == finite])
         for finite in (True, False)
@@ -51,7 +51,8 @@ def write_page(answer: Calibration, folder: Path) -> Path:
         better=answer.chosen != "frames", headline=_sentence(headline(answer)),
         said=[_sentence(said) for said in sentences(answer)], levels=_table(heads, level_rows(answer), heads[1:]),
         changes=_table(("joint", "what", "changed by", "95 %"), rows_of_changes(answer), ("changed by", "95 %")),
-        badly=badly, undetermined=undetermined, regions=_parts(answer.regions), by_joint=_parts(answer.by_joint),
+        badly=badly, tolerance=plain(answer.tolerance, 2), undetermined=undetermined,
+        regions=_parts(answer.regions), by_joint=_parts(answer.by_joint),
         wild=_table(("reading", "error [mm]"), [[w.row, plain(w.error, 3)] for w in answer.wild[:_MOST_WILD]]),
         frames=frames, notes=[_sentence(note.text) for note in answer.notes], files=answer.files,
         facts={

@@ -26,6 +26,8 @@ import numpy as np
 import pandas as pd
 
 from calibench.calibration.api import calibrate
+from calibench.calibration.calibrate import Calibration
+from calibench.core.process import one_thread
 from calibench.problems.base import Array
 
 SEEDS, POSES, SIZES = range(4400, 4405), (24, 60, 120), (0.1, 0.4, 1.5)  # of a placement [mm, mrad]; zeros 5 times
@@ -34,6 +36,9 @@ PRIORS = (None, 2.0, 0.5, 0.1)
 _NARROW = 0.4  # rad to either side, mm/250 of a joint that slides
 _FOLDS, _STEPS, _RANK = 10, 5, 1e-7
 _TARGET = np.array([60.0, 20.0, 110.0])
+_ACROSS = np.array(
+    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]], dtype=float
+)
 # six: d1 a1 a2 a3 d4 d6 of an upright arm; cobot: d1 a2 a3 d4 d5 d6, standard table; seven: heights d1 d3 d5 d7 and
 # sideways e; modified and standard: rows of a, alpha [deg], d; small: shoulder, x, upper arm, forearm, wrist
 ROBOTS: dict[tuple[str, str], tuple[str, Any]] = {
@@ -105,20 +110,24 @@ class Chain:
     flange: Array
 
 
+def across(v: Array) -> Array:
+    """Return the matrices (..., 3, 3) whose product with w is v x w, of v (..., 3)."""
+    return np.asarray(v @ _ACROSS).reshape(*v.shape, 3)
+
+
 def about(turns: Array) -> Array:
     """Return rotations (..., 3, 3) of rotation vectors (..., 3)."""
-    angle = np.linalg.norm(turns, axis=-1)[..., None]
-    x, y, z = np.moveaxis(turns / np.where(angle > 0, angle, 1.0), -1, 0)
-    none = np.zeros_like(x)
-    across = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1).reshape(*x.shape, 3, 3)
+    angle = np.sqrt((turns**2).sum(axis=-1))[..., None]
+    K = across(turns / np.where(angle > 0, angle, 1.0))
     angle = angle[..., None]
-    return np.asarray(np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * (across @ across))
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K))
 
 
 def frame(place: Any, turns: Any = (0, 0, 0)) -> Array:
-    """Return a frame (4, 4) at a place [mm], turned by a rotation vector."""
-    made = np.eye(4)
-    made[:3, :3], made[:3, 3] = about(np.array(turns, dtype=float)), place
+    """Return frames (..., 4, 4) at places [mm] (..., 3), turned by rotation vectors."""
+    place = np.array(place, dtype=float)
+    made = np.zeros((*place.shape[:-1], 4, 4))
+    made[..., :3, :3], made[..., :3, 3], made[..., 3, 3] = about(np.array(turns, dtype=float)), place, 1.0
     return made
 
 
@@ -161,11 +170,9 @@ def chain_of(kind: str, numbers: Any) -> Chain:
 
 def moved(chain: Chain, small: Array) -> Chain:
     """Return the arm with every placement off by six numbers (J, 7) [mm, rad], and every zero by the last."""
-    origins = []
-    for origin, axis, slide, s in zip(chain.origins, chain.axes, chain.slides, small, strict=True):
-        zero = frame(s[6] * axis) if slide else frame((0, 0, 0), s[6] * axis)
-        origins.append(origin @ frame(s[:3], s[3:6]) @ zero)
-    return Chain(np.array(origins), chain.axes, chain.slides, chain.limits, chain.flange)
+    zeros, slides = small[:, 6:] * chain.axes, chain.slides[:, None]
+    off = frame(small[:, :3], small[:, 3:6]) @ frame(np.where(slides, zeros, 0.0), np.where(slides, 0.0, zeros))
+    return Chain(chain.origins @ off, chain.axes, chain.slides, chain.limits, chain.flange)
 
 
 def walk(chain: Chain, q: Array, tool: Array) -> tuple[Array, Array]:
@@ -182,8 +189,8 @@ def walk(chain: Chain, q: Array, tool: Array) -> tuple[Array, Array]:
     at = at + turn @ tool
     slopes = []
     for foot, way, along, slide in steps:
-        turned = np.stack([np.cross(way[:, :, k], at - foot) for k in range(3)], axis=2)
-        slopes += [way, turned, (along if slide else np.cross(along, at - foot))[:, :, None]]
+        lever = -across(at - foot)
+        slopes += [way, lever @ way, along[:, :, None] if slide else lever @ along[:, :, None]]
     return at, np.concatenate([*slopes, turn], axis=2)
 
 
@@ -201,8 +208,7 @@ class Found:
         """Return the target (n, 3) in the tracker, and its slopes (n, 3, 6 + 7 J + 3)."""
         at, slopes = walk(self.chain, q, self.tool)
         away = at @ self.base[:3, :3].T
-        turned = np.stack([np.cross(one, away) for one in np.eye(3)], axis=2)
-        body = np.concatenate([np.tile(np.eye(3), (len(q), 1, 1)), turned], axis=2)
+        body = np.concatenate([np.tile(np.eye(3), (len(q), 1, 1)), -across(away)], axis=2)
         return away + self.base[:3, 3], np.concatenate([body, self.base[:3, :3] @ slopes], axis=2)
 
     def stepped(self, step: Array) -> Found:
@@ -324,11 +330,10 @@ def cases(every: bool) -> list[Case]:
     return [whole[k] for k in (order if every else order[: len(whole) // 10])]
 
 
-def measure(case: Case, folder: Path) -> dict[str, Any]:
-    """Return what one arm's calibration tells, and what is true of it."""
+def readings_of(case: Case) -> tuple[Chain, Found, Array, Array, Array]:
+    """Return an arm by its table and as it is, poses that are read and fresh ones, and what is read, (n, 3) [mm]."""
     robot, seed, n, width, size = case
-    (maker, name), (kind, numbers) = list(ROBOTS.items())[robot]
-    chain = chain_of(kind, numbers)
+    chain = chain_of(*list(ROBOTS.values())[robot])
     rng = np.random.default_rng([seed, robot, n, width == "wide", round(10 * size)])
     scale = size * np.array([1, 1, 1, 1e-3, 1e-3, 1e-3, 5e-3])
     small = rng.normal(size=(len(chain.axes), 7)) * scale
@@ -339,18 +344,30 @@ def measure(case: Case, folder: Path) -> dict[str, Any]:
     reach = np.minimum(reach, chain.limits)
     middle = rng.uniform(-1, 1, len(reach)) * (chain.limits - reach)
     q, fresh = (middle + reach * rng.uniform(-1, 1, (m, len(reach))) for m in (n, FRESH))
-    seen = true.target(q)[0] + rng.normal(0, NOISE, (n, 3))
+    return chain, true, q, fresh, true.target(q)[0] + rng.normal(0, NOISE, (n, 3))
+
+
+def calibrated(chain: Chain, q: Array, seen: Array, folder: Path) -> Calibration:
+    """Return what `bench calibrate` makes of the arm's URDF and the readings."""
     (folder / "arm.urdf").write_text(urdf_of(chain))
-    table = {f"j{k + 1}": q[:, k] for k in range(len(reach))} | dict(zip("xyz", seen.T, strict=True))
+    table = {f"j{k + 1}": values for k, values in enumerate(q.T)} | dict(zip("xyz", seen.T, strict=True))
     units = dict.fromkeys("xyz", "mm") | {f"j{k + 1}": "mm" if s else "rad" for k, s in enumerate(chain.slides)}
+    return calibrate(folder / "arm.urdf", table, units=units, resamples=20)
+
+
+@one_thread()
+def measure(case: Case, folder: Path) -> dict[str, Any]:
+    """Return what one arm's calibration tells, and what is true of it."""
+    robot, seed, n, width, size = case
+    maker, name = list(ROBOTS)[robot]
+    chain, true, q, fresh, seen = readings_of(case)
     found: dict[str, Any] = {"maker": maker, "robot": name, "seed": seed, "poses": n, "width": width, "size": size}
     try:
-        answer = calibrate(folder / "arm.urdf", table, units=units, resamples=20)
+        answer = calibrated(chain, q, seen, folder)
     except ValueError as error:
         return found | {"refused": str(error)}
     written = read_back(answer.write_urdf(folder / "out.urdf"), chain)
-    nominal = placed(chain, q, seen)
-    theirs, which = best(nominal, q, seen)
+    theirs, which = best(placed(chain, q, seen), q, seen)
 
     def off(one: Chain) -> float:
         return float(np.sqrt(((placed(one, q, seen).target(fresh)[0] - true.target(fresh)[0]) ** 2).sum(axis=1).mean()))

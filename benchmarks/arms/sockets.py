@@ -18,8 +18,9 @@ import numpy as np
 from benchmarks.arms import mukca
 from benchmarks.arms.mukca import DISTANCE
 from calibench.bench.calibration.files import read_table
+from calibench.calibration.choose import choose
 from calibench.calibration.determined import order_of
-from calibench.calibration.fit import fit_arm, fit_from, norms, rms
+from calibench.calibration.fit import Fit, fit_arm, norms, rms
 from calibench.calibration.model import ArmModel, model_of
 from calibench.calibration.readings import read_readings
 from calibench.calibration.start import start_of
@@ -53,8 +54,8 @@ def rows(folder: Path) -> Sequence[str]:
     theirs = _theirs(nominal, [mukca.fitted(nominal, some) for some in others], seen)
     model = _model(nominal, folder)
     order = order_of(model.names, "geometry")
-    fit = fit_arm(model, order)
-    ours = place_by_place(fit.model, [fit_from(fit, model.place != place) for place in np.unique(model.place)])
+    fit = _written(model, order)
+    ours = place_by_place(fit.model, [_written(model.at(model.place != p), order).p for p in np.unique(model.place)])
     lines = [
         _line(
             "the authors' URDF, fitted to all nine places",
@@ -99,6 +100,12 @@ def _model(urdf: Path, folder: Path) -> ArmModel:
     chain = read_urdf(urdf).chain("", _TIP)
     start = start_of(read_readings(read_table(str(folder / "panda_2"), {}), chain), chain)
     return model_of(chain, start.readings, start.base, start.tool, distance=DISTANCE)
+
+
+def _written(model: ArmModel, order: Sequence[int]) -> Fit:
+    """Return what `bench calibrate` writes of lengths and angles, with the tolerance that these places choose."""
+    fit = fit_arm(model, order)
+    return choose({"geometry": fit}, ("geometry",), fit).fits["geometry"]
 
 
 def _line(name: str, found: Places) -> str:
