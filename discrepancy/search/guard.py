@@ -19,6 +19,7 @@ from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
 from calibench.discrepancy.fitting.fit import Fit, orthonormal, project_off, reading_order
 from calibench.discrepancy.model.effect import Effect, name_of, whole_of
 from calibench.discrepancy.model.measured import MeasuredData
+from calibench.discrepancy.model.roles import roles_of
 from calibench.discrepancy.noise.whiten import Whitener, whitener
 from calibench.discrepancy.registries import description_of
 from calibench.discrepancy.report import Caution, Doubt, Finding
@@ -114,11 +115,15 @@ def _doubt(
     within = max((one.form for one in tried if {*one.columns} <= known), default=exact)
     rest = max(tried, key=lambda one: one.larger if {*one.columns} <= known else one.beside)
     more = rest.larger if {*rest.columns} <= known else rest.beside
-    # a function of what the only name is a function of says no other thing than the name
-    free = [one for one in tried if claims > 1 or not {*one.columns} <= own[name_of(named[0])]]
-    only = max(free, key=lambda one: one.alone, default=None)
-    if only is not None and only.alone - exact + _FURTHER * (claims - 1) > t.close / 2:
-        return only.columns, True
+    # a function of what the only name is a function of says no other thing than the name; but all that is slow has some
+    # course in time and over the temperature, and a line is the cause there only where no free course is likelier
+    same = own[name_of(named[0])] if claims == 1 else set()
+    roles = roles_of(at.model.formulation)
+    slow = {*named[0].columns} and {*named[0].columns} <= {roles.time, roles.temperature}
+    least = {True: 0.0 if slow else np.inf, False: t.close / 2 - _FURTHER * (claims - 1)}
+    ahead, columns = max((one.alone - exact - least[{*one.columns} <= same], one.columns) for one in tried)
+    if ahead > 0:
+        return columns, True
     return (rest.columns if more - within > (t.further_gain + t.close) / 2 else ()), False
 
 

@@ -20,6 +20,7 @@ from calibench.bench.cli import main
 from calibench.core.notes import Code
 from calibench.discrepancy import DataError, MeasuredData, explain, machines
 from calibench.discrepancy.effects import catalogue
+from calibench.discrepancy.formula.grammar import Atom, Term
 from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, of_function
 from calibench.discrepancy.machines.simulator.local import LocalModel, Variable
 from calibench.discrepancy.model.effect import name_of
@@ -119,6 +120,12 @@ def test_the_general_families_are_looked_for_without_a_word_of_a_simulator(sprin
     assert {"gear", "backlash", "instrument_scale", "free_number", "power", "periodic_error"} <= found
     names = {name_of(effect) for effect in catalogue(simulator(spring).formulate(readings())).candidates}
     assert {"input_offset u", "output_offset z", "parameter_over k over box", "free_number mass"} <= names
+
+
+def test_a_size_at_an_input_without_a_unit_names_the_input(spring):
+    candidates = catalogue(simulator(spring).formulate(readings())).candidates
+    assert {effect.unit for effect in candidates if effect.family == "backlash"} == {"units of u"}
+    assert Term("u", (Atom("t", "u", unit="units of t"),)).unit_of("units of u") == "units of u/(units of t)"
 
 
 @pytest.mark.parametrize("function", ["answer", "jumps"])

@@ -1,9 +1,10 @@
 """Batches of foreign cases: ``python -m tests.foreign.run run foreign 910000 910060 OUT.jsonl``; ``score OUT.jsonl``.
 
-Kinds are ``foreign`` (a cause of no catalogue), ``off_form`` (one of the catalogue in another form) and ``sound``. The
-first line of a file states kind and seeds before a case is drawn; what is in the file already is not searched again.
-`score` prints rates with Wilson's intervals. A foreign cause is *plainly named* where the verdict is named or ambiguous
-and a finding has no caution (`strict`), and neither a caution nor a form that differs.
+Kinds are ``foreign`` (a cause of no catalogue), ``off_form`` (one of the catalogue in another form) and ``sound``. A
+last word, as 300:10000, is how many readings a case has, drawn evenly over their logarithm; else 200 to 400. The first
+line of a file states kind and seeds before a case is drawn; what is in the file already is not searched again. `score`
+prints rates with Wilson's intervals. A foreign cause is *plainly named* where the verdict is named or ambiguous and a
+finding has no caution (`strict`), and neither a caution nor a form that differs.
 """
 
 from __future__ import annotations
@@ -210,16 +211,17 @@ def main(verb: str, *words: str) -> None:
         print(*score([one for one in lines if "verdict" in one and one["verdict"] != "error"]), sep="\n")
         print(f"errors: {sum(one.get('verdict') == 'error' for one in lines)}")
         return
-    kind, first, last, file = words
-    out = Path(file)
+    kind, first, last, file, *span = words
+    out, rows = Path(file), [int(most) for most in span[0].split(":")] if span else [200, 400]
     known = {json.loads(line).get("seed") for line in out.read_text().splitlines()} if out.exists() else set()
     with out.open("a") as lines_:
         if not known:
-            stated = {"batch": kind, "seeds": [int(first), int(last)], "rows": [200, 400], "visible": VISIBLE}
+            stated = {"batch": kind, "seeds": [int(first), int(last)], "rows": rows, "visible": VISIBLE}
             print(json.dumps(stated), file=lines_, flush=True)
         for seed in range(int(first), int(last)):
             if seed not in known:
-                print(json.dumps(told(kind, seed)), file=lines_, flush=True)
+                many = int(np.exp(np.random.default_rng([seed, *rows]).uniform(*np.log(rows)))) if span else 0
+                print(json.dumps(told(kind, seed, rows=many)), file=lines_, flush=True)
 
 
 if __name__ == "__main__":

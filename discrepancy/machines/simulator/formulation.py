@@ -35,7 +35,6 @@ from calibench.problems.base import Array, Parameter
 
 RATE, WAY = "rate of ", "direction of "  # before an input: its derivative in time, and the sign of its last change
 _OF_ROWS = (*BOOKKEEPING, "split", "place_x", "place_y")
-_NO_UNIT = "units"  # of an input whose unit no file states: a number of its column
 _LONG = 30.0  # s: what takes longer is told beforehand
 _SEARCH = 12  # passes of a search, about, beside those of calibration and slopes
 _CALIBRATIONS = 3
@@ -211,7 +210,7 @@ class SimulatorMachine:
             unit = data.units.get(u, "")
             kind: Literal["rotary", "sliding"] = "rotary" if unit in ("rad", "deg") else "sliding"
             joints.append(Joint(
-                u, u, kind, unit or _NO_UNIT, direction=beside(u, "_dir", WAY), velocity=beside(u, "_vel", RATE),
+                u, u, kind, unit or f"units of {u}", direction=beside(u, "_dir", WAY), velocity=beside(u, "_vel", RATE),
                 torque=beside(u, "_torque"), temperature=beside(u, "_temp"),
             ))  # fmt: skip
         used = {c for j in joints for c in (j.reading, j.direction, j.velocity, j.torque, j.temperature)}
