@@ -18,6 +18,7 @@ def report(argv: list[str]) -> int:
         if len(argv) == 1 and kept.is_current(folder):
             sys.stdout.write(kept.text)
             _print_paths(folder / name for name in kept.written)
+            print("nothing has changed since these were written")
             return 0
     return _write(argv)
 

@@ -165,10 +165,7 @@ def history(argv: list[str]) -> int:
         return 0
     for one in found:
         start, budget, target = one.setting[1:]
-        print(
-            f"{one.optimizer} on {one.problem}, {start} start, budget {budget}"
-            + (f", target {target:g}" if target else "")
-        )
+        print(f"{one.called}, {start} start, budget {budget}" + (f", target {target:g}" if target else ""))
         rows = []
         for i, version in enumerate(one.versions):
             step = one.steps.get(i)

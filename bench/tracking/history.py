@@ -98,6 +98,13 @@ class History:
     change: Change | None = None
 
     @property
+    def called(self) -> str:
+        """Return in words which method this is, and on which problem, with their options."""
+        row = self.versions[-1].runs.iloc[0]
+        method = stats.method_name(row["optimizer"], row["optimizer_options"])
+        return f"{method} on {stats.problem_name(row['problem'], row['problem_options'], also=('error',))}"
+
+    @property
     def shown(self) -> By:
         """Return by what its versions are told: by value where half of no version's runs reach the goal."""
         reached = any(np.isfinite(stats.quantiles(measure(one.runs, self.by), (0.5,))[0]) for one in self.versions)
@@ -349,7 +356,7 @@ def drawing(history: History) -> str:
         parts.append(
             f'<text x="{left - 8}" y="{place + 4}" font-size="12" text-anchor="end" fill="currentColor">{value}</text>'
         )
-    label = escape(f"{history.optimizer} on {history.problem} over {len(points)} versions, by {history.shown}")
+    label = escape(f"{history.called} over {len(points)} versions, by {history.shown}")
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide} {high}" role="img" aria-label="{label}">'
         + "".join(parts) + "</svg>"
@@ -362,10 +369,7 @@ def page(found: Sequence[History]) -> str:
         "body{font:16px/1.5 system-ui,sans-serif;max-width:820px;margin:2em auto;padding:0 1em;color-scheme:light dark}"
     )
     style += "svg{width:100%;height:auto}"
-    parts = [
-        f"<h2>{escape(f'{one.optimizer} on {one.problem}')}</h2><p>{escape(sentence(one))}</p>{drawing(one)}"
-        for one in found
-    ]
+    parts = [f"<h2>{escape(one.called)}</h2><p>{escape(sentence(one))}</p>{drawing(one)}" for one in found]
     head = '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
     return f"{head}<title>History</title><style>{style}</style><h1>History</h1>{''.join(parts)}</html>\n"
 

@@ -22,6 +22,7 @@ from typing import Any, BinaryIO, final
 
 from calibench.bench.exchange.studies import require_free, write_folder
 from calibench.bench.execution.in_progress import hosts_at_work
+from calibench.bench.report.shared.kept import RECORD
 from calibench.bench.report.study.write import write_report
 from calibench.bench.store.atomic_file import TEMPORARY, write_whole
 from calibench.bench.store.manifest import StoreError
@@ -42,23 +43,23 @@ _FILES = frozenset(
     (
         MANIFEST, NOTES, CALIBRATION, HAND_EYE, "runs.parquet", "traces.parquet", "hits.parquet", "findings.parquet",
         "gaps.parquet", "readings.parquet", "summary.csv", "overview.csv", "calibrated.csv", "identifiability.csv",
-        "report.html", "report.json", "static_transforms.yaml", "requirements.txt", "README.md", LOCK,
+        "report.html", RECORD, "report.json", "static_transforms.yaml", "requirements.txt", "README.md", LOCK,
         SOFT_LOCK, HOLDER,
     )
 )  # fmt: skip
-_NOT_SENT = frozenset((LOCK, SOFT_LOCK, HOLDER))
+_NOT_SENT = frozenset((LOCK, SOFT_LOCK, HOLDER, RECORD))
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
 _AT_ONCE = 1 << 20
 _README = """A study of calibench: {study}
 
 {what}
-report.html opens in a browser. To go on from it, with calibench installed:
+To go on from it, with calibench installed (the last command makes the page, report.html):
 
     bench unpack {file}
     bench studies
     bench report results/{study}
 
-Add a method by the command that made it, with one name more: finished runs are taken as they are.
+Add a method by the command that made it, with -m and one name more (optimizer=de,lm); finished runs are kept:
 
     {command}
 

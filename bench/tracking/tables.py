@@ -178,6 +178,13 @@ def folder_of(results: Path, entry: Entry) -> Path:
     return results / entry.study if (results / entry.study).is_dir() else results
 
 
+# whether a run reached its goal: its own target, or else the last of its problem; null where there is none
+_REACHED = (
+    "case when coalesce(target, targets[-1]) is not null then status <> 'failed' and "
+    "hits_charged[list_position(targets, coalesce(target, targets[-1]))] is not null end"
+)
+
+
 def query(
     results: Path, text: str, words: Sequence[str] = ()
 ) -> tuple[list[str], list[tuple[Any, ...]], list[LeftOut]]:
@@ -235,7 +242,8 @@ def _answer(
             parts = [", ".join(_quoted(str(path)) for path in paths) for paths in of_one if paths]
             engine.register(f"no_{name}", SCHEMAS[name].empty_table())
             views = [f"from no_{name}", *(f"from read_parquet([{part}])" for part in parts)]
-            engine.execute(f"create view {name} as {' union all by name '.join(views)}")
+            more = f", {_REACHED} as reached" if name == "runs" else ""
+            engine.execute(f"create view {name} as select *{more} from ({' union all by name '.join(views)})")
         for name, table in in_memory.items():
             engine.register(name, table)
         rows = engine.execute(text)

@@ -539,7 +539,7 @@ def _told(one: history.History) -> dict[str, Any]:
             "why": step.why if step else "the same values" if version.same else "",
         })  # fmt: skip
     return {
-        "title": f"{one.optimizer} on {one.problem}", "by": one.shown, "setting": one.setting[1:],
+        "title": one.called, "by": one.shown, "setting": one.setting[1:],
         "sentence": history.sentence(one), "rows": rows, "drawing": Markup(history.drawing(one)),
     }  # fmt: skip
 

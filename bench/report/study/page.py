@@ -116,7 +116,7 @@ class StudyPage:
             head=headline(
                 runs, self.manifest.get("planned", {}), others, self.about,
                 answer_of(runs, self.traces, self.manifest, names, cells),
-                condition=not self.identifiability.empty, money=bool(priced(runs, costs).notna().any()),
+                names=names, condition=not self.identifiability.empty, money=bool(priced(runs, costs).notna().any()),
             ),
             contents=contents(panels, names, cells), links={**links, **self.beside},
             overview="Every method on every problem", problems=sections, opened=_OPENED,
@@ -174,7 +174,7 @@ def problems_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 def headline(
     runs: pd.DataFrame, planned: Collection[str], in_other_shards: Collection[str], about: str, answer: Answer,
-    condition: bool = False, money: bool = False,
+    names: pd.Series, condition: bool = False, money: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the values of the head of the page: the counts, where the runs come from, and what was compared."""
     lost = lost_of(runs)
@@ -195,6 +195,8 @@ def headline(
         *([(count(to_do), "planned, not done yet", "bad")] if to_do else []),
         *([(count(away), "of other shards, not here", "bad")] if away else []),
     ]
+    open_ = runs["minimum"].isna().to_numpy()  # where the best value of the study stands for it, as one in the box
+    away_of = names[stats.outside_box(runs) & open_].value_counts()
     origin = html_tables.origin(runs)
     made = {"commit": "commits", "Python": "python", "on": "machines", "begun": "begun"}
     starts = " and ".join(f"the {s}" for s in sorted(set(runs["start"].dropna().astype(str))))
@@ -207,6 +209,7 @@ def headline(
         "starts": " and ".join(filter(None, (starts, no_start))), "budgets": budgets,
         "without_budget": bool(runs["budget"].isna().any()),  # of published runs, which tell none
         "lost": lost.sentence(len(runs)),  # empty where every run ended well
+        "outside": [f"{count(n)} of the {count(int((names == name).sum()))} of {name}" for name, n in away_of.items()],
         "mixed": mixed_code(runs), "merit": bool(runs["kmrmse_aligned"].notna().any()), "condition": condition,
         "money": money,
     }  # fmt: skip
