@@ -16,11 +16,11 @@ BUDGET ?= paper
 SEEDS ?= paper
 REFERENCE ?= results/reference
 
-.PHONY: docs peers release venv reproduce reference test lint types bench slow clean
+.PHONY: dist docs peers venv reproduce reference test lint types bench slow clean
 
 venv: $(READY)
 
-$(READY): requirements.lock pyproject.toml
+$(READY): requirements.lock pyproject.toml CITATION.cff
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "Python >= 3.11 is needed, $(PYTHON) is $$($(PYTHON) -V 2>&1); try: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 2; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -80,19 +80,10 @@ peers: venv  ## STLSQ, FROLS and a Gaussian process on the same blind cases, in 
 		--versions "$$($(PEERS)/venv/bin/python -m pip list --disable-pip-version-check 2>/dev/null \
 			| grep -E '^(pysindy|scikit-learn|sysidentpy) ' | tr -s ' ' | paste -sd, | sed 's/,/, /g')"
 
-PYTHONS ?= $(PYTHON)
+INDEX ?= build/index
 
-release: venv  ## sdist and wheel in dist/, each tried in a fresh environment of each of PYTHONS="python3.11 python3.14"
-	rm -rf dist
-	$(BIN)/python -m hatchling build
-	@set -e; for python in $(PYTHONS); do for file in $(CURDIR)/dist/*; do \
-		fresh=$$(mktemp -d); echo "$$python: $$(basename $$file)"; $$python -m venv $$fresh/env; \
-		$$fresh/env/bin/python -m pip install --quiet --disable-pip-version-check $$file; \
-		(cd $$fresh; env/bin/bench --version; env/bin/bench list problems > /dev/null; \
-			env/bin/bench run problem=full12 optimizer=lm budget=500 seeds=1; \
-			env/bin/bench discover machine=gpm2002 data=demo_backlash pages=none); \
-		rm -rf $$fresh; done; done
-	@echo; echo "Both install and run. To upload, see CONTRIBUTING.md, Release: python -m twine upload dist/*"
+dist: venv  ## sdist, wheel, list of parts in dist/; tried by PYTHONS="python3.11 python3.14", from an index in the folder INDEX
+	$(BIN)/python .ci/dist.py --index $(INDEX) $(if $(PYTHONS),--pythons $(PYTHONS))
 
 clean:
 	rm -rf $(VENV) build dist site .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis

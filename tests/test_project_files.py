@@ -13,7 +13,8 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
 ROOT = Path(__file__).resolve().parents[1]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PROJECT, TOOL = PYPROJECT["project"], PYPROJECT["tool"]
 MAKEFILE = (ROOT / "Makefile").read_text()
 WORKFLOW = (ROOT / ".github" / "workflows" / "ci.yml").read_text()
 JOBS = yaml.safe_load(WORKFLOW)["jobs"]
@@ -46,6 +47,9 @@ def test_elsewhere_a_marker_leaves_pygmo_out() -> None:
     assert marker is not None
     assert marker.evaluate({"sys_platform": "linux"})
     assert not any(marker.evaluate({"sys_platform": system}) for system in ("darwin", "win32"))
+    assert JOBS["elsewhere"]["needs"] == "dist"
+    assert "make dist" in commands("dist")
+    assert "*.whl" in commands("elsewhere")
 
 
 def test_one_row_keeps_the_pin_of_hydra_and_the_next_release_overrides_it() -> None:
@@ -78,11 +82,12 @@ def test_the_hooks_are_the_tools_that_make_test_runs() -> None:
     assert {hook["language"] for hook in HOOKS} == {"system"}
 
 
-def test_the_citation_has_the_version_and_the_licence_of_the_package() -> None:
-    assert (CITATION["version"], CITATION["license"]) == (PROJECT["version"], PROJECT["license"])
+def test_the_version_is_that_of_the_citation_alone() -> None:
+    assert (PROJECT["dynamic"], TOOL["hatch"]["version"]["path"]) == (["version"], "CITATION.cff")
+    assert CITATION["license"] == PROJECT["license"]
     assert (CITATION["title"], CITATION["authors"]) == (PROJECT["name"], [{"name": "the calibench authors"}])
     assert CITATION["keywords"] == PROJECT["keywords"]
-    assert f"## {PROJECT['version']}" in (ROOT / "CHANGELOG.md").read_text()
+    assert f"## {CITATION['version']}" in (ROOT / "CHANGELOG.md").read_text()
 
 
 @pytest.mark.parametrize("k", range(len(PAPERS)))
@@ -95,3 +100,18 @@ def test_the_papers_are_cited_as_their_data_say(k: int) -> None:
     assert paper["book"].startswith(cited["collection-title"])
     assert cited.get("isbn") == paper.get("isbn")
     assert f"{cited.get('start')}-{cited.get('end')}" == paper.get("pages", "None-None")
+
+
+def test_the_recipe_for_conda_asks_for_what_the_package_asks_for() -> None:
+    recipe = yaml.safe_load((ROOT / ".ci" / "conda" / "recipe.yaml").read_text())
+    other = {"matplotlib": "matplotlib-base"}  # as conda-forge calls it
+
+    def asked(requirements: list[str]) -> set[tuple[str, SpecifierSet]]:
+        return {(other.get(r.name, r.name), r.specifier) for r in map(Requirement, requirements)}
+
+    python = [f"python{PROJECT['requires-python']}"]
+    assert asked(recipe["requirements"]["run"]) == asked(PROJECT["dependencies"] + python)
+    assert asked(recipe["requirements"]["host"]) == asked([*PYPROJECT["build-system"]["requires"], "pip", *python])
+    assert dict(s.split(" = ") for s in recipe["build"]["python"]["entry_points"]) == PROJECT["scripts"]
+    assert recipe["about"]["license_file"] == PROJECT["license-files"]
+    assert (recipe["about"]["license"], recipe["about"]["summary"]) == (PROJECT["license"], PROJECT["description"])

@@ -1,14 +1,19 @@
 """Wheel, sdist and `pip install -e` of a clone without links, as Windows makes it, are the whole product."""
 
+import hashlib
 import os
+import re
 import subprocess
 import sys
 import sysconfig
 import tarfile
 import tomllib
 import zipfile
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from shutil import copytree, ignore_patterns
+from urllib.parse import urljoin
+from urllib.request import url2pathname
 
 import pytest
 from hatchling.builders.sdist import SdistBuilder
@@ -18,6 +23,8 @@ from calibench import bench, optimizers, problems
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = [path.name for path in (ROOT / "calibench").iterdir() if (ROOT / path.name / "__init__.py").exists()]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+INLINED = PYPROJECT["tool"]["calibench"]["inlined"]
 DATA = (".j2", ".css", ".js", ".txt", ".json", ".toml", ".yaml", ".typed", ".csv", ".parquet")
 OWN = "import numpy as np\n\n\nclass Bowl:\n    lower, upper, start = -np.ones(2), np.ones(2), np.full(2, 0.5)\n\n" \
     "    def __call__(self, x):\n        return float(x @ x)\n"  # fmt: skip
@@ -42,7 +49,8 @@ def clone(tmp_path_factory):
     for name in ("calibench", *ROOMS):
         unwanted = ignore_patterns("__pycache__", *(ROOMS if name == "calibench" else ()))
         copytree(ROOT / name, folder / name, ignore=unwanted)
-    for name in ("pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff"):
+    for name in ("pyproject.toml", "README.md", "CHANGELOG.md", "CITATION.cff", *PYPROJECT["project"]["license-files"]):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes((ROOT / name).read_bytes())
     for name in ROOMS:
         (folder / "calibench" / name).write_text(f"../{name}")
@@ -52,6 +60,14 @@ def clone(tmp_path_factory):
 @pytest.fixture(scope="module")
 def wheel(clone, tmp_path_factory):
     return built(WheelBuilder, clone, tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def dist():
+    """Return `.ci/dist.py` as a module."""
+    spec = spec_from_file_location("dist", ROOT / ".ci" / "dist.py")
+    spec.loader.exec_module(module := module_from_spec(spec))
+    return module
 
 
 def built(builder, source, to, version="standard"):
@@ -81,7 +97,7 @@ def give(wheel, folder, commands):
 
 
 def test_every_room_of_the_checkout_is_taken_from_where_it_stands():
-    targets = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]
+    targets = PYPROJECT["tool"]["hatch"]["build"]["targets"]
     assert targets["wheel"]["sources"] == {room: f"calibench/{room}" for room in ROOMS}
     assert sorted(targets["wheel"]["exclude"]) == sorted(f"/calibench/{room}" for room in ROOMS)
 
@@ -100,13 +116,62 @@ def test_modules_templates_style_sheets_the_schema_and_the_mark_of_types_are_in_
     assert {name.partition("/")[0].partition("-")[0] for name in names} == {"calibench"}
 
 
+def test_what_others_wrote_is_listed_and_its_licence_is_in_the_wheel(wheel):
+    listed = {Path(file) for one in INLINED for file in (*one["files"], one.get("text", "LICENSE"))}
+    assert all((ROOT / file).exists() for file in listed)
+    texts = PYPROJECT["project"]["license-files"]
+    assert {one["text"] for one in INLINED if "text" in one} == set(texts) - {"LICENSE"}
+    names = zipfile.ZipFile(wheel).namelist()
+    assert all(any(name.endswith(f".dist-info/licenses/{text}") for name in names) for text in texts)
+    for room in (*ROOMS, "docs", "examples", "tests"):
+        for path in (path for path in (ROOT / room).rglob("*") if path.suffix not in (".pyc", ".png", ".parquet")):
+            if path.is_file() and re.search(rb"copyright \(c\)|public domain\)", path.read_bytes().lower()):
+                owner = path.relative_to(ROOT)
+                assert listed & {owner, *owner.parents} or path == Path(__file__), owner
+    assert all(one["version"].encode() in (ROOT / one["files"][0]).read_bytes()[:99] for one in INLINED[:2])
+
+
+def test_the_list_of_parts_names_the_package_its_dependencies_and_what_is_inlined(dist):
+    bom = dist.parts({"calibench.whl": "0" * 64}, "2026-01-01T00:00:00+00:00")
+    components = bom["components"]
+    assert (bom["bomFormat"], bom["specVersion"], bom["version"]) == ("CycloneDX", "1.6", 1)
+    assert bom["metadata"]["component"]["version"] == dist.VERSION
+    for one in (bom["metadata"]["component"], *components):
+        assert one["type"] == "library"
+        assert one["name"]
+        assert one["licenses"]
+    refs = [one["bom-ref"] for one in components]
+    assert len(set(refs)) == len(refs)
+    graph = {one["ref"]: set(one["dependsOn"]) for one in bom["dependencies"]}
+    assert {ref for needed in graph.values() for ref in needed} == set(refs)
+    assert {one["name"] for one in components if "evidence" in one} == {one["name"] for one in INLINED}
+    locked = re.findall(r"(?m)^(\S+)==(\S+)", (ROOT / "requirements.lock").read_text())
+    fixed = {(one["name"], one["version"]): one["hashes"] for one in components if "purl" in one}
+    assert set(fixed) <= set(locked)
+    assert {"numpy", "hydra-core", "antlr4-python3-runtime", "pyyaml"} <= {name for name, _ in fixed}
+    assert all(re.fullmatch("[0-9a-f]{64}", one["content"]) for hashes in fixed.values() for one in hashes)
+
+
+def test_pages_of_the_index_lead_to_their_files(dist, wheel, tmp_path):
+    (kept := tmp_path / "files").mkdir()
+    (kept / wheel.name).write_bytes(wheel.read_bytes())
+    (kept / "Some.Thing-1.0.tar.gz").touch()
+    dist.write_pages(kept, simple := tmp_path / "simple")
+    assert re.findall('href="(.*?)"', (simple / "index.html").read_text()) == ["some-thing/", "calibench/"]
+    page = simple / "calibench" / "index.html"
+    [(link, python)] = re.findall('href="(.*?)" data-requires-python="(.*?)"', page.read_text())
+    file, _, digest = urljoin(page.as_uri(), link).partition("#sha256=")
+    assert Path(url2pathname(file.removeprefix("file:"))) == kept / wheel.name
+    assert (digest, python) == (hashlib.sha256(wheel.read_bytes()).hexdigest(), "&gt;=3.11")
+
+
 @pytest.mark.parametrize("links", [False, True])
-def test_the_sdist_gives_the_same_wheel(clone, wheel, links, tmp_path):
+def test_the_sdist_gives_the_same_wheel_to_the_byte(clone, wheel, links, tmp_path):
     with tarfile.open(built(SdistBuilder, ROOT if links else clone, tmp_path)) as archive:
         archive.extractall(tmp_path, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))  # from 3.11.4
     (source,) = (path for path in tmp_path.iterdir() if path.is_dir())
     again = built(WheelBuilder, source, tmp_path)
-    assert sorted(zipfile.ZipFile(again).namelist()) == sorted(zipfile.ZipFile(wheel).namelist())
+    assert again.read_bytes() == wheel.read_bytes()
 
 
 def test_the_wheel_is_whole_among_a_users_own_folders_of_our_names(wheel, tmp_path):
