@@ -336,7 +336,7 @@ def calibrate_arm(
 
     mistake = arm.mistake(table, how)
     notes: list[Note] = [mistake] if mistake else [*_far_off(levels[chosen].rms, model, readings)]
-    notes += [*arm.notes, *(note for note in readings.notes if set(note.columns) <= named)]
+    notes += [*arm.notes, *(note for note in readings.notes if camera is None or set(note.columns) <= named)]
     notes += _notes(levels, fit, chosen, model, readings.where(train), without_gains, judged=judged, wild=wild)
     again = int(np.isin(poses[~train], poses[train]).sum())
     if again:  # they say little of others

@@ -80,7 +80,7 @@ def own_cache(tmp_path, monkeypatch):
     """Return a cache folder of its own, in which nothing is kept but the kernels, which take long to compile."""
     from calibench.core.compilation import compiled
 
-    kernels, cache = compiled._cache_folder(), tmp_path / "cache"
+    kernels, cache = compiled.cache_folder(), tmp_path / "cache"
     (cache / "calibench").mkdir(parents=True)
     (cache / "calibench" / kernels.name).symlink_to(kernels)
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))

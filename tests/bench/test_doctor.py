@@ -6,7 +6,7 @@ from importlib.metadata import version
 from calibench.bench.commands import doctor
 
 
-def test_versions_machine_and_what_is_missing_are_told(run_bench):
+def test_versions_machine_and_what_is_missing_are_told(run_bench, own_cache):
     code, out, err = run_bench("doctor --json")
     found = json.loads(out)
     assert (code, err, found["wrong"]) == (0, "", [])

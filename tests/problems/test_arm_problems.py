@@ -214,7 +214,7 @@ def test_what_no_arm_has_read_is_refused_in_one_line(tmp_path, spoil, said):
             lambda t: t.replace("elbow_joint", "knee"),
             "elbow_joint .*call its column q_elbow_joint, or problem.tip= a link",
         ),
-        (lambda t: t.replace(",x,", ",w,"), "a position has x, y and z; call its column x$"),
+        (lambda t: t.replace(",x,", ",w,"), "a problem needs x, y and z in each row"),
         (lambda t: t.replace(",x,y,z", ",u,v,w"), "no measured x, y and z were found"),
         (lambda t: t.replace(",x,", ",x [kg],"), "kg"),
         (lambda t: t.replace("\n-", "\nnothing-", 1), "a number is needed"),

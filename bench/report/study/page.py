@@ -116,7 +116,7 @@ class StudyPage:
             head=headline(
                 runs, self.manifest.get("planned", {}), others, self.about,
                 answer_of(runs, self.traces, self.manifest, names, cells),
-                names=names, condition=not self.identifiability.empty, money=bool(priced(runs, costs).notna().any()),
+                condition=not self.identifiability.empty, money=bool(priced(runs, costs).notna().any()),
             ),
             contents=contents(panels, names, cells), links={**links, **self.beside},
             overview="Every method on every problem", problems=sections, opened=_OPENED,
@@ -174,7 +174,7 @@ def problems_of(runs: pd.DataFrame) -> dict[str, pd.DataFrame]:
 
 def headline(
     runs: pd.DataFrame, planned: Collection[str], in_other_shards: Collection[str], about: str, answer: Answer,
-    names: pd.Series, condition: bool = False, money: bool = False,
+    condition: bool = False, money: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the values of the head of the page: the counts, where the runs come from, and what was compared."""
     lost = lost_of(runs)
@@ -196,6 +196,7 @@ def headline(
         *([(count(away), "of other shards, not here", "bad")] if away else []),
     ]
     open_ = runs["minimum"].isna().to_numpy()  # where the best value of the study stands for it, as one in the box
+    names = stats.method_names(runs)
     away_of = names[stats.outside_box(runs) & open_].value_counts()
     origin = html_tables.origin(runs)
     made = {"commit": "commits", "Python": "python", "on": "machines", "begun": "begun"}
