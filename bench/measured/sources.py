@@ -67,6 +67,8 @@ class Source:
         if self.beside:
             alone = replace(self, beside=())
             return joined({one.case: one.columns(declared, stated, part=True) for one in (alone, *self.beside)}, stated)
+        if "gap" in stated and not part:
+            raise DataError(f"gap= joins files by their times, and {self.path} is one; leave it out")
         if not socket_files(self.path):
             return read_columns(self.path, declared, stated, part)
         by_label, note = read_sockets(self.path, declared, stated)
@@ -151,6 +153,8 @@ def joined(contents: Mapping[str, Columns], stated: Mapping[str, Any]) -> Column
     """Return the columns of all files by time, or, by name, of as many rows; without headers they are counted on."""
     if (in_time := by_time(contents, float(stated.get("gap", GAP)))) is not None:
         return in_time
+    if "gap" in stated:
+        raise DataError("gap= joins files by their times, and not each of these has times of its own; leave it out")
     columns: dict[str, Any] = {}
     units: dict[str, str] = {}
     rows = {file: len(next(iter(one.columns.values()))) for file, one in contents.items()}

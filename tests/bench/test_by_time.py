@@ -128,3 +128,15 @@ def test_a_row_without_joints_near_in_time_is_dropped_and_the_nearest_is_taken_w
     other = Columns({**poses.columns, "time": poses.columns["time"] + 1e6})
     with pytest.raises(DataError, match="of two clocks, which nothing joins here"):
         by_time({"joints": joints, "poses": other})
+
+
+def test_a_gap_without_times_to_join_is_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.urdf").write_text(urdf())
+    for name, heads in (("a.csv", ",".join(NAMES)), ("b.csv", "x,y,z")):
+        (tmp_path / name).write_text(f"{heads}\n" + f"{','.join('1' for _ in heads.split(','))}\n" * 12)
+    for data in ("a.csv", "a.csv,b.csv"):
+        with pytest.raises(SystemExit) as ended:
+            main(["calibrate", "urdf=arm.urdf", f"data={data}", "gap=0.2"])
+        assert ended.value.code == 2
+        assert "gap= joins files by their times" in capsys.readouterr().err
