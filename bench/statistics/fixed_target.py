@@ -122,16 +122,6 @@ class Hits:
         return self.targets.iloc[np.flatnonzero(np.bincount(self.level, minlength=len(self.targets)))]
 
 
-def _first_come(codes: Counts, most: int) -> tuple[Counts, Counts]:
-    """Return the different codes below `most` in the order in which they come, and the place of each of `codes`."""
-    first = np.full(most, len(codes))
-    first[codes[::-1]] = np.arange(len(codes))[::-1]
-    different = np.argsort(first, kind="stable")[: int((first < len(codes)).sum())]
-    place = np.empty(most, dtype=np.int64)
-    place[different] = np.arange(len(different))
-    return different, place[codes]
-
-
 def _in_order(codes: Counts, most: int) -> tuple[Counts, Counts]:
     """Return the different ones of codes below `most`, in order, and the place of each: `np.unique` without sorting."""
     present = np.bincount(codes, minlength=most) > 0
@@ -150,7 +140,7 @@ def runtimes(hits: Hits | pd.DataFrame, runs: pd.DataFrame, instances: Sequence[
     hits = hits.where(place >= 0)
     seen, row = _in_order(place[place >= 0], len(rows))
     rows = rows.iloc[seen].reset_index(drop=True)
-    different, code = _first_come(hits.level, len(hits.targets))
+    code, different = pd.factorize(hits.level)  # in the order in which they come
     targets = hits.targets.iloc[different].reset_index(drop=True)
 
     spent = rows["charged"].to_numpy(dtype=float)

@@ -84,22 +84,16 @@ def numbered(columns: Iterable[Any]) -> Counts:
     """Return for each row the number, from 0, of what it has in `columns`; what comes first has the lowest."""
     held = [*columns]
     if held and all(hasattr(column, "factorize") for column in held):  # those of pandas, all rows at once
-        codes = held[0].factorize()[0]
-        for column in held[1:]:
+        import pandas as pd
+
+        codes = np.zeros(len(held[0]), dtype=np.int64)
+        for column in held:
             more, values = column.factorize()
-            codes = _renumbered(codes * (len(values) + 1) + more + 1)
-        return _renumbered(codes)
+            codes = pd.factorize(codes * (len(values) + 1) + more + 1)[0]
+        return codes
     seen: dict[tuple[Any, ...], int] = {}
     rows = zip(*map(plain, held), strict=True)
     return np.array([seen.setdefault(row, len(seen)) for row in rows], dtype=np.int64)
-
-
-def _renumbered(codes: Counts) -> Counts:
-    """Return for each row the number of its code, in the order in which codes come."""
-    _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
-    place = np.empty(len(first), dtype=np.int64)
-    place[np.argsort(first)] = np.arange(len(first))
-    return place[inverse]
 
 
 def name_rows(table: pd.DataFrame, columns: Sequence[str], names_of: Callable[[list[Any]], Sequence[str]]) -> pd.Series:

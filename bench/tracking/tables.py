@@ -210,9 +210,9 @@ def query(
     try:
         try:
             return *_answer(text, {name: [paths] for name, paths in files.items()}, in_memory), left_out
-        except duckdb.Error as error:
-            if ".parquet" not in str(error):
-                raise
+        except (duckdb.ParserException, duckdb.BinderException, duckdb.CatalogException):  # the question is wrong
+            raise
+        except duckdb.Error:  # a file may be
             groups, wrong = _sift(files)
             return *_answer(text, groups, in_memory), left_out + wrong
     except duckdb.Error as error:

@@ -390,9 +390,9 @@ def test_a_method_has_one_colour_in_every_drawing_and_on_the_page(store, monkeyp
     """Drawings differ in which method comes first: convergence by the rows, the runtime ECDF by the shares."""
     caught = []
 
-    def draws(drawable, folder, tell):
+    def draws(drawable, folder, tell, kept):
         caught.extend(drawable)
-        return Drawings(drawable, folder, tell)
+        return Drawings(drawable, folder, tell, kept)
 
     monkeypatch.setattr(write, "Drawings", draws)
     write_report(store)
