@@ -61,20 +61,20 @@ def carried(report: Report, others: Sequence[MeasuredData]) -> Report:
     assert known is not None  # of every search
     with one_thread():
         rows = [row for other in others for row in _in_another(report.findings, first, known, other)]
-    ordered = [row for finding in report.findings for row in rows if row.effect == finding.effect]
-    findings = tuple(_judged(finding, [row for row in rows if row.effect == finding.effect])
-                     for finding in report.findings)  # fmt: skip
-    return replace(report, findings=findings, across=tuple(ordered))
-
-
-def _judged(finding: Finding, rows: Sequence[Carried]) -> Finding:
-    """Return a finding whose doubt, that it is of these readings alone, is settled by other sets where they can."""
-    lost = tuple(row.case for row in rows if row.verdict == "does not carry")
-    others = tuple(one for one in finding.caution if one.code is not Doubt.UNCONFIRMED)
-    if others == finding.caution or (not (confirmed := any(row.verdict == "carries" for row in rows)) and not lost):
-        return finding
-    settled = () if confirmed else (Caution(Doubt.NOT_ELSEWHERE, cases=lost),)
-    return replace(finding, caution=(*others, *settled))
+    findings: list[Finding] = []
+    ordered: list[Carried] = []
+    for finding in report.findings:
+        own = [row for row in rows if row.effect == finding.effect]
+        ordered += own
+        # the doubt that it is of these readings alone is settled by other sets where they can
+        lost = tuple(row.case for row in own if row.verdict == "does not carry")
+        confirmed = any(row.verdict == "carries" for row in own)
+        doubts = tuple(one for one in finding.caution if one.code is not Doubt.UNCONFIRMED)
+        if doubts != finding.caution and (confirmed or lost):
+            settled = () if confirmed else (Caution(Doubt.NOT_ELSEWHERE, cases=lost),)
+            finding = replace(finding, caution=(*doubts, *settled))
+        findings.append(finding)
+    return replace(report, findings=tuple(findings), across=tuple(ordered))
 
 
 @final
@@ -195,20 +195,16 @@ def _why_not(one: _Expected, base: Fit, untestable: Sequence[Untestable]) -> str
     if isinstance(one.effects[0], ChangePoint) or set(clock) & {roles_of(formulation).time, "t_s", PLACE} - {""}:
         return _OF_RUN
     one, at = one.held(), base.at
+    numbers = np.split(one.numbers, np.cumsum([len(e.coefficients) for e in one.effects])[:-1])
     parts = [
         signature(effect, c, at.recorded, at.slopes, formulation)
-        for effect, c in zip(one.effects, _parted(one), strict=True)
+        for effect, c in zip(one.effects, numbers, strict=True)
     ]
     moved = at.whiten(np.concatenate(parts, axis=2)) @ one.numbers
     seen = project_off(moved, orthonormal(base.J, _DIGITS), times=2)
     if not np.linalg.norm(seen) > thresholds().visible * np.linalg.norm(moved):
         return "calibration absorbs it there"
     return ""
-
-
-def _parted(one: _Expected) -> list[Array]:
-    """Return the numbers of each effect."""
-    return np.split(one.numbers, np.cumsum([len(e.coefficients) for e in one.effects])[:-1])
 
 
 def _refitted(expected: Sequence[_Expected], base: Fit, of_run: Sequence[Effect], case: str) -> list[Carried]:

@@ -6,6 +6,7 @@ The machines that ship are loaded when one of them, or what they declare, is fir
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -21,6 +22,7 @@ machines: Registry[Machine] = Registry("machine", "calibench.machines")
 effects: Registry[EffectFamily] = Registry("effect", "calibench.effects")
 _FOLDERS = iter_modules([str(Path(__file__).parent / "machines")])  # a folder each, of its name
 machines.promise("calibench.discrepancy.machines", *(one.name for one in _FOLDERS if one.ispkg))
+DEMONSTRATIONS = Path(__file__).resolve().parent / "demo"  # a folder for each machine of which sets of data ship
 GENERAL = "general"  # the machine of families that serve every machine whose roles allow it
 _descriptions: dict[str, Description] = {}
 
@@ -35,6 +37,8 @@ def describe(machine: str, description: Description) -> None:
     load_shipped()  # first, so that they stand first
     if machine in _descriptions:
         raise ValueError(f"machine {machine!r} is described twice")
+    if description.demonstrations is None and (DEMONSTRATIONS / machine).is_dir():
+        description = replace(description, demonstrations=DEMONSTRATIONS / machine)
     _descriptions[machine] = description
 
 

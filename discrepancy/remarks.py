@@ -216,8 +216,14 @@ def on_the_findings(search: Search) -> Iterator[Note]:
             yield Note(Code.NEGATIVE_SIZE, text, names, values={"effect": one.effect, "size": one.amplitude.value})
     # of several terms over a part of a turn most nearly cancel, or are a constant that calibration takes up
     moved: dict[str, list[tuple[Finding, Array]]] = {}
+    final, data = search.final, search.final.model.formulation.data
+    numbers = {name_of(effect): (effect, c) for effect, c in final.model.coefficients(final.x)}
     for one in search.findings:
-        changes = _changes(search.final, one)
+        changes: dict[str, Array] = {}  # by how much a finding, with its form, moves what was read; none of the noise
+        if one.effect in numbers:
+            parts = [numbers[one.effect][0], *forms_of(numbers[one.effect][0], final.model.effects)]
+            shifts = [part.shift(final.at.recorded, data, numbers[name_of(part)][1]) for part in parts]
+            changes = {n: np.asarray(sum(np.asarray(s[n]) for s in shifts if n in s)) for n in shifts[0]}
         for name, change in changes.items():
             moved.setdefault(name, []).append((one, change))
         swing = max((float(np.ptp(change)) / 2 for change in changes.values()), default=0.0)
@@ -252,14 +258,3 @@ def on_the_findings(search: Search) -> Iterator[Note]:
                 "its way, and not what causes it: an error at one place is a sum of waves as well"
             )
             yield Note(Code.MANY_WAVES, text, values={"waves": many, "target": target})
-
-
-def _changes(final: Fit, one: Finding) -> dict[str, Array]:
-    """Return quantity -> (n,): by how much a finding, with its form, moves what was read; {} for a law of the noise."""
-    data = final.model.formulation.data
-    numbers = {name_of(effect): (effect, c) for effect, c in final.model.coefficients(final.x)}
-    if one.effect not in numbers:
-        return {}
-    parts = [numbers[one.effect][0], *forms_of(numbers[one.effect][0], final.model.effects)]
-    moved = [part.shift(final.at.recorded, data, numbers[name_of(part)][1]) for part in parts]
-    return {name: np.asarray(sum(np.asarray(part[name]) for part in moved if name in part)) for name in moved[0]}

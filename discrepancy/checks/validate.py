@@ -46,7 +46,7 @@ def validate(
     to do.
     """
     refuse_no_machine(machine)
-    rows, data = np.flatnonzero(_marked(data)) + 1, entered(data)
+    rows, data = np.flatnonzero(_valid(data)) + 1, entered(data)
     formulation = formulated(machine, ordered(data))
     copies, note = copied_rows(data, rows, formulation)
     if copies.any():
@@ -79,7 +79,7 @@ def validate(
             what = words_of(roles).get(name, name)
             text = f"no column {name}: what depends on the {what} is not looked for; {suggest(name, others)}"
             data = data.with_note(Code.COLUMN_MISSING, text, (name,))
-        if "split" not in data or not (data["split"] == "hold").any():
+        if data.fitted.all():
             data = data.with_note(Code.NOT_HELD_OUT, NOT_HELD_OUT)
     return formulation if data is formulation.data else formulation.on(data)
 
@@ -100,9 +100,8 @@ _FORMULATE = "formulate(data), which returns Predicted(...) or Constraints(...)"
 def refuse_no_machine(machine: object, called: str = "") -> None:
     """Raise `DataError` for an object without a name or a `formulate` that takes data; the user `called` it so."""
     if isinstance(machine, type):
-        raise DataError(
-            f"{called or 'machine'}: {machine.__name__} is a class; {machine.__name__}(), one of it, is needed"
-        )
+        name = machine.__name__
+        raise DataError(f"{called or 'machine'}: {name} is a class; {name}(), one of it, is needed")
     called = called or f"machine: {type(machine).__name__}"
     formulate = getattr(machine, "formulate", None)
     if not callable(formulate):
@@ -218,7 +217,7 @@ def entered(data: MeasuredData) -> MeasuredData:
     """
     if not len(data):
         raise DataError(f"{data.name}: there are no readings; a row for each is needed")
-    valid = _marked(data)
+    valid = _valid(data)
     if not valid.any():
         raise DataError(f"{data.name}: column valid marks no row as valid; mark those that are to be used with 1")
     if not valid.all():
@@ -262,11 +261,9 @@ def entered(data: MeasuredData) -> MeasuredData:
     return data.with_columns({"visit_id": visit})
 
 
-def _marked(data: MeasuredData) -> NDArray[np.bool_]:
-    if "valid" not in data:
-        return np.ones(len(data), dtype=bool)
+def _valid(data: MeasuredData) -> NDArray[np.bool_]:
     try:
-        return valid_rows(data["valid"])
+        return valid_rows(data["valid"]) if "valid" in data else np.ones(len(data), dtype=bool)
     except ValueError as error:
         raise DataError(f"{data.name}: {error}") from None
 
@@ -347,9 +344,8 @@ def copied_rows(
         f"rows {pairs} {same}: {len(again)} copies, more than the {plain(expected, 2)} that chance has, "
         "are left out, and no noise is learned from them"
     )
-    return copies, Note(
-        Code.ROWS_COPIED, text, rows=tuple(str(row) for row in rows[again]), values={"expected": float(expected)}
-    )
+    labels = tuple(str(row) for row in rows[again])
+    return copies, Note(Code.ROWS_COPIED, text, rows=labels, values={"expected": float(expected)})
 
 
 def step_of(values: NDArray[Any]) -> float:

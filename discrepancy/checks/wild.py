@@ -43,7 +43,7 @@ _COLUMNS = 4  # by which a row is told
 def without_wild(formulation: Formulation, machine: str = "machine", isolated: bool = False) -> MeasuredData:
     """Return the data of a formulation without wild rows, with a note that tells them, of the `machine`."""
     data = formulation.data
-    fitted = np.asarray(data["split"]) != "hold" if "split" in data else np.ones(len(data), dtype=bool)
+    fitted = data.fitted
     model = Model(formulation)
     start = np.asarray(model.residuals(model.start))
     if fitted.sum() * start.shape[1] < _LEAST_SHARE * len(formulation.parameters) or not np.isfinite(start).all():
@@ -134,9 +134,7 @@ def refuse_wild(formulation: Formulation) -> None:
         misfit = _misfit(few, q)
         if not misfit > _FAR or getattr(few, "of_rows", None) is not None:  # a simulator: hundreds of calls
             continue
-        cures = [
-            (words, left) for words, left in (*_cures(few, q), *_moved(kind)) if left < min(_NEAR, misfit / _BETTER)
-        ]
+        cures = [one for one in (*_cures(few, q), *_moved(kind)) if one[1] < min(_NEAR, misfit / _BETTER)]
         if not cures:
             continue
         best = min(left for _, left in cures)
@@ -245,10 +243,8 @@ def formulated(machine: Machine, data: MeasuredData) -> Formulation:
                     continue
                 misfit = _misfit(formulation, _start(formulation))
                 if misfit < best[1]:
-                    words = (
-                        f"; {', '.join(columns)} look like {other}: multiply by {factor:.6g}, or state the unit {other}"
-                    )
-                    best = (words, misfit)
+                    way_out = f"multiply by {factor:.6g}, or state the unit {other}"
+                    best = (f"; {', '.join(columns)} look like {other}: {way_out}", misfit)
         raise DataError(f"{error}{best[0]}") from None
     if getattr(made, "constraints", None) is None:
         raise DataError(
@@ -308,9 +304,8 @@ def _cures(formulation: Formulation, q: Mapping[str, Numbers]) -> Iterator[Cure]
             missing = json.dumps(dict.fromkeys(names, other), ensure_ascii=False)
             way_out = f"{'looks' if one else 'look'} like {other}; state the unit of the column: units={missing}"
             if own_units:  # stating a unit changes nothing
-                way_out = (
-                    "file and model are in units that differ by this factor; write one of them in those of the other"
-                )
+                both = "file and model are in units that differ by this factor"
+                way_out = f"{both}; write one of them in those of the other"
             elif any(name in stated for name in names):  # only the user can correct it
                 way_out = "the unit that is stated is wrong by this factor"
             yield f"if {', '.join(names)} {'is' if one else 'are'} multiplied by {factor:.6g}: {way_out}", misfit

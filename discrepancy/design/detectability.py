@@ -16,13 +16,13 @@ from calibench.core.notes import Note
 from calibench.core.plain import finite
 from calibench.core.process import one_thread
 from calibench.discrepancy.checks.validate import looked_at
-from calibench.discrepancy.diagnostics.score import smallest_amplitude
+from calibench.discrepancy.diagnostics.score import lengths_apart, smallest_amplitude
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import fit, orthonormal, project_off
 from calibench.discrepancy.model.effect import Effect, Untestable, name_of, still_open
 from calibench.discrepancy.model.machine import Formulation, Machine, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
-from calibench.discrepancy.model.model import Model, signature
+from calibench.discrepancy.model.model import Model, signature, signature_of
 from calibench.discrepancy.noise.whiten import Noise, whitener
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.thresholds import thresholds
@@ -79,13 +79,10 @@ class Design:
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; an infinite amplitude is None."""
+        plain = ("name", "readings", "constraints", "size", "threshold")
         return {
-            "name": self.name,
-            "readings": self.readings,
-            "constraints": self.constraints,
-            "size": self.size,
-            "threshold": self.threshold,
-            "candidates": [{"class": plain.pop("group"), **plain} for plain in map(finite, self.candidates)],
+            **{name: getattr(self, name) for name in plain},
+            "candidates": [{"class": one.pop("group"), **one} for one in map(finite, self.candidates)],
             "classes": [list(names) for names in self.classes],
             "invisible": [sight.effect for sight in self.candidates if not sight.visible],
             "not_testable": finite(self.not_testable),
@@ -127,17 +124,10 @@ def design(machine: str | Machine, data: MeasuredData, size: float = 1.0) -> Des
         shown = [r for r in rest if r.fraction >= thresholds().invisible] or rest
         least = float(np.median([r.least(candidates) for r in shown]))
         fraction = float(np.median([r.fraction for r in shown]))
-        found.append(
-            Detectability(
-                effect=name,
-                family=effect.family,
-                target=effect.target,
-                unit=effect.unit,
-                visible_fraction=fraction,
-                minimum_detectable=least if name in seen else np.inf,
-                group=number.get(name, -1),
-            )
-        )
+        found.append(Detectability(
+            effect=name, family=effect.family, target=effect.target, unit=effect.unit, visible_fraction=fraction,
+            minimum_detectable=least if name in seen else np.inf, group=number.get(name, -1),
+        ))  # fmt: skip
     used = formulation.data
     return Design(
         name=used.name, readings=len(used), constraints=view.rows, size=size, threshold=threshold,
@@ -206,8 +196,7 @@ class WhitenedDesign:
         trace = self.white(signature(effect, zero, self.q, self.slopes, self.formulation))
         there = self.nudged.quantities(self.x)[0]
         basis = effect.basis(there, self.nudged.formulation.data, zero)
-        raw = sum(self.slopes[name][:, :, None] * change[:, None, :] for name, change in basis.items())
-        other = self.white(self.formulation.decorrelate(np.asarray(raw)))  # in the groups that exact numbers make
+        other = self.white(signature_of(basis, self.slopes, self.formulation))  # in the groups that exact numbers make
         rounding = np.linalg.norm(other - trace, axis=0) > _HANGS * np.linalg.norm(trace, axis=0)
         return np.where(rounding, 0.0, trace)
 
@@ -221,11 +210,8 @@ class WhitenedDesign:
         directions, fractions, _ = np.linalg.svd(left, full_matrices=False)
         basis = effect.basis(self.q, self.formulation.data, zero)
         if len(basis) > 1:
-            # the length of the signature over that of its parts, one for each quantity: if all encoders are late
-            # together, the parts cancel, and only rounding is left
-            parts = [self.white(self.slopes[name][:, :, None] * change[:, None, :]) for name, change in basis.items()]
-            lengths = np.sqrt(sum((part**2).sum(axis=0) for part in parts))
-            uncancelled = np.linalg.norm(raw / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(zero))
+            # if all encoders are late together, the parts cancel, and only rounding is left
+            uncancelled = np.linalg.norm(raw / lengths_apart(self.white, self.slopes, basis)) / np.sqrt(len(zero))
             fractions = fractions * (min(1.0, float(uncancelled)) if uncancelled > thresholds().cancelled else 0.0)
         visible = directions[:, fractions >= thresholds().invisible]
         return ProjectedSignature(effect, project_off(raw, self.absorbed, times=2), visible, float(fractions[0]))

@@ -23,17 +23,8 @@ from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.measured import blamable, kinds_of, sensor_of
 from calibench.discrepancy.model.model import Model, relearned, told_by_middle
 from calibench.discrepancy.model.roles import inputs_of, unknown_noise_of
-from calibench.discrepancy.noise.laws import (
-    QUARTILES,
-    NoiseFinding,
-    changes_left,
-    heavy_tails_in,
-    middle_half,
-    mixture,
-    outliers_of,
-    quantisation_of,
-    returned,
-)
+from calibench.discrepancy.noise import laws
+from calibench.discrepancy.noise.laws import NoiseFinding, mixture
 from calibench.discrepancy.noise.repeats import TAILS, Repeats, law_of, pairs_of, variance
 from calibench.discrepancy.noise.whiten import ROUNDING, Noise
 from calibench.discrepancy.thresholds import thresholds
@@ -113,18 +104,15 @@ def outlying(at: Fit) -> tuple[tuple[NoiseFinding, ...], tuple[Pattern, ...]]:
         data, of = formulation.data, [formulation.readings.index(name) for name in names]
         change = np.stack([np.asarray(data[name])[second] - np.asarray(data[name])[first] for name in names], axis=-1)
         change = change / np.hypot(at.at.sigma[first][:, of], at.at.sigma[second][:, of])
-        left = [changes_left(r, signatures[name], first, second) for name in names]
-        still = returned(change, np.stack([one for one, _ in left], axis=-1))
+        left = [laws.changes_left(r, signatures[name], first, second) for name in names]
+        still = laws.returned(change, np.stack([one for one, _ in left], axis=-1))
         parts = np.ones(change.shape) if still else np.stack([part for _, part in left], axis=-1)
         change = change if still else np.stack([one for one, _ in left], axis=-1)
         change = change - np.median(change, axis=0)
         change = change / _wider(change.ravel(), t.wide_core_all)
         d = np.asarray(change / [_wider(one, t.wide_core_one) for one in change.T])
-        whole, beside = (
-            d,
-            len(names),
-        )  # of all sensors together: where a machine moved, no more than its constraints tell
-        if not still:
+        whole, beside = d, len(names)  # of all sensors together
+        if not still:  # where a machine moved, no more than its constraints tell
             whole = (r[second] - r[first]) / np.sqrt(2)
             whole = whole - np.median(whole, axis=0)
             whole, beside = whole / _wider(whole.ravel(), t.wide_core_all), whole.shape[1]
@@ -147,10 +135,10 @@ def outlying(at: Fit) -> tuple[tuple[NoiseFinding, ...], tuple[Pattern, ...]]:
         one = float(1 / (1 + np.exp(np.clip((everywhere.gain - lone[worst].gain) / 2, -50, 50))))
         blamed = alike[worst]
         if concentrated or one > 0.5:
-            law = outliers_of(formulation, blamed, r, signatures[blamed.column])
+            law = laws.outliers_of(formulation, blamed, r, signatures[blamed.column])
             rival = ("heavy_tails", "all", 1 - one)
         else:
-            law, rival = heavy_tails_in(formulation, r), ("outlier", blamed.part, one)
+            law, rival = laws.heavy_tails_in(formulation, r), ("outlier", blamed.part, one)
         # visits are far off one by one, as an error of a reading shows in two changes of three repeats
         one_of = lone[worst] if law.family == "outlier" else everywhere
         far = one_of.weights.reshape(len(d), -1).max(axis=1)
@@ -189,7 +177,7 @@ def outliers_under(model: Model, x: Array, target: str) -> NoiseFinding:
     r = at.whiten(at.misclosure).reshape(at.misclosure.shape)
     k = formulation.readings.index(sensor.column)
     trace = at.whiten((at.reading_slopes * at.sigma[:, None, :])[:, :, k]).reshape(r.shape)
-    return outliers_of(formulation, sensor, r, trace)
+    return laws.outliers_of(formulation, sensor, r, trace)
 
 
 def contamination(d: Array) -> float:
@@ -207,8 +195,8 @@ def contamination(d: Array) -> float:
 
 def _wider(values: Array, deviations: float) -> float:
     """Return the spread of the middle half of `values` if it is significantly above 1, by `deviations`; else 1."""
-    spread = middle_half(values)
-    return spread if spread > 1 + deviations * QUARTILES / np.sqrt(len(values)) else 1.0
+    spread = laws.middle_half(values)
+    return spread if spread > 1 + deviations * laws.QUARTILES / np.sqrt(len(values)) else 1.0
 
 
 def whitened(at: Fit) -> tuple[Array, dict[str, Array]]:
@@ -234,7 +222,7 @@ def sound_fit(plain: Fit) -> tuple[Fit, tuple[NoiseFinding, ...], tuple[Pattern,
     r, signatures = whitened(at)
     formulation = at.model.formulation
     sensors = blamable(formulation.sensors)
-    found = [quantisation_of(formulation, sensor, r, signatures[sensor.column]) for sensor in sensors]
+    found = [laws.quantisation_of(formulation, sensor, r, signatures[sensor.column]) for sensor in sensors]
     suspects = []
     for one in (one for one in found if one.amplitude > 0 and one.gain > thresholds().step_gain):
         # m readings of one value have the same error: with m times the variance each, they weigh as one

@@ -18,7 +18,8 @@ from scipy.special import chdtri, chndtr, fdtrc
 
 from calibench.discrepancy.fitting.fit import Fit, project_off
 from calibench.discrepancy.model.effect import ChangePoint, Effect, has_free_period, name_of
-from calibench.discrepancy.model.model import signature
+from calibench.discrepancy.model.model import signature, signature_of
+from calibench.discrepancy.noise.whiten import Whitener
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
 
@@ -160,9 +161,7 @@ def columns(fit: Fit, effect: Effect) -> Array:
 
 def signatures(fit: Fit, changes: Mapping[str, Array]) -> Array:
     """Return the whitened signatures of m changes of quantities at the fit and adjusted readings: (n, m) -> (N, m)."""
-    at = fit.at
-    raw = sum(at.slopes[name][:, :, None] * change[:, None, :] for name, change in changes.items())
-    return at.whiten(at.model.formulation.decorrelate(np.asarray(raw)))
+    return fit.at.whiten(signature_of(changes, fit.at.slopes, fit.at.model.formulation))
 
 
 def _columns(fit: Fit, effects: Sequence[Effect]) -> Array:
@@ -185,14 +184,19 @@ def uncancelled(effect: Effect, fit: Fit) -> float:
     It is 1 for an effect that changes one quantity. Example: if all encoders are late together, the parts describe the
     pose of a moment before and cancel, so that only rounding is left.
     """
-    data, slopes = fit.at.model.formulation.data, fit.at.slopes
-    basis = effect.basis(fit.at.recorded, data, np.zeros(len(effect.coefficients)))
+    basis = effect.basis(fit.at.recorded, fit.at.model.formulation.data, np.zeros(len(effect.coefficients)))
     if len(basis) < 2:
         return 1.0
-    parts = [fit.at.whiten(slopes[name][:, :, None] * change[:, None, :]) for name, change in basis.items()]
     whole = np.linalg.norm(columns(fit, effect), axis=0)
+    lengths = lengths_apart(fit.at.whiten, fit.at.slopes, basis)
+    return float(np.linalg.norm(whole / lengths) / np.sqrt(len(whole)))
+
+
+def lengths_apart(white: Whitener, slopes: Mapping[str, Array], changes: Mapping[str, Array]) -> Array:
+    """Return the lengths of the whitened signatures of changes of several quantities as if each were alone, (k,)."""
+    parts = [white(slopes[name][:, :, None] * change[:, None, :]) for name, change in changes.items()]
     lengths = np.sqrt(sum((part**2).sum(axis=0) for part in parts))
-    return float(np.linalg.norm(whole / np.where(lengths > 0, lengths, 1.0)) / np.sqrt(len(whole)))
+    return np.asarray(np.where(lengths > 0, lengths, 1.0))
 
 
 def subspaces(on: ProjectedScores, D: Array, least: float | None = None) -> list[Subspace]:
@@ -282,9 +286,8 @@ def _by_sums(fit: Fit, on: ProjectedScores, effects: Sequence[Effect], least: fl
         for j, place in enumerate(places):
             kept = s[j] > least
             shown = V[j][:, kept] / s[j, kept]
-            seen = Subspace(
-                np.empty((0, shown.shape[1])), shown / size[j, :, None], float(s[j, 0]), size[j], lengths[j]
-            )  # fmt: skip
+            rowless = np.empty((0, shown.shape[1]))
+            seen = Subspace(rowless, shown / size[j, :, None], float(s[j, 0]), size[j], lengths[j])
             found[place] = _scored(fit, on, effects[place], seen, b[j] @ shown), seen.U
     return found
 
@@ -379,9 +382,8 @@ class Sums:
                 across[:, :k] += (change.reshape(K * k, n) @ self._pull(one)).reshape(K, k, -1)
                 for other, beside in changes.items():
                     square[:, :k, :k] += change @ (self._pair(one, other) * beside).transpose(0, 2, 1)
-            found_here = zip(square, across.transpose(0, 2, 1))
-            for place, products in zip(some, found_here):
-                found[place] = products
+            for place, one_square, one_across in zip(some, square, across.transpose(0, 2, 1)):
+                found[place] = one_square, one_across
             some.clear()
 
         # one target after the other: its quantities' products, which are large, are kept that long

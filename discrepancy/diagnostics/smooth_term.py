@@ -5,6 +5,7 @@ a function of the place, added to each constraint). It detects what the catalogu
 model that is used where no named effect fits.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import final
 
@@ -61,10 +62,8 @@ class SmoothTerm:
         if self.levels:
             one = np.stack([values[0] == level for level in self.levels[1:]], axis=-1).astype(float)
         else:
-            one = np.ones((len(data), 1))
-            for value, low, high in zip(values, self.low, self.high):
-                one = (one[:, :, None] * curve(value, low, high, self.knots)[:, None, :]).reshape(len(data), -1)
-            one = one[:, 1:]  # the constant is the offset's
+            curves = (curve(value, low, high, self.knots) for value, low, high in zip(values, self.low, self.high))
+            one = products(curves, len(data))[:, 1:]  # the constant is the offset's
         one[~np.all(np.isfinite(values), axis=0)] = 0.0  # rows that are not the target's
         if self.mix is not None:
             one = one @ self.mix
@@ -84,6 +83,14 @@ def curve(values: Array, low: float, high: float, knots: int) -> Array:
     """Return `knots` Chebyshev polynomials of values (n,) mapped from [low, high], (n, knots); constant outside."""
     s = np.clip(2 * (values - low) / (high - low) - 1, -1, 1) if high > low else np.zeros(len(values))
     return np.cos(np.arange(knots) * np.arccos(s)[:, None])
+
+
+def products(values: Iterable[Array], n: int) -> Array:
+    """Return the products of columns, one of each of `values`, (n, k) each: (n, k1 k2 ...)."""
+    found = np.ones((n, 1))
+    for value in values:
+        found = (found[:, :, None] * value[:, None, :]).reshape(n, -1)
+    return found
 
 
 def smooth_columns(formulation: Formulation, x: Array) -> dict[str, Array]:

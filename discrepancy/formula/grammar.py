@@ -18,6 +18,7 @@ from typing import final
 import numpy as np
 
 from calibench.core.words import plain
+from calibench.discrepancy.diagnostics.smooth_term import products
 from calibench.discrepancy.fitting.fit import PLACE
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
@@ -190,28 +191,23 @@ class Atom:
 
     def text(self) -> str:
         """Return it as it is told, a wave without its phase."""
-        shape = self.parts[0].shape
+        shape, u = self.parts[0].shape, self.column
+        if shape in ("sin", "cos") and self.unit == "rad":
+            k = f"{self.number:.4g} " if abs(self.number - 1) > 1e-9 else ""
+            return f"{shape}({k}{u})"
+        if self.origin:
+            u = f"({u} - {plain(self.origin, 6)})"
         if shape in ("sin", "cos"):
-            if self.unit == "rad":
-                k = f"{self.number:.4g} " if abs(self.number - 1) > 1e-9 else ""
-                return f"{shape}({k}{self.column})"
             period = f"{plain(2 * np.pi / self.number, 4)} {self.unit}".rstrip()
-            return f"{shape}(2 pi {self._shown} / {period})"
-        k = f"{plain(self.number, 3)} {self._unit_of_number}".rstrip() if isfinite(self.number) else ""
-        return SHAPES[shape].text.format(u=self._shown, k=k)
+            return f"{shape}(2 pi {u} / {period})"
+        unit = {"side": "", "lag": "s"}.get(self.shape, self.unit)
+        k = f"{plain(self.number, 3)} {unit}".rstrip() if isfinite(self.number) else ""
+        return SHAPES[shape].text.format(u=u, k=k)
 
     def code(self, u: str) -> str:
         """Return it as Python, of the variable `u`."""
         bare = f"({u} - {self.origin!r})" if self.origin else u
         return SHAPES[self.shape].code.format(u=bare, name=self.column, k=float(self.number))
-
-    @property
-    def _shown(self) -> str:
-        return self.column if not self.origin else f"({self.column} - {plain(self.origin, 6)})"
-
-    @property
-    def _unit_of_number(self) -> str:
-        return "" if self.shape == "side" else "s" if self.shape == "lag" else self.unit
 
 
 @final
@@ -242,10 +238,7 @@ class Term:
 
     def values(self, q: Quantities, data: MeasuredData, run: Run) -> Array:
         """Return the change of the quantity by a size of 1 of each part, (n, k)."""
-        found = np.ones((len(data), 1))
-        for atom in self.atoms:
-            found = (found[:, :, None] * atom.values(q, data, run)[:, None, :]).reshape(len(data), -1)
-        return found
+        return products((atom.values(q, data, run) for atom in self.atoms), len(data))
 
     def with_numbers(self, numbers: Mapping[int, float]) -> Term:
         """Return the term with other numbers inside its shapes, by the place of the shape."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from calibench.discrepancy.diagnostics.score import ProjectedScores, family_wise, projected_scores, signatures
-from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm
+from calibench.discrepancy.diagnostics.smooth_term import SmoothTerm, products
 from calibench.discrepancy.fitting.fit import Fit, fit, orthonormal, predicted, reading_order, thinned
 from calibench.discrepancy.formula.effect import FormulaEffect, class_of, free_numbers
 from calibench.discrepancy.formula.grammar import LETTERS, SMOOTH_NUMBERS, Atom, Run, Term, formula_text
@@ -98,7 +98,10 @@ def with_formula(
         return smooth, None
     at, best, rivals, units, search = found
     beside = fit_smooth(at, tuple(free))
-    blocks = [folds(formulation.data, thresholds().folds), _blocks(formulation)]
+    # whole poses, and fifths of the run
+    count = thresholds().folds
+    order = np.argsort(np.argsort(reading_order(formulation.data), kind="stable"), kind="stable")
+    blocks = [folds(formulation.data, count), np.asarray(order * count // max(len(order), 1))]
 
     def errors(one: Fit) -> list[float]:
         return [float(np.sum(left_out(one, fold) ** 2)) for fold in blocks]
@@ -123,6 +126,15 @@ def _of_one(square: Array, absorbed: Array, across: Array) -> tuple[Array, NDArr
     seen = left > _SEEN**2 * np.maximum(square, 1e-300)
     inverse = np.where(seen, 1 / np.where(seen, left, 1.0), 0.0)
     return np.asarray(across**2 * inverse[:, None]), seen.astype(int)
+
+
+def _together(found: Sequence[tuple[Array, NDArray[np.int_]]], extra: Array | None) -> tuple[Array, Array, Array]:
+    """Return T of blocks of columns, (m, 1 + d) each, with their ranks, as `scan` returns them."""
+    most = np.zeros(0 if extra is None else extra.shape[1])
+    for each in (each for each, _ in found if extra is not None and len(each)):
+        most = np.maximum(most, each[:, 1:].max(axis=0))
+    T, ranks = [each[:, 0] for each, _ in found], [rank for _, rank in found]
+    return np.concatenate([np.zeros(0), *T]), np.concatenate([np.zeros(0, dtype=int), *ranks]), most
 
 
 _Answer = tuple[Fit, "_Found", tuple["_Found", ...], tuple[str, ...], "_Search"]
@@ -190,7 +202,6 @@ def _fitted(
     ground: Fit, terms: tuple[Term, ...], units: tuple[str, ...], run: Run, about: Fit
 ) -> Fit | None:  # fmt: skip
     """Return the fit with a formula, its numbers fitted too where that leads to a minimum; None where nothing does."""
-    at = None
     for free in dict.fromkeys((free_numbers(terms), ())):
         effect = FormulaEffect(terms, run, units, free)
         x = np.concatenate([about.x, np.zeros(len(effect.coefficients))])
@@ -199,15 +210,8 @@ def _fitted(
         x[: len(first.x)] = first.x
         one = fit(ground.model.with_effects(effect), ground.noise, x) if free else first
         if np.isfinite(one.cost) and one.cost <= min(first.cost * (1 + 1e-6), ground.cost):
-            at = one
-            break
-    return at
-
-
-def _blocks(formulation: Formulation) -> Array:
-    """Return the fifth of the run in which each row was read, (n,)."""
-    order = np.argsort(np.argsort(reading_order(formulation.data), kind="stable"), kind="stable")
-    return np.asarray(order * thresholds().folds // max(len(order), 1))
+            return one
+    return None
 
 
 def _told(
@@ -291,23 +295,19 @@ class _Search:
     # what there is
 
     def unit(self, name: str) -> str:
-        joints = roles_of(self.formulation).joints
-        joint = next((j for j in joints if j.reading == name), None)
+        roles = roles_of(self.formulation)
+        joint = next((j for j in roles.joints if j.reading == name), None)
         sensor = next((s for s in self.formulation.sensors if s.column == name), None)
         known = quantity_of(self.machine, name).unit or self.data.units.get(name, "")
-        return (joint.unit if joint else "") or (sensor.unit if sensor else "") or known or self._unit_by_role(name)
-
-    def _unit_by_role(self, name: str) -> str:
-        roles = roles_of(self.formulation)
-        for joint in roles.joints:
-            if name == joint.velocity:
-                return f"{joint.unit}/s"
-            if name == joint.torque:
-                return "N mm" if joint.kind == "rotary" else "N"
+        if stated := (joint.unit if joint else "") or (sensor.unit if sensor else "") or known:
+            return stated
+        # by what the roles make of the column; the first of them counts
         warm = (roles.temperature, *(j.temperature for j in roles.joints), *(one.temperature for one in roles.lengths))
-        if any(name == one.force for one in roles.lengths):
-            return "N"
-        return "s" if name == roles.time == "t_s" else "K" if name in warm else ""
+        by_role = dict.fromkeys(warm, "K") | ({"t_s": "s"} if roles.time == "t_s" else {})
+        by_role |= dict.fromkeys((one.force for one in roles.lengths), "N")
+        for j in reversed(roles.joints):
+            by_role |= {j.torque: "N mm" if j.kind == "rotary" else "N", j.velocity: f"{j.unit}/s"}
+        return by_role.get(name, "")
 
     def _names(self) -> tuple[str, ...]:
         roles, data = roles_of(self.formulation), self.formulation.data
@@ -372,7 +372,9 @@ class _Search:
             number = (*of("tanh", widths), *of("dead", widths), *of("fall", widths))
             plain = of("u") + of("abs") + of("sign") + of("signed square")
             return _Column(name, (*plain, *of("square")), (*plain, *powers[1:], *of("root"), *number, *operators))
-        delayed = of("lag", self._time_span() * _SPANS) if memory and self.run.clock else []
+        delayed = []
+        if memory and self.run.clock:
+            delayed = of("lag", (float(np.ptp(self.run.columns[self.run.clock])) or 1.0) * _SPANS)
         waves = of("wave", 2 * np.pi * np.arange(1.0, 6.1, 0.5) / span) if name in inputs_of(self.formulation) else []
         saturated = of("tanh", widths)
         return _Column(name, tuple(powers[:2]), (*powers, *of("root"), *saturated, *delayed, *operators, *waves))
@@ -381,9 +383,6 @@ class _Search:
         """Return whether two columns say the same: a temperature in two units, an angle and where it leads."""
         u, v = (self.run.read(name, self.q, self.data) for name in (one, other))
         return bool(abs(np.corrcoef(u, v)[0, 1]) > _ALIKE)
-
-    def _time_span(self) -> float:
-        return float(np.ptp(self.run.columns[self.run.clock])) or 1.0
 
     def _products(self, single: Sequence[Atom]) -> tuple[list[tuple[Atom, ...]], dict[str, Array]]:
         """Return the shapes of one size and the products of two, and which of them are tried for each part at once."""
@@ -428,35 +427,28 @@ class _Search:
 
     def column_of(self, term: Term) -> Array:
         """Return the whitened signature of a unit of each size of a term, (N, k)."""
-        value = np.ones((len(self.data), 1))
-        for atom in term.atoms:
-            value = (value[:, :, None] * self.value(atom)[:, None, :]).reshape(len(value), -1)
-        return signatures(self.fit, {term.quantity: value})
+        return signatures(self.fit, {term.quantity: products(map(self.value, term.atoms), len(self.data))})
 
     def scan(
         self, on: ProjectedScores, quantity: str, blocks: Iterable[tuple[Array, int]], extra: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Return T, rank and, of `extra` scores (N, d), the largest T, of columns (n, m) that go k by k together."""
         p, pull = on.Q.shape[1], self._pull(quantity, on, extra)
-        T, ranks, most = [], [], np.zeros(0 if extra is None else extra.shape[1])
+        found = []
         for V, k in blocks:
             across, gram = V.T @ pull, self._grams(quantity, V, k)
             if k == 1:
-                each, rank = _of_one(gram[:, 0, 0], (across[:, :p] ** 2).sum(axis=1), across[:, p:])
-            else:
-                A = across.reshape(len(gram), k, -1)
-                left2 = gram - A[:, :, :p] @ A[:, :, :p].transpose(0, 2, 1)
-                size = np.sqrt(np.maximum(np.einsum("mii->mi", gram), 1e-300))
-                values, vectors = np.linalg.eigh(left2 / size[:, :, None] / size[:, None, :])
-                kept = values > _SEEN**2
-                z = vectors.transpose(0, 2, 1) @ (A[:, :, p:] / size[:, :, None])
-                each = (z**2 * np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)[:, :, None]).sum(axis=1)
-                rank = kept.sum(axis=1)
-            T.append(each[:, 0])
-            ranks.append(rank)
-            if extra is not None and len(each):
-                most = np.maximum(most, each[:, 1:].max(axis=0))
-        return np.concatenate([np.zeros(0), *T]), np.concatenate([np.zeros(0, dtype=int), *ranks]), most
+                found.append(_of_one(gram[:, 0, 0], (across[:, :p] ** 2).sum(axis=1), across[:, p:]))
+                continue
+            A = across.reshape(len(gram), k, -1)
+            left2 = gram - A[:, :, :p] @ A[:, :, :p].transpose(0, 2, 1)
+            size = np.sqrt(np.maximum(np.einsum("mii->mi", gram), 1e-300))
+            values, vectors = np.linalg.eigh(left2 / size[:, :, None] / size[:, None, :])
+            kept = values > _SEEN**2
+            z = vectors.transpose(0, 2, 1) @ (A[:, :, p:] / size[:, :, None])
+            each = (z**2 * np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)[:, :, None]).sum(axis=1)
+            found.append((each, kept.sum(axis=1)))
+        return _together(found, extra)
 
     def _grams(self, quantity: str, V: Array, k: int) -> Array:
         """Return the products of whitened columns, of changes V (n, m), k by k with each other, (m / k, k, k)."""
@@ -488,21 +480,16 @@ class _Search:
         """
         own, waves = self.own[quantity], self._blocks_of([Term(quantity, wave) for wave in self.waves])
         pull, square, p = self._pull(quantity, on, extra), self._weights(quantity)[1], self.first.Q.shape[1]
-        more = on.Q.shape[1] - p
-        T, ranks, most = [], [], np.zeros(0 if extra is None else extra.shape[1])
+        more, found = on.Q.shape[1] - p, []
         for start, V in self._values(own):
             if (quantity, start) not in self.lengths:
                 whole = self._grams(quantity, V.T, 1)[:, 0, 0] if square is None else V**2 @ square
                 self.lengths[quantity, start] = whole, ((V @ pull[:, :p]) ** 2).sum(axis=1)
             size, absorbed = self.lengths[quantity, start]
             across = V @ pull[:, p:]
-            each, rank = _of_one(size, absorbed + (across[:, :more] ** 2).sum(axis=1), across[:, more:])
-            T.append(each[:, 0])
-            ranks.append(rank)
-            if extra is not None and len(each):
-                most = np.maximum(most, each[:, 1:].max(axis=0))
-        last = self.scan(on, quantity, waves, extra)
-        return np.concatenate([*T, last[0]]), np.concatenate([*ranks, last[1]]), np.maximum(most, last[2])
+            found.append(_of_one(size, absorbed + (across[:, :more] ** 2).sum(axis=1), across[:, more:]))
+        (T, ranks, most), last = _together(found, extra), self.scan(on, quantity, waves, extra)
+        return np.concatenate([T, last[0]]), np.concatenate([ranks, last[1]]), np.maximum(most, last[2])
 
     def _values(self, own: Array) -> Iterable[tuple[int, Array]]:
         """Yield the values of products, (m, n), block by block, each with its number; the first of them are kept."""
@@ -525,12 +512,7 @@ class _Search:
                 end += 1
             values = np.empty((n, (end - at) * k), order="F")
             for j, term in enumerate(terms[at:end]):
-                value = self.value(term.atoms[0])
-                for atom in term.atoms[1:]:
-                    other = self.value(atom)
-                    one = value.shape[1] == other.shape[1] == 1
-                    value = value * other if one else (value[:, :, None] * other[:, None, :]).reshape(n, -1)
-                values[:, j * k : (j + 1) * k] = value
+                values[:, j * k : (j + 1) * k] = products(map(self.value, term.atoms), n)
             yield values, k
             at = end
 
@@ -634,18 +616,22 @@ class _Search:
             worth = self._step_worth(float(t), int(r), one, on) if r else -np.inf
             if worth > by_shape.get(one.structure, (-np.inf, one))[0]:
                 by_shape[one.structure] = (worth, one)
-        kept = sorted(by_shape.values(), key=lambda pair: -pair[0])[:2]
-        return [self._with_terms((*before, self._polished(on, one))) for _, one in kept]
+        done = []
+        for _, one in sorted(by_shape.values(), key=lambda pair: -pair[0])[:2]:
+            terms = (*before, self._polished(on, one))
+            ordered = tuple(t for name in dict.fromkeys(t.quantity for t in terms) for t in terms if t.quantity == name)
+            beside, T, rank = self._beside(ordered)
+            done.append(_Found(ordered, T, self.worth(T, rank, ordered, beside)))
+        return done
 
     def _polished(self, on: ProjectedScores, term: Term) -> Term:
         """Return the term with the numbers inside its shapes refined beside what is there."""
         moving = [k for k, a in enumerate(term.atoms) if np.isfinite(a.number) and a.shape != "side"]
 
         def explained(one: Term) -> float:
-            value = np.ones((len(self.data), 1))
-            for atom in one.atoms:
-                other = self.value(atom) if atom in self.values else atom.values(self.q, self.data, self.run)
-                value = (value[:, :, None] * other[:, None, :]).reshape(len(value), -1)
+            kept, run = self.values, self.run
+            each = (kept[a] if a in kept else a.values(self.q, self.data, run) for a in one.atoms)
+            value = products(each, len(self.data))
             T, ranks, _ = self.scan(on, one.quantity, [(value, value.shape[1])])
             return self.gain(on, float(T[0]), int(ranks[0]))
 
@@ -689,11 +675,6 @@ class _Search:
         U = orthonormal(left, 1e-3) if left.size else left
         z = U.T @ first.y
         return replace(first, y=first.y - U @ z, Q=np.concatenate([first.Q, U], axis=1)), float(z @ z), U.shape[1]
-
-    def _with_terms(self, terms: tuple[Term, ...]) -> _Found:
-        ordered = tuple(t for name in dict.fromkeys(t.quantity for t in terms) for t in terms if t.quantity == name)
-        on, T, rank = self._beside(ordered)
-        return _Found(ordered, T, self.worth(T, rank, ordered, on))
 
     def best(self, rng: np.random.Generator) -> tuple[_Found, tuple[_Found, ...]] | None:
         """Return the formula of least description with its rivals; None where the best term may be chance."""

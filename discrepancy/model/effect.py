@@ -117,6 +117,9 @@ class HeldBack:
     alternatives: tuple[Alternative, ...]
 
 
+Built = Effect | tuple[Effect, ...] | HeldBack  # what a family makes for a target: one candidate, several forms, none
+
+
 @final
 @dataclass(frozen=True)
 class Untestable:
@@ -215,10 +218,10 @@ def is_possible(effect: Effect, size: float) -> bool:
 class EffectFamily:
     """A cause of error, with what the page of the catalogue says of it.
 
-    `build` returns the candidates for one target, or `HeldBack`; for what cannot be tested it raises `NotTestable` (see
-    `needs`). `columns` may hold `{i}` for the number of the target, and `metadata.NAME`. `twins` is a sentence for
-    readers; those of a candidate are names. `label` and `label_of_all` are the words for it, on a target and on `all`;
-    `code` is what a label that explains itself comes down to where it was told before.
+    `build` returns the candidate for one target or several forms of it, or `HeldBack`; for what cannot be tested it
+    raises `NotTestable` (see `needs`). `columns` may hold `{i}` for the number of the target, and `metadata.NAME`.
+    `twins` is a sentence for readers; those of a candidate are names. `label` and `label_of_all` are the words for it,
+    on a target and on `all`; `code` is what a label that explains itself comes down to where it was told before.
     `parted_by` says what parts its declared twins, `resolved_by` what would tell families with the same sentence apart
     (`{target}` is filled in). `period` returns the period of its argument in the unit of its column, 0 for none, from
     the metadata and the target. `targets_in` returns the targets of a family that finds them in what a formulation is
@@ -234,7 +237,7 @@ class EffectFamily:
     columns: tuple[str, ...]
     unit: str
     targets: tuple[str, ...]
-    build: Callable[[Formulation, str], tuple[Effect, ...] | HeldBack]
+    build: Callable[[Formulation, str], Built]
     twins: str = ""
     label: str = ""
     label_of_all: str = ""
@@ -262,25 +265,15 @@ class EffectFamily:
             if isinstance(built, HeldBack):
                 found += Catalogue((), built.alternatives, (Untestable(self.name, target, built.reason),))
             else:
-                found += Catalogue(built)
+                found += Catalogue(built if isinstance(built, tuple) else (built,))
         return found
 
     def linear(
-        self,
-        target: str,
-        columns: tuple[str, ...],
-        coefficients: Mapping[str, str],
-        changes: Callable[[Quantities, MeasuredData], dict[str, Array]],
-        *,
-        unit: str = "",
-        twins: tuple[str, ...] = (),
-        measure: Callable[[Array], float] | None = None,
-        largest: float = math.inf,
-        along: Along | None = None,
-        positions: int = 1,
-        begins: float = math.nan,
-        begins_unit: str = "",
-    ) -> LinearEffect:
+        self, target: str, columns: tuple[str, ...], coefficients: Mapping[str, str],
+        changes: Callable[[Quantities, MeasuredData], dict[str, Array]], *, unit: str = "",
+        twins: tuple[str, ...] = (), measure: Callable[[Array], float] | None = None, largest: float = math.inf,
+        along: Along | None = None, positions: int = 1, begins: float = math.nan, begins_unit: str = "",
+    ) -> LinearEffect:  # fmt: skip
         """Return the effect of this family on `target`: `coefficients` are name -> unit, see `LinearEffect`.
 
         `unit` is that of its amplitude, by default that of its first coefficient.
@@ -290,6 +283,23 @@ class EffectFamily:
             coefficients=tuple(coefficients), units=tuple(coefficients.values()),
             unit=unit or next(iter(coefficients.values())), changes=changes, twins=twins, measure=measure or size,
             largest=largest, along=along, positions=positions, begins=begins, begins_unit=begins_unit,
+        )  # fmt: skip
+
+    def steps(
+        self, target: str, clock: str, t: Array, quantities: Mapping[str, str], unit: str, **more: Any
+    ) -> tuple[ChangePoint, ...]:
+        """Return the step of this family on `target` at each time of `t`, (n,) of the column `clock`, that is tried.
+
+        `quantities` are name -> coefficient; `more` are fields of `ChangePoint`.
+        """
+        times = change_times(t)
+        return tuple(
+            ChangePoint(
+                self.name, target, self.formula, channel=self.channel, quantities=tuple(quantities),
+                coefficients=tuple(quantities.values()), unit=unit, at=float(at), positions=len(times),
+                columns=(clock,), clock=clock, **more,
+            )
+            for at in times
         )  # fmt: skip
 
     def enter(self) -> EffectFamily:

@@ -40,21 +40,16 @@ from numpy.typing import NDArray
 
 from calibench.core.notes import Code, Note, once
 from calibench.core.options import suggest
-from calibench.discrepancy.model import roles as parts_of
-from calibench.discrepancy.model.machine import (
-    Formulation,
-    Numbers,
-    Quantities,
-    Slopes,
-    as_they_are,
-    complex_step_slopes,
-)
+from calibench.discrepancy.model import machine as of_machines, roles as parts_of
+from calibench.discrepancy.model.machine import Formulation, Numbers, Quantities, Slopes, as_they_are
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete, number_visits, without_gaps
 from calibench.discrepancy.model.model import learned_noise, noise_left, relearned
 from calibench.discrepancy.model.roles import Roles, inputs_of, roles_of, unknown_noise_of
 from calibench.problems.base import Array, Parameter
 
 BOOKKEEPING = ("pose_id", "visit_id", "repeat", "reading_place", "valid", "block")
+RATE = "rate of "  # before a column: its derivative in time
+_OF_ROWS = (*BOOKKEEPING, "split", "place_x", "place_y")
 
 
 @final
@@ -91,9 +86,8 @@ class Constraints:
         vars(self).update(fixed=self.held, readings=tuple(self.noise), sigma=self.noise)
         if self.checked:
             return
-        for sensor in self.instruments:
-            if sensor.column not in self.noise:
-                raise DataError(f"sensor {sensor.column}: no noise is stated of it; there are {', '.join(self.noise)}")
+        for name in (one.column for one in self.instruments if one.column not in self.noise):
+            raise DataError(f"sensor {name}: no noise is stated of it; there are {', '.join(self.noise)}")
         for name, sigma in self.noise.items():
             if not (isinstance(sigma, int | float) and np.isfinite(sigma) and sigma > 0):
                 shown_sigma = f"{sigma:g}" if isinstance(sigma, int | float) else repr(sigma)
@@ -114,13 +108,12 @@ class Constraints:
         rows = np.asarray(self.closure(q))
         if rows.ndim != 2 or len(rows) != len(self.data):
             raise DataError(
-                f"closure(q) returned shape {rows.shape} for {len(self.data)} readings: a row a reading, "
-                "a column a constraint, is needed; "
-                "np.stack([...], axis=-1) makes them"
+                f"closure(q) returned shape {rows.shape} for {len(self.data)} readings: a row a reading, a column a "
+                "constraint, is needed; np.stack([...], axis=-1) makes them"
             )
         return rows
 
-    slopes = complex_step_slopes
+    slopes = of_machines.complex_step_slopes
     decorrelate = as_they_are
 
     def covariates(self, q: Quantities) -> dict[str, dict[str, Array]]:
@@ -149,6 +142,11 @@ def varying(data: MeasuredData) -> dict[str, Array]:
         for name, column in data.columns.items()
         if name not in BOOKKEEPING and column.dtype.kind in "if" and np.ptp(column) > 0
     }
+
+
+def numbers_of(data: MeasuredData) -> tuple[str, ...]:
+    """Return the columns of numbers that describe a reading."""
+    return tuple(c for c in data.columns if c not in _OF_ROWS and np.asarray(data[c]).dtype.kind in "iuf")
 
 
 def _complete(of: Constraints | Predicted, read: Sequence[str]) -> MeasuredData:
@@ -247,9 +245,8 @@ class Predicted:
         if not self.measured:
             raise DataError("measured: nothing is measured; give it a column with its standard deviation or None")
         refuse_twice((*self.measured, *self.inputs), self.held, self.parameters)
-        for sensor in self.instruments:
-            if sensor.column not in self.measured:
-                raise DataError(f"sensor {sensor.column}: it is not measured; {suggest(sensor.column, self.measured)}")
+        for name in (one.column for one in self.instruments if one.column not in self.measured):
+            raise DataError(f"sensor {name}: it is not measured; {suggest(name, self.measured)}")
         deviations = [stated for stated in self.measured.values() if isinstance(stated, str)]
         read = tuple(dict.fromkeys((*self.measured, *self.inputs, *deviations)))
         object.__setattr__(self, "data", _complete(self, read))
@@ -313,14 +310,14 @@ class Predicted:
             given = {} if self._given is None else self._given(q)
             return {n: np.asarray(s).reshape(len(s), -1)[:, k : k + 1] for n, s in given.items()}
 
-        return tuple(
-            replace(
-                self, predict=partial(predict, k, name), measured={name: self.measured[name]},
-                instruments=tuple(s for s in self.instruments if s.column == name),
+        def one(k: int, name: str) -> Predicted:
+            own = tuple(s for s in self.instruments if s.column == name)
+            return replace(
+                self, predict=partial(predict, k, name), measured={name: self.measured[name]}, instruments=own,
                 _given=partial(slopes, k), _checked=True,
-            )
-            for k, name in enumerate(self.measured)
-        )  # fmt: skip
+            )  # fmt: skip
+
+        return tuple(one(k, name) for k, name in enumerate(self.measured))
 
     def _slopes(self, q: Quantities) -> Slopes:
         """Return the derivative of the constraints in each quantity, name -> (n, m); by complex step if not given."""

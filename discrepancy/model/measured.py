@@ -57,11 +57,11 @@ class MeasuredData:
         if not all(isinstance(column, np.ndarray) for _, column in self.columns.items()):  # lists, a table of pandas
             arrays = {str(name): np.asarray(column) for name, column in self.columns.items()}
             object.__setattr__(self, "columns", arrays)
-        lengths = {key: np.shape(column) for key, column in self.columns.items()}
-        if not lengths:
+        shapes = {key: np.shape(column) for key, column in self.columns.items()}
+        if not shapes:
             raise DataError(f"{self.name}: there are no columns")
-        if len(set(lengths.values())) > 1 or any(len(shape) != 1 for shape in lengths.values()):
-            raise DataError(f"{self.name}: columns differ in shape: {lengths}")
+        if len(set(shapes.values())) > 1 or len(next(iter(shapes.values()))) != 1:
+            raise DataError(f"{self.name}: columns differ in shape: {shapes}")
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
@@ -89,6 +89,11 @@ class MeasuredData:
     def row_numbers(self) -> NDArray[np.intp]:
         """Return the rows as they were read, from 1, (n,)."""
         return np.arange(1, len(self) + 1) if self.numbers is None else self.numbers
+
+    @property
+    def fitted(self) -> NDArray[np.bool_]:
+        """Return which rows are not held out, (n,)."""
+        return np.asarray(self["split"]) != "hold" if "split" in self else np.ones(len(self), dtype=bool)
 
     def has(self, *columns: str) -> bool:
         """Return whether all `columns` are there."""
@@ -330,9 +335,8 @@ def nominal_numbers(data: MeasuredData, known: tuple[str, ...]) -> dict[str, flo
     """Return name -> number of what is stated under `nominal`; raise `DataError` for a name that is not `known`."""
     stated = data.metadata.get("nominal") or {}
     if not isinstance(stated, Mapping):
-        raise DataError(
-            f"{data.name}: metadata nominal={shown(stated)}: names with values are needed, such as {known[0]}"
-        )
+        example = f"names with values are needed, such as {known[0]}"
+        raise DataError(f"{data.name}: metadata nominal={shown(stated)}: {example}")
     for name in stated:
         if name not in known:
             raise DataError(f"{data.name}: metadata nominal names {shown(name)!r}; {suggest(shown(name), known)}")
@@ -368,10 +372,7 @@ def number_visits(data: MeasuredData) -> MeasuredData:
 def _numbered(ids: NDArray[Any]) -> NDArray[np.int64]:
     """Return ids as whole numbers, (n,), equal where they are equal; each that is missing has one of its own."""
     words = np.asarray(ids).astype(str)
-    numbers = (
-        np.unique(ids if np.asarray(ids).dtype.kind in "iuf" else words, return_inverse=True)[1]
-        .ravel()
-        .astype(np.int64)
-    )
+    values = ids if np.asarray(ids).dtype.kind in "iuf" else words
+    numbers = np.unique(values, return_inverse=True)[1].ravel().astype(np.int64)
     missing = np.isin(np.char.lower(np.char.strip(words)), sorted(NO_VALUE))
     return np.where(missing, numbers.max() + 1 + np.arange(len(words)), numbers)

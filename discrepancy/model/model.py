@@ -99,8 +99,12 @@ class Model:
 
 def signature(effect: Effect, c: Array, q: Quantities, slopes: Mapping[str, Array], formulation: Formulation) -> Array:
     """Return what a unit of each coefficient of `effect` leaves in the residuals, shape (n, c, k)."""
-    basis = effect.basis(q, formulation.data, c)
-    terms = [slopes[name][:, :, None] * change[:, None, :] for name, change in basis.items()]
+    return signature_of(effect.basis(q, formulation.data, c), slopes, formulation)
+
+
+def signature_of(changes: Mapping[str, Array], slopes: Mapping[str, Array], formulation: Formulation) -> Array:
+    """Return what m changes of quantities, name -> (n, m), leave in the residuals, shape (n, c, m)."""
+    terms = [slopes[name][:, :, None] * change[:, None, :] for name, change in changes.items()]
     return formulation.decorrelate(np.asarray(sum(terms[1:], terms[0])))
 
 
@@ -121,9 +125,7 @@ def learned_noise(formulation: Formulation) -> dict[str, float]:
     `DataError` for a reading that never varies and has no residual: such rows contain no noise.
     """
     data = formulation.data
-    if data.has("split"):
-        fitted = np.asarray(data["split"]) != "hold"
-        data = data.rows(fitted) if fitted.any() else data
+    data = data.rows(data.fitted) if data.has("split") and data.fitted.any() else data
     there = formulation.on(data)
     names, unknown = there.readings, unknown_noise_of(there)
     model = Model(there)

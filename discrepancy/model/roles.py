@@ -6,7 +6,6 @@ general families of effects ask only for roles, so a machine is searched for the
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from math import inf
 from typing import Literal, TypeVar, final
@@ -130,17 +129,18 @@ class Roles:
         """Raise `DataError` for a quantity that the formulation does not have."""
         read = {*formulation.readings, *inputs_of(formulation)}
         numbers = {*(p.name for p in formulation.parameters), *formulation.fixed}
-        for joint in self.joints:
-            _known(joint.name, (joint.reading,), read, "reading or input")
-        for length in self.lengths:
-            _known(length.name, (length.quantity,), numbers, "parameter or held number")
-        for instrument in self.instruments:
-            for name in (name for name in instrument.columns if name in inputs_of(formulation)):
+        asked = [(one.name, one.reading, read, "reading or input") for one in self.joints]
+        asked += [(one.name, one.quantity, numbers, "parameter or held number") for one in self.lengths]
+        measured = {*formulation.readings}
+        asked += [(one.name, name, measured, "measured column") for one in self.instruments for name in one.columns]
+        for part, name, known, what in asked:
+            if known is measured and name in inputs_of(formulation):
                 raise DataError(
-                    f"{instrument.name}: {name!r} is no measured column but an input, which is taken to be exact; a "
-                    "machine whose instrument reads its inputs is stated by Constraints"
+                    f"{part}: {name!r} is no measured column but an input, which is taken to be exact; a machine whose "
+                    "instrument reads its inputs is stated by Constraints"
                 )
-            _known(instrument.name, instrument.columns, set(formulation.readings), "measured column")
+            if name not in known:
+                raise DataError(f"{part}: {name!r} is no {what}; there are {', '.join(sorted(known)) or 'none'}")
 
 
 def refuse_word(argument: str, names: object) -> None:
@@ -198,12 +198,6 @@ def inputs_of(formulation: Formulation) -> tuple[str, ...]:
 def unknown_noise_of(formulation: Formulation) -> tuple[str, ...]:
     """Return the readings whose `sigma` is an estimate from their own residuals; () where all noise is stated."""
     return tuple(getattr(formulation, "unknown_noise", ()))
-
-
-def _known(part: str, names: Iterable[str], known: set[str], what: str) -> None:
-    for name in names:
-        if name not in known:
-            raise DataError(f"{part}: {name!r} is no {what}; there are {', '.join(sorted(known)) or 'none'}")
 
 
 def _union(some: tuple[_Part, ...], others: tuple[_Part, ...]) -> tuple[_Part, ...]:

@@ -43,23 +43,19 @@ def pairs_of(data: MeasuredData) -> tuple[Array, Array]:
     return order[:-1][same], order[1:][same]
 
 
-def visits_of(data: MeasuredData) -> tuple[Array, Array]:
-    """Return the last rows of a visit and the first of the next visit of its pose, two arrays (m,)."""
-    if not data.has("visit_id", "pose_id"):
-        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
-    order = np.lexsort((np.arange(len(data)), data["visit_id"], data["pose_id"]))
-    pose, visit = np.asarray(data["pose_id"])[order], np.asarray(data["visit_id"])[order]
-    cut = (pose[1:] == pose[:-1]) & (visit[1:] != visit[:-1])
-    return order[:-1][cut], order[1:][cut]
-
-
 def law_of(r: Array, data: MeasuredData, stated: bool = True) -> tuple[Noise, Repeats, tuple[Note, ...]]:
     """Return the law of the noise behind residuals whitened by the stated one, (n, c), with the repeats and remarks.
 
     The stated noise is kept unless repeats contradict it. Where it is not `stated` but a first estimate, repeats alone
     tell it: pairs that scatter less are then no sign that noise is carried on.
     """
-    t, (first, second), (last, again) = thresholds(), pairs_of(data), visits_of(data)
+    t, (first, second) = thresholds(), pairs_of(data)
+    last = again = np.zeros(0, dtype=int)  # the last rows of a visit, and the first of the next visit of its pose
+    if data.has("visit_id", "pose_id"):
+        order = np.lexsort((np.arange(len(data)), data["visit_id"], data["pose_id"]))
+        pose, visit = np.asarray(data["pose_id"])[order], np.asarray(data["visit_id"])[order]
+        cut = (pose[1:] == pose[:-1]) & (visit[1:] != visit[:-1])
+        last, again = order[:-1][cut], order[1:][cut]
     squares = [
         float(np.mean((r[one] - r[other]) ** 2) / 2) if len(one) else np.nan
         for one, other in ((first, second), (last, again))

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.blind.orthoglide import case, unequal
 from calibench.discrepancy import MeasuredData, machines
 from calibench.discrepancy.fitting.rank import confounded
-from calibench.discrepancy.machines.orthoglide.description import planned
+from calibench.discrepancy.machines.orthoglide.formulation import planned
 from calibench.discrepancy.validation import folds
 from tests.discrepancy.orthoglide_score import explained
 from tests.few import few

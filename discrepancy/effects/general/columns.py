@@ -16,9 +16,8 @@ import numpy as np
 
 from calibench.discrepancy.effects.general import recipe as recipes
 from calibench.discrepancy.effects.general.joints import largest_error, told_in
-from calibench.discrepancy.effects.general.recipe import Built, Make, declared, named, recipe, unit_of
-from calibench.discrepancy.model import effect as effects
-from calibench.discrepancy.model.effect import ChangePoint, Effect, EffectFamily, LinearEffect, NotTestable, needs
+from calibench.discrepancy.effects.general.recipe import Built, Make, clock_of, named, recipe, unit_of
+from calibench.discrepancy.model.effect import Effect, EffectFamily, LinearEffect, NotTestable, needs, size
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
@@ -325,7 +324,7 @@ def run_terms(s: Array) -> Array:
 
 def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [joint] = named(roles_of(formulation).joints, target)
-    clock = _clock(formulation)
+    clock = clock_of(formulation)
     origin, span = float(formulation.data[clock].min()), float(np.ptp(formulation.data[clock]))
     unit, one = told_in(joint)
 
@@ -343,7 +342,7 @@ def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built
 
 
 def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    clock = _clock(formulation)
+    clock = clock_of(formulation)
     [instrument] = named(roles_of(formulation).instruments, target)
     columns = instrument.columns
     unit = unit_of(formulation, *columns)
@@ -363,7 +362,7 @@ def _frame_drift(family: EffectFamily, formulation: Formulation, target: str) ->
         return family.linear(
             target, (clock, *columns), dict(zip(names, units, strict=True)), changes, unit=unit,
             # where it turns, how far the reading that moves most has moved at the end of the run
-            measure=effects.size if not turns else lambda c: float(
+            measure=size if not turns else lambda c: float(
                 np.max(np.linalg.norm(np.stack([one @ c for one in _motion(reach, turns)], axis=-1), axis=-1))
             ),
         )  # fmt: skip
@@ -386,32 +385,17 @@ def _motion(apart: Array, turns: bool) -> list[Array]:
     return [np.concatenate(pair, axis=1) for pair in zip(shifts, turned)]
 
 
-def _steps(of_joint: bool, family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    """Return a step, of a joint or of an instrument's frame, at each time at which a step is tried."""
-    if of_joint:
-        [joint] = named(roles_of(formulation).joints, target)
-        channel, names, (unit, one) = "reading", {joint.reading: "step"}, told_in(joint)
-        most = largest_error(joint) / one
-    else:
-        [instrument] = named(roles_of(formulation).instruments, target)
-        columns = instrument.columns
-        channel, names, unit = "prediction", {name: f"d{name}" for name in columns}, unit_of(formulation, *columns)
-        most, one = np.inf, 1.0
-    clock = _clock(formulation)
-    times = effects.change_times(formulation.data[clock])
-    return tuple(
-        ChangePoint(
-            family.name, target, family.formula, channel=channel, quantities=(*names,), coefficients=(*names.values(),),
-            unit=unit, at=float(at), positions=len(times), columns=(clock,), largest=most, clock=clock, one=one,
-        )
-        for at in times
-    )  # fmt: skip
+def _slip(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    [joint] = named(roles_of(formulation).joints, target)
+    (unit, one), clock = told_in(joint), clock_of(formulation)
+    t, most = formulation.data[clock], largest_error(joint) / one
+    return family.steps(target, clock, t, {joint.reading: "step"}, unit, largest=most, one=one)
 
 
-def _clock(formulation: Formulation) -> str:
-    clock = declared(roles_of(formulation).time, "the machine", "time")
-    needs(formulation.data, clock)
-    return clock
+def _frame_shift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+    [instrument] = named(roles_of(formulation).instruments, target)
+    names, clock = {name: f"d{name}" for name in instrument.columns}, clock_of(formulation)
+    return family.steps(target, clock, formulation.data[clock], names, unit_of(formulation, *names))
 
 
 def _framed(formulation: Formulation) -> tuple[str, ...]:
@@ -427,7 +411,7 @@ drift = recipe(
 slip = recipe(
     "slip", "The reading of a joint slips once during the run", "reading_i += step from a time on", channel="reading",
     columns=("the time",), unit="that of the joint", targets="each joint",
-    targets_in=recipes.each("joints"), make=partial(_steps, True), bounds=("largest_angle",),
+    targets_in=recipes.each("joints"), make=_slip, bounds=("largest_angle",),
 )  # fmt: skip
 frame_drift = recipe(
     "frame_drift", "The frame of an instrument moves evenly during the run, and may turn",
@@ -438,5 +422,5 @@ frame_drift = recipe(
 frame_shift = recipe(
     "frame_shift", "An instrument, or the machine, is displaced once during the run", "measured += d from a time on",
     channel="prediction", columns=("the time",), unit="that of the measurement",
-    targets="each instrument with a frame", targets_in=_framed, make=partial(_steps, False), label="displaced frame",
+    targets="each instrument with a frame", targets_in=_framed, make=_frame_shift, label="displaced frame",
 )  # fmt: skip

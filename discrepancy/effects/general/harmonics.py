@@ -86,14 +86,13 @@ def _exact(form: Exact, order: float, family: EffectFamily, formulation: Formula
     needs(formulation.data, joint.reading)
     turn = turn_of(joint, formulation)
     if joint.kind == "sliding":
-        return (fourier(family, formulation, joint, (order,)),)
+        return fourier(family, formulation, joint, (order,))
     unit, one = told_in(joint)
-    effect = ExactHarmonic(
+    return ExactHarmonic(
         family.name, target, family.formula, reading=joint.reading, columns=(joint.reading,), unit=unit,
         units=(unit,) * 2, exact=form, radians=2 * np.pi / turn if joint.unit != "rad" else 1.0,
         largest=largest_error(joint) / one, one=one,
     )  # fmt: skip
-    return (effect,)
 
 
 def _unresolved(family: EffectFamily, formulation: Formulation, target: str) -> Built:

@@ -38,19 +38,6 @@ def largest_warm_zero(joint: Joint) -> float:
     return thresholds().largest_warm_zero if joint.unit == "rad" else np.inf
 
 
-def largest_compliance(joint: Joint, data: MeasuredData, one: float) -> float:
-    """Return the compliance that a drive may have at most: by how far it winds up under its load, and that of any.
-
-    The second only where the torque is known to be in N mm.
-    """
-    if joint.unit != "rad":
-        return np.inf
-    most = float(np.max(np.abs(np.nan_to_num(np.asarray(data[joint.torque], dtype=float))), initial=0.0))
-    wound = thresholds().largest_windup / most if most > 0 else np.inf
-    unit = data.units.get(joint.torque) or quantity_of(data.machine, joint.torque).unit
-    return min(wound, thresholds().softest_drive if unit == "N mm" else np.inf) / one
-
-
 def largest_slope(joint: Joint, column: Array, one: float) -> float:
     """Return the coefficient of a column, (n,), at which the error of the joint is as large as errors may be."""
     furthest = float(np.max(np.abs(np.nan_to_num(np.asarray(column, dtype=float))), initial=0.0))
@@ -73,11 +60,10 @@ def unstated(joint: Joint, what: str, option: str, formulation: Formulation, uni
 def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [joint] = named(roles_of(formulation).joints, target)
     needs(formulation.data, joint.reading)
-    effect = family.linear(
+    return family.linear(
         target, (joint.reading,), {"k": "1"}, lambda q, data: {joint.reading: np.asarray(q[joint.reading])[:, None]},
         largest=thresholds().largest_scale,
     )  # fmt: skip
-    return (effect,)
 
 
 def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -104,14 +90,19 @@ def _backlash(family: EffectFamily, formulation: Formulation, target: str) -> Bu
 def _compliance(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [joint] = named(roles_of(formulation).joints, target)
     torque = declared(joint.torque, joint.name, "torque" if joint.kind == "rotary" else "force")
-    needs(formulation.data, torque)
+    run = formulation.data
+    needs(run, torque)
     name, one = told_in(joint)
-    effect = family.linear(
+    largest = np.inf
+    if joint.unit == "rad":  # how far the drive winds up under its load; and the compliance of any, in N mm
+        most = float(np.max(np.abs(np.nan_to_num(np.asarray(run[torque], dtype=float))), initial=0.0))
+        wound = thresholds().largest_windup / most if most > 0 else np.inf
+        unit = run.units.get(torque) or quantity_of(run.machine, torque).unit
+        largest = min(wound, thresholds().softest_drive if unit == "N mm" else np.inf) / one
+    return family.linear(
         target, (torque,), {"kappa": f"{name}/{'(N mm)' if joint.kind == 'rotary' else 'N'}"},
-        lambda q, data: {joint.reading: -one * data[torque][:, None]},
-        largest=largest_compliance(joint, formulation.data, one),
+        lambda q, data: {joint.reading: -one * data[torque][:, None]}, largest=largest,
     )  # fmt: skip
-    return (effect,)
 
 
 def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -119,12 +110,11 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     columns = tuple(declared(joint.velocity, joint.name, "velocity") for joint in joints)
     needs(formulation.data, *columns)
     most = min(largest_slope(joint, formulation.data[joint.velocity], 1.0) for joint in joints)
-    most = min(most, thresholds().largest_lag)
-    effect = family.linear(
+    return family.linear(
         target, columns, {"tau": "s"},
-        lambda q, data: {joint.reading: data[joint.velocity][:, None] for joint in joints}, largest=most,
+        lambda q, data: {joint.reading: data[joint.velocity][:, None] for joint in joints},
+        largest=min(most, thresholds().largest_lag),
     )  # fmt: skip
-    return (effect,)
 
 
 def _zero(family: EffectFamily, formulation: Formulation, target: str) -> Built:

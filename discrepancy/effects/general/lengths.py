@@ -152,11 +152,9 @@ def _forced(
     known = {p.name: p.start for p in formulation.parameters} | dict(formulation.fixed)
     most = float(np.max(np.abs(form(formulation.data[force]))))
     strained = thresholds().largest_strain * abs(float(known.get(length.quantity, 0.0))) / most if most > 0 else 0.0
-    return (
-        family.linear(
-            target, (force,), {coefficient: f"{length.unit}{per}"},
-            lambda q, data: {length.quantity: form(data[force])[:, None]}, largest=strained or np.inf,
-        ),
+    return family.linear(
+        target, (force,), {coefficient: f"{length.unit}{per}"},
+        lambda q, data: {length.quantity: form(data[force])[:, None]}, largest=strained or np.inf,
     )  # fmt: skip
 
 
@@ -179,11 +177,9 @@ clearance = recipe(
 free_number = recipe(
     "free_number", "A number that is held is not the stated one", "number += c", channel="link", columns=(),
     unit="that of the number", targets="each held number", targets_in=lambda formulation: tuple(formulation.fixed),
-    make=lambda family, formulation, target: (
-        family.linear(
-            target, (), {target: {one.quantity: one.unit for one in roles_of(formulation).lengths}.get(target, "")},
-            lambda q, data: {target: np.ones((len(data), 1))},
-        ),
+    make=lambda family, formulation, target: family.linear(
+        target, (), {target: {one.quantity: one.unit for one in roles_of(formulation).lengths}.get(target, "")},
+        lambda q, data: {target: np.ones((len(data), 1))},
     ), label="another value",
 )  # fmt: skip
 
@@ -197,11 +193,10 @@ def _scale(family: EffectFamily, formulation: Formulation, target: str) -> Built
     squares = sum(float(np.mean((np.asarray(data[c]) / np.asarray(formulation.sigma[c])) ** 2)) for c in columns)
     if not squares > 0 or len(data) * len(columns) * len(columns) / squares > 1:
         raise NotTestable("what it measures is too near to its noise: each error would be explained by itself", columns)
-    effect = family.linear(
+    return family.linear(
         target, columns, {"k": "1"}, lambda q, data: {name: -np.asarray(q[name])[:, None] for name in columns},
         largest=thresholds().largest_scale,
     )  # fmt: skip
-    return (effect,)
 
 
 def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
@@ -209,12 +204,11 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     declared("".join(instrument.velocity[:1]), target, "velocity of what it measures")
     needs(formulation.data, *instrument.velocity)
     pairs = dict(zip(instrument.columns, instrument.velocity))
-    effect = family.linear(
+    return family.linear(
         target, instrument.velocity, {"tau": "s"},
         lambda q, data: {name: data[velocity][:, None] for name, velocity in pairs.items()},
         largest=thresholds().largest_lag,
     )  # fmt: skip
-    return (effect,)
 
 
 scale = recipe(

@@ -8,12 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeVar, final
 
-from calibench.discrepancy.model.effect import Effect, EffectFamily, HeldBack, NotTestable
+from calibench.discrepancy.model.effect import Built as Built, EffectFamily, HeldBack, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation
 from calibench.discrepancy.model.roles import ALL, Instrument, Joint, Length, roles_of
 from calibench.discrepancy.registries import GENERAL
 
-Built = tuple[Effect, ...] | HeldBack
 Make = Callable[[EffectFamily, Formulation, str], Built]
 Twins = Callable[[Formulation, str], tuple[str, ...]]
 _Part = TypeVar("_Part", Joint, Length, Instrument)
@@ -41,13 +40,17 @@ class Recipe:
 
         def build(formulation: Formulation, target: str) -> Built:
             built = self.make(family, formulation, target)
-            if twins_of is None or isinstance(built, HeldBack):
-                return built
-            twins = twins_of(formulation, target)
-            return tuple(replace(effect, twins=twins) for effect in built)  # type: ignore[type-var]
+            return built if twins_of is None else changed(built, twins=twins_of(formulation, target))
 
         build.__wrapped__ = self.make  # type: ignore[attr-defined]  # whose code it is
         return replace(family, build=build).enter()
+
+
+def changed(built: Built, **fields: Any) -> Built:
+    """Return candidates with other `fields`."""
+    if isinstance(built, HeldBack):
+        return built
+    return tuple(replace(one, **fields) for one in (built if isinstance(built, tuple) else (built,)))  # type: ignore[type-var]
 
 
 def recipe(
@@ -93,3 +96,10 @@ def declared(column: str, part: str, what: str) -> str:
     if not column:
         raise NotTestable(f"{part} declares no {what}: with a column of it this could be tested", (), missing=True)
     return column
+
+
+def clock_of(formulation: Formulation, part: str = "the machine") -> str:
+    """Return the column of the clock; raise `NotTestable` where there is none, or it stands still."""
+    clock = declared(roles_of(formulation).time, part, "time")
+    needs(formulation.data, clock)
+    return clock

@@ -11,9 +11,9 @@ import numpy as np
 from calibench.calibration.rigid import cross
 from calibench.calibration.walk import BASE, PLACE, READING, TOOL, TURNS
 from calibench.discrepancy.effects.general.columns import run_terms
-from calibench.discrepancy.effects.general.recipe import Built, declared
+from calibench.discrepancy.effects.general.recipe import Built, clock_of
 from calibench.discrepancy.machines.arm.formulation import TOOL_TURNS, loads_in
-from calibench.discrepancy.model.effect import ChangePoint, EffectFamily, NotTestable, change_times, needs
+from calibench.discrepancy.model.effect import Effect, EffectFamily, NotTestable
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.model.roles import roles_of
@@ -29,8 +29,7 @@ def _moved(formulation: Formulation, part: str) -> tuple[tuple[str, ...], str]:
     if part == "base" and BASE[0] not in known:
         raise NotTestable("nothing outside the arm was measured that the base could move against")
     turns = (name for name in TOOL_TURNS if name in {*formulation.fixed, *known})
-    clock = declared(roles_of(formulation).time, "the arm", "time")
-    needs(formulation.data, clock)
+    clock = clock_of(formulation, "the arm")
     return BASE if part == "base" else (*TOOL, *turns), clock
 
 
@@ -54,16 +53,13 @@ def _drifts(formulation: Formulation, target: str, *, name: str) -> Built:
 
 def _shifts(formulation: Formulation, target: str, *, name: str) -> Built:
     names, clock = _moved(formulation, target)
-    times = change_times(formulation.data[clock])
-    formula = FAMILIES[name].formula
-    return tuple(
-        ChangePoint(
-            name, target, formula, channel="base", quantities=moved, coefficients=moved, unit="mm", at=float(at),
-            positions=len(times), columns=(clock,), clock=clock, kinds=tuple(_KIND[one] for one in moved),
+    found: tuple[Effect, ...] = ()
+    for moved in dict.fromkeys((names[:3], names)):
+        kinds = tuple(_KIND[one] for one in moved)
+        found += FAMILIES[name].steps(
+            target, clock, formulation.data[clock], dict(zip(moved, moved)), "mm", kinds=kinds
         )
-        for moved in dict.fromkeys((names[:3], names))
-        for at in times
-    )  # fmt: skip
+    return found
 
 
 def _bends(formulation: Formulation, target: str) -> Built:
@@ -95,7 +91,7 @@ def _bends(formulation: Formulation, target: str) -> Built:
     most = thresholds().largest_windup / max(float(np.max(np.abs(across[name]))) for name in names)
     unit = "rad/(N mm)" if joint.kind == "rotary" else "rad/(N mm2)"
     columns = () if joint.kind == "rotary" else (READING + target,)
-    return (bending.linear(target, columns, {"k": unit}, changes, largest=most),)
+    return bending.linear(target, columns, {"k": unit}, changes, largest=most)
 
 
 def _joints(formulation: Formulation) -> tuple[str, ...]:

@@ -30,14 +30,13 @@ from calibench.discrepancy.model.formulations import Predicted
 from calibench.discrepancy.model.machine import Description, Formulation, Quantities, Quantity, Slopes, Stated
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, positive
 from calibench.discrepancy.model.roles import Instrument, Joint, Length, Roles
-from calibench.discrepancy.registries import describe, machines
+from calibench.discrepancy.registries import DEMONSTRATIONS, describe, machines
 from calibench.problems.base import Parameter
 
 TURNED = tuple(f"turn_{one}" for one in walk.PLACE)  # mrad: how the target is turned beside the start, as measured
 AIM = tuple(f"aim_{one}" for one in walk.PLACE)  # rad: how it is turned at the start
 TOOL_TURNS = tuple(f"tool_{one}" for one in walk.TURNS)
 MILLI = 1e3
-DEMONSTRATIONS = Path(__file__).resolve().parents[2] / "demo" / "arm"  # a URDF there is known by its stem
 _WIDE = {"mm": 30.0, "rad": 0.1, "base": 300.0}  # within which numbers are looked for
 _HELD: WeakKeyDictionary[MeasuredData, Array] = WeakKeyDictionary()
 _TINY = 1e-30  # rad of a complex step: exact to rounding
@@ -71,19 +70,15 @@ class Arm:
         if not path:
             raise DataError(f"{data.name}: an arm needs its URDF: machine.urdf=my.urdf, or machine.dh=table.csv")
         file = Path(path).expanduser()
-        shipped = DEMONSTRATIONS / f"{file.name}.urdf"
+        shipped = DEMONSTRATIONS / "arm" / f"{file.name}.urdf"  # known by its stem
         if not dh and file.name == path and shipped.exists() and not file.exists():
             file = shipped
         convention = self.convention or str(data.metadata.get("convention", ""))
         try:
             arm = calibration.read_arm(
-                file,
-                table=bool(dh),
-                convention=convention,
-                base=self.base,
-                tip=self.tip,
+                file, table=bool(dh), convention=convention, base=self.base, tip=self.tip,
                 data=readings.table_of_data(data),
-            )
+            )  # fmt: skip
         except (calibration.ChainError, OSError) as error:
             raise DataError(str(error)) from None
 
@@ -97,12 +92,9 @@ class Arm:
 
 def tracked(chain: Chain, data: MeasuredData, begin: Start) -> Predicted:
     """Return the prediction of a target that a tracker sees; a fit starts at `begin`."""
-    fitted = np.asarray(data["split"]) != "hold" if "split" in data else np.ones(len(data), dtype=bool)
-    base = begin.base[:3, :3]
-    numbers = walk.quantities(chain)
-    start = (
-        dict(zip(walk.BASE, (*begin.base[:3, 3], 0.0, 0.0, 0.0))) | numbers | dict(zip(walk.TOOL, begin.tool[:3, 3]))
-    )
+    base, numbers = begin.base[:3, :3], walk.quantities(chain)
+    start = dict(zip(walk.BASE, (*begin.base[:3, 3], 0.0, 0.0, 0.0))) | numbers
+    start |= dict(zip(walk.TOOL, begin.tool[:3, 3]))
     q = start | {walk.READING + n: data[walk.READING + n] for n in chain.driven}
     tool, turned = begin.tool[:3, :3], readings.rotations(data)
     posed = turned is not None
@@ -121,7 +113,7 @@ def tracked(chain: Chain, data: MeasuredData, begin: Start) -> Predicted:
     seen, rest = predict.slopes(q), measured - predict.seen(q)
     order = (*walk.BASE, *walk.TOOL, *others, *(TOOL_TURNS if posed else ()), *(f"zero_{j.name}" for j in chain.joints))
     order += tuple(name for k in (slice(3), slice(3, 6)) for j in chain.joints for name in walk.of_joint(j.name)[k])
-    known = fitted & np.isfinite(rest).all(axis=1)
+    known = data.fitted & np.isfinite(rest).all(axis=1)
     units = {name: parameter(chain, name, 0.0).unit for name in numbers}
     free, vague = select_by_name({name: np.asarray(seen[name])[known] for name in order}, order, rest[known], units)
     data = with_held(readings.with_loads(chain, base, start, data), vague)
@@ -201,21 +193,18 @@ class _Target:
         mine = np.asarray(q[readings.TARGET_NUMBER]) == int(k) - 1
         return np.where(mine[:, None], walk.slope(self.chain, way, of_first), 0.0)
 
-    def _on_targets(self, q: Quantities) -> Quantities:
-        """Return the quantities with the place of each row's own target."""
-        tool = {name: np.asarray(q[name]) for name in (walk.TOOL if self.others else ())}
-        for name in tool:
-            for k in range(2, self.others + 2):
-                mine = np.asarray(q[readings.TARGET_NUMBER]) == k - 1
-                tool[name] = tool[name] + np.where(mine, q[f"{name}_{k}"], 0.0)
-        return {**q, **tool} if tool else q
-
     def _walk(self, q: Quantities) -> walk.Walk:
         """Return the kinematics at q, the last one from the cache: `seen` and each slope ask for the same numbers."""
         for known, values, way in self._walked:
             if known is q and all(a is b for a, b in zip(values, q.values(), strict=True)):
                 return way
-        way = walk.walk(self.chain, self.base, self._on_targets(q))
+        # the place of each row's own target
+        tool = {name: np.asarray(q[name]) for name in (walk.TOOL if self.others else ())}
+        for name in tool:
+            for k in range(2, self.others + 2):
+                mine = np.asarray(q[readings.TARGET_NUMBER]) == k - 1
+                tool[name] = tool[name] + np.where(mine, q[f"{name}_{k}"], 0.0)
+        way = walk.walk(self.chain, self.base, {**q, **tool} if tool else q)
         self._walked[:] = [(q, tuple(q.values()), way)]
         return way
 
@@ -307,18 +296,15 @@ def roles_for(chain: Chain, data: MeasuredData, instruments: tuple[Instrument, .
         if not 0 <= number < np.inf:
             example = f"""teeth='{{"{chain.driven[0]}":101}}'"""
             raise DataError(f"teeth={stated}: a number above 0 for all joints, or one a joint: teeth=101, {example}")
-    joints = tuple(
-        Joint(
-            name, walk.READING + name, kinds[name], direction=there.get(f"direction_{name}", ""),
-            velocity=there.get(f"velocity_{name}", ""), torque=there.get(f"torque_{name}", ""),
-            teeth=float(teeth.get(name, 0.0)),
-        )
-        for name in chain.driven
-    )  # fmt: skip
+    joints = []
+    for name in chain.driven:
+        way, speed, load = (there.get(f"{kind}_{name}", "") for kind in ("direction", "velocity", "torque"))
+        reading, number = walk.READING + name, float(teeth.get(name, 0.0))
+        joints.append(Joint(name, reading, kinds[name], direction=way, velocity=speed, torque=load, teeth=number))
     known = walk.quantities(chain)
     links = tuple(Length(f"link to {j.name}", f"length_{j.name}") for j in chain.joints if f"length_{j.name}" in known)
     time = readings.ROW if readings.ROW in data else there.get("t_s", "")
-    return Roles(joints, links, time=time, temperature=there.get(WARMTH, ""), instruments=instruments)
+    return Roles(tuple(joints), links, time=time, temperature=there.get(WARMTH, ""), instruments=instruments)
 
 
 describe(
@@ -344,7 +330,6 @@ describe(
         targets={"base": "the base", "tool": "the tool"},
         # held numbers are those that the readings do not tell from others; frames move as bodies
         replaced=("free_number", "frame_drift", "frame_shift"),
-        demonstrations=DEMONSTRATIONS,
         named=ARM.named,
     ),
 )  # fmt: skip

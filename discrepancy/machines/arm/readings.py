@@ -13,17 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibench.calibration import columns as names
 from calibench.calibration.arm import Arm
-from calibench.calibration.columns import (
-    OF_A_JOINT,
-    PAYLOAD,
-    SITE,
-    SOCKET,
-    TARGET,
-    WARMTH,
-    by_their_names,
-    match_columns,
-)
+from calibench.calibration.columns import PAYLOAD, SITE, SOCKET, TARGET, WARMTH, match_columns
 from calibench.calibration.kinematics import Chain
 from calibench.calibration.loads import GRAVITY, moments, torques_about_axes
 from calibench.calibration.readings import Table, by_target, columns_of, read_readings, readable
@@ -38,7 +30,7 @@ from calibench.discrepancy.model.measured import TO_PREDICT, DataError, Measured
 ROW = "row"
 MIDDLE = "temperature_middle"  # in the metadata: what `WARMTH` counts from
 _KEPT = ("pose_id", "visit_id", "split", SOCKET, SITE, PAYLOAD)  # as the file has them
-_OF_A_JOINT = tuple(f"{quantity}_" for quantity in OF_A_JOINT)
+_OF_A_JOINT = tuple(f"{quantity}_" for quantity in names.OF_A_JOINT)
 TARGET_NUMBER = "target_number"  # of each row, 0 the one that is read most
 _OURS = ("reading_place", TARGET_NUMBER)  # columns that no file has
 _MOVED = 1e-6  # rad or mm: a smaller change is no move
@@ -48,8 +40,8 @@ _TIMES = 0.5  # part of the rows with a time of their own, which a clock needs t
 def table_of_data(data: MeasuredData) -> Table:
     """Return the data as the table that a calibration reads."""
     columns = {name: column for name, column in data.columns.items() if name not in _OURS}
-    if "split" in columns and not (np.asarray(columns["split"]) == "hold").any():
-        del columns["split"]  # nothing is held back
+    if data.fitted.all():
+        columns.pop("split", None)
     return Table.of(columns, data.name, units=data.units, stated=data.metadata, row=data.row_numbers)
 
 
@@ -126,19 +118,14 @@ def completed(data: MeasuredData, chain: Chain, start: Start) -> MeasuredData:
     except ValueError as error:
         raise DataError(f"{data.name}: {error}") from None
     parts = (matched.joints, matched.position, matched.rotation)
-    turned, _, _ = by_their_names(data.columns, [name for part in parts for name in part.values()], data.units)
-    units = {  # those that nothing states and the arm told
-        column: note.values["unit"]
-        for note in start.readings.notes
-        if note.code is Code.UNIT_FOUND
-        for column in note.columns
-        if column not in {**data.units, **turned}
-    }
-    numbers = {
-        column: np.asarray(turned.get(column, data[column]), dtype=float) * UNITS.get(units.get(column, "mm"), 1.0)
-        for part in parts
-        for column in part.values()
-    }
+    turned, _, _ = names.by_their_names(data.columns, [name for part in parts for name in part.values()], data.units)
+    units: dict[str, str] = {}  # those that nothing states and the arm told
+    for note in (note for note in start.readings.notes if note.code is Code.UNIT_FOUND):
+        units |= {column: note.values["unit"] for column in note.columns if column not in {**data.units, **turned}}
+    numbers: dict[str, Array] = {}
+    for column in (column for part in parts for column in part.values()):
+        scale = UNITS.get(units.get(column, "mm"), 1.0)
+        numbers[column] = np.asarray(turned.get(column, data[column]), dtype=float) * scale
     columns: dict[str, Any] = {READING + name: numbers[column] for name, column in matched.joints.items()}
     for name, column in matched.joints.items():
         if not np.isfinite(numbers[column]).all():
@@ -223,13 +210,9 @@ def with_loads(chain: Chain, base: Array, start: Mapping[str, float], data: Meas
 
 def torques(chain: Chain, base: Array, start: Mapping[str, float], data: MeasuredData) -> dict[str, Array]:
     """Return `torque_J` [N mm] of each driven joint that gravity asks of it, where none was measured."""
-    held = loads(chain, base, start, data)
-    by_joint = torques_about_axes(chain, held).T
-    return {
-        f"torque_{name}": torque
-        for name, torque in zip(chain.driven, by_joint, strict=True)
-        if f"torque_{name}" not in data
-    }
+    by_joint = torques_about_axes(chain, loads(chain, base, start, data)).T
+    asked = {f"torque_{name}": torque for name, torque in zip(chain.driven, by_joint, strict=True)}
+    return {name: torque for name, torque in asked.items() if name not in data}
 
 
 def loads(chain: Chain, base: Array, start: Mapping[str, float], data: MeasuredData) -> Array:

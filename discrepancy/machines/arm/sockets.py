@@ -7,9 +7,9 @@ predicted is where the ball is, less how far the point is from that guess.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
@@ -83,7 +83,7 @@ class _Ball:
 
     chain: Chain
     sockets: Sockets
-    base: Array = field(default_factory=lambda: _BASE)
+    base: ClassVar[Array] = _BASE
 
     def seen(self, q: Quantities) -> Numbers:
         """Return this place, (n, 3) [mm]."""
@@ -103,8 +103,7 @@ class _Ball:
 
 def in_sockets(chain: Chain, data: MeasuredData, roles: Roles, begin: Start) -> Predicted:
     """Return the prediction of a ball that sits in sockets; the readings are those of `begin`."""
-    fitted = np.asarray(data["split"]) != "hold" if "split" in data else np.ones(len(data), dtype=bool)
-    index, of_place = _numbered(data)
+    fitted, (index, of_place) = data.fitted, _numbered(data)
     for k, place, socket in of_place:
         if (fitted & (index == k)).sum() < 2:
             where = f"{place}, socket {socket}"

@@ -11,7 +11,6 @@ import re
 from collections.abc import Mapping
 from configparser import Error, RawConfigParser
 from math import degrees, radians, sqrt
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -49,9 +48,8 @@ def planned(
     rings: 19 heights and 12 distances. rich: 37 and 24. Raises `DataError` for a bed that the rods do not reach.
     """
     if not 0 < radius < arm or not 0 < bed_radius < _MARGIN * arm - radius:
-        raise DataError(
-            f"plan.bed_radius={bed_radius:g}: rods of {arm:g} mm at a radius of {radius:g} mm do not reach it"
-        )
+        rods = f"rods of {arm:g} mm at a radius of {radius:g} mm"
+        raise DataError(f"plan.bed_radius={bed_radius:g}: {rods} do not reach it")
 
     rings = [(share * bed_radius, 2 * np.pi * (k / n)) for n, share in _RINGS[plan] for k in range(n)]
     heights = [(0.0, 0.0), *((out * float(np.cos(angle)), out * float(np.sin(angle))) for out, angle in rings)]
@@ -230,9 +228,8 @@ def _steps_per_mm(config: Config, tower: str) -> float:
     section = f"stepper_{tower}"
     if "step_distance" in config.get(section, {}):  # the key of older files
         return 1 / _number(config, section, "step_distance", above_zero=True)
-    steps = _number(config, section, "full_steps_per_rotation", _FULL_STEPS) * _number(
-        config, section, "microsteps", above_zero=True
-    )
+    steps = _number(config, section, "full_steps_per_rotation", _FULL_STEPS)
+    steps *= _number(config, section, "microsteps", above_zero=True)
     for pair in config[section].get("gear_ratio", "").split(","):
         if pair.strip():
             over, _, under = pair.partition(":")
@@ -328,7 +325,6 @@ describe(
         replaced=_REPLACED,
         corrected=corrected,
         plan=planned,
-        demonstrations=Path(__file__).resolve().parents[2] / "demo" / "delta",
         targets={"outward": "outward", "skewed": "skewed"},
     ),
 )

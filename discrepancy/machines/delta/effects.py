@@ -7,54 +7,47 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calibench.discrepancy.model.effect import Effect, EffectFamily, NotTestable
+from calibench.discrepancy.machines.delta.formulation import TOWERS
+from calibench.discrepancy.model.effect import Built, EffectFamily, NotTestable
 from calibench.discrepancy.model.machine import Formulation
 
-Spread = Mapping[str, Mapping[str, float]]  # coefficient -> quantity -> how much of it
-TOWERS = ("a", "b", "c")
+Targets = Mapping[str, tuple[str, ...]]  # target -> the quantities that it changes, each by a coefficient of its name
 SIZE = ("delta_radius", "rod_length", "belt_scale", "bed_dome")  # all four bow the probed bed alike
 OBJECT = "a printed object: distances measured by caliper, which DELTA_ANALYZE takes in"
 
 
-def each_tower(quantity: str) -> dict[str, Spread]:
+def each_tower(quantity: str) -> dict[str, tuple[str, ...]]:
     """Return the targets `tower a` to `tower c`, one coefficient each."""
-    return {f"tower {t}": {f"{quantity}_{t}": {f"{quantity}_{t}": 1.0}} for t in TOWERS}
+    return {f"tower {t}": (f"{quantity}_{t}",) for t in TOWERS}
 
 
 def constant(
-    name: str, cause: str, formula: str, channel: str, unit: str, spread: Mapping[str, Spread], *,
+    name: str, cause: str, formula: str, channel: str, unit: str, targets: Targets, *,
     of: str = "", twins: str = "", same: Mapping[str, tuple[str, ...]] | None = None,
     same_by_heights: tuple[str, ...] = (), parted_by: str = "", label: str = "",
     label_of_all: str = "",
 ) -> EffectFamily:  # fmt: skip
-    """Enter the family whose targets are `spread`; `of` is the kind of row that it needs, "" for either.
+    """Enter the family with these `targets`; `of` is the kind of row that it needs, "" for either.
 
     `same` are the declared twins of a target, `same_by_heights` those of the target `all` where only heights were
     measured.
     """
 
-    def build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    def build(formulation: Formulation, target: str) -> Built:
         kind = np.asarray(formulation.data["kind"])
         if of and not (kind == of).any():
             raise NotTestable(f"needs rows of kind {of}", ("kind",))
-        coefficients = spread[target]
-        rows = {
-            quantity: [shares.get(quantity, 0.0) for shares in coefficients.values()]
-            for quantity in sorted({q for shares in coefficients.values() for q in shares})
-        }
+        rows = dict(zip(targets[target], np.eye(len(targets[target]))))
         alike = (same or {}).get(target, ())
         if target == "all" and same_by_heights and not (kind == "distance").any():
             alike = tuple(f"{twin} all" for twin in same_by_heights if twin != name)
-        return (
-            family.linear(
-                target, (), dict.fromkeys(coefficients, unit),
-                lambda q, data: {quantity: np.tile(row, (len(data), 1)) for quantity, row in rows.items()},
-                unit=unit, twins=alike,
-            ),
+        return family.linear(
+            target, (), dict.fromkeys(rows, unit),
+            lambda q, data: {quantity: np.tile(row, (len(data), 1)) for quantity, row in rows.items()}, twins=alike,
         )  # fmt: skip
 
     family = EffectFamily(
-        name, "delta", cause, formula=formula, channel=channel, columns=(), unit=unit, targets=tuple(spread),
+        name, "delta", cause, formula=formula, channel=channel, columns=(), unit=unit, targets=tuple(targets),
         build=build, twins=twins, label=label, label_of_all=label_of_all, parted_by=parted_by,
     )  # fmt: skip
     return family.enter()
@@ -62,30 +55,30 @@ def constant(
 
 bed_tilt = constant(
     "bed_tilt", "The bed is not square to the towers", "z of the bed is tx x + ty y", "base", "rad",
-    {"all": {"bed_x": {"bed_x": 1.0}, "bed_y": {"bed_y": 1.0}}}, of="height",
+    {"all": ("bed_x", "bed_y")}, of="height",
     twins="nearly: the endstops tilt the print with the bed", label_of_all="bed tilt",
 )  # fmt: skip
 dome = constant(
     "bed_dome", "The bed stands higher in its middle than at its rim, or lower",
-    "z of the bed is d (1 - (x^2 + y^2) / bed_radius^2)", "base", "mm", {"all": {"dome": {"dome": 1.0}}}, of="height",
+    "z of the bed is d (1 - (x^2 + y^2) / bed_radius^2)", "base", "mm", {"all": ("dome",)}, of="height",
     twins="nearly, by heights alone: delta_radius, rod_length, belt_scale", same_by_heights=SIZE,
     parted_by=OBJECT, label_of_all="domed bed",
 )  # fmt: skip
 caliper = constant(
     "caliper_offset", "The caliper reads, or the extruded line adds, the same length at every object",
-    "distance + c", "prediction", "mm", {"all": {"caliper": {"caliper": 1.0}}}, of="distance",
+    "distance + c", "prediction", "mm", {"all": ("caliper",)}, of="distance",
     twins="where all objects are of one length: shrinkage", label_of_all="caliper offset",
 )  # fmt: skip
 shrink = constant(
     "shrinkage", "The printed object shrank as it cooled", "distance (1 - s)", "prediction", "1",
-    {"all": {"shrink": {"shrink": 1.0}}}, of="distance", twins="for objects that lie flat: effector_tilt outward",
+    {"all": ("shrink",)}, of="distance", twins="for objects that lie flat: effector_tilt outward",
     same={"all": ("effector_tilt outward",)}, label_of_all="shrinkage of the print",
 )  # fmt: skip
 
 
 radius = constant(
     "delta_radius", "Towers stand further from the middle than stated, or the effector is smaller",
-    "R = delta_radius + dR", "link", "mm", {"all": {"d_radius": {"d_radius": 1.0}}},
+    "R = delta_radius + dR", "link", "mm", {"all": ("d_radius",)},
     twins="nearly, by heights alone: rod_length, belt_scale", same_by_heights=SIZE, parted_by=OBJECT,
     label="delta radius", label_of_all="delta radius",
 )  # fmt: skip
@@ -101,7 +94,7 @@ angle = constant(
 )  # fmt: skip
 rod_length = constant(
     "rod_length", "The rods are all longer or shorter than stated", "L_i = arm_length + dL", "link", "mm",
-    {"all": {"d_rod": {"d_rod": 1.0}}}, twins="nearly, by heights alone: delta_radius, belt_scale",
+    {"all": ("d_rod",)}, twins="nearly, by heights alone: delta_radius, belt_scale",
     same_by_heights=SIZE, parted_by=OBJECT, label="rod length", label_of_all="rod length",
 )  # fmt: skip
 single_rods = constant(
@@ -110,26 +103,19 @@ single_rods = constant(
 )  # fmt: skip
 lean = constant(
     "tower_lean", "A tower leans outward or to the side", "the carriage stands lean_i h_i off its line", "base", "rad",
-    {
-        f"tower {t}": {f"lean_{t}_{way}": {f"lean_{t}_{way}": 1.0} for way in ("out", "side")}
-        for t in TOWERS
-    },
+    {f"tower {t}": (f"lean_{t}_out", f"lean_{t}_side") for t in TOWERS},
     twins="nearly: tower_radius and tower_angle of the same tower", label="tower lean",
 )  # fmt: skip
 scale = constant(
     "belt_scale", "The belts move another way per step than stated: pulley, pitch or tension",
-    "travel_i (1 + s)", "reading", "1",
-    {"all": {"scale": {"scale": 1.0}}} | each_tower("scale"),
+    "travel_i (1 + s)", "reading", "1", {"all": ("scale",)} | each_tower("scale"),
     twins="nearly, by heights alone: delta_radius, rod_length", same_by_heights=SIZE, parted_by=OBJECT,
     label="belt scale", label_of_all="belt scale",
 )  # fmt: skip
 tilt = constant(
     "effector_tilt", "The effector tilts as it goes outward, so its nozzle does not stand under its middle",
     "x, y of the nozzle times 1 + k, or sheared", "link", "1",
-    {
-        "outward": {"tilt_out": {"tilt_out": 1.0}},
-        "skewed": {"tilt_skew_x": {"tilt_skew_x": 1.0}, "tilt_skew_y": {"tilt_skew_y": 1.0}},
-    },
-    of="distance", twins="outward, for objects that lie flat: shrinkage", same={"outward": ("shrinkage all",)},
+    {"outward": ("tilt_out",), "skewed": ("tilt_skew_x", "tilt_skew_y")}, of="distance",
+    twins="outward, for objects that lie flat: shrinkage", same={"outward": ("shrinkage all",)},
     label="effector tilt",
 )  # fmt: skip

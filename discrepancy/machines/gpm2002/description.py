@@ -7,7 +7,6 @@ machine warms by 6 K, and halfway to that in a quarter of the run.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -139,12 +138,15 @@ def reachable(formulation: Formulation, q: Quantities, n: int = 300, seed: int =
 
 
 _SIGMA_XY = 0.02  # mm: a usual tracker
+_OF_A_JOINT = {
+    "vel": ("rad/s", "velocity"), "dir": ("", "direction"), "tau": ("N mm", "torque"), "axial": ("N", "axial force"),
+}  # fmt: skip
 _COLUMNS = (
     *(Quantity(f"enc_{i}", "rad", f"angle of joint {i}") for i in LEGS),
-    *(Quantity(f"vel_{i}", "rad/s", f"velocity of joint {i}", f"leg {i}") for i in LEGS),
-    *(Quantity(f"dir_{i}", "", f"direction of joint {i}", f"leg {i}") for i in LEGS),
-    *(Quantity(f"tau_{i}", "N mm", f"torque of joint {i}", f"leg {i}") for i in LEGS),
-    *(Quantity(f"axial_{i}", "N", f"axial force of joint {i}", f"leg {i}") for i in LEGS),
+    *(
+        Quantity(f"{kind}_{i}", unit, f"{words} of joint {i}", f"leg {i}")
+        for kind, (unit, words) in _OF_A_JOINT.items() for i in LEGS
+    ),
     Quantity("t_s", "s", "time"),
     Quantity("x", "mm"),
     Quantity("y", "mm"),
@@ -153,17 +155,16 @@ _COLUMNS = (
     Quantity("temp_K", "K", "temperature above reference"),
     Quantity("speed", "mm/s"),
     Quantity("heading", "rad"),
-    Quantity("pose_id"),
-    Quantity("visit_id"),
-    Quantity("repeat"),
+    *(Quantity(name) for name in ("pose_id", "visit_id", "repeat")),
     Quantity("split", text=True),
-)
-_PARAMETERS = (
-    *(Quantity(f"la{i}", "mm", f"proximal link {i}") for i in LEGS),
-    *(Quantity(f"lb{i}", "mm", f"distal link {i}") for i in LEGS),
-    *(Quantity(f"xa{i}", "mm", f"x of base {i}") for i in LEGS),
-    *(Quantity(f"ya{i}", "mm", f"y of base {i}") for i in LEGS),
-    *(Quantity(f"z{i}", "rad", f"encoder zero of joint {i}") for i in LEGS),
+)  # fmt: skip
+_WORDS = {
+    "la": "proximal link", "lb": "distal link", "xa": "x of base", "ya": "y of base", "z": "encoder zero of joint",
+}  # fmt: skip
+_PARAMETERS = tuple(
+    Quantity(f"{kind}{i}", "rad" if kind == "z" else "mm", f"{words} {i}")
+    for kind, words in _WORDS.items()
+    for i in LEGS
 )
 
 
@@ -200,7 +201,6 @@ describe(
         plan=planned,
         pool=reachable,
         completed=with_tracker,
-        demonstrations=Path(__file__).resolve().parents[2] / "demo" / "gpm2002",
         targets={"tracker": ""},
         general=False,  # its list is the one whose rates stand in docs/discovery-statistics.md
     ),

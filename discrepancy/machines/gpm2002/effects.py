@@ -6,17 +6,15 @@ shrinks; with a tracker, all encoders late and the tracker early. Noise other th
 `discrepancy.noise.laws` tests for it. Members follow a thermometer late, by a time constant that nobody states.
 """
 
-from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from calibench.discrepancy.effects.general import columns, harmonics, joints, lengths
 from calibench.discrepancy.effects.general.lengths import grown, time_constants, warmth
-from calibench.discrepancy.effects.general.recipe import Built, Recipe
+from calibench.discrepancy.effects.general.recipe import Built, Recipe, changed
 from calibench.discrepancy.machines.gpm2002.formulation import JOINTS, LEGS, teeth_of
-from calibench.discrepancy.model.effect import ChangePoint, Effect, EffectFamily, NotTestable, change_times, needs
+from calibench.discrepancy.model.effect import EffectFamily, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
 from calibench.discrepancy.thresholds import thresholds
@@ -29,14 +27,10 @@ backlash = joints.backlash.enter(
 )
 
 
-def _base_shift(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+def _base_shift(formulation: Formulation, target: str) -> Built:
     needs(formulation.data, "t_s")
-    times, i = change_times(formulation.data["t_s"]), int(target[-1])
-    first = ChangePoint(
-        "base_shift", target, base_shift.formula, channel="base", quantities=(f"xa{i}", f"ya{i}"),
-        coefficients=("dx", "dy"), unit="mm", at=0.0, positions=len(times),
-    )  # fmt: skip
-    return tuple(replace(first, at=float(at)) for at in times)
+    i = target[-1]
+    return base_shift.steps(target, "t_s", formulation.data["t_s"], {f"xa{i}": "dx", f"ya{i}": "dy"}, "mm")
 
 
 base_shift = EffectFamily(
@@ -55,18 +49,10 @@ drift = columns.drift.enter(
 def _of_leg(made: Recipe, part: str) -> Recipe:
     """Return a recipe whose target is a leg; the general recipe asks for its joint or its `distal link`."""
 
-    return Recipe(
-        made.words,
-        lambda family, formulation, target: _changed(
-            made.make(family, formulation, f"{part} {int(target[-1])}"), target=target
-        ),
-    )
+    def make(family: EffectFamily, formulation: Formulation, target: str) -> Built:
+        return changed(made.make(family, formulation, f"{part} {int(target[-1])}"), target=target)
 
-
-def _changed(built: Built, **fields: Any) -> Built:
-    """Return the candidates of a general recipe with other `fields`."""
-    assert isinstance(built, tuple)
-    return tuple(replace(effect, **fields) for effect in built)  # type: ignore[type-var]
+    return Recipe(made.words, make)
 
 
 compliance = joints.compliance.enter(
@@ -91,7 +77,7 @@ clearance = _of_leg(lengths.clearance, "distal link").enter(
 
 gear = Recipe(
     joints.scale.words,
-    lambda family, formulation, target: _changed(
+    lambda family, formulation, target: changed(
         joints.scale.make(family, formulation, target), largest=thresholds().largest_ratio
     ),
 ).enter(
@@ -128,7 +114,7 @@ cyclic = Recipe(harmonics.cyclic.words, _cyclic).enter(
 )  # fmt: skip
 
 
-def _tracker(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+def _tracker(formulation: Formulation, target: str) -> Built:
     data = formulation.data
     needs(data, "x", "y")
     stated = data.has("speed", "heading")
@@ -160,7 +146,7 @@ def _tracker(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         raise NotTestable("columns speed and heading are constant", ("speed", "heading"))
     twins = ("lag all",) if data.has("vel_1", "vel_2", "vel_3") else ()
     most = thresholds().largest_lag
-    return (tracker_lag.linear(target, ("x", "y", *columns), {"tau": "s"}, changes, twins=twins, largest=most),)
+    return tracker_lag.linear(target, ("x", "y", *columns), {"tau": "s"}, changes, twins=twins, largest=most)
 
 
 lag = joints.lag.enter(
@@ -206,7 +192,7 @@ def _links(family: EffectFamily, formulation: Formulation, target: str) -> Built
     return grown(family, target, heat, formulation.data, "t_s")
 
 
-def _base(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+def _base(formulation: Formulation, target: str) -> Built:
     needs(formulation.data, "temp_K")
     tracked = "x" in formulation.readings
 

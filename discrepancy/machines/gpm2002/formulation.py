@@ -51,18 +51,16 @@ class Gpm2002:
         data = _validated(data)
         stated, fixed = measured.nominal_numbers(data, NAMES), data.metadata.get("fixed_parameters") or ()
         if not isinstance(fixed, str | Sequence | Mapping):
-            raise DataError(
-                f"{data.name}: metadata fixed_parameters={fixed!r}: names, or names with values, are needed"
-            )
+            rule = "names, or names with values, are needed"
+            raise DataError(f"{data.name}: metadata fixed_parameters={fixed!r}: {rule}")
         held = (fixed,) if isinstance(fixed, str) else tuple(fixed)
         for name in held:
             if name not in NAMES:
                 word = shown(name)
                 raise DataError(f"{data.name}: metadata fixed_parameters names {word!r}; {suggest(word, NAMES)}")
         if len(set(held)) == len(NAMES):
-            raise DataError(
-                f"{data.name}: metadata fixed_parameters holds all parameters: nothing is left to calibrate"
-            )
+            every = "holds all parameters: nothing is left to calibrate"
+            raise DataError(f"{data.name}: metadata fixed_parameters {every}")
         if isinstance(fixed, Mapping):
             stated |= {name: measured.finite(data, name, value) for name, value in fixed.items()}
 
@@ -96,14 +94,9 @@ class Gpm2002:
                 f"{data.name}: the legs of the nominal machine miss each other by {plain(miss, 3)} mm at the best "
                 "offsets: are the angles in radians, lengths in mm, and is metadata nominal that of this machine?"
             )
-        start = nominal | found
-        parameters = tuple(
-            Parameter(name, unit, start[name], start[name] - width, start[name] + width)
-            for name, unit in zip(NAMES, UNITS)
-            if name not in held
-            for width in (10.0 if unit == "mm" else 0.4,)
-        )
-        return replace(closure, parameters=parameters)
+        start, wide = nominal | found, {"mm": 10.0, "rad": 0.4}
+        free = [(name, unit, start[name], wide[unit]) for name, unit in zip(NAMES, UNITS) if name not in held]
+        return replace(closure, parameters=tuple(Parameter(n, unit, at, at - w, at + w) for n, unit, at, w in free))
 
 
 @final
@@ -126,25 +119,18 @@ class LegClosure:
     def sensors(self) -> tuple[Sensor, ...]:
         """Return an encoder at each driven joint, and with a tracker its two coordinates."""
         resolution = float(self.data.metadata.get("encoder_lsb") or 0.0)
-        encoders = tuple(
-            Sensor(
-                f"enc_{i}", "encoder", "rad", part=f"joint {i}", targets=(f"leg {i}",), label=f"angle of joint {i}",
-                resolution=resolution, over_place=True,
-            )
-            for i in LEGS
-        )  # fmt: skip
-        return (*encoders, Sensor("x", "tracker", "mm"), Sensor("y", "tracker", "mm")) if self.tracked else encoders
+        sensors = [
+            Sensor(f"enc_{i}", "encoder", "rad", f"joint {i}", (f"leg {i}",), label=f"angle of joint {i}",
+                   resolution=resolution, over_place=True) for i in LEGS
+        ]  # fmt: skip
+        return (*sensors, *(Sensor(name, "tracker", "mm") for name in "xy" if self.tracked))
 
     @cached_property
     def roles(self) -> Roles:
         """Return what it is made of: driven joints with encoders, six links, a clock, a thermometer, a tracker."""
-        stated = self.data.metadata
         joints = tuple(
-            Joint(
-                f"joint {i}", f"enc_{i}", direction=f"dir_{i}", velocity=f"vel_{i}", torque=f"tau_{i}",
-                teeth=teeth_of(stated, i),
-            )
-            for i in LEGS
+            Joint(f"joint {i}", f"enc_{i}", direction=f"dir_{i}", velocity=f"vel_{i}", torque=f"tau_{i}",
+                  teeth=teeth_of(self.data.metadata, i)) for i in LEGS
         )  # fmt: skip
         proximal = tuple(Length(f"proximal link {i}", f"la{i}") for i in LEGS)
         distal = tuple(Length(f"distal link {i}", f"lb{i}", force=f"axial_{i}") for i in LEGS)
@@ -406,7 +392,7 @@ def _validated(data: MeasuredData) -> MeasuredData:
             "were it larger, noise would be taken for a missing effect"
         )
         data = data.with_note(Code.NO_REPEATS, text)
-    if "split" not in data or not (data["split"] == "hold").any():
+    if data.fitted.all():
         data = data.with_note(Code.NOT_HELD_OUT, NOT_HELD_OUT)
     needed = [name for name in COVARIATES if name in data and name.partition("_")[0] in ("t", "temp", *OWN)]
     still = [name for name in needed if not np.ptp(data[name]) > 0]

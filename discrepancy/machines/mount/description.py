@@ -19,7 +19,6 @@ less right ascension; time is sidereal, and may pass midnight. What stands behin
 
 import re
 from math import isfinite
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -225,14 +224,12 @@ def _sexagesimal(words: list[str], values: list[float], k: int, line: int) -> fl
 
 
 _COLUMNS = (
-    Quantity("ha", "rad", "hour angle"),
-    Quantity("dec", "rad", "declination"),
-    Quantity("star_ha", "rad", "hour angle of the star"),
-    Quantity("star_dec", "rad", "declination of the star"),
-    Quantity("az", "rad", "azimuth"),
-    Quantity("el", "rad", "elevation"),
-    Quantity("star_az", "rad", "azimuth of the star"),
-    Quantity("star_el", "rad", "elevation of the star"),
+    *(
+        Quantity(f"{star}{name}", "rad", f"{words}{' of the star' if star else ''}")
+        for kind in AXES
+        for star in ("", "star_")
+        for name, words in zip(AXES[kind], NAMED[kind])
+    ),
     Quantity("pier_side", text=True),
     Quantity("t_s", "s", "time"),
     *(
@@ -271,7 +268,6 @@ describe(
         quantities=_QUANTITIES,
         stated=(Stated("sigma_arcsec", "positive"), *(Stated(key) for key in ("latitude_deg", "mount", "azimuth"))),
         plan=planned,
-        demonstrations=Path(__file__).resolve().parents[2] / "demo" / "mount",
         targets={TARGET: ""},
         replaced=_REPLACED,
         files={".dat": read_tpoint},

@@ -20,12 +20,13 @@ TWINS: dict[Kind, dict[str, tuple[str, ...]]] = {  # of one signature, beside wh
 
 
 def build(formulation: Formulation, target: str, *, term_name: str) -> tuple[LinearEffect, ...]:
+    """Return the candidate of a term; () for one of the other kind of mount, which these data do not lack."""
     data = formulation.data
     kind: Kind = "equatorial" if "ha" in data else "altaz"
     terms = {term.name: term for term in TERMS if term.kind == kind}
     term = terms.get(term_name)
     if term is None:
-        return ()  # a term of the other kind of mount: nothing that these data lack
+        return ()
     if term.name in (p.name for p in formulation.parameters):
         raise NotTestable("is calibrated in every case (machine.base=geometry)")
     if term.name.startswith("pier_") and not np.ptp(data["side"]):

@@ -93,11 +93,8 @@ def _predicted(kind: Kind, latitude: float, q: Quantities) -> Numbers:
     """Return the errors on the sky that the terms in `q` make, shape (n, 2), arcsec."""
     terms = {name: np.asarray(q[name]) for name in (*TURNS[kind], "TF", "TX")}
     roll, pitch = (np.asarray(q[name]) for name in AXES[kind])
-    towards = geometry.pointing(kind, latitude, roll, pitch, terms)
-    return (
-        np.stack([np.sum(axis * towards, axis=1) for axis in geometry.tangents(*(q[n] for n in FRAME))], axis=-1)
-        / ARCSEC
-    )
+    towards, axes = geometry.pointing(kind, latitude, roll, pitch, terms), geometry.tangents(*(q[n] for n in FRAME))
+    return np.stack([np.sum(axis * towards, axis=1) for axis in axes], axis=-1) / ARCSEC
 
 
 def _left_by_all(formulation: Formulation) -> float:
@@ -107,7 +104,7 @@ def _left_by_all(formulation: Formulation) -> float:
         with suppress(NotTestable):
             effects += build(formulation, TARGET, term_name=name)
     if data.has("split"):
-        formulation = formulation.on(data.rows(np.asarray(data["split"]) != "hold"))
+        formulation = formulation.on(data.rows(data.fitted))
     base = Model(formulation)
     rich = base.with_effects(*effects)
     none = np.zeros(rich.size - base.size)
@@ -125,9 +122,8 @@ def _left_by_all(formulation: Formulation) -> float:
     order = np.asarray(formulation.data["t_s"]) if formulation.data.has("t_s") else np.arange(n)
     t = 2 * (order - order.min()) / max(float(np.ptp(order)), 1e-300) - 1
     first, second = (np.asarray(formulation.data[name]) for name in FRAME)
-    waves = [
-        f(k * first + j * second) for k in (0, 1, 2) for j in (-1, 0, 1) if (k, j) > (0, 0) for f in (np.sin, np.cos)
-    ]
+    orders = [(k, j) for k in (0, 1, 2) for j in (-1, 0, 1) if (k, j) > (0, 0)]
+    waves = [f(k * first + j * second) for k, j in orders for f in (np.sin, np.cos)]
     for more in (np.stack([t, t**2, t**3], axis=1), np.stack(waves, axis=1)):
         each = [np.eye(m)[k][None, :, None] * more[:, None, :] for k in range(m)]
         wider = np.concatenate([columns, *each], axis=2)

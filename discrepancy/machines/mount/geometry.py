@@ -132,9 +132,9 @@ def _harmonic(kind: Kind, result: str, of: str, times: int = 1, circle: str = ""
     number = str(times) if times > 1 else ""
     often = {1: "once", 2: "twice"}[times]
     cause = f"An error in {words} comes {often} a turn of the {_ANGLE[of]}"
+    sine, cosine = (f"H{result}{letter}{of}{number}" for letter in "SC")
     if circle:
-        cause = f"The circle of the {words} is not centred"
-    sine, cosine = (f"{circle}{letter}" if circle else f"H{result}{letter}{of}{number}" for letter in "SC")
+        cause, sine, cosine = f"The circle of the {words} is not centred", f"{circle}S", f"{circle}C"
 
     def shape(turn: Callable[[Array], Array], at: Seen) -> Array:
         angle = {"H": at["roll"], "A": np.pi - at["roll"], "D": at["pitch"], "E": at["pitch"]}[of]
@@ -153,13 +153,10 @@ def _plain(kind: Kind, name: str, cause: str, formula: str) -> Term:
     return Term(name, kind, cause, formula, name, lambda at: np.ones_like(at["roll"]))
 
 
+_REFRACTED = "The tube droops, or refraction is not allowed for, by the tangent of the zenith distance"
 _TUBE = (
     ("TF", "The tube droops, by the sine of the zenith distance", "dE = -TF cos E"),
-    (
-        "TX",
-        "The tube droops, or refraction is not allowed for, by the tangent of the zenith distance",
-        "dE = -TX cot E",
-    ),
+    ("TX", _REFRACTED, "dE = -TX cot E"),
 )
 TERMS: tuple[Term, ...] = (
     _plain("equatorial", "CH", "The tube is not square to the declination axis (cone error)", "dh = CH sec d"),

@@ -18,7 +18,7 @@ from calibench.core.words import plain
 from calibench.discrepancy.fitting.fit import project_off
 from calibench.discrepancy.machines.orthoglide.kinematics import rows_of
 from calibench.discrepancy.model import effect as base
-from calibench.discrepancy.model.effect import Along, Effect, EffectFamily, HeldBack, LinearEffect, Moment, NotTestable
+from calibench.discrepancy.model.effect import Along, Built, EffectFamily, HeldBack, LinearEffect, Moment, NotTestable
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData, finite
 from calibench.discrepancy.model.model import Model, signature
@@ -37,32 +37,28 @@ _BEYOND = 3.0  # times that: what is named is held against gauges out of true by
 _CALIBRATED: WeakKeyDictionary[Formulation, tuple[Model, Array, Array]] = WeakKeyDictionary()
 
 
-def _drift(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+def _drift(formulation: Formulation, target: str) -> Built:
     base.needs_there(formulation.data, "t_s", "zero_t_s")
     if not _at(formulation.data, target).any():
         raise NotTestable(f"no reading of {target}")
-    return (
-        drift.linear(
-            target, ("t_s", "zero_t_s"), {"rate": "mm/s"},
-            lambda q, data: {"deviation": -(_at(data, target) * (data["t_s"] - data["zero_t_s"]))[:, None]},
-        ),
+    return drift.linear(
+        target, ("t_s", "zero_t_s"), {"rate": "mm/s"},
+        lambda q, data: {"deviation": -(_at(data, target) * (data["t_s"] - data["zero_t_s"]))[:, None]},
     )  # fmt: skip
 
 
-def _zero(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+def _zero(formulation: Formulation, target: str) -> Built:
     if (formulation.data["against_mm"] != 0).all():
         raise NotTestable("no reading is compared with Zero")
     if not _at(formulation.data, target).any():
         raise NotTestable(f"no reading of {target}")
-    return (
-        zero.linear(
-            target, (), {"z": "mm"},
-            lambda q, data: {"deviation": (_at(data, target) * (data["against_mm"] == 0))[:, None]},
-        ),
+    return zero.linear(
+        target, (), {"z": "mm"},
+        lambda q, data: {"deviation": (_at(data, target) * (data["against_mm"] == 0))[:, None]},
     )  # fmt: skip
 
 
-def _felt(effect: LinearEffect, formulation: Formulation, largest: float) -> tuple[Effect, ...] | HeldBack:
+def _felt(effect: LinearEffect, formulation: Formulation, largest: float) -> Built:
     """Return the effect; held back where even the largest that a gauge can have would not show in these readings.
 
     The question is asked at the calibrated machine: legs that stand as they should look the same from anywhere. A
@@ -96,7 +92,7 @@ def _felt(effect: LinearEffect, formulation: Formulation, largest: float) -> tup
         needed = f"it takes {plain(_SHOWS * sigma / seen, 3)} {effect.unit}" if seen > 0 else "no size would"
         why = f"even {largest:g} {effect.unit} would not show in these readings: {needed}"
         return HeldBack(why, (base.Alternative(effect, _BEYOND * largest),))
-    return (effect,)
+    return effect
 
 
 def _at(data: MeasuredData, target: str) -> Array:
@@ -163,7 +159,7 @@ def _spread(
     It is of the first of `kinds`; what leans about the middle of its stroke stands, as a second kind, beside its axis.
     """
 
-    def build(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+    def build(formulation: Formulation, target: str) -> Built:
         coefficients = targets[target]
         involved = sorted({ij for weights in coefficients for ij in weights})
 
@@ -177,12 +173,11 @@ def _spread(
             }
 
         moved = [f"{kind}_{ij}" for kind in kinds for ij in involved]
-        effect = family.linear(
+        return family.linear(
             target, (), {"+".join(weights): unit for weights in coefficients}, changes, twins=same.get(target, ()),
             largest=thresholds().largest_angle if unit == "rad" else np.inf,
             along=along({f"{quantity}_{when}": quantity for quantity in moved for when in ("now", "zero")}),
         )  # fmt: skip
-        return (effect,)
 
     family = EffectFamily(
         name, "orthoglide", cause, formula=formula, channel=channel, columns=(), unit=unit, targets=tuple(targets),
@@ -245,7 +240,7 @@ def axes_in(target: str) -> tuple[int, ...]:
     return (0, 1, 2) if target == "all" else (AXES.index(target[-1]),)
 
 
-def _drive_shift(formulation: Formulation, target: str) -> HeldBack:
+def _drive_shift(formulation: Formulation, target: str) -> Built:
     columns = ("temp_K", "zero_temp_K")
     base.needs(formulation.data, *columns)
     effect = thermal_drives.linear(
@@ -271,26 +266,22 @@ scale: EffectFamily = EffectFamily(
     "scale", "orthoglide", "The scale of an encoder, or the pitch of a screw, is not the stated one",
     formula="joint i goes (1 + kappa) (rho_i - L) from Zero", channel="reading", columns=(), unit="1",
     targets=(*_TARGETS, "all"), label="encoder-scale error",
-    build=lambda formulation, target: (
-        scale.linear(
-            target, (), {"kappa": "1"},
-            lambda q, data: _joints(
-                target,
-                *(rows_of(data).joints(at) - geometry().length for at in (rows_of(data).level, rows_of(data).against)),
-            ),
-            along=_along(target),
+    build=lambda formulation, target: scale.linear(
+        target, (), {"kappa": "1"},
+        lambda q, data: _joints(
+            target,
+            *(rows_of(data).joints(at) - geometry().length for at in (rows_of(data).level, rows_of(data).against)),
         ),
+        along=_along(target),
     ),
 ).enter()  # fmt: skip
 backlash: EffectFamily = EffectFamily(
     "backlash", "orthoglide", "A drive has play and trails on the side it came from",
     formula="joint i stands at rho_i - play / 2 * sign(last move of i)", channel="reading", columns=("pass",),
     unit="mm", targets=(*_TARGETS, "all"),
-    build=lambda formulation, target: (
-        backlash.linear(
-            target, ("pass",), {"play": "mm"},
-            lambda q, data: _joints(target, *(-0.5 * sense for sense in rows_of(data).senses())), along=_along(target),
-        ),
+    build=lambda formulation, target: backlash.linear(
+        target, ("pass",), {"play": "mm"},
+        lambda q, data: _joints(target, *(-0.5 * sense for sense in rows_of(data).senses())), along=_along(target),
     ),
     twins="what every move ends with in the same sense is an offset of the joint: both passes are needed",
 ).enter()  # fmt: skip
@@ -303,7 +294,7 @@ thermal_drives = EffectFamily(
 ).enter()  # fmt: skip
 
 
-def _leg_growth(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+def _leg_growth(formulation: Formulation, target: str) -> Built:
     base.needs(formulation.data, "temp_K")
     base.needs_there(formulation.data, "zero_temp_K")
 
@@ -320,22 +311,20 @@ def _leg_growth(formulation: Formulation, target: str) -> tuple[Effect, ...]:
         }
         return {"time" if timed else "temperature": [Moment(name, name, at) for name, at in when.items()]}
 
-    return (thermal_legs.linear(target, ("temp_K", "zero_temp_K"), {"a": "mm/K"}, changes, along=moments),)
+    return thermal_legs.linear(target, ("temp_K", "zero_temp_K"), {"a": "mm/K"}, changes, along=moments)
 
 
-def _length(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+def _length(formulation: Formulation, target: str) -> Built:
     names = tuple(f"dL_{AXES[i]}" for i in axes_in(target))
     if any(p.name in names for p in formulation.parameters):
         raise NotTestable("the lengths dL are calibrated")
-    return (
-        length.linear(
-            target, (), dict.fromkeys(names, "mm"),
-            lambda q, data: {name: np.tile(each, (len(data), 1)) for name, each in zip(names, np.eye(len(names)))},
-        ),
+    return length.linear(
+        target, (), dict.fromkeys(names, "mm"),
+        lambda q, data: {name: np.tile(each, (len(data), 1)) for name, each in zip(names, np.eye(len(names)))},
     )  # fmt: skip
 
 
-def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
+def _gravity(formulation: Formulation, target: str) -> Built:
     data = formulation.data
     weight = finite(data, "moving_weight_N", data.metadata.get("moving_weight_N", 0.0), "N")
     stated = data.metadata.get("gravity", (0.0, 0.0, -1.0))
@@ -359,11 +348,9 @@ def _gravity(formulation: Formulation, target: str) -> tuple[Effect, ...]:
             stretched |= {f"length_{axis}{when}": pulls[:, i : i + 1] for i, axis in enumerate(AXES)}
         return stretched
 
-    return (
-        gravity.linear(
-            target, ("payload_N",), {"k": "mm/N"}, changes,
-            along=lambda data: {"load of a leg": [Moment(n, n, at[:, 0]) for n, at in changes({}, data).items()]},
-        ),
+    return gravity.linear(
+        target, ("payload_N",), {"k": "mm/N"}, changes,
+        along=lambda data: {"load of a leg": [Moment(n, n, at[:, 0]) for n, at in changes({}, data).items()]},
     )  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from calibench import problems
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting import small_sample as small
 from calibench.discrepancy.fitting.small_sample import Calibrated, Likeness, SmallSample
-from calibench.discrepancy.machines.orthoglide.description import planned
+from calibench.discrepancy.machines.orthoglide.formulation import planned
 from calibench.discrepancy.machines.orthoglide.kinematics import printed
 from calibench.discrepancy.model.effect import Effect, name_of
 from calibench.discrepancy.model.machine import Formulation
@@ -121,20 +121,19 @@ def experiments(draws: int = 5_000) -> Experiments:
     thirds = [(name, w) for name in ("exp3_t1", "exp3_t2") for w in (False, True)]
     predictions = {(name, w): predict(second, formulations[name], w) for name, w in thirds}
     size = sets["exp2", False][HANDED].coefficients
+    apart = {plan: told_apart(plan, size) for plan in PLANS}
     rivals: dict[tuple[str, str], float] = {
-        (plan, rival): value for plan in PLANS for rival, value in told_apart(plan, size).items()
+        (plan, rival): apart[plan][rival] for plan in PLANS for rival in apart[plan]
     }
     mixed_up = {
         (name, how): small.small_sample(small.linear(machine.formulate(mix(printed(name))), weighted=False), ()).rms
         for name in ("exp1", "exp2", "exp3_t1", "exp3_t2")
         for how, mix in MIX_UPS.items()
     }
-    one, three = (
-        small.linear(machine.formulate(read_instead(printed(n))), weighted=False) for n in ("exp1", "exp3_t2")
-    )
+    one, three = (machine.formulate(read_instead(printed(name))) for name in ("exp1", "exp3_t2"))
     corrected = {
-        "exp1": small.likeness(one, about["exp2_t1", False]),
-        "exp3_t2": small.likeness(about["exp2", False], three),
+        "exp1": small.likeness(small.linear(one, weighted=False), about["exp2_t1", False]),
+        "exp3_t2": small.likeness(about["exp2", False], small.linear(three, weighted=False)),
     }
     rho, full = (problems.make("orthoglide6", data="exp2", free=free) for free in ("rho", "full"))
     return Experiments(

@@ -135,12 +135,8 @@ def _lines(rows: Rows, q: Quantities) -> list[_Line]:
         span = _dot(leg, along)
         share = (plane - _dot(at.centre, along)) / span
         crossing = at.centre + share[:, None] * leg
-        lines.append(
-            _Line(
-                at, reads, turn, span=span, slope=_dot(leg, reads) / span, share=share, crossing=crossing,
-                rise=_dot(crossing, reads),
-            )
-        )  # fmt: skip
+        slope, rise = _dot(leg, reads) / span, _dot(crossing, reads)
+        lines.append(_Line(at, reads, turn, span=span, slope=slope, share=share, crossing=crossing, rise=rise))
     return lines
 
 

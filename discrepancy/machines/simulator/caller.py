@@ -27,7 +27,7 @@ from typing import Any, Protocol, final
 
 import numpy as np
 
-from calibench.core import sources, user_file
+from calibench.core import sources
 from calibench.core.kept import cache_root
 from calibench.core.registry import Registry
 from calibench.core.words import one_line
@@ -241,14 +241,12 @@ class Caller:
         if not jobs:
             return
         self.run += sum(len(inputs) for _, inputs, _ in jobs)
-        first = (
-            None if self.jobs else jobs.pop(0)
-        )  # in this process, whose errors say most, and to know how long it takes
-        if first is not None:
+        if not self.jobs:  # in this process, whose errors say most, and to know how long it takes
+            first = jobs.pop(0)
             self._known[first[0]] = self._timed(*first)
-        by_row = self.seconds / self.jobs if self.jobs else 0.0
-        count = min(self.workers, len(jobs)) if by_row * len(jobs) > 10 * _SLOW and _may_fork() else 1
-        if count > 1:
+        may_fork = "fork" in multiprocessing.get_all_start_methods() and not multiprocessing.current_process().daemon
+        count = min(self.workers, len(jobs))
+        if may_fork and count > 1 and self.seconds / self.jobs * len(jobs) > 10 * _SLOW:
             self._side_by_side(jobs, count)
         for key, inputs, parameters in jobs:
             if key not in self._known and not self._read(key):
@@ -316,11 +314,6 @@ def _key(inputs: Array, parameters: Array) -> str:
     return digest.hexdigest()
 
 
-def _may_fork() -> bool:
-    known = "fork" in multiprocessing.get_all_start_methods()
-    return known and not multiprocessing.current_process().daemon
-
-
 def duration(seconds: float) -> str:
     """Return a time in words, two digits.
 
@@ -331,11 +324,3 @@ def duration(seconds: float) -> str:
         if seconds >= 1.5 * size:
             return f"{seconds / size:.{0 if seconds >= 10 * size else 1}f} {unit}"
     return f"{math.ceil(seconds)} s" if seconds >= 10 else f"{seconds:.2g} s"
-
-
-def stated_in(call: str, name: str) -> Any:
-    """Return what the file of a function states under `name` (INPUTS, PARAMETERS, OUTPUTS); None where it does not."""
-    function = simulators.factory(call)
-    if not user_file.is_file_path(call):
-        return None
-    return getattr(inspect.getmodule(function), name, None)

@@ -9,9 +9,10 @@ from calibench.discrepancy.effects.general import columns
 from calibench.discrepancy.effects.general.joints import largest_error
 from calibench.discrepancy.effects.general.lengths import time_constants, warmth
 from calibench.discrepancy.effects.general.recipe import Built, each, named, recipe
-from calibench.discrepancy.model.effect import EffectFamily, LinearEffect, NotTestable, needs
+from calibench.discrepancy.model.effect import EffectFamily, NotTestable, needs
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import MeasuredData
+from calibench.discrepancy.model.model import Model
 from calibench.discrepancy.model.roles import Roles, roles_of
 from calibench.discrepancy.thresholds import thresholds
 from calibench.problems.base import Array
@@ -19,29 +20,25 @@ from calibench.problems.base import Array
 
 def _input_offset(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     [joint] = named(roles_of(formulation).joints, target)
-    return (
-        family.linear(
-            target, (), {"c": joint.unit}, lambda q, data: {joint.reading: np.ones((len(data), 1))},
-            largest=largest_error(joint),
-        ),
+    return family.linear(
+        target, (), {"c": joint.unit}, lambda q, data: {joint.reading: np.ones((len(data), 1))},
+        largest=largest_error(joint),
     )  # fmt: skip
 
 
 def _output_offset(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     unit = next((s.unit for s in formulation.sensors if s.column == target), "")
-    return (family.linear(target, (), {"c": unit}, lambda q, data: {target: -np.ones((len(data), 1))}),)
+    return family.linear(target, (), {"c": unit}, lambda q, data: {target: -np.ones((len(data), 1))})
 
 
 def _output_gain(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     output, _, column = target.partition(" over ")
     needs(formulation.data, column)
     follows = _course(formulation.data, column)
-    return (
-        family.linear(
-            target, (output, column), {"k": "1"},
-            lambda q, data: {output: -np.asarray(q[output] * follows(np.asarray(data[column], dtype=float)))[:, None]},
-            largest=thresholds().largest_scale,
-        ),
+    return family.linear(
+        target, (output, column), {"k": "1"},
+        lambda q, data: {output: -np.asarray(q[output] * follows(np.asarray(data[column], dtype=float)))[:, None]},
+        largest=thresholds().largest_scale,
     )  # fmt: skip
 
 
@@ -58,29 +55,18 @@ def _over(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     parameter, _, column = target.partition(" over ")
     run, roles = formulation.data, roles_of(formulation)
     needs(run, column)
-    if not np.any([np.any(s) for s in (formulation.slopes(_recorded(formulation))[parameter],)]):
-        raise NotTestable(f"no prediction depends on {parameter}")
-    course = _course(run, column)
-    late = (
-        time_constants(run, roles.time)
-        if column in (roles.temperature, *(j.temperature for j in roles.joints))
-        else (0.0,)
-    )
-
-    def changes(constant: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
-        return {parameter: course(warmth(data, constant, column, roles.time, run))[:, None]}
-
-    def form(constant: float) -> LinearEffect:
-        return family.linear(target, (column,), {"c": ""}, partial(changes, constant))
-
-    return tuple(form(constant) for constant in late)
-
-
-def _recorded(formulation: Formulation) -> dict[str, Array]:
-    from calibench.discrepancy.model.model import Model
-
     model = Model(formulation)
-    return model.quantities(model.start)[0]
+    if not np.any(formulation.slopes(model.quantities(model.start)[0])[parameter]):
+        raise NotTestable(f"no prediction depends on {parameter}")
+    course, warm = _course(run, column), (roles.temperature, *(j.temperature for j in roles.joints))
+
+    def changes(late: float, q: Quantities, data: MeasuredData) -> dict[str, Array]:
+        return {parameter: course(warmth(data, late, column, roles.time, run))[:, None]}
+
+    return tuple(
+        family.linear(target, (column,), {"c": ""}, partial(changes, late))
+        for late in (time_constants(run, roles.time) if column in warm else (0.0,))
+    )
 
 
 def _parameters_over(formulation: Formulation) -> tuple[str, ...]:

@@ -18,23 +18,22 @@ from pathlib import Path
 from typing import Any, Literal, final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibench.core import user_file
 from calibench.core.notes import Code, Note
 from calibench.core.options import shown, suggest
 from calibench.core.words import counted, one_line, plain, print_plain
 from calibench.discrepancy.machines.simulator import caller as calls
-from calibench.discrepancy.machines.simulator.caller import Caller, Names, Simulator, duration, simulators
+from calibench.discrepancy.machines.simulator.caller import Caller, Names, duration, simulators
 from calibench.discrepancy.machines.simulator.local import FEW, LocalModel, Variable
-from calibench.discrepancy.model.formulations import BOOKKEEPING, OfRows, Predicted
+from calibench.discrepancy.model.formulations import RATE, OfRows, Predicted, numbers_of
 from calibench.discrepancy.model.machine import Description, Numbers, Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor, complete
 from calibench.discrepancy.model.roles import Instrument, Joint, Roles
 from calibench.discrepancy.registries import describe, machines
 from calibench.problems.base import Array, Parameter
 
-RATE, WAY = "rate of ", "direction of "  # before an input: its derivative in time, and the sign of its last change
-_OF_ROWS = (*BOOKKEEPING, "split", "place_x", "place_y")
+WAY = "direction of "  # before an input: the sign of its last change
 _LONG = 30.0  # s: what takes longer is told beforehand
 _SEARCH = 12  # passes of a search, about, beside those of calibration and slopes
 _CALIBRATIONS = 3
@@ -83,17 +82,20 @@ class SimulatorMachine:
         code = self.code()
         there = [c for c in (*inputs, *measured) if c not in data or data[c].dtype.kind not in "iuf"]
         if there:
-            raise DataError(f"{data.name}: {there[0]}: no column of numbers; {suggest(there[0], _numbers_of(data))}")
+            raise DataError(f"{data.name}: {there[0]}: no column of numbers; {suggest(there[0], numbers_of(data))}")
         deviations = [s for s in measured.values() if isinstance(s, str)]
         clock = self.time or ("t_s" if "t_s" in data else "")
         data = complete(data, (*measured, *inputs, *deviations, *((clock,) if clock else ())))
         data = _moved(data, inputs, clock)
-        table = (
-            np.stack([np.asarray(data[u], dtype=float) for u in inputs], axis=-1)
-            if inputs
-            else np.zeros((len(data), 0))
-        )
-        known = Caller(self._simulator(names), names, code, self.rows == "one" or not self.call, self._workers())
+        table = np.column_stack([np.zeros((len(data), 0)), *(np.asarray(data[u], dtype=float) for u in inputs)])
+        if self.command:
+            simulator = calls.of_command(self.command, names)
+        elif self.fmu:
+            simulator = calls.of_fmu(self.fmu, names)
+        else:
+            simulator = calls.of_function(simulators.factory(self.call), names, self.rows == "one")
+        one = self.rows == "one" or not self.call
+        known = Caller(simulator, names, code, one, self.workers or os.cpu_count() or 1)
         variables = [
             Variable(u, True, k, float(np.ptp(table[:, k])) or max(1.0, abs(float(table[0, k]))))
             for k, u in enumerate(inputs)
@@ -119,17 +121,17 @@ class SimulatorMachine:
             raise DataError(f"the simulator failed at the nominal parameters: {said}{one_row}") from error
         local.prepare()
         seen = np.stack([np.asarray(data[y], dtype=float) for y in measured], axis=-1)
-        fitted = np.asarray(data["split"]) != "hold" if data.has("split") else np.ones(len(data), dtype=bool)
-        local.calibrate(seen, fitted, np.array([*free.values()], dtype=np.bool_))
+        local.calibrate(seen, data.fitted, np.array([*free.values()], dtype=np.bool_))
         found = dict(zip(numbers, local.parameters.tolist()))
-        data = self._with_rates_of_outputs(data, local, names, clock)
+        if clock in local.slopes:  # time itself is an input: its slopes are the rates of the outputs
+            data = _with_computed(data, {f"{RATE}{y}": local.slopes[clock][:, k] for k, y in enumerate(measured)})
         if not local.independent:
             text = (
                 "rows depend on each other: the table is simulated as a whole, and errors of inputs are not looked for"
             )
             data = data.with_note(Code.SIMULATOR_ROWS, text, inputs)
         numbers_of_rows = {int(n): k for k, n in enumerate(data.row_numbers)}
-        of_rows = _OnRows(local, {_row(u): k for k, u in enumerate(table)}, numbers_of_rows)
+        of_rows = _OnRows(local, {u.tobytes(): k for k, u in enumerate(table)}, numbers_of_rows)
         predict, slopes = of_rows(data)
         sensors = tuple(Sensor(y, f"output {y}", data.units.get(y, ""), part=y) for y in measured)
         return Predicted(
@@ -147,16 +149,6 @@ class SimulatorMachine:
                 f"machine=simulator: {both} is given; one of machine.call=FILE.py:FUNCTION, "
                 'machine.command="./sim {args}" and machine.fmu=FILE is needed'
             )
-
-    def _simulator(self, names: Names) -> Simulator:
-        if self.command:
-            return calls.of_command(self.command, names)
-        if self.fmu:
-            return calls.of_fmu(self.fmu, names)
-        return calls.of_function(simulators.factory(self.call), names, self.rows == "one")
-
-    def _workers(self) -> int:
-        return self.workers or os.cpu_count() or 1
 
     def _declared(
         self, data: MeasuredData
@@ -196,10 +188,12 @@ class SimulatorMachine:
         return tuple(map(str, inputs)), numbers, measured
 
     def _stated(self, name: str) -> Any:
+        """Return what the file of the function states under `name` (INPUTS, ...); None where it does not."""
         try:
-            return calls.stated_in(self.call, name)
+            function = simulators.factory(self.call)
         except ValueError as error:
             raise DataError(f"machine.call={self.call}: {error}") from None
+        return getattr(inspect.getmodule(function), name, None) if user_file.is_file_path(self.call) else None
 
     def _roles(self, data: MeasuredData, local: LocalModel, names: Names, clock: str) -> Roles:
         def beside(u: str, ending: str, made: str = "") -> str:
@@ -216,23 +210,16 @@ class SimulatorMachine:
         used = {c for j in joints for c in (j.reading, j.direction, j.velocity, j.torque, j.temperature)}
         others = tuple(
             c
-            for c in (self.covariates or _numbers_of(data))
+            for c in (self.covariates or numbers_of(data))
             if c not in (*names.inputs, *names.outputs, clock) and c not in data.computed and c not in used
         )
         for c in self.covariates:
             if c not in data:
-                raise DataError(f"machine.covariates={c}: no column; {suggest(c, _numbers_of(data))}")
+                raise DataError(f"machine.covariates={c}: no column; {suggest(c, numbers_of(data))}")
         instruments = tuple(Instrument(y, (y,), (f"{RATE}{y}",) if f"{RATE}{y}" in data else ()) for y in names.outputs)
         heat = next((c for c in ("temp_K", "temperature") if c in data), "")
         of_run = "" if clock in names.inputs else clock  # time within a trial is an input, and no clock of the run
         return Roles(tuple(joints), (), of_run, heat, instruments, tuple(c for c in others if np.ptp(data[c])))
-
-    def _with_rates_of_outputs(self, data: MeasuredData, local: LocalModel, names: Names, clock: str) -> MeasuredData:
-        """Return the data with the rate of each output, where time itself is an input: its slope there."""
-        if clock not in local.slopes:
-            return data
-        rates = {f"{RATE}{y}": local.slopes[clock][:, k] for k, y in enumerate(names.outputs)}
-        return _with_computed(data, rates)
 
 
 def _limits(name: str, value: Any) -> tuple[float, float, float]:
@@ -252,10 +239,6 @@ def _limits(name: str, value: Any) -> tuple[float, float, float]:
     return numbers[0], numbers[1], numbers[2]
 
 
-def _row(u: Array) -> bytes:
-    return np.ascontiguousarray(u, dtype=float).tobytes()
-
-
 @final
 @dataclass(frozen=True, eq=False)
 class _OnRows:
@@ -268,7 +251,12 @@ class _OnRows:
     def __call__(self, data: MeasuredData) -> OfRows:
         names = self.local.caller.names.inputs
         given = np.stack([np.asarray(data[u], dtype=float) for u in names], axis=-1)
-        rows = self._rows(data, given)
+        # the place of each row in the table, -1 for none; where rows depend on each other, by its number
+        if self.local.independent:
+            rows = np.array([self.places.get(u.tobytes(), -1) for u in given], dtype=np.intp)
+        else:
+            rows = np.array([self.numbers.get(int(n), -1) for n in data.row_numbers], dtype=np.intp)
+            rows = np.where((rows >= 0) & (self.local.inputs[rows] == given).all(axis=1), rows, -1)
 
         def predict(q: Quantities) -> Numbers:
             return self.local.predict(rows, q)
@@ -277,13 +265,6 @@ class _OnRows:
             return self.local.slopes_at(rows, q)
 
         return predict, slopes
-
-    def _rows(self, data: MeasuredData, given: Array) -> NDArray[np.intp]:
-        """Return the place of each row in the table, -1 for none; where rows depend on each other, by its number."""
-        if self.local.independent:
-            return np.array([self.places.get(_row(u), -1) for u in given], dtype=np.intp)
-        rows = np.array([self.numbers.get(int(n), -1) for n in data.row_numbers], dtype=np.intp)
-        return np.where((rows >= 0) & (self.local.inputs[rows] == given).all(axis=1), rows, -1)
 
     def remarks(self) -> tuple[Note, ...]:
         """Return what the search asked of the simulator: the notes of a report."""
@@ -313,11 +294,6 @@ def _say_beforehand(known: Caller, seconds: float, local: LocalModel) -> None:
             "command that is killed goes on",
             file=sys.stderr, flush=True,
         )  # fmt: skip
-
-
-def _numbers_of(data: MeasuredData) -> tuple[str, ...]:
-    """Return the columns of numbers that describe a reading."""
-    return tuple(c for c in data.columns if c not in _OF_ROWS and data[c].dtype.kind in "iuf")
 
 
 def _moved(data: MeasuredData, inputs: Sequence[str], clock: str) -> MeasuredData:

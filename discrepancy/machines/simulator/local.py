@@ -97,7 +97,7 @@ class LocalModel:
                 f"the simulator gives no finite number in {len(rows)} of {n} rows at the nominal parameters (the first "
                 f"is row {rows[0] + 1}); leave these rows out (valid=0), or state other nominal parameters"
             )
-        self.places = [self._place(self.inputs, self.parameters, values)]
+        self.places = [Place(self.inputs, np.tile(self.parameters, (n, 1)), values)]
         few = np.unique(np.linspace(0, n - 1, min(n, FEW)).astype(int))
         size = np.maximum(np.max(np.abs(values), axis=0), 1e-300)
         if len(few) < n:
@@ -164,7 +164,7 @@ class LocalModel:
             except Exception:  # a shorter step is tried
                 continue
             if np.isfinite(values).all() and np.mean((((measured - values) / self.scale)[fitted]) ** 2) < now:
-                self.places.append(self._place(self.inputs, p, values))
+                self.places.append(Place(self.inputs, np.tile(p, (self.number, 1)), values))
                 self.parameters = p
                 return True
         return False
@@ -240,9 +240,6 @@ class LocalModel:
         whole = self.inputs.copy()
         whole[rows] = inputs
         return np.asarray(self.caller.ask([(whole, parameters)])[0][rows])
-
-    def _place(self, inputs: Array, parameters: Array, values: Array) -> Place:
-        return Place(inputs, np.tile(parameters, (len(inputs), 1)), values)
 
     def _parts(self, rows: NDArray[np.intp], inputs: Array, parameters: Array, place: Place) -> dict[str, Array]:
         """Return how far each variable is from a place, name -> (n,)."""

@@ -1,6 +1,5 @@
 """The effects that a table has under its own names: a known period, a late column, a drift and a step in time."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -9,9 +8,9 @@ from calibench.core.options import suggest
 from calibench.core.tables.cells import factor_to_base
 from calibench.discrepancy.effects.general import columns
 from calibench.discrepancy.effects.general.columns import run_terms
-from calibench.discrepancy.effects.general.recipe import Built, declared, recipe
-from calibench.discrepancy.machines.table.formulation import RATE
-from calibench.discrepancy.model.effect import ChangePoint, EffectFamily, change_times, needs
+from calibench.discrepancy.effects.general.recipe import Built, clock_of, declared, recipe
+from calibench.discrepancy.model.effect import EffectFamily, needs
+from calibench.discrepancy.model.formulations import RATE
 from calibench.discrepancy.model.machine import Formulation, Quantities
 from calibench.discrepancy.model.measured import DataError, MeasuredData
 from calibench.discrepancy.model.roles import inputs_of, roles_of
@@ -31,7 +30,7 @@ def _known(family: EffectFamily, formulation: Formulation, target: str) -> Built
         phase = 2 * np.pi * np.asarray(data[column], dtype=float) / period
         return {measured: -np.stack([np.cos(phase), np.sin(phase)], axis=-1)}
 
-    return (family.linear(target, (column,), {"a": unit, "b": unit}, changes),)
+    return family.linear(target, (column,), {"a": unit, "b": unit}, changes)
 
 
 def _periods(formulation: Formulation) -> dict[str, float]:
@@ -58,13 +57,11 @@ def _lag(family: EffectFamily, formulation: Formulation, target: str) -> Built:
     declared(roles_of(formulation).time, "the table", "time")
     rate = f"{RATE}{target}"
     needs(formulation.data, rate)
-
-    return (family.linear(target, (rate,), {"tau": "s"}, lambda q, data: {target: data[rate][:, None]}),)
+    return family.linear(target, (rate,), {"tau": "s"}, lambda q, data: {target: data[rate][:, None]})
 
 
 def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    clock = declared(roles_of(formulation).time, "the table", "time")
-    needs(formulation.data, clock)
+    clock = clock_of(formulation, "the table")
     t, unit = formulation.data[clock], formulation.unit
     origin, span = float(t.min()), float(np.ptp(t))
 
@@ -79,14 +76,8 @@ def _drift(family: EffectFamily, formulation: Formulation, target: str) -> Built
 
 
 def _step(family: EffectFamily, formulation: Formulation, target: str) -> Built:
-    clock = declared(roles_of(formulation).time, "the table", "time")
-    needs(formulation.data, clock)
-    times = change_times(formulation.data[clock])
-    first = ChangePoint(
-        family.name, target, family.formula, channel="prediction", quantities=(target,), coefficients=("step",),
-        unit=formulation.unit, at=0.0, positions=len(times), columns=(clock,), clock=clock,
-    )  # fmt: skip
-    return tuple(replace(first, at=float(at)) for at in times)
+    clock = clock_of(formulation, "the table")
+    return family.steps(target, clock, formulation.data[clock], {target: "step"}, formulation.unit)
 
 
 FAMILIES = (

@@ -1,32 +1,81 @@
 """`Table`: one column is measured, a function of others predicts it, and its residuals may depend on any column.
 
-The inputs carry no noise; that of the measured column is a number, a column, or unknown and estimated. The signature of
-the function separates columns from parameters. A column may be another one in other numbers (another unit, or
-corrected in some rows): what is measured follows such a column of itself better than any cause, and it is none.
+The inputs carry no noise; that of the measured column is a number, a column, or unknown and estimated. An argument of
+the function without a default is a column, one with a default a parameter. The regressions of NIST that ship are known
+by NIST's names; of Nelson the measured column is the logarithm, for so NIST fits it. A column may be another one in
+other numbers (another unit, or corrected in some rows): what is measured follows such a column of itself better than
+any cause, and it is none.
 """
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 
 from calibench.core.notes import Code
 from calibench.core.options import shown, suggest
+from calibench.core.registry import Registry
 from calibench.core.words import counted, plain
-from calibench.discrepancy.machines.table.models import Function, models
-from calibench.discrepancy.model.formulations import BOOKKEEPING, Predicted
+from calibench.discrepancy.model.formulations import RATE, Predicted, numbers_of
 from calibench.discrepancy.model.machine import Description, Numbers, Quantities, Stated
 from calibench.discrepancy.model.measured import DataError, MeasuredData, Sensor
 from calibench.discrepancy.model.roles import Roles
 from calibench.discrepancy.registries import describe, machines
 from calibench.problems.base import Array, Parameter
+from calibench.problems.suites.nist.models import MODELS
+from calibench.problems.suites.nist.regression import table
 
 _WIDTH = 1e9  # of the box about a start: nothing is known of a parameter of any function
+_MOST_BACK = 20
+Function = Callable[..., Any]
+models: Registry[Any] = Registry("model", "calibench.table_models")
+_FORMULAS: dict[str, tuple[str, Function]] = {
+    "constant": ("y = b0.", lambda b0=0.0: b0),
+    "line": ("y = b0 + b1 x.", lambda x, b0=0.0, b1=0.0: b0 + b1 * x),
+    "parabola": ("y = b0 + b1 x + b2 x^2.", lambda x, b0=0.0, b1=0.0, b2=0.0: b0 + x * (b1 + x * b2)),
+    "cubic": (
+        "y = b0 + b1 x + b2 x^2 + b3 x^3.",
+        lambda x, b0=0.0, b1=0.0, b2=0.0, b3=0.0: b0 + x * (b1 + x * (b2 + x * b3)),
+    ),
+    "exponential": ("y = b0 + b1 exp(b2 x).", lambda x, b0=0.0, b1=1.0, b2=-0.1: b0 + b1 * np.exp(b2 * x)),
+    "power_law": ("y = b1 x^b2.", lambda x, b1=1.0, b2=1.0: b1 * x**b2),
+    "linear": (
+        "y = b0 + b1 x1 + b2 x2 + ..., a weight for each column of inputs=.",
+        lambda *columns, **weights: (
+            weights["b0"] + sum(weights[f"b{k}"] * column for k, column in enumerate(columns, start=1))
+        ),
+    ),
+}
+
+
+def _of_nist(name: str) -> Function:
+    """Return one of NIST's regressions as a function of columns, from NIST's second start."""
+    printed, model = table(name), MODELS[name]
+    count = len(printed.x)
+    columns = ("x",) if count == 1 else tuple(f"x{k + 1}" for k in range(count))
+
+    def function(*given: Any, **b: Any) -> Any:
+        values = dict(zip(columns, given)) | b
+        return model.value([values[p] for p in printed.names], [values[c] for c in columns])  # type: ignore[arg-type]
+
+    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    function.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [inspect.Parameter(c, kind) for c in columns]
+        + [inspect.Parameter(p, kind, default=float(s)) for p, s in zip(printed.names, printed.starts[1])]
+    )
+    function.__doc__ = f"NIST's {name}: {' '.join(printed.model.split())}"
+    return function
+
+
+for _name, (_words, _function) in _FORMULAS.items():
+    _function.__doc__, _function.__name__ = _words, _name
+    models.register(_name)(_function)
+for _name in MODELS:
+    models.register(_name)(_of_nist(_name))
 
 
 @machines.register("table")
@@ -100,21 +149,13 @@ class Table:
                 data = data.with_columns(rates)
         if not covariates:
             data, covariates = self._followed(data, base)
+        free = {name: at for name, at in base.starts.items() if name not in self.held}
         return Predicted(
-            data,
-            base,
-            tuple(
-                Parameter(name, "", at, at - _WIDTH, at + _WIDTH)
-                for name, at in base.starts.items()
-                if name not in self.held
-            ),
-            measured={self.measured: self.sigma},
-            inputs=base.columns,
-            held={name: base.starts[name] for name in self.held},
-            unit=self.unit,
-            instruments=(Sensor(self.measured, "column", self.unit),),
-            roles=Roles(time=clock, columns=covariates),
-        )
+            data, base, tuple(Parameter(name, "", at, at - _WIDTH, at + _WIDTH) for name, at in free.items()),
+            measured={self.measured: self.sigma}, inputs=base.columns,
+            held={name: base.starts[name] for name in self.held}, unit=self.unit,
+            instruments=(Sensor(self.measured, "column", self.unit),), roles=Roles(time=clock, columns=covariates),
+        )  # fmt: skip
 
     def _followed(self, data: MeasuredData, base: Base) -> tuple[MeasuredData, tuple[str, ...]]:
         """Return the inputs, and every other column that varies and is none of these in other numbers."""
@@ -217,16 +258,6 @@ def _step(column: Array) -> float:
     return 0.0
 
 
-RATE = "rate of "  # before a column: its derivative in time
-_OF_ROWS = (*BOOKKEEPING, "split", "place_x", "place_y")
-_MOST_BACK = 20
-
-
-def numbers_of(data: MeasuredData) -> tuple[str, ...]:
-    """Return the columns of numbers that describe a reading."""
-    return tuple(c for c in data.columns if c not in _OF_ROWS and np.issubdtype(np.asarray(data[c]).dtype, np.number))
-
-
 def known(data: MeasuredData, what: str, *names: str) -> None:
     """Raise `DataError` for a name that is no column of numbers."""
     for name in names:
@@ -245,15 +276,12 @@ def whole_names(data: MeasuredData, words: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(names)
 
 
-# drift and step are its own, and a trend is told by its powers
-_REPLACED = ("polynomial", "instrument_scale", "instrument_lag", "frame_drift", "frame_shift")
-
 describe(
     "table",
     Description(
         stated=(Stated("periods", "names", 'periods={"month":12}'),),
-        demonstrations=Path(__file__).resolve().parents[2] / "demo" / "table",
-        replaced=_REPLACED,
+        # drift and step are its own, and a trend is told by its powers
+        replaced=("polynomial", "instrument_scale", "instrument_lag", "frame_drift", "frame_shift"),
         part_of=str,
         own_units=True,
     ),
