@@ -79,8 +79,6 @@ class Kind:
 
 
 def _attributes(name: str, *of: tuple[Any, str]) -> Kind:
-    """Return the kind of state that attributes of objects hold."""
-
     def put(value: Mapping[int, Any]) -> None:
         for k, was in value.items():
             setattr(*of[k], was)
@@ -89,7 +87,6 @@ def _attributes(name: str, *of: tuple[Any, str]) -> Kind:
 
 
 def _items(name: str, thing: Any, attribute: str) -> Kind:
-    """Return the kind of state that is what a list holds."""
     return Kind(
         name,
         lambda: tuple(getattr(thing, attribute)),

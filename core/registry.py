@@ -265,7 +265,6 @@ class Registry(Generic[T]):
         raise UnknownName(f"unknown {self.kind} {name!r}; {beside(self.kind, name)}{suggest(name, self._order)}")
 
     def _load_promised(self, module: str = "") -> None:
-        """Load `module`, or all that register what was promised."""
         for one in [module] if module else list(dict.fromkeys(self._promised.values())):
             importlib.import_module(one)
             kept = [name for name, of in self._promised.items() if of == one]
@@ -291,7 +290,6 @@ class Registry(Generic[T]):
                 self._left_out.setdefault(point.name, reason)
 
     def _file(self, path: str, file: Path) -> Path:
-        """Return `file`; raise `MissingFile` where there is none."""
         if not file.is_file():
             beside = sorted(p.name for p in file.parent.glob("*.py"))
             none = "its folder has no file of Python" if file.parent.is_dir() else "nor is its folder there"

@@ -42,7 +42,6 @@ class DFOLS:
 
     @property
     def traits(self) -> Traits:
-        """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
         return Traits(
             stochastic=self.restarts, uses_residuals=True, self_terminating=not self.restarts,
             minimum_budget_per_dimension=1, needs_finite_bounds=True, package="dfols",

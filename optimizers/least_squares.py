@@ -35,7 +35,6 @@ class LeastSquares:
 
     @property
     def traits(self) -> Traits:
-        """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
         restarts = self.options["restarts"]
         return Traits(
             stochastic=restarts, uses_residuals=True, uses_gradient=True, bounded=self.name != "lm",
@@ -53,9 +52,11 @@ class LeastSquares:
         from scipy.optimize import least_squares
 
         options, tolerance, method = self.options, self.options["tolerance"], self.name
+        width = objective.upper - objective.lower  # the size of the start where the box is open
+        width = np.where(np.isfinite(width) & (width > 0), width, np.maximum(np.abs(start), 1.0))
         if method == "lm":
             # MINPACK's first radius is its factor where the point is zero: so zero is the start, a unit first_step/100
-            unit = _box_width(objective, start) * options["first_step"] / _MINPACK_FACTOR
+            unit = width * options["first_step"] / _MINPACK_FACTOR
             jac = _remembering(lambda y: objective.jacobian(start + y * unit) * unit)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", RuntimeWarning)  # overflow far outside the box is a refused step
@@ -81,7 +82,7 @@ class LeastSquares:
             every = objective.jacobian(whole(y))
             return every if free.all() else every[:, free]
 
-        scale: Any = {"box": _box_width(objective, start)[free], "jac": "jac", "unit": 1.0}[options["x_scale"]]
+        scale: Any = {"box": width[free], "jac": "jac", "unit": 1.0}[options["x_scale"]]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # overflow far outside the box is a refused step
             least_squares(
@@ -129,12 +130,6 @@ _trf.__doc__ = f"Trust region reflective: bounded (Branch, Coleman, Li 1999).{_L
 _dogbox.__doc__ = f"Dogleg in a rectangular trust region: bounded (Voglis, Lagaris 2004).{_LOSS}"
 registry.register("trf")(_trf)
 registry.register("dogbox")(_dogbox)
-
-
-def _box_width(objective: Objective, start: Array) -> Array:
-    """Return the width of the box, shape (dim,); the size of the start where the box is open."""
-    width = objective.upper - objective.lower
-    return np.where(np.isfinite(width) & (width > 0), width, np.maximum(np.abs(start), 1.0))
 
 
 def _remembering(function: Callable[[Array], Array]) -> Callable[[Array], Array]:

@@ -46,7 +46,6 @@ class NLopt:
 
     @property
     def traits(self) -> Traits:
-        """Return the traits that the table holds; with `restarts` it goes on, at random, until it is stopped."""
         known, restarts = ALGORITHMS[self.algorithm], self.options.get("restarts", False)
         population = self.options.get("population")
         return Traits(
@@ -117,7 +116,6 @@ class NLopt:
             raise caught[0]
 
     def _search(self, nlopt: Any, objective: Objective) -> Any:
-        """Return NLopt's own object in the unit box, with the options of this algorithm."""
         options, setting = self.options, SETTING_OF[self.algorithm]
         search = nlopt.opt(getattr(nlopt, self.algorithm), objective.dimension)
         search.set_lower_bounds(np.zeros(objective.dimension))

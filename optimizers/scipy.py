@@ -77,7 +77,6 @@ class SciPy:
 
     @property
     def traits(self) -> Traits:
-        """Return the traits that the table holds; with `restarts` it goes on, at random, until it is stopped."""
         known, restarts = SETTINGS[self.method], self.options.get("restarts", False)
         return Traits(
             stochastic=known.stochastic or (restarts and known.uses_start), uses_gradient=known.gradient,

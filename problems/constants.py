@@ -60,20 +60,14 @@ def column(paper: str, key: str) -> Column:
     for part in key.split("."):
         node = node[part]
     place = node["place"]
-    entries = {
-        name: Constant(
-            value=float(entry["value"]),
-            unit=entry["unit"],
-            place=place,
-            printed=float(entry["printed"] if "printed" in entry else entry["value"]),
-            why=entry.get("why", ""),
-            certain=entry.get("certain", True),
-            doubt=entry.get("doubt", ""),
-            kind=entry.get("kind", node["kind"]),
-        )
-        for name, entry in node.items()
-        if isinstance(entry, dict) and "value" in entry
-    }
+    entries = {}
+    for name, entry in node.items():
+        if isinstance(entry, dict) and "value" in entry:
+            entries[name] = Constant(
+                value=float(entry["value"]), unit=entry["unit"], place=place,
+                printed=float(entry.get("printed", entry["value"])), why=entry.get("why", ""),
+                certain=entry.get("certain", True), doubt=entry.get("doubt", ""), kind=entry.get("kind", node["kind"]),
+            )  # fmt: skip
     return Column(key, place, entries)
 
 

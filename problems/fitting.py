@@ -107,30 +107,43 @@ def checked_covariance(covariance: Array | None, m: int) -> Array:
     return matrix
 
 
-def value_of_noise(problem: Any, noise: float, expected: float) -> float:
-    """Return the value that the noise of the readings leaves at the truth; without noise the `expected` one."""
-    return float(problem(problem.truth)) if noise > 0 else expected
+def value_of_noise(problem: Any, expected: Callable[[], float]) -> float | None:
+    """Return the value that the noise of an instance leaves at its truth, or what is `expected`; None of no instance.
 
-
-def levels(level: float | None, noise: float, exact: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the targets of a problem, largest first: its `exact` ones, which end at rounding, where no `level` is.
-
-    With noise they go down to `level`, as nothing below it is ranked; without noise it is one of them.
+    An answer of that value explains the readings as well as the truth does.
     """
-    if level is None:
+    if problem.drawn is None:
+        return None
+    return float(problem(problem.truth)) if problem.drawn.noise.level > 0 else float(expected())
+
+
+def levels(problem: Any, exact: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the targets of a problem, largest first: its `exact` ones, which end at rounding.
+
+    Those of an instance with noise end where an answer is as good as the noise, as nothing below that is ranked;
+    without noise that is one of them.
+    """
+    if problem.drawn is None:
         return exact
-    if noise > 0:
+    level = problem.as_good_as_noise
+    if problem.drawn.noise.level > 0:
         return tuple(level * factor for factor in _ABOVE)
     return tuple(sorted({*exact, level}, reverse=True))
 
 
 def levels_above_minimum(problem: Any) -> tuple[float, ...]:
-    """Return the targets of a problem of measured lengths: f* + 1e-1 .. 1e-12 mm^2, as rounding leaves 1e-13.
+    """Return the targets of a problem of measured lengths: f* + 1e-1 .. 1e-12 mm^2, as rounding leaves 1e-13."""
+    return levels(problem, tuple(problem.minimum + 10.0**k for k in (-1, -2, -3, -4, -5, -6, -8, -10, -12)))
 
-    Of an instance with noise they end where an answer is as good as the noise.
+
+def worst_errors(problem: Any, x: Array) -> dict[str, float]:
+    """Return parameter_error_mm and parameter_error_rad, the worst error of x, for each unit that its parameters have.
+
+    x holds the parameters themselves, and the truth is known.
     """
-    exact = tuple(problem.minimum + 10.0**k for k in (-1, -2, -3, -4, -5, -6, -8, -10, -12))
-    return levels(problem.as_good_as_noise, problem.drawn.noise.level if problem.drawn else 0.0, exact)
+    away = np.abs(np.asarray(x, dtype=float) - problem.truth)
+    units = np.array([p.unit for p in problem.parameters])
+    return {f"parameter_error_{unit}": float(away[units == unit].max()) for unit in ("mm", "rad") if unit in units}
 
 
 def least_of_instance(problem: Any) -> float | None:

@@ -5,12 +5,10 @@ accuracy of identified parameters is by Pashkevich et al. 2008, section 3.4, whi
 (12) with the covariance of the residuals, which need not be independent (13)-(14).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibench.core.process import one_thread
 from calibench.problems.base import Array, coordinates_of, extra_of
@@ -73,14 +71,10 @@ class Identifiability:
         """Return plain numbers for JSON; infinite standard errors become None."""
         errors = [float(s) if np.isfinite(s) else None for s in self.standard_errors]
         return {
-            "dimension": self.dimension,
-            "rank": self.rank,
-            "condition": self.condition,
-            "singular_values": self.singular_values.tolist(),
-            "null_vectors": self.null_vectors(),
-            "noise": self.noise,
+            "dimension": self.dimension, "rank": self.rank, "condition": self.condition,
+            "singular_values": self.singular_values.tolist(), "null_vectors": self.null_vectors(), "noise": self.noise,
             "standard_errors": dict(zip(self.names, errors, strict=True)),
-        }
+        }  # fmt: skip
 
 
 @one_thread()
@@ -198,16 +192,10 @@ class Estimate:
     def to_dict(self, level: float = 0.95) -> dict[str, Any]:
         """Return plain numbers for JSON."""
         return {
-            "problem": self.problem,
-            "sum_of_squares": self.value,
-            "sigma": self.sigma,
-            "sigma_known": self.sigma_known,
-            "degrees_of_freedom": self.degrees_of_freedom,
-            "weighted": self.weighted,
-            "level": level,
-            "parameters": self.rows(level),
-            "correlations": self.correlations.tolist(),
-        }
+            "problem": self.problem, "sum_of_squares": self.value, "sigma": self.sigma,
+            "sigma_known": self.sigma_known, "degrees_of_freedom": self.degrees_of_freedom, "weighted": self.weighted,
+            "level": level, "parameters": self.rows(level), "correlations": self.correlations.tolist(),
+        }  # fmt: skip
 
 
 def estimate(
@@ -333,15 +321,13 @@ def leave_one_out(problem: Any, x: Array | None = None) -> LeaveOneOut:
     for k in range(m):
         kept = np.arange(m) != k
         _check_rank(problem, problem.jacobian(x)[kept], f" without residual {k + 1}")
-        found = gauss_newton(_rows_of(problem.residuals, kept), _rows_of(problem.jacobian, kept), x)
+        found = gauss_newton(
+            lambda p, kept=kept: problem.residuals(p)[kept], lambda p, kept=kept: problem.jacobian(p)[kept], x
+        )
         without.append(found)
         errors.append(problem.residuals(found)[k])
     names = tuple(c.name for c in problem.coordinates)
     return LeaveOneOut(names, x, np.array(without), np.array(errors))
-
-
-def _rows_of(function: Callable[[Array], Array], kept: NDArray[np.bool_]) -> Callable[[Array], Array]:
-    return lambda p: np.asarray(function(p)[kept])
 
 
 def _check_rank(problem: Any, j: Array, when: str = "") -> None:

@@ -119,12 +119,6 @@ class Box:
         return Box(*np.array(rows).T)
 
 
-def check_instance(family: str, instance: int) -> None:
-    """Raise `ValueError` where `instance` names none."""
-    if instance < 1:
-        raise ValueError(f"{family}.instance={shown(instance)}: a whole number from 1 is needed")
-
-
 def refuse_drawn(family: str, instance: int, given: dict[str, Any], drawn: dict[str, Any]) -> None:
     """Raise `ValueError` for an option that was given otherwise than the instance has it; the same value is no harm."""
     for key, value in drawn.items():
@@ -136,7 +130,9 @@ def refuse_drawn(family: str, instance: int, given: dict[str, Any], drawn: dict[
 
 
 def first_that_fits(family: str, instance: int, attempt: Callable[[int], T | None]) -> T:
-    """Return what the first of the attempts 0, 1, ... gives that gives something."""
+    """Return what the first of the attempts 0, 1, ... gives that gives something; `ValueError` for no `instance`."""
+    if instance < 1:
+        raise ValueError(f"{family}.instance={shown(instance)}: a whole number from 1 is needed")
     for number in range(_ATTEMPTS):
         found = attempt(number)
         if found is not None:

@@ -59,7 +59,6 @@ class Fmincon:
 
     @property
     def traits(self) -> Traits:
-        """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
         return Traits(
             stochastic=self.restarts, uses_gradient=True, self_terminating=not self.restarts,
             needs_finite_bounds=self.restarts,

@@ -37,7 +37,6 @@ class DifferentialEvolution:
 
     @property
     def traits(self) -> Traits:
-        """Return the traits; the first sample is one population."""
         return population_traits(self.population)
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:

@@ -67,7 +67,6 @@ class GeneticAlgorithm:
 
     @property
     def traits(self) -> Traits:
-        """Return the traits; the first sample is one population."""
         return population_traits(self.population)
 
     def lengths(self, width: Array) -> NDArray[np.int64]:

@@ -43,7 +43,6 @@ class NinePoint:
 
     @property
     def traits(self) -> Traits:
-        """Return the traits; with `restarts` it goes on, at random, until it is stopped."""
         return Traits(
             stochastic=self.restarts, self_terminating=not self.restarts,
             needs_finite_bounds=self.restarts or self.x_scale == "box", batches=True,

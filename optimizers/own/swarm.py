@@ -72,7 +72,6 @@ class ParticleSwarm:
 
     @property
     def traits(self) -> Traits:
-        """Return the traits; the first sample is one population."""
         return population_traits(self.population)
 
     def minimize(self, objective: Objective, rng: np.random.Generator) -> Reason:

@@ -27,7 +27,6 @@ from calibench.problems.arm.calibration import ArmCalibration
 from calibench.problems.arm.families import shipped
 from calibench.problems.arm.instances import GAP, GAP_WEIGHT, ArmInstance, arm_instance
 from calibench.problems.base import Parameter
-from calibench.problems.instances import check_instance
 
 _IN_HEADER = {
     **dict.fromkeys((Code.JOINT_UNIT, Code.POSITION_UNIT), "; write the unit in the header, as x [m]"),
@@ -104,15 +103,9 @@ def compared(readings: Readings, reads: str, gap: float = 0.0) -> Compared:
     return sockets(readings.joints, socket, known, GAP_WEIGHT)
 
 
-def simulated(name: str, chosen: dict[str, Any]) -> ArmCalibration:
-    """Return the problem that the instance draws: another arm of the kind, its errors, postures, noise and box."""
-    check_instance(name, chosen["instance"])
-    given = {key: None if key == "series" else value for key, value in chosen.items()}  # so rows say: of none
-    return _drawn(name, tuple(sorted(given.items())))
-
-
 @lru_cache(maxsize=256)
-def _drawn(name: str, given: tuple[tuple[str, Any], ...]) -> ArmCalibration:
+def simulated(name: str, given: tuple[tuple[str, Any], ...]) -> ArmCalibration:
+    """Return the problem that the instance draws: another arm of the kind, its errors, postures, noise and box."""
     chosen = dict(given)
 
     def problem(drawn: ArmInstance, noise: float) -> ArmCalibration:

@@ -15,7 +15,7 @@ from calibench.calibration.determined import observability, reach
 from calibench.calibration.kinematics import GAP, Chain, Compared, constants, forward, nominal, parameter_names
 from calibench.problems.base import Array, Parameter, line_of, table_of
 from calibench.problems.compiled_problem import CompiledProblem, hold, itself, passed
-from calibench.problems.fitting import best_of, least_in_box, levels, value_of_noise
+from calibench.problems.fitting import best_of, least_in_box, levels, value_of_noise, worst_errors
 
 FINEST = 1e-4  # mm: noise that is assumed for an instance without noise
 
@@ -85,19 +85,12 @@ class ArmCalibration:
         kept back (of a ball in sockets: from its mean place), and gap, the rms error of known distances there.
         """
         if self.truth is not None:
-            away = np.abs(np.asarray(x, dtype=float) - self.truth)
-            turns = np.array([p.unit == "rad" for p in self.parameters])
             names = [p.name for p in self.parameters]
             there, true = (
                 forward(self.chain, dict(zip(names, one.tolist(), strict=True)), self.seen.q)[:, :3, 3]
                 for one in (x, self.truth)
             )
-            apart = there - true
-            return {
-                "kmrmse": float(np.sqrt((apart**2).sum(axis=1).mean())),
-                "parameter_error_mm": float(away[~turns].max()),
-                "parameter_error_rad": float(away[turns].max()),
-            }
+            return {"kmrmse": float(np.sqrt(((there - true) ** 2).sum(axis=1).mean())), **worst_errors(self, x)}
         if self.held is None:
             return {}
         from calibench.calibration import _kernels as kernels
@@ -124,17 +117,12 @@ class ArmCalibration:
     @property
     def targets(self) -> tuple[float, ...]:
         """Return levels of f whose first crossing is recorded: f* + 1e2 .. 1e-7 mm^2, as rounding leaves 1e-9."""
-        exact = tuple(self.minimum + 10.0**k for k in (2, 1, 0, -1, -2, -3, -4, -5, -6, -7))
-        if self.drawn is None or self.as_good_as_noise is None:
-            return exact
-        return levels(self.as_good_as_noise, self.noise, exact)
+        return levels(self, tuple(self.minimum + 10.0**k for k in (2, 1, 0, -1, -2, -3, -4, -5, -6, -7)))
 
     @cached_property
     def as_good_as_noise(self) -> float | None:
         """Return the f at which an answer explains the readings as well as the truth does; None of no instance."""
-        if self.drawn is None:
-            return None
-        return value_of_noise(self, self.noise, FINEST**2 * self.seen.size)
+        return value_of_noise(self, lambda: FINEST**2 * self.seen.size)
 
     @property
     def observability(self) -> dict[str, float]:

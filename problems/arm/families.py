@@ -25,11 +25,11 @@ def _ur10(
     series: Literal["B", "C", "D"] = "B", reads: Literal["position", "pose"] = "position", robust: float = 0.0,
     instance: int | None = None,
 ) -> None:  # fmt: skip
-    """Declare the options of `arm_ur10`: series, what is fitted, the size [mm] from which readings count less."""
+    """The geometry of a UR10 from places or poses by a laser tracker; each fifth reading is kept back."""
 
 
 def _panda(robust: float = 0.0, instance: int | None = None) -> None:
-    """Declare the options of `arm_panda`: the size [mm] above which readings count less (0: none)."""
+    """The geometry of a Panda from a ball in the sockets of a tool at nine places, of which two are kept back."""
 
 
 def _own(
@@ -44,42 +44,29 @@ def _own(
 
 
 @final
-class Ur10Family:
-    """The geometry of a UR10 from places or poses by a laser tracker; each fifth reading is kept back."""
+class ShippedFamily:
+    """An arm whose readings come with the package, or one drawn like it; `declared` has its words and options."""
 
-    name = "arm_ur10"
     said_if_chosen = ("instance",)
+
+    def __init__(self, name: str, declared: Callable[..., None]) -> None:
+        self.__doc__ = declared.__doc__
+        self.name, self._declared = name, declared
 
     def __call__(self, **options: Any) -> ArmCalibration:
         """Build the problem with `options` (those of ``bench list problems``)."""
-        chosen = _chosen(self.name, _ur10, options)
+        chosen = _chosen(self.name, self._declared, options)
         from calibench.problems.arm import build  # here, as the names of all problems are listed in every start
 
-        if chosen.get("instance") is not None:
-            if options.get("series") is not None:
-                raise ValueError(
-                    f"arm_ur10.series={options['series']}: instance={chosen['instance']} is simulated and of no "
-                    "series; leave one of the two out"
-                )
-            return build.simulated(self.name, chosen)
-        return build.of_shipped(self.name, tuple(sorted(chosen.items())))
-
-
-@final
-class PandaFamily:
-    """The geometry of a Panda from a ball in the sockets of a tool at nine places, of which two are kept back."""
-
-    name = "arm_panda"
-    said_if_chosen = ("instance",)
-
-    def __call__(self, **options: Any) -> ArmCalibration:
-        """Build the problem with `options` (those of ``bench list problems``)."""
-        chosen = _chosen(self.name, _panda, options)
-        from calibench.problems.arm import build  # here, as the names of all problems are listed in every start
-
-        if chosen.get("instance") is not None:
-            return build.simulated(self.name, chosen)
-        return build.of_shipped(self.name, tuple(sorted(chosen.items())))
+        if chosen.get("instance") is None:
+            return build.of_shipped(self.name, tuple(sorted(chosen.items())))
+        if options.get("series") is not None:
+            raise ValueError(
+                f"{self.name}.series={options['series']}: instance={chosen['instance']} is simulated and of no "
+                "series; leave one of the two out"
+            )
+        chosen |= {"series": None} if "series" in chosen else {}  # so rows say: of none
+        return build.simulated(self.name, tuple(sorted(chosen.items())))
 
 
 @final
@@ -109,7 +96,7 @@ class ArmFamily:
         return build.of_own(chosen, Path(urdf if dh is None else dh))
 
 
-arm_ur10, arm_panda, arm = Ur10Family(), PandaFamily(), ArmFamily()
+arm_ur10, arm_panda, arm = ShippedFamily("arm_ur10", _ur10), ShippedFamily("arm_panda", _panda), ArmFamily()
 registry.register("arm_ur10", options=_ur10)(arm_ur10)
 registry.register("arm_panda", options=_panda)(arm_panda)
 registry.register("arm", options=_own)(arm)

@@ -7,7 +7,6 @@ are in the middle 70 % of the joints' ranges; a Panda's bring the ball to pairs 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any, final
 
 import numpy as np
@@ -68,7 +67,6 @@ class ArmInstance:
         return kinematics.targets(self.q, true[:, :3, 3], None if self.reads == "position" else true[:, :3, :3])
 
 
-@cache
 def arm_instance(family: str, instance: int, reads: str, build: Callable[[ArmInstance], Any]) -> ArmInstance:
     """Return the instance; ``build(drawn)`` makes its problem without noise."""
 

@@ -19,7 +19,7 @@ from calibench.core.options import suggest
 from calibench.problems import instances
 from calibench.problems.base import Array, Parameter, frozen, line_of, registry, table_of
 from calibench.problems.compiled_problem import CompiledProblem, hold, itself, passed
-from calibench.problems.fitting import least_in_box, levels_above_minimum, value_of_noise
+from calibench.problems.fitting import least_in_box, levels_above_minimum, value_of_noise, worst_errors
 
 Index = NDArray[np.int64]
 PlanName = Literal["object", "rings", "rich"]
@@ -200,13 +200,7 @@ class DeltaProbing:
             for k in range(len(travel)):
                 _nozzle(towers, travel, k, at[k])
         gap = nozzles[0] - nozzles[1]
-        away = np.abs(np.asarray(x) - self.truth)
-        angle = np.array([p.unit == "rad" for p in self.parameters])
-        return {
-            "kmrmse": float(np.sqrt((gap**2).sum(axis=1).mean())),
-            "parameter_error_mm": float(away[~angle].max()),
-            "parameter_error_rad": float(away[angle].max()),
-        }
+        return {"kmrmse": float(np.sqrt((gap**2).sum(axis=1).mean())), **worst_errors(self, x)}
 
     @cached_property
     def minimum(self) -> float:
@@ -219,9 +213,7 @@ class DeltaProbing:
     @cached_property
     def as_good_as_noise(self) -> float | None:
         """Return the f at which an answer explains the readings as well as the truth does; None of no instance."""
-        if self.drawn is None:
-            return None
-        return value_of_noise(self, self.drawn.noise.level, _FINEST**2 * len(self.places.between))
+        return value_of_noise(self, lambda: _FINEST**2 * len(self.places.between))
 
 
 def _declared(
@@ -259,10 +251,8 @@ registry.register(_FAMILY, options=_declared)(delta9)
 
 @lru_cache(maxsize=256)  # a problem is a value, and drawing it takes a hundred times as long as a call
 def _drawn(given: tuple[tuple[str, Any], ...]) -> DeltaProbing:
-    """Return the problem that the instance draws: another machine, plan, noise and box."""
     chosen = instances.bound(_declared, dict(given))
     instance: int = chosen["instance"]
-    instances.check_instance(_FAMILY, instance)
     drawn = instances.first_that_fits(_FAMILY, instance, partial(_attempt, instance))
     instances.refuse_drawn(_FAMILY, instance, dict(given), dict(drawn.options))
     says = chosen | dict.fromkeys(drawn.options)

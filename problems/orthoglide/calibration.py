@@ -18,8 +18,7 @@ from calibench.core.options import FilePath
 from calibench.problems import constants, instances
 from calibench.problems.base import Array, Parameter, frozen, line_of, numbers_of, registry, table_of
 from calibench.problems.compiled_problem import CompiledProblem, hold, itself, passed
-from calibench.problems.fitting import best_of, least_in_box, levels_above_minimum, value_of_noise
-from calibench.problems.identifiability import Identifiability, identify
+from calibench.problems.fitting import best_of, least_in_box, levels_above_minimum, value_of_noise, worst_errors
 from calibench.problems.orthoglide import plans
 from calibench.problems.orthoglide.kinematics import AXES, NAMES, PAPER, direct_kinematics, geometry, inverse_kinematics
 from calibench.problems.orthoglide.plans import Plan, PlanName
@@ -131,8 +130,7 @@ class Orthoglide:
         errors = np.zeros((2, 6))
         errors[:, self._compiled.constants[0]] = x, self.truth
         gap = direct_kinematics(joints, errors[0]) - direct_kinematics(joints, errors[1])
-        kmrmse = float(np.sqrt((gap**2).sum(axis=1).mean()))
-        return {"kmrmse": kmrmse, "parameter_error_mm": float(np.abs(np.asarray(x) - self.truth).max())}
+        return {"kmrmse": float(np.sqrt((gap**2).sum(axis=1).mean())), **worst_errors(self, x)}
 
     best = cached_property(best_of)
 
@@ -148,11 +146,7 @@ class Orthoglide:
     @cached_property
     def as_good_as_noise(self) -> float | None:
         """Return the f at which an answer explains the readings as well as the truth does; None of no instance."""
-        if self.drawn is None:
-            return None
-        return value_of_noise(
-            self, self.drawn.noise.level, _FINEST**2 * float(np.trace(self.residual_covariance(self.start)))
-        )
+        return value_of_noise(self, lambda: _FINEST**2 * float(np.trace(self.residual_covariance(self.start))))
 
 
 def _declared(
@@ -192,7 +186,12 @@ class OrthoglideFamily:
             raise ValueError(f"{_FAMILY}.sigma={chosen['sigma']:g}: a standard deviation [mm] cannot be negative")
         if chosen["seed"] < 0:
             raise ValueError(f"{_FAMILY}.seed={chosen['seed']}: must be 0 or above")
-        plan = _plan(chosen["plan"])
+        name = chosen["plan"]
+        try:
+            is_file = name not in get_args(PlanName) and Path(name).is_file()
+            plan = plans.read_table(name, deviations=False)[0] if is_file else plans.named_plan(name)
+        except ValueError as error:
+            raise ValueError(f"orthoglide6.{error}") from None
         column = constants.column(PAPER, f"table3.exp2_{chosen['free']}")
         true = {p: column[p] for p in _FREE[chosen["free"]]}
         quiet = _seen(chosen, plan, np.zeros(len(plan)), f"plan={chosen['plan']}", true)
@@ -208,22 +207,6 @@ class OrthoglideFamily:
         missing cell, a wrong unit, a posture out of reach, or too few readings for the free parameters.
         """
         return self._own(readings, plan, registry.check(self.name, options))
-
-    def survey(self, plan: Plan | str, free: FreeName = "full", sigma: float = 0.01) -> Identifiability:
-        """Tell what a plan could find before anything is measured: rank, condition, standard errors at `sigma` [mm].
-
-        `plan` is a tuple of `Reading`s, the name of a plan, or a CSV file. `sigma` is the noise of one gauge reading;
-        each Zero is read once and shared. A plan that cannot see all parameters is told, not refused.
-
-        >>> [round(float(orthoglide6.survey(plan).standard_errors.max()), 2) for plan in ("paper", "cross", "rich")]
-        [0.73, 0.3, 0.1]
-        """
-        rows = _plan(plan) if isinstance(plan, str) else tuple(plan)
-        plans.check_plan(rows)
-        if not rows:
-            raise ValueError("plan: it has no readings")
-        chosen = registry.check(self.name, {"free": free}) | {"model": "exact"}
-        return identify(_problem(chosen, rows, np.zeros(len(rows))), noise=sigma)
 
     def _own(self, readings: Any, plan: Plan | str | None, options: dict[str, Any]) -> Orthoglide:
         drawn_or_simulated = ("data", "plan", "sigma", "seed", "instance")
@@ -256,10 +239,9 @@ registry.register(_FAMILY, options=_declared)(orthoglide6)
 
 @lru_cache(maxsize=256)  # a problem is a value, and drawing it takes a hundred times as long as a call
 def _drawn(given: tuple[tuple[str, Any], ...]) -> Orthoglide:
-    """Return the problem that the instance draws: another machine, plan, noise and box."""
     chosen = instances.bound(_declared, dict(given))
     instance: int = chosen["instance"]
-    instances.check_instance(_FAMILY, instance)
+
     if chosen["readings"] is not None:
         raise ValueError(f"{_FAMILY}.instance={instance}: draws a machine, but its readings are given; leave one out")
     drawn = instances.first_that_fits(_FAMILY, instance, partial(_attempt, chosen["free"], instance))
@@ -306,15 +288,6 @@ def _read(silent: Orthoglide, truth: Array, chosen: Mapping[str, Any]) -> Array:
     return np.asarray(silent.residuals(truth) + taken @ noise)
 
 
-def _plan(plan: str) -> Plan:
-    """Return a named plan, or that of a CSV file."""
-    try:
-        is_file = plan not in get_args(PlanName) and Path(plan).is_file()
-        return plans.read_table(plan, deviations=False)[0] if is_file else plans.named_plan(plan)
-    except ValueError as error:
-        raise ValueError(f"orthoglide6.{error}") from None
-
-
 def _seen(
     chosen: dict[str, Any], plan: Plan, deviations: Array, what: str, true: Mapping[str, float] | None = None
 ) -> Orthoglide:
@@ -322,7 +295,8 @@ def _seen(
     names = _FREE[chosen["free"]]
     if len(plan) < len(names):
         raise ValueError(f"orthoglide6: {what} has {len(plan)} rows; {len(names)} parameters need {len(names)} or more")
-    problem = _problem(chosen, plan, deviations, true)
+    parameters = tuple(Parameter(p, "mm", 0.0, -_BOX, _BOX, None if true is None else true[p]) for p in names)
+    problem = Orthoglide(chosen, parameters, plan, frozen(deviations), chosen["model"])
     s = np.linalg.svd(problem.jacobian(problem.start), compute_uv=False)
     rank = int((s > 1e-9 * s[0]).sum())
     if rank < len(names):
@@ -335,20 +309,6 @@ def _seen(
             f"parameters; take {remedy}"
         )
     return problem
-
-
-def _problem(
-    chosen: dict[str, Any], plan: Plan, deviations: Array, true: Mapping[str, float] | None = None
-) -> Orthoglide:
-    return Orthoglide(
-        options=chosen,
-        parameters=tuple(
-            Parameter(p, "mm", 0.0, -_BOX, _BOX, None if true is None else true[p]) for p in _FREE[chosen["free"]]
-        ),
-        plan=plan,
-        deviations=frozen(deviations),
-        model=chosen["model"],
-    )
 
 
 def _refuse(options: Mapping[str, Any], keys: Sequence[str], why: str) -> None:

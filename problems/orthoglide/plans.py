@@ -31,17 +31,11 @@ SetName = Literal["exp1", "exp2", "exp2_t1", "exp3_t1", "exp3_t2"]
 _SETS = {"exp1": "table1.exp1", "exp2": "table2.exp2", "exp2_t1": "table1.exp2", "exp3_t1": "table1.exp3",
          "exp3_t2": "table2.exp3"}  # fmt: skip
 _ENDS = {"+": "plus", "-": "minus"}
-_PLAN = Declared(
-    columns=(
-        *(Quantity(name, text=True, needed=True) for name in ("leg", "direction", "posture")),
-        Quantity("gauge_position"),
-        Quantity("level_mm", "mm"),
-        Quantity("against_mm", "mm"),
-        Quantity("pass", text=True),
-        Quantity("payload_N", "N", "payload"),
-        Quantity("repeat"),
-    )
-)
+_PLAN = Declared(columns=(
+    *(Quantity(name, text=True, needed=True) for name in ("leg", "direction", "posture")),
+    Quantity("gauge_position"), Quantity("level_mm", "mm"), Quantity("against_mm", "mm"), Quantity("pass", text=True),
+    Quantity("payload_N", "N", "payload"), Quantity("repeat"),
+))  # fmt: skip
 _READ = replace(_PLAN, columns=(*_PLAN.columns, Quantity("deviation", "mm", "the reading", needed=True)))
 _KNOWN = tuple(one.name for one in _READ.columns)
 

@@ -180,7 +180,7 @@ def _drawn(family: PlanarFamily, given: tuple[tuple[str, Any], ...]) -> Planar:
     """Return the problem that the instance draws: the case's free parameters, another machine, plan, noise and box."""
     name, chosen = family.name, instances.bound(family.case, dict(given))
     case, instance = family.case(**chosen), chosen["instance"]
-    instances.check_instance(name, instance)
+
     if chosen["readings"] is not None or chosen["at_home"] is not None:
         raise ValueError(f"{name}.instance={instance}: draws a machine, but its readings are given; leave one out")
     rank = len(case.free) - (case.gauge is not None)
@@ -241,7 +241,6 @@ def _simulate(name: str, case: Case, chosen: dict[str, Any], centre: Array) -> P
 
 
 def _assemble(name: str, case: Case, chosen: dict[str, Any], readings: Array, points: Array | None) -> Planar:
-    """Make the problem's value out of case, options and readings."""
     free = _free_names(name, case, chosen)
     says = chosen | {"free": None if free == case.free else free}  # one problem is told in one way, however it is asked
     setting, error = case.setting, chosen["error"]

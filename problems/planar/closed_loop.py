@@ -197,15 +197,12 @@ class Planar:
         J2 and J3 round to about 1e-19 at the truth, J1 to 5e-25; nothing below the last target is ever ranked.
         """
         exact = tuple(10.0**k for k in (range(-1, -24, -2) if self.error == "J1" else range(4, -19, -2)))
-        return levels(self.as_good_as_noise, self.noise, exact)
+        return levels(self, exact)
 
     @cached_property
     def as_good_as_noise(self) -> float | None:
         """Return the error at which an answer explains the readings as well as the truth does; None of no instance."""
-        if self.drawn is None:
-            return None
-        assert self.truth is not None
-        return value_of_noise(self, self.noise, float(((gpm2002.FINEST * self.residual_noise(self.truth)) ** 2).sum()))
+        return value_of_noise(self, lambda: ((gpm2002.FINEST * self.residual_noise(np.asarray(self.truth))) ** 2).sum())
 
     minimum = cached_property(least_of_instance)
 
@@ -241,7 +238,6 @@ class Planar:
         return np.array([NAMES.index(p.name) for p in self.parameters])
 
     def _machine(self, x: Array) -> Array:
-        """Return the 15 physical numbers of x."""
         machine = self._template.copy()
         machine[self._free] = self._compiled.vector(x)
         return machine if self.error != "J3" else gpm2002.to_polar(machine, self._turn)

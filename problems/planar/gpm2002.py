@@ -8,6 +8,7 @@ a free choice. The papers do not publish their sampling plans; `disc` and `box` 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, assert_never, final, get_args
@@ -15,10 +16,14 @@ from typing import Any, Literal, assert_never, final, get_args
 import numpy as np
 
 from calibench.core.options import suggest
-from calibench.core.same_bits import arccos, arctan2, cos, sin
 from calibench.problems import constants
 from calibench.problems.base import Array, frozen
 from calibench.problems.instances import Noise, Stream
+
+# Functions of angles [rad] with the same bits on every processor, as simulated readings decide the id of a run: those
+# of the C library, number by number. NumPy's take other code where a processor has wider registers (AVX-512).
+cos, sin, arctan2 = (np.vectorize(of, otypes=[float]) for of in (math.cos, math.sin, math.atan2))
+arccos = np.vectorize(lambda x: math.acos(x) if -1 <= x <= 1 else math.nan, otypes=[float])  # NaN beyond -1 and 1
 
 PAPER = "cong2008"
 NAMES = (

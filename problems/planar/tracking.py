@@ -146,15 +146,13 @@ class Tracking:
     def targets(self) -> tuple[float, ...]:
         """Levels of E whose first crossing is recorded: 1e-9 is an error of 1e-4 rad, 1e-26 success without noise."""
         exact = tuple(10.0**k for k in (-4, -5, -6, -7, -8, -9, -10, *range(-12, -27, -2)))
-        return levels(self.as_good_as_noise, self.drawn.noise.level if self.drawn else 0.0, exact)
+        return levels(self, exact)
 
     @cached_property
     def as_good_as_noise(self) -> float | None:
         """Return the E at which an answer explains the readings as well as the truth does; None of no instance."""
-        if self.drawn is None:
-            return None
         kept = float(np.trace(self.projectors, axis1=1, axis2=2).mean())  # of three errors a pose, what P_j leaves
-        return value_of_noise(self, self.drawn.noise.level, gpm2002.FINEST**2 * kept)
+        return value_of_noise(self, lambda: gpm2002.FINEST**2 * kept)
 
     minimum = cached_property(least_of_instance)
 
@@ -173,7 +171,7 @@ def tracking_zero(
     chosen = registry.check(_FAMILY, {**chosen, "data_seed": data_seed})
     if instance is not None:
         number: int = registry.check(_FAMILY, {"instance": instance})["instance"]
-        instances.check_instance(_FAMILY, number)
+
         problem = _made(number)
         assert problem.drawn is not None
         declared = registry.options(_FAMILY)
@@ -196,29 +194,21 @@ def tracking_zero(
     # Table 1's resulting zero positions, the (dx, dy) its initial ones correspond to, and what that leaves
     from calibench.problems.planar import _tracking_kernels
 
-    initial, results = (
-        np.array(
-            [
-                constants.column(_PAPER, f"table1.experiment{chosen['experiment']}_{which}")[z]
-                for z in ("z1", "z2", "z3")
-            ]
-        )
-        for which in ("initial", "result")
+    columns = (
+        constants.column(_PAPER, f"table1.experiment{chosen['experiment']}_{one}") for one in ("initial", "result")
     )
+    initial, results = (np.array([column[z] for z in ("z1", "z2", "z3")]) for column in columns)
     machine, start = makers_machine(), np.zeros(2)
     misfit = initial - results
     for _ in range(20):  # each takes off two decades and more
         _, slopes = _tracking_kernels.joint_angles(machine, (home() + start)[None])
         start = start - np.linalg.lstsq(slopes[0], misfit)[0]  # ddz = -J dx
         misfit = initial - results - _tracking_kernels.offset_errors(start, machine, frozen([*home(), 0.0, 0.0]))
+    parameters = tuple(Parameter(p, "mm", s, -_BOX, _BOX, 0.0) for p, s in zip(("dx", "dy"), start.tolist()))
     problem = Tracking(
-        options=chosen,
-        parameters=tuple(Parameter(p, "mm", s, -_BOX, _BOX, 0.0) for p, s in zip(("dx", "dy"), start.tolist())),
-        points=frozen(points),
-        reading_errors=frozen(errors),
-        zero_positions=frozen(results),
-        start_misfit=frozen(misfit),
-    )
+        options=chosen, parameters=parameters, points=frozen(points), reading_errors=frozen(errors),
+        zero_positions=frozen(results), start_misfit=frozen(misfit),
+    )  # fmt: skip
     gpm2002.refuse_out_of_reach(_FAMILY, chosen["radius"], points, problem.commanded)
     return problem
 

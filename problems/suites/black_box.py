@@ -239,7 +239,6 @@ class _Function:
 
 
 def _group(suite: str, function: int) -> str:
-    """Return the group of a function, as its suite divides them."""
     if suite in ("BBOB", "SBOX"):
         return next(name for last, name in _GROUPS if function <= last)
     if suite == "CEC2013":

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from calibench.core.same_bits import arccos, arctan2, cos, sin
+from calibench.problems.planar.gpm2002 import arccos, arctan2, cos, sin
 
 _DIGEST = """
 from calibench import problems

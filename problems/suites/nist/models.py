@@ -35,18 +35,6 @@ class Model:
         return np.where(np.isfinite(self.value(b, x))[:, None], slopes, np.nan)
 
 
-def _three_decays(b: Array, x: Array) -> Array:
-    return np.asarray(b[0] * np.exp(-b[1] * x[0]) + b[2] * np.exp(-b[3] * x[0]) + b[4] * np.exp(-b[5] * x[0]))
-
-
-def _two_peaks(b: Array, x: Array) -> Array:
-    return np.asarray(
-        b[0] * np.exp(-b[1] * x[0])
-        + b[2] * np.exp(-((x[0] - b[3]) ** 2) / b[4] ** 2)
-        + b[5] * np.exp(-((x[0] - b[6]) ** 2) / b[7] ** 2)
-    )
-
-
 def _richards(b: Array, x: Array) -> Array:
     """Return b1 / (1 + exp(b2 - b3 x))^(1/b4), which exp(1000) must not spoil."""
     z = b[1] - b[2] * x[0]
@@ -75,7 +63,14 @@ def _three_cycles(b: Array, x: Array) -> Array:
 
 _saturation = Model(lambda b, x: b[0] * -np.expm1(-b[1] * x[0]))
 _damped_fraction = Model(lambda b, x: np.exp(-b[0] * x[0]) / (b[1] + b[2] * x[0]))
-_decays, _peaks = Model(_three_decays), Model(_two_peaks)
+_decays = Model(lambda b, x: b[0] * np.exp(-b[1] * x[0]) + b[2] * np.exp(-b[3] * x[0]) + b[4] * np.exp(-b[5] * x[0]))
+_peaks = Model(
+    lambda b, x: (
+        b[0] * np.exp(-b[1] * x[0])
+        + b[2] * np.exp(-((x[0] - b[3]) ** 2) / b[4] ** 2)
+        + b[5] * np.exp(-((x[0] - b[6]) ** 2) / b[7] ** 2)
+    )
+)
 _quadratics, _cubics = Model(partial(_fraction, 2)), Model(partial(_fraction, 3))
 
 MODELS = {
