@@ -7,6 +7,7 @@ after that. Handfuls of pairs are tried, against wild ones, and so are other ord
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import product
 from typing import Literal, final
 
@@ -378,7 +379,8 @@ def start_of_pairs(
 
     # poses that fit far better with one side inverted, or with rows out of step, in some meaning
     n, misfit = int(train.sum()), min(apart_by.values())
-    better = min(_misfit(arm, np.asarray(inverse(seen))) for arm, seen in tried.values())
+    far = misfit / _TIMES
+    better = min(_misfit(arm, np.asarray(inverse(seen)), far) for arm, seen in tried.values())
     if n > 3 and misfit > _TIMES * max(better, _ROUNDING):
         more = plain(misfit / max(better, _ROUNDING), 2)
         read = "camera_in_board" if pairs.read == "board_in_camera" else "board_in_camera"
@@ -391,7 +393,7 @@ def start_of_pairs(
         )
     for lag, where in ((1, "below"), (-1, "above")) if n > 5 else ():
         better = min(
-            _misfit(arm[max(-lag, 0) : n - max(lag, 0)], seen[max(lag, 0) : n - max(-lag, 0)])
+            _misfit(arm[max(-lag, 0) : n - max(lag, 0)], seen[max(lag, 0) : n - max(-lag, 0)], far)
             for arm, seen in tried.values()
         )
         if misfit > _TIMES * max(better, _ROUNDING):
@@ -454,13 +456,20 @@ def _meaning(pairs: Pairs, apart: Mapping[tuple[str, str], float]) -> tuple[str,
     return (*chosen, tuple(notes))
 
 
-def _misfit(arm: Array, seen: Array) -> float:
-    """Return what rotations leave of the middle pair [rad], and places beside the board's distance, in any unit."""
+def _misfit(arm: Array, seen: Array, far: float = np.inf) -> float:
+    """Return what rotations leave of the middle pair [rad], and places beside the board's distance, in any unit.
+
+    Of rotations that leave more than `far` alone, the places are not looked for: it is what the rotations leave.
+    """
     mount, _, apart, near = _rotations(arm, seen)
+    if apart > far:
+        return apart
     rows, wanted = _linear(arm[near], seen[near], mount)
     distance = float(np.median(np.linalg.norm(seen[:, :3, 3], axis=1))) + _ROUNDING
     scales = [by for size in UNITS.values() for by in {size, 1 / size}]
-    return apart + min(_nearest(rows[:, :, :6], wanted - by * rows[:, :, 6])[1] / (by * distance) for by in scales)
+    by_handful = _by_handful(rows[:, :, :6])
+    apart_by = (_nearest(rows[:, :, :6], wanted - by * rows[:, :, 6], by_handful)[1] / (by * distance) for by in scales)
+    return apart + min(apart_by)
 
 
 def _rotations(arm: Array, seen: Array) -> tuple[Array, Array, float, Mask]:
@@ -488,6 +497,7 @@ def _rotations(arm: Array, seen: Array) -> tuple[Array, Array, float, Mask]:
     return best[0, 0].T, best[0, 1], float(np.median(angles[near])), near
 
 
+@lru_cache(16)
 def _handfuls(n: int) -> Index:
     """Return handfuls of n pairs, the same ones each time."""
     rng = np.random.default_rng(np.random.SeedSequence([n, 18]))
@@ -513,8 +523,8 @@ def _places(
 ) -> tuple[Array, Array, Mask]:
     """Return mount and tool, (4, 4) [mm], from their rotations, and near pairs; refuse units that do not fit."""
     rows, wanted = _linear(arm, seen, mount)
-    placed, apart, near = _nearest(rows[:, :, :6], wanted - rows[:, :, 6])
-    scaled, free, near_scaled = _nearest(rows, wanted)
+    placed, apart, near = _nearest(rows[:, :, :6], wanted - rows[:, :, 6], _by_handful(rows[:, :, :6]))
+    scaled, free, near_scaled = _nearest(rows, wanted, _by_handful(rows))
     others, column = rows[:, :, :6].reshape(-1, 6), rows[:, :, 6].ravel()
     beside = column - others @ np.linalg.lstsq(others, column, rcond=1e-9)[0]
     known = np.linalg.norm(beside) > _ALIKE * np.linalg.norm(column)
@@ -554,7 +564,15 @@ def _linear(arm: Array, seen: Array, mount: Array) -> tuple[Array, Array]:
     return rows, -(arm[:, :3, 3] @ mount.T)
 
 
-def _nearest(rows: Array, wanted: Array) -> tuple[Array, float, Mask]:
+def _by_handful(rows: Array) -> Array:
+    """Return what solves `rows`, (n, 3, k), for each handful of them, (h, k, m); none where there are few pairs."""
+    n, k = len(rows), rows.shape[2]
+    if n <= 2 * _HANDFUL:
+        return np.empty((0, k, 0))
+    return np.asarray(np.linalg.pinv(rows[_handfuls(n)].reshape(_HANDFULS, -1, k), rcond=1e-6))
+
+
+def _nearest(rows: Array, wanted: Array, by_handful: Array) -> tuple[Array, float, Mask]:
     """Return the solution of `rows` (n, 3, k) without far pairs, what the middle near pair leaves, and those near."""
     n, k = len(rows), rows.shape[2]
     near = np.ones(n, dtype=bool)
@@ -562,13 +580,11 @@ def _nearest(rows: Array, wanted: Array) -> tuple[Array, float, Mask]:
     apart = np.linalg.norm(rows @ solved - wanted, axis=1)
     middle = float(np.median(apart))
     if n > 2 * _HANDFUL:
-        some = _handfuls(n)
-        some_rows, some_wanted = rows[some].reshape(_HANDFULS, -1, k), wanted[some].reshape(_HANDFULS, -1, 1)
-        tried = (np.linalg.pinv(some_rows, rcond=1e-6) @ some_wanted)[:, :, 0]
+        tried = (by_handful @ wanted[_handfuls(n)].reshape(_HANDFULS, -1, 1))[:, :, 0]
         tried = np.concatenate([solved[None], tried])
-        by_handful = np.linalg.norm(np.einsum("nck,hk->hnc", rows, tried) - wanted, axis=2)
-        best = int(np.argmin(np.quantile(by_handful, _NEAR_PART, axis=1)))
-        apart = by_handful[best]
+        left = np.linalg.norm(np.einsum("nck,hk->hnc", rows, tried) - wanted, axis=2)
+        best = int(np.argmin(np.quantile(left, _NEAR_PART, axis=1)))
+        apart = left[best]
         middle = float(np.quantile(apart, _NEAR_PART))
     for _ in range(_SETTLE):
         before, near = near, apart <= max(_FAR * middle, _ROUNDING)

@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from calibench.bench.cli import main
+from calibench.bench.sweep import costs
+from tests.bench.conftest import empty_drawings
 from tests.documented import BLOCKS, COMMANDS
 from tests.tutorial_session import PAGES
 
@@ -41,6 +43,7 @@ def blocks(language):
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
+    monkeypatch.setattr(costs, "CAN_FORK", False)  # a child that measures loads each kernel anew
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     page = (ROOT / "docs" / "own-problem.md").read_text()
@@ -82,6 +85,13 @@ def test_the_python_of_the_documents_runs(block, here, capsys):
             assert ROUNDED.sub("", capsys.readouterr().out) == ROUNDED.sub("", printed)
 
 
+@pytest.fixture(scope="module")
+def undrawn():
+    with empty_drawings():
+        yield
+
+
+@pytest.mark.usefixtures("at_one_noise", "undrawn")
 @pytest.mark.parametrize("block", list(blocks("sh")))
 def test_the_commands_of_the_documents_are_given(block, here, small_study, capsys):
     from calibench import problems

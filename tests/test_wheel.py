@@ -81,7 +81,7 @@ def give(wheel, folder, commands):
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", env], check=True)
     python = env / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
     pip = [sys.executable, "-m", "pip", "--python", python, "--disable-pip-version-check", "--quiet"]
-    subprocess.run([*pip, "install", "--no-deps", "--no-index", wheel], check=True)
+    subprocess.run([*pip, "install", "--no-deps", "--no-index", "--no-compile", wheel], check=True)
     site = Path(sysconfig.get_path("purelib", vars={"base": str(env)}))
     (site / "libraries.pth").write_text(sysconfig.get_path("purelib"))  # NumPy and the rest, as they are here
     for room in ROOMS:

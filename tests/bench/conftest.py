@@ -1,6 +1,7 @@
 """What several modules of these tests ask for."""
 
 import sys
+from contextlib import contextmanager
 
 import pytest
 
@@ -52,12 +53,9 @@ def one_process():
         yield
 
 
-@pytest.fixture(scope="module")
-def undrawn():
-    """Let reports make their figures and write the numbers, and empty drawings: writing one takes half a second.
-
-    For modules that ask what a page says.
-    """
+@contextmanager
+def empty_drawings():
+    """Let reports make their figures and write the numbers, and empty drawings: writing one takes half a second."""
 
     def save(name, drawing, folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -69,4 +67,11 @@ def undrawn():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(drawn, "save", save)
+        yield
+
+
+@pytest.fixture(scope="module")
+def undrawn():
+    """Let reports write empty drawings: for modules that ask what a page says."""
+    with empty_drawings():
         yield

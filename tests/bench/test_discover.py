@@ -343,7 +343,7 @@ def test_the_demonstrations_are_small():
 
 
 @pytest.fixture(scope="module")
-def warm():
+def warm(at_one_noise):
     """Return readings of angles alone, of links that grow as they warm, and what is said of them."""
     made = case(0, family="thermal_links", lam=2.0, noise="gauss", xy=False)
     data = discrepancy.MeasuredData(made.columns, "gpm2002", made.metadata)

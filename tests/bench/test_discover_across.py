@@ -9,6 +9,8 @@ from calibench import bench, discover
 from calibench.bench.measured.sources import shipped_path
 from tests.bench.test_discover import call
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 @pytest.fixture(scope="module")
 def days(tmp_path_factory):
@@ -43,7 +45,7 @@ def test_other_sets_are_told_on_the_terminal_in_the_report_and_on_the_page(days,
 def test_a_day_that_changes_is_looked_at_again(days, tmp_path, capsys):
     other = tmp_path / "other.csv"
     shutil.copy(days / "day2.csv", other)
-    words = _words(days, tmp_path, other)
+    words = _words(days, tmp_path, other) + " pages=none"
     call(words, capsys)
     lines = other.read_text().splitlines()
     other.write_text("\n".join(lines[:-2]) + "\n")

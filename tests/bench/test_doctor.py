@@ -18,7 +18,7 @@ def test_versions_machine_and_what_is_missing_are_told(run_bench, own_cache):
     assert all(line in told for lines in found.values() for line in lines if "GB free" not in line)
 
 
-def test_a_package_that_does_not_load_is_named(run_bench, monkeypatch):
+def test_a_package_that_does_not_load_is_named(run_bench, own_cache, monkeypatch):
     def import_module(name):
         if name == "nlopt":
             raise ImportError("libnlopt.so: wrong ELF class\nsecond line")

@@ -1,6 +1,8 @@
 """Pairs of poses in the files of other tools: each gives what the CSV of the same pairs gives, or one line."""
 
 import json
+from contextlib import redirect_stdout
+from io import StringIO
 
 import numpy as np
 import pytest
@@ -105,6 +107,17 @@ def bench(tmp_path, monkeypatch, capsys):
     return call
 
 
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    """Return what the table of the pairs gives."""
+    folder = tmp_path_factory.mktemp("table")
+    write(folder / "table.csv", columns_of(FLANGE, "flange"), columns_of(SEEN, "board", "m"))
+    words = ["calibrate", "hand_eye=eye_in_hand", f"data={folder}/table.csv", f"results={folder}", "--json"]
+    with redirect_stdout(StringIO()) as told, pytest.raises(SystemExit):
+        main(words)
+    return json.loads(told.getvalue())
+
+
 @pytest.mark.parametrize(
     ("name", "writer", "words"),
     [
@@ -118,9 +131,7 @@ def bench(tmp_path, monkeypatch, capsys):
         ("rows.csv", rows_in_turn, (IN_METRES,)),
     ],
 )
-def test_each_file_gives_what_the_table_of_the_same_pairs_gives(bench, tmp_path, name, writer, words):
-    write(tmp_path / "table.csv", columns_of(FLANGE, "flange"), columns_of(SEEN, "board", "m"))
-    table = bench("data=table.csv", "--json")
+def test_each_file_gives_what_the_table_of_the_same_pairs_gives(bench, table, tmp_path, name, writer, words):
     writer(tmp_path / name)
     found = bench(f"data={name}", *words, "--json")
     for frame in ("camera", "board"):

@@ -291,7 +291,7 @@ def test_an_exception_whose_class_lives_elsewhere_keeps_its_name_and_text() -> N
 @pytest.mark.usefixtures("nothing_left")
 def test_a_time_limit_ends_the_processes_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(time_limit, "GRACE", 0.2)
-    run = bench.execute(Fails(lambda: time.sleep(60)), optimizers.make("de"), budget=1000, inner=2, time_limit=1.5)
+    run = bench.execute(Fails(lambda: time.sleep(60)), optimizers.make("de"), budget=1000, inner=2, time_limit=0.8)
     assert run.status == "timeout"
     assert 0 < run.evaluations < 1000
 

@@ -25,7 +25,7 @@ class Mine:
             getattr(self, self.kind)()
         return float(x @ x)
     def ok(self):
-        np.ones(1 << 24)  # 128 MB: it suffers from what another run has done to its process
+        np.empty(1 << 24)  # 128 MB: it suffers from what another run has done to its process
     def quick(self):
         pass
     def segfault(self):

@@ -2,12 +2,15 @@
 
 import json
 import os
+import shutil
 import stat
 import zipfile
 from hashlib import blake2b
+from pathlib import Path
 
 import pytest
 
+from calibench.bench.cli import main
 from calibench.bench.store.notes import read_notes
 from calibench.bench.store.runs import ResultStore
 from calibench.bench.tracking import pack as of
@@ -18,13 +21,25 @@ from tests.bench.tracked import study
 pytestmark = pytest.mark.usefixtures("one_process", "undrawn", "own_cache")
 
 
+@pytest.fixture(scope="module")
+def sent(tmp_path_factory, one_process, undrawn):
+    """Return a folder with the results of a study, noted, and the pack of them."""
+    folder = tmp_path_factory.mktemp("sent")
+    words = ["run", "problem=sensor_zero", "optimizer=lm", "budget=160", "seeds=2", "study=mine"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for command in (words, ["note", "mine", "look at this"], ["pack", "mine", "--to", "mine.zip"]):
+            with pytest.raises(SystemExit) as ended:
+                main(command)
+            assert not ended.value.code
+            patch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+    return folder
+
+
 @pytest.fixture
-def packed(tmp_path, run_bench):
-    words = "problem=sensor_zero optimizer=lm budget=160 seeds=2 study=mine"
-    assert run_bench(["run", *words.split()])[0] == 0
-    run_bench(["note", "mine", "look at this"])
-    assert run_bench(["pack", "mine", "--to", "mine.zip"])[0] == 0
-    return tmp_path / "mine.zip"
+def packed(tmp_path, run_bench, sent):
+    shutil.copytree(sent / "results", tmp_path / "results")
+    return Path(shutil.copy(sent / "mine.zip", tmp_path))
 
 
 def test_a_newcomer_adds_a_method_to_what_was_sent(packed, tmp_path, run_bench):

@@ -349,9 +349,9 @@ def test_the_time_limit_counts_the_time_before_the_kill(tmp_path: Path) -> None:
 
 def test_a_time_limit_is_met_where_it_was_met_before(tmp_path: Path) -> None:
     method, folder = optimizers.make("nlopt_LN_BOBYQA"), ReplayFolder(tmp_path, always=True)
-    bench.execute(Valley(0.05), method, 20, replay=folder)
+    bench.execute(Valley(0.02), method, 20, replay=folder)
     problem = Valley()
-    run = bench.execute(problem, method, 20, replay=folder, time_limit=0.5)
+    run = bench.execute(problem, method, 20, replay=folder, time_limit=0.2)
     assert (run.status, problem.calls) == ("timeout", 0), run.row["error"]
     assert 1 <= run.evaluations <= 10
 

@@ -11,6 +11,8 @@ from calibench.core.tables.columns import as_seconds
 from tests.bench.arm_by_hand import NAMES, about, urdf
 from tests.calibration.test_rig import rig, single, without
 
+pytestmark = pytest.mark.usefixtures("at_one_noise")
+
 
 @pytest.fixture
 def bench(tmp_path, monkeypatch, capsys):

@@ -107,13 +107,13 @@ def comparable(run: Run) -> dict[str, Any]:
 @pytest.mark.parametrize("what", ["hang", "loop"])
 @pytest.mark.parametrize("where", PLACES)
 def test_what_hangs_anywhere_is_ended_by_its_time_limit(rig: str, where: str, what: str) -> None:
-    make(rig)  # what is loaded takes no time
-    run = make(rig, where, what, limit=0.6)
+    whole = make(rig)  # what is loaded takes no time
+    run = make(rig, where, what, limit=0.4)
     said = {"init": "in building the problem", "compile": "before the first", "merit": "in judging the answer: "}
     assert run.row["error"].startswith(said.get(where, "the time limit has passed"))
     assert "the time limit has passed" in run.row["error"]
     assert (run.status, run.row["error_type"]) == (("failed", "TimeoutError") if where == "merit" else ("timeout", ""))
-    assert run.evaluations == {"call": 9, "merit": make(rig).evaluations}.get(where, 0)
+    assert run.evaluations == {"call": 9, "merit": whole.evaluations}.get(where, 0)
     assert what == "loop" or run.run_id == make(rig, where, what, limit=0.1).run_id
     assert where in run.row["problem_options"]
     if where == "call":
@@ -124,11 +124,11 @@ def test_what_hangs_anywhere_is_ended_by_its_time_limit(rig: str, where: str, wh
 @pytest.mark.parametrize("what", ["die", "leave"])
 @pytest.mark.parametrize("where", PLACES)
 def test_what_dies_anywhere_is_one_failed_row(rig: str, where: str, what: str) -> None:
-    run = make(rig, where, what)
+    run, whole = make(rig, where, what), make(rig)
     assert (run.status, run.row["error_type"]) == ("failed", "ProcessDied")
     assert ("SIGSEGV" if what == "die" else "exit code 3") in run.row["error"]
-    assert run.evaluations == {"call": 9, "merit": make(rig).evaluations}.get(where, 0)
-    assert make(rig).status == "ok"
+    assert run.evaluations == {"call": 9, "merit": whole.evaluations}.get(where, 0)
+    assert whole.status == "ok"
 
 
 def test_a_file_that_hangs_as_it_is_imported_is_ended(rig: str, tmp_path: Path) -> None:

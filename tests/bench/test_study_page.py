@@ -19,6 +19,7 @@ from calibench.bench.report.study.page import StudyPage
 from calibench.bench.report.study.write import write_report
 from calibench.bench.statistics import summary
 from calibench.bench.store.runs import ResultStore
+from tests.bench.conftest import empty_drawings
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -112,7 +113,8 @@ def own(tmp_path_factory):
     with pytest.raises(SystemExit) as ended:
         main(["run", *words.split(), f"results={folder}", "study=bad"])
     assert ended.value.code == 1
-    write_report(ResultStore(folder / "bad"), ADDITIONS)
+    with empty_drawings():  # those of `paper` are looked at
+        write_report(ResultStore(folder / "bad"), ADDITIONS)
     sys.path[:] = path
     return ResultStore(folder / "bad"), (folder / "bad" / "report.html").read_text(encoding="utf-8")
 

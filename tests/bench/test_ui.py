@@ -307,7 +307,8 @@ def events_of(client, path):
         connection.close()
 
 
-def test_events_arrive_as_a_journal_grows_and_a_kill_shows(sweep):
+def test_events_arrive_as_a_journal_grows_and_a_kill_shows(sweep, monkeypatch):
+    monkeypatch.setattr(server, "_EVERY", 0.05)
     with serving(sweep.folder.parent) as client:
         client.enter()
         one = ids(sweep.folder.parent)["sweep"]

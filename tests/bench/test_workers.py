@@ -186,7 +186,7 @@ def test_the_run_that_a_worker_was_lost_with_goes_alone_and_is_at_fault_the_seco
 
 
 def test_a_run_that_hangs_is_a_failed_row_when_somebody_ends_it(here, monkeypatch):
-    monkeypatch.setattr(in_progress, "SILENT", 1.0)
+    monkeypatch.setattr(in_progress, "SILENT", 0.3)
     words = {"kind": "hang"}
     store = ResultStore("results/hung")
     store.open()
