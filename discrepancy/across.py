@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import chdtrc, ndtri
 
 from calibench.core.process import one_thread
-from calibench.discrepancy.checks.validate import listen, validate
+from calibench.discrepancy.checks.validate import listen
 from calibench.discrepancy.diagnostics.score import projected_scores, score_all
 from calibench.discrepancy.effects import catalogue
 from calibench.discrepancy.fitting.fit import PLACE, Fit, amplitude_interval, fit, orthonormal, project_off
@@ -167,7 +167,7 @@ def _expected(finding: Finding, first: Fit) -> _Expected | None:
 
 def _in_another(findings: Sequence[Finding], first: Fit, machine: Machine, other: MeasuredData) -> list[Carried]:
     """Return what one other set says of each finding."""
-    whole = validate(machine, listen(other)[0], in_order)
+    whole = in_order(machine, listen(other)[0])
     fitted = calibrated(whole, searched(whole.data, np.ones(len(whole.data), dtype=bool)))
     base, known = fitted.base, catalogue(fitted.whole)
     rows: list[Carried] = []

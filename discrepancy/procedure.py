@@ -23,8 +23,10 @@ from calibench.discrepancy.fitting.fit import (
     ResidualProblem,
     at_any_scale,
     fit,
+    fit_at,
     fit_from_several,
     keeping_fits,
+    readings_of,
     thinned,
     wider,
 )
@@ -41,7 +43,7 @@ from calibench.discrepancy.noise.laws import NoiseFinding, is_of_noise
 from calibench.discrepancy.noise.whiten import Noise
 from calibench.discrepancy.registries import machines
 from calibench.discrepancy.remarks import Search, notes_of
-from calibench.discrepancy.search.finding import FREE_PERIOD, parted_by
+from calibench.discrepancy.search.finding import FREE_PERIOD, parted_by, with_sizes
 from calibench.discrepancy.search.select import Tests, best_of_each, delta_bic
 from calibench.discrepancy.search.smoother import NEAR, fit_smooth, unnamed_of
 from calibench.discrepancy.search.standing import renewed
@@ -55,7 +57,7 @@ from calibench.discrepancy.search.stepwise import (
     with_orders,
 )
 from calibench.discrepancy.thresholds import THRESHOLDS, Thresholds, thresholds as current_thresholds, using
-from calibench.discrepancy.validation import gap_of, times_left
+from calibench.discrepancy.validation import beside_steps, gap_of, times_left
 
 GAP_OF_FITTED = (
     "no rows are held out, and without a part of them the rest does not determine what was added: the gap is that of "
@@ -87,10 +89,10 @@ def explain(
 def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) -> reports.Report:
     began, rng = time.process_time(), np.random.default_rng(seed)
     data, asked = listen(data)
-    whole = validate(machine, data, in_order)
+    whole = in_order(machine, data)
     split = np.asarray(whole.data["split"]) if whole.data.has("split") else np.full(len(whole.data), "train")
     hold = ~searched(whole.data, split != "hold")
-    thinner = _note_of_rows(int((split != "hold").sum()), int((~hold).sum()))
+    searching = bool((hold & (split != "hold")).any())  # some of the rows that may be fitted, not all
     # fit: the machine without effects, under the noise that repeats show
     parameters = {p.name: p for p in whole.parameters}
     first = calibrated(whole, ~hold)
@@ -143,15 +145,23 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
             notes_of_noise = (*notes_of_noise, *_note_of_thinned(base))
     doubted = base.noise.profiled and not unknown_noise_of(base.model.formulation)
     others = _at_other_noise(base, known.candidates, terms, suspects, rest, seed, level) if doubted else ()
+    # the sizes of all rows; the gap stays that of names and sizes of the searched rows, on rows that were not fitted
+    sized = None
+    if searching and findings and final is selection.fit:
+        sized = _of_all_rows(final, base, whole.data.rows(split != "hold"))
+    if sized is not None:
+        effects = {own[0].name: own[0].effect for own in selection.sets}
+        findings = tuple(with_sizes(f, effects[f.effect], sized) if f.effect in effects else f for f in findings)
+        final = fit_at(final.model, final.noise, sized.x, readings_of(final.at.model), True)
     findings = tuple(map(_of_these_readings, findings))
     search = Search(
         machine=machine.name, base=base, final=final, selection=selection, verdict=verdict, findings=findings,
         gap=gap, lone=lone, standing=standing, no_noise=first.no_noise,
     )  # fmt: skip
     # the notes of the data as they hold now that the search is done
-    of_data = list(thinner)
+    of_data = [_note_of_rows(int((split != "hold").sum()), int((~hold).sum()), sized is not None)] if searching else []
     for note in whole.data.notes:
-        if note.code is Code.NOT_HELD_OUT and thinner:
+        if note.code is Code.NOT_HELD_OUT and searching:
             continue
         if note.code is Code.NOT_HELD_OUT and not gap.cross_validated:
             note = Note(Code.GAP_OF_FITTED, GAP_OF_FITTED)
@@ -161,7 +171,7 @@ def _explained(machine: Machine, data: MeasuredData, seed: int, level: float) ->
         of_data.append(note)
     held = [u.note(parameters[u.name]) for u in lacking]
     given = (*held, *first.notes_of_fit, *of_data, *first.misstated, *notes_of_noise, *remarks_of(whole))
-    names, sd = [p.name for p in base.model.formulation.parameters], spread(final, lacking)
+    names, sd = [p.name for p in base.model.formulation.parameters], spread(sized or final, lacking)
     changes = {
         n: reports.ParameterChange(float(base.x[k]), float(final.x[k]), float(sd[k])) for k, n in enumerate(names)
     }
@@ -198,11 +208,23 @@ def searched(data: MeasuredData, fitted: NDArray[np.bool_]) -> NDArray[np.bool_]
     return some
 
 
-def _note_of_rows(rows: int, kept: int) -> tuple[Note, ...]:
-    if kept == rows:
-        return ()
-    text = f"{kept} of {rows} rows, spread over the run, were fitted and searched; the others are held out"
-    return (Note(Code.ROWS_THINNED, text, values={"kept": kept, "rows": rows}),)
+def _note_of_rows(rows: int, kept: int, sized: bool) -> Note:
+    text = f"{kept} of {rows} rows, spread over the run, were {'searched' if sized else 'fitted and searched'}; "
+    text += "the others are held out, and then sizes fitted to all" if sized else "the others are held out"
+    return Note(Code.ROWS_THINNED, text, values={"kept": kept, "rows": rows})
+
+
+def _of_all_rows(final: Fit, base: Fit, data: MeasuredData) -> Fit | None:
+    """Return a fit of some rows of `data` made of all of them; None where noise of single rows was added, or it fails.
+
+    `base` has the parameters at which smooth columns were computed.
+    """
+    if any(np.ndim(variance) for variance in final.noise.extra.values()):
+        return None
+    there = final.model.formulation.on(data.rows(beside_steps(final, data)))
+    there = there.on(there.data.with_columns(smooth_columns(there, base.x)))
+    found = fit(Model(there, final.model.effects), final.noise, final.x)
+    return found if found.converged else None
 
 
 def _note_of_thinned(base: Fit) -> tuple[Note, ...]:
@@ -331,13 +353,13 @@ def _selected(
     """Return the selection, the fit without effects, the suspects that remain, and notes on the noise."""
     model = Model(base.model.formulation)
     found = select_stepwise(base, candidates, terms, rng, level)
-    # noise that is carried on looks like errors over the time; where it explains the alarm, nothing is missing
-    share = carried(found.fit) if found.alarm and base.noise.profiled and not base.noise.autocorrelation else 0.0
-    if share:
+    # noise that is carried on looks like errors over the time; where as much as may be explains the alarm, it is none
+    untold = found.alarm and base.noise.profiled and not base.noise.autocorrelation
+    for share in carried(found.fit) if untold else ():
         there = fit(model, replace(base.noise, autocorrelation=share), base.x)
         if is_calm(there, candidates, terms, rng, level):
             calm = select_stepwise(there, candidates, terms, rng, level)
-            text = f"no pose is read again; {100 * share:.0f} % of the noise is taken to be carried on"
+            text = f"no pose is read again; {100 * share:.0f} % of the noise may be carried on, and is taken to be"
             return calm, there, suspects, (*notes, Note(Code.NOISE_CARRIED, text, values={"part": share}))
     # repeats that were approached from both sides differ by the play of a joint, which looks like wild readings: a
     # suspect that has less than one such reading beside the effects is cleared
@@ -419,7 +441,8 @@ def _is_large(
         return times_left(final, unseen, suspects) > most
     kept = unseen is not None and not np.isfinite(final.noise.t_degrees)
     held = gap.held_out_before if kept else gap.held_out_ci95[0]
-    return bool(held > most * gap.noise_floor)
+    surely = gap.held_out_ci95[0] > gap.noise_floor  # few rows, of which one is far off by noise, are large by chance
+    return bool(surely and held > most * gap.noise_floor)
 
 
 def _carried_by_nothing(findings: Sequence[reports.Finding], gap: reports.Gap) -> bool:
@@ -455,10 +478,19 @@ def _rest(gap: reports.Gap, final: Fit, last: Tests) -> reports.Left:
     return reports.Left(float(times), place if shows else None)
 
 
-def in_order(data: MeasuredData) -> MeasuredData:
-    n = len(data)
-    time_ = np.asarray(data["t_s"]) if data.has("t_s") else np.arange(n)
-    order = np.argsort(time_, kind="stable")
-    places = np.empty(n)
-    places[order] = np.arange(n)
-    return data.with_columns({PLACE: places}).rows(order)
+def in_order(machine: Machine, data: MeasuredData) -> Formulation:
+    """Return the checked formulation of `data`, its rows in the order of reading and with their places in it.
+
+    Rows keep their places when others are held out, or not searched: noise that is carried on fades in between.
+    """
+
+    def ordered(rows: MeasuredData) -> MeasuredData:
+        time_ = np.asarray(rows["t_s"]) if rows.has("t_s") else np.arange(len(rows))
+        rows = rows.rows(np.argsort(time_, kind="stable"))
+        return rows.with_columns({PLACE: np.arange(len(rows), dtype=float)})
+
+    whole = validate(machine, data, ordered)
+    if whole.data.has(PLACE):
+        return whole
+    places = np.arange(len(whole.data), dtype=float)  # of a machine that makes a table of its own
+    return whole.on(whole.data.with_columns({PLACE: places}))

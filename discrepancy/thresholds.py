@@ -114,9 +114,9 @@ class Thresholds:
     p_sure: float = _of(1e-06, NUMERICAL, "p", "a smallest p below this is significant without draws")
     p_calm: float = _of(0.01, CONVENTION, "p", "a smallest p above this is not significant, without draws; below it, a "
         "place is reported in which something is left")  # fmt: skip
-    share_names: float = _of(0.5, JUDGED, "1", "part of the level that is spent on tests of named effects")
-    share_smooth: float = _of(0.3, JUDGED, "1", "part of the level that is spent on tests of smooth terms")
-    share_misfit: float = _of(0.2, JUDGED, "1", "part of the level that is spent on the test of lack of fit")
+    share_names: float = _of(0.4, JUDGED, "1", "part of the level that is spent on tests of named effects")
+    share_smooth: float = _of(0.2, JUDGED, "1", "part of the level that is spent on tests of smooth terms")
+    share_misfit: float = _of(0.1, JUDGED, "1", "part of the level that is spent on the test of lack of fit")
     curve_terms: int = _of(7, JUDGED, "terms", "terms of a smooth curve over one covariate")
     map_terms: int = _of(5, JUDGED, "terms", "terms of a smooth map along each side of the workspace")
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from calibench.discrepancy.diagnostics.noise import outliers_under
@@ -56,13 +57,7 @@ def gap_of(
     if hold is None:
         gap, lone = _crossed(base, final, train, suspects, rng)
         return (replace(gap, excess_shrink=float("nan")) if blamed else gap), lone
-    # the unseen rows without those between the fitted readings around a step, whose side is unknown
-    sure = np.ones(len(hold.data), dtype=bool)
-    for effect in final.model.effects:
-        if isinstance(effect, ChangePoint):
-            t, fitted = hold.data[effect.clock], final.model.formulation.data[effect.clock]
-            last, first = fitted[fitted < effect.at].max(), fitted[fitted >= effect.at].min()
-            sure &= (t <= last) | (t >= first)
+    sure = beside_steps(final, hold.data)
     hold = hold.on(hold.data.rows(sure)) if sure.any() and not sure.all() else hold
     law = _law(final, hold, () if blamed else suspects)
     unseen = predicted(base.model, base.x, hold.data, law)
@@ -71,6 +66,17 @@ def gap_of(
     worse, better, ci95 = held_out(unseen, left, hold.data, rng, spread)
     gone = float("nan") if blamed else shrink(worse, better, floor)
     return Gap(floor, *train, worse, better, ci95, gone), _lone(unseen, left, hold)
+
+
+def beside_steps(final: Fit, data: MeasuredData) -> NDArray[np.bool_]:
+    """Return the rows of `data`, (n,), but those between the fitted readings around a step, whose side is unknown."""
+    sure = np.ones(len(data), dtype=bool)
+    for effect in final.model.effects:
+        if isinstance(effect, ChangePoint):
+            t, fitted = data[effect.clock], final.model.formulation.data[effect.clock]
+            last, first = fitted[fitted < effect.at].max(), fitted[fitted >= effect.at].min()
+            sure &= (t <= last) | (t >= first)
+    return sure
 
 
 def times_left(final: Fit, unseen: Formulation, suspects: Sequence[NoiseFinding]) -> float:

@@ -263,25 +263,28 @@ def noise_at(sound: Fit, suspects: Sequence[NoiseFinding], whole: Formulation) -
 
 _SLOW = 20  # waves over the run: what is as slow is no noise
 _SHARES = np.linspace(0.0, 0.6, 31)  # of the noise, that are carried on
-_CARRIED_SURE = 9.0  # twice the log-likelihood over noise that is not carried on
+_REFUSED = 6.63  # twice the log-likelihood behind the likeliest: above what is nearer lies one true share of 200
 
 
-def carried(at: Fit) -> float:
-    """Return the part of the noise that what a fit leaves carries from one reading to the next; 0 where that is chance.
+def carried(at: Fit) -> tuple[float, ...]:
+    """Return parts of the noise that what a fit leaves may carry from one reading to the next: likeliest to largest.
 
     By the likelihood of its waves over the run (Whittle 1953), but for the slow ones: what changes slowly is no noise.
+    What holds at all parts that are not refused holds at the true one (Berger and Boos 1994).
     """
-    order = reading_order(at.model.formulation.data)
-    r = np.asarray(at.r).reshape(len(order), -1)[np.argsort(order, kind="stable")]
+    places = reading_order(at.model.formulation.data)
+    order = np.argsort(places, kind="stable")
+    r = np.asarray(at.r).reshape(len(order), -1)[order]
     if len(r) <= 2 * _SLOW:
-        return 0.0
+        return ()
     powers = np.mean(dct(r, axis=0, norm="ortho")[_SLOW + 1 :] ** 2, axis=1)
     turns = np.cos(np.pi * np.arange(_SLOW + 1, len(r)) / len(r))
-    shapes = 1 / (1 - 2 * _SHARES[:, None] * turns + _SHARES[:, None] ** 2)
+    kept = np.mean(_SHARES[:, None] ** np.diff(places[order]), axis=1)[:, None]  # some of the rows were not searched
+    shapes = 1 / (1 - 2 * kept * turns + kept**2)
     scales = np.mean(powers / shapes, axis=1)
     likely = -r.shape[1] * np.sum(np.log(scales[:, None] * shapes), axis=1)
-    best = int(np.argmax(likely))
-    return float(_SHARES[best]) if likely[best] - likely[0] > _CARRIED_SURE else 0.0
+    best, last = int(np.argmax(likely)), int(np.flatnonzero(likely > likely.max() - _REFUSED)[-1])
+    return tuple(float(_SHARES[k]) for k in sorted({best, (best + last) // 2, last} - {0}))
 
 
 def learned_beside(at: Fit, suspects: Sequence[NoiseFinding]) -> tuple[Formulation, Noise, tuple[Note, ...]]:

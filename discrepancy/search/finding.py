@@ -40,7 +40,7 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
 
     Intervals are those of the noise that is left, where this is more than the stated one.
     """
-    best, top, data, t = options[0], max(options, key=lambda o: o.gain), found.model.formulation.data, thresholds()
+    best, top, t = options[0], max(options, key=lambda o: o.gain), thresholds()
     effect = best.effect
     known: dict[str, float] = {}
     for o in options:
@@ -68,6 +68,24 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     ranked = sorted(weights.items(), key=lambda w: (w[0] != best.name, -w[1]))
     sizes = {o.name: _size(o) for o in options if o is not best}
 
+    amplitude, numbers, period = _sizes(found, effect)
+    return Finding(
+        effect=best.name, family=effect.family, target=effect.target, amplitude=amplitude, gain=best.gain,
+        set=tuple(Rival(name, *members[name], weight / total, sizes.get(name)) for name, weight in ranked),
+        separated_by=_separated_by([o for o in options if o.name in weights], found),
+        visible=found.noise.size_of(best.gain, len(found.r)), coefficients=numbers, period=period,
+    )  # fmt: skip
+
+
+def with_sizes(finding: Finding, effect: Effect, found: Fit) -> Finding:
+    """Return a finding with the sizes that its `effect` has in another fit, as of more rows."""
+    amplitude, numbers, period = _sizes(found, effect)
+    return replace(finding, amplitude=amplitude, coefficients=numbers, period=period)
+
+
+def _sizes(found: Fit, effect: Effect) -> tuple[Amplitude, tuple[Coefficient, ...], float]:
+    """Return the size of an effect in a fit, its coefficients, and the period of its family or 0."""
+    data = found.model.formulation.data
     # where form and formula are functions of the same argument, only their sum has a size: the formula nearest to both
     whole = np.zeros((len(effect.coefficients), len(found.x)))
     whole[:, found.model.place_of(effect)] = np.eye(len(whole))
@@ -91,14 +109,8 @@ def finding_of(found: Fit, options: Sequence[Option]) -> Finding:
     begins = getattr(effect, "begins", np.nan)
     if np.isfinite(begins):
         numbers.append(Coefficient(BEGINS, float(begins), getattr(effect, "begins_unit", ""), np.nan))
-    return Finding(
-        effect=best.name, family=effect.family, target=effect.target,
-        amplitude=Amplitude(effect.amplitude(c), effect.unit, amplitude_interval(effect, c, spread, found.reach)),
-        gain=best.gain,
-        set=tuple(Rival(name, *members[name], weight / total, sizes.get(name)) for name, weight in ranked),
-        separated_by=_separated_by([o for o in options if o.name in weights], found),
-        visible=found.noise.size_of(best.gain, len(found.r)), coefficients=tuple(numbers), period=period,
-    )  # fmt: skip
+    size = Amplitude(effect.amplitude(c), effect.unit, amplitude_interval(effect, c, spread, found.reach))
+    return size, tuple(numbers), period
 
 
 def _size(o: Option) -> Amplitude | None:

@@ -85,6 +85,11 @@ def test_what_is_found_in_some_rows_is_tried_on_all_the_others() -> None:
     assert not report.gap.cross_validated
     assert Code.NOT_HELD_OUT not in [note.code for note in report.notes]
     assert report.gap.held_out_after < 1.1 * report.gap.noise_floor < report.gap.held_out_before
+    # its size and interval are those of all rows, and the model has that size
+    size, of_some = report.findings[0].amplitude, report.model.fit
+    assert report.model.best[-1] == pytest.approx(size.value)
+    part = np.ptp(size.ci95) / (2 * of_some.reach * np.sqrt(of_some.covariance()[-1, -1]))
+    assert part == pytest.approx(np.sqrt(fitted / note.values["rows"]), rel=0.1)
 
 
 def test_a_calm_noise_is_told_by_the_first_test_alone_and_its_draws_are_kept() -> None:

@@ -98,20 +98,27 @@ def _near(m: Machine, left: Array, joint: int) -> float:
     return min(shares)
 
 
+def handed(drawn: Case, folder: Path, name: str = "data") -> tuple[Any, Any]:
+    """Return the machine and the data of a case as `explain` takes them; files of the machine go into `folder`."""
+    from calibench.discrepancy import MeasuredData
+    from calibench.discrepancy.machines.arm import Arm
+
+    m = drawn.machine
+    for file, text in m.files.items():
+        (folder / file).write_text(text)
+    machine: Any = Arm(str(folder / "arm.urdf")) if m.name == "arm" else m.name
+    return machine, MeasuredData(drawn.columns, m.name, dict(m.stated), name)
+
+
 def told(kind: str, seed: int, **asked: Any) -> dict[str, Any]:
     """Return what is said of a case, and its truth, as plain values."""
-    from calibench.discrepancy import MeasuredData, explain
-    from calibench.discrepancy.machines.arm import Arm
+    from calibench.discrepancy import explain
 
     drawn = case(kind, seed, **asked)
     m = drawn.machine
     with TemporaryDirectory() as folder:
-        for file, text in m.files.items():
-            (Path(folder) / file).write_text(text)
-        machine: Any = Arm(str(Path(folder) / "arm.urdf")) if m.name == "arm" else m.name
-        data = MeasuredData(drawn.columns, m.name, dict(m.stated), f"{kind}{seed}")
         try:
-            report = explain(machine, data)
+            report = explain(*handed(drawn, Path(folder), f"{kind}{seed}"))
         except Exception as error:
             return {"seed": seed, "machine": m.name, "cause": drawn.cause, "verdict": "error", "text": repr(error)}
     return {

@@ -1,11 +1,16 @@
 """The generator of foreign cases: sizes are what is seen, and its judge counts what it says."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from calibench.discrepancy.fitting.fit import reading_order
+from calibench.discrepancy.procedure import in_order
+from calibench.discrepancy.registries import machines
 from tests.foreign.causes import FOREIGN, noise
 from tests.foreign.machines import MACHINES
-from tests.foreign.run import case, plainly, wilson
+from tests.foreign.run import case, handed, plainly, told, wilson
 
 
 @pytest.mark.parametrize("machine", sorted(MACHINES))
@@ -46,3 +51,16 @@ def test_the_interval_of_none_of_many_is_narrow() -> None:
     low, high = wilson(0, 1000)
     assert low == pytest.approx(0, abs=1e-12)
     assert high < 0.004
+
+
+@pytest.mark.parametrize("name", sorted(MACHINES))
+def test_rows_keep_their_place_in_the_order_of_reading_when_others_are_left_out(name: str, tmp_path: Path) -> None:
+    machine, data = handed(case("sound", 7, machine=name, rows=60), tmp_path)
+    whole = in_order(machines.make(machine) if isinstance(machine, str) else machine, data).data
+    kept = np.arange(len(whole)) % 4 < 2
+    np.testing.assert_array_equal(reading_order(whole.rows(kept)), np.flatnonzero(kept))
+
+
+@pytest.mark.parametrize("seed", [962097, 922066], ids=["one far reading held out", "noise carried over held rows"])
+def test_what_noise_alone_makes_is_no_alarm(seed: int) -> None:
+    assert told("sound", seed)["verdict"] == "none"
