@@ -50,7 +50,7 @@ class Kept:
     """The state of the process as a run, or the import of a module, began; and what it has changed since."""
 
     def __init__(self, first: int = 0) -> None:
-        self._before: _State = {number: _read(number) for number in range(first, len(KINDS))}
+        self._before = _state(range(first, len(KINDS)))
         self._usual = dict(self._before)  # with what installed packages have set
         self._expected = dict(self._before)  # with what all imports have set
         self._process = os.getpid()
@@ -90,8 +90,12 @@ class Kept:
     def change(self, own: bool = False) -> _Change:
         """Return all that is otherwise than it was; its `own` without what the modules that were imported have set."""
         before = self._expected if own else self._before
-        now = {number: _read(number) for number in before}
-        return {number: (was, now[number]) for number, was in before.items() if not _same(number, was, now[number])}
+        now = _state(before)
+        return {
+            number: (was, now[number])
+            for number, was in before.items()
+            if was is not now[number] and not _same(number, was, now[number])
+        }
 
     def expect(self, what: _Import) -> None:
         """Take what an import sets as what should be."""
@@ -152,11 +156,19 @@ def loaded_apart(load: Callable[[], T], module: str = "") -> T:
         return thing
 
 
+def _state(numbers: Iterable[int]) -> _State:
+    """Return what the kinds of these numbers are now; it is asked several times a run."""
+    state: _State = {}
+    for number in numbers:
+        try:
+            state[number] = KINDS[number].read()
+        except Exception:  # a run may have put anything in its place
+            state[number] = _UNREADABLE
+    return state
+
+
 def _read(number: int) -> Any:
-    try:
-        return KINDS[number].read()
-    except Exception:  # a run may have put anything in its place
-        return _UNREADABLE
+    return _state([number])[number]
 
 
 def _same(number: int, was: Any, now: Any) -> bool:

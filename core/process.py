@@ -84,10 +84,10 @@ def one_thread() -> Iterator[None]:
 
 def libraries() -> ThreadpoolController:
     """Return the libraries that are loaded; to look for them takes a millisecond, so only after a further import."""
-    from threadpoolctl import ThreadpoolController
-
     modules = len(sys.modules)
     if modules not in _LOOKED:
+        from threadpoolctl import ThreadpoolController
+
         _LOOKED.clear()
-        _LOOKED[modules] = ThreadpoolController()
-    return _LOOKED[modules]
+        _LOOKED[len(sys.modules)] = ThreadpoolController()
+    return _LOOKED[len(sys.modules)]

@@ -91,6 +91,7 @@ class Registry(Generic[T]):
     _left_out: dict[str, str] = field(default_factory=dict)
     _by_path: dict[str, Callable[..., T]] = field(default_factory=dict)
     _places: dict[str, Path] = field(default_factory=dict)
+    _known: dict[str, str] = field(default_factory=dict, repr=False)
     _read: dict[str, tuple[Callable[..., Any], dict[str, Option]]] = field(default_factory=dict, repr=False)
     _made: dict[int, tuple[Callable[[], Any], Made]] = field(default_factory=dict, repr=False)
     _outside_loaded: bool = False
@@ -232,6 +233,8 @@ class Registry(Generic[T]):
                 _NOT_IMPORTED.setdefault((self.kind, name), {})[_LEAVES_OUT.get()] = None
                 raise NotImported(f"the {self.kind} is {name}, which reading does not import; --trust does")
             return name
+        if name in self._known and user_file.keeps_loaded():
+            return self._known[name]
         if user_file.is_file_path(name):  # by itself too once it was loaded, wherever one stands
             file, attribute = user_file.place_of(name), name.rpartition(":")[2]
             if name in self._places and not file.is_file():
@@ -245,6 +248,8 @@ class Registry(Generic[T]):
                 )
             module = self._module(name, file)
             self._by_path[known], self._places[known] = self._attribute(name, module, attribute), file
+            if name == f"{file}:{attribute}":  # another path leads elsewhere from another folder
+                self._known[name] = known
             return known
         if ":" in name:
             if name not in self._by_path:

@@ -126,6 +126,11 @@ def as_loaded() -> Iterator[None]:
         _KEPT.pop()
 
 
+def keeps_loaded() -> bool:
+    """Tell whether what is loaded is kept, whatever has become of its file."""
+    return bool(_KEPT)
+
+
 @contextmanager
 def no_bytecode() -> Iterator[None]:
     """Let Python write no bytecode: of two edits in one second it would take the first for the second."""

@@ -150,11 +150,16 @@ def place_of_answer(pair: Pair, x: Array | None) -> dict[str, Any]:
     }
 
 
+def asks(problem: Any) -> bool:
+    """Tell whether an answer calls the problem: for its parameters, figures of merit, or value without noise."""
+    return bool(extra_of(problem, "physical") or extra_of(problem, "merit") or is_stochastic(problem))
+
+
 def answer_of(pair: Pair, x: Array | None, ending: Ending, repetition: int) -> tuple[Answer, Ending]:
     """Return what the answer x, shape (dim,), means, and the ending: a failure where the problem fails in this."""
     problem = pair.problem
     known: dict[str, Any] = {}  # kept, whatever the figures of merit do
-    if own_state.is_kept():  # a fork begins `random` anew
+    if own_state.is_kept() and asks(problem):  # a fork begins `random` anew
         begin_generators(seed_sequence(pair.problem_word, "judging", repetition=repetition))
     try:
         if x is not None:

@@ -18,7 +18,7 @@ import numpy as np
 
 from calibench import optimizers, problems
 from calibench.bench.execution import request as asking
-from calibench.bench.execution.answer import Answer, answer_of, hits_of, merit_of, place_of_answer
+from calibench.bench.execution.answer import Answer, answer_of, asks, hits_of, merit_of, place_of_answer
 from calibench.bench.execution.costly import ReplayFolder, around, check_inner, check_replay
 from calibench.bench.execution.in_progress import Name, followed
 from calibench.bench.execution.request import Array, Asked, Start
@@ -347,7 +347,7 @@ def make_run(asked: Asked, way: Way, watch: Watch | None = None, found: Found | 
     ending = with_an_answer(gate, ending)
     if watch is not None:
         watch.enter(Phase.JUDGING, (watch.limit if watch.limit < inf else _PATIENCE) if pair.foreign_problem else inf)
-        if pair.foreign_problem:
+        if pair.foreign_problem and asks(problem):
             draft = row_of(asked, gate, Answer(**place_of_answer(pair, gate.best_x)), ending, began)
             watch.tell(Run(draft, tuple(gate.trace)))
     answer, ending = answer_of(pair, gate.best_x, ending, repetition)

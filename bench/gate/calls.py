@@ -64,9 +64,8 @@ def calls_of(problem: Any) -> Calls:
             value=value, fixed=fixed, again=again, batch=batch, below=below, residuals=residuals, jacobian=jacobian,
             gradient=gradient, joint=joint,
         )  # fmt: skip
-    checked = _number(ask)
     return Calls(
-        value=lambda x, _: checked(x),
+        value=_number(ask),
         fixed=None,
         again=raise_again,
         batch=batch and (lambda points: _numbers(batch(_copy(points)), len(points))),
@@ -87,10 +86,12 @@ def raise_again(_x: Array) -> float:
 
 
 def _number(function: Any) -> Any:
-    """Return `function`, x -> value, so that it cannot change what the optimiser holds, and gives a float."""
+    """Return `function`, x -> value, as the gate calls it: it cannot change what the optimiser holds, gives a float."""
 
-    def on_a_copy(x: Array) -> float:
-        value = function(np.array(x, dtype=np.float64))
+    array, ndarray, double = np.array, np.ndarray, np.dtype(np.float64)
+
+    def on_a_copy(x: Array, _: Any) -> float:
+        value = function(array(x) if type(x) is ndarray and x.dtype is double else array(x, double))
         return value if type(value) is float else _as_float(value)
 
     return on_a_copy

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import mmap
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, MutableSequence, Sequence
 from functools import cache
 from math import inf
 from threading import RLock
@@ -54,10 +54,10 @@ class Evaluator:
 
     __slots__ = (
         "__weakref__", "_again", "_ahead", "_asked_by", "_batch", "_below", "_closed", "_fixed", "_forked", "_function",
-        "_gradient", "_jacobian", "_joint", "_lock", "_mark", "_next_better", "_next_event", "_owner", "_publish",
-        "_residuals", "_restart_rng", "_restart_seed", "_rows", "_scan", "_traced", "attempts", "batch_evaluations",
-        "best_evaluation", "best_value", "best_x", "budget", "deadline", "dimension", "earlier", "evaluations",
-        "gradient_evaluations", "has_gradient", "has_jacobian", "has_residuals", "hits", "hits_charged",
+        "_gradient", "_jacobian", "_joint", "_lock", "_mark", "_next_better", "_next_event", "_next_news", "_owner",
+        "_publish", "_residuals", "_restart_rng", "_restart_seed", "_rows", "_scan", "_shown", "_traced", "attempts",
+        "batch_evaluations", "best_evaluation", "best_value", "best_x", "budget", "deadline", "dimension", "earlier",
+        "evaluations", "gradient_evaluations", "has_gradient", "has_jacobian", "has_residuals", "hits", "hits_charged",
         "jacobian_evaluations", "joint_evaluations", "lower", "non_finite", "non_finite_slopes", "outside_evaluations",
         "raised", "residual_evaluations", "restarts", "start", "stopped", "target", "targets", "trace",
         "unknown_slopes", "upper",
@@ -100,10 +100,11 @@ class Evaluator:
         self.deadline = inf  # when calls are refused, on the clock of `time.perf_counter`
         self.earlier = 0.0, 0.0  # wall and processor seconds that this run took before this process went on with it
         self._publish: Callable[[Evaluator, int], None] | None = None
+        self._shown: MutableSequence[float] = [0.0]
         self.trace: list[TracePoint] = []
         self._traced = inf
         self._mark = 1
-        self._next_event = 0
+        self._next_event = self._next_news = 0
         self.outside_evaluations: int | None = None
         self.attempts: list[str] = []
         self._lock, self._owner, self._closed = RLock(), os.getpid(), False
@@ -134,7 +135,7 @@ class Evaluator:
             if n < gate._next_event:
                 gate.evaluations = n
             else:
-                n = gate._admit()
+                n = gate._admit_single()
             try:
                 value: float = function(x, fixed)
             except BaseException as error:
@@ -319,6 +320,7 @@ class Evaluator:
         """
         with self._lock:
             self.restarts += 1
+            self.bring_news()
             if self._restart_rng is None:
                 seed = self._restart_seed
                 self._restart_rng = np.random.default_rng(seed() if callable(seed) else seed)
@@ -355,7 +357,7 @@ class Evaluator:
     def close(self) -> None:
         """End the run: code that still holds the gate, in a thread or a later run, gets no further evaluation."""
         with self._lock:
-            self._closed, self._next_event = True, 0
+            self._closed, self._next_event, self._next_news = True, 0, 0
         if self._forked is not None and self._forked[0]:
             self.note("called from a forked process")
         self.finish()
@@ -372,11 +374,21 @@ class Evaluator:
         with self._lock:
             if self.stopped is None and self.remaining > 0:
                 self.outside_evaluations = (self.outside_evaluations or 0) + count
+                self.bring_news()
 
-    def refuse_after(self, deadline: float, publish: Callable[[Evaluator, int], None]) -> None:
-        """Refuse calls after `deadline` (`perf_counter`); `publish` gets the gate and the evaluations with the next."""
-        self.deadline, self._publish = deadline, publish
+    def refuse_after(
+        self, deadline: float, publish: Callable[[Evaluator, int], None], shown: MutableSequence[float]
+    ) -> None:
+        """Refuse calls after `deadline` (`perf_counter`); `publish` gets the gate and the evaluations with the next.
+
+        A call before which nothing else has changed only counts, in the first number of `shown`.
+        """
+        self.deadline, self._publish, self._shown = deadline, publish, shown
         self._schedule()
+
+    def bring_news(self) -> None:
+        """Let the next call publish: something else than the count of evaluations has changed."""
+        self._next_news = 0
 
     def __deepcopy__(self, _memo: object = None) -> Evaluator:
         return self  # pygmo copies what it is given; the count must stay one
@@ -397,16 +409,26 @@ class Evaluator:
         if not isinstance(error, Stop):
             with self._lock:
                 self.raised = error if self.raised is None else self.raised
-                self._next_event = 0
+                self._next_event = self._next_news = 0
         raise error
 
-    def _admit(self) -> int:
+    def _admit_single(self) -> int:
+        """Do as `_admit` for a call that changes nothing but the count of evaluations."""
+        if self._next_news and perf_counter() <= self.deadline:
+            n = self.evaluations + 1
+            if n < self._next_news:
+                self.evaluations = n
+                self._shown[0] = self.evaluations  # another thread's count, where that came later
+                return n
+        return self._admit(plain=True)
+
+    def _admit(self, plain: bool = False) -> int:
         """Return the number of the next evaluation, after what is due before it; raise `Stop` where there is none."""
         with self._lock:
             while True:
                 self._hold(1)
                 self._pass_marks(self.evaluations)
-                self._schedule()
+                self._schedule(plain)
                 if self._publish is not None:
                     self._publish(self, self.evaluations + 1)
                 n = self.evaluations + 1  # another thread may have counted meanwhile; from here on none can
@@ -416,7 +438,7 @@ class Evaluator:
 
     def _hold(self, needed: int) -> None:
         """Make all other threads wait for the lock here, and refuse a call that costs `needed` evaluations."""
-        self._next_event = 0
+        self._next_event = self._next_news = 0
         if os.getpid() != self._owner:
             if self._forked is not None:
                 self._forked[0] = 1
@@ -434,13 +456,13 @@ class Evaluator:
             self.stopped = "timeout"
             raise TimeUp("the time allowed has passed")
 
-    def _schedule(self) -> None:
+    def _schedule(self, plain: bool = False) -> None:
+        """Say before which evaluation there is something to do; watched, each is such but for `plain` calls."""
         last = self.budget - self.dimension * self.jacobian_evaluations
-        self._next_event = (
-            0
-            if self._publish is not None or self._closed or self.stopped == "target" or self.raised is not None
-            else min(self._mark, last) + 1
-        )  # watched: each call is one
+        is_over = self._closed or self.stopped == "target" or self.raised is not None
+        event = 0 if is_over else min(self._mark, last) + 1
+        self._next_event = event if self._publish is None else 0
+        self._next_news = event if self._publish is not None and plain else 0
 
     def _pass_marks(self, n: int) -> None:
         while self._mark <= n:
@@ -479,7 +501,7 @@ class Evaluator:
                 self._publish(self, self.evaluations)
             if value <= self.target:
                 self.stopped = "target"
-                self._next_event = 0
+                self._next_event = self._next_news = 0
                 raise TargetReached(f"the target {self.target:g} is reached")
 
     def _record(self, n: int) -> None:
@@ -507,7 +529,7 @@ def _after_fork() -> None:
     """Let every call in this child be looked at."""
     for gate in list(_OPEN):
         gate._lock = RLock()  # the thread that may have held it is not here
-        gate._next_event = 0
+        gate._next_event = gate._next_news = 0
 
 
 if hasattr(os, "register_at_fork"):

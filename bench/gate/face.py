@@ -115,6 +115,7 @@ def face_of(gate: Evaluator, doors: Doors) -> Objective:
     calls: dict[str, Any] = {"__call__": doors.value, "restart": gate.restart}
     calls |= {name: getattr(doors, name) for name in METHODS[:-1]}
     members: dict[str, Any] = {name: staticmethod(call) for name, call in calls.items()}
+    members |= {name: _fixed(getattr(gate, name)) for name in FIXED}
     face: Any = type("Face", (_Face,), members | {"__slots__": (), "__module__": __name__})()
     object.__setattr__(face, "_gate", gate)
     return face  # type: ignore[no-any-return]
@@ -146,6 +147,14 @@ class _Face:
         return [*KNOWN, *METHODS]
 
 
+def _fixed(value: Any) -> Any:
+    """Return what reads a value that stays the same: a list as a tuple, an array anew each time, without writing."""
+    if isinstance(value, np.ndarray):
+        numbers = value.tobytes()
+        return property(lambda _: np.frombuffer(numbers))
+    return tuple(value) if isinstance(value, list) else value
+
+
 def _live(name: str) -> property:
     """Return a value of the gate that nobody can change: a list as a tuple, an array as a copy without writing."""
     if name in NUMBERS:
@@ -160,7 +169,7 @@ def _live(name: str) -> property:
     return property(read)
 
 
-for _name in KNOWN:
+for _name in (*NUMBERS, *COPIES):
     setattr(_Face, _name, _live(_name))
 
 

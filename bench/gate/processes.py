@@ -348,7 +348,12 @@ def flush_output() -> None:
         with suppress(Exception):
             stream.flush()
     with suppress(Exception):
-        ctypes.CDLL(None).fflush(None)
+        _flush_of_c()(None)
+
+
+@cache
+def _flush_of_c() -> Callable[..., object]:
+    return ctypes.CDLL(None).fflush  # to find it takes longer than to call it
 
 
 def _follow(parent_pipe: int) -> None:
@@ -494,6 +499,11 @@ def exit_of(code: int | None) -> str:
 
 def has_children() -> bool:
     """Tell whether processes that were started here are left."""
+    with suppress(AttributeError):  # of a system that does not say at once that there are none
+        try:
+            os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+        except ChildProcessError:
+            return False
     return any(not _is_dead(child) for child in _descendants(os.getpid()))
 
 

@@ -368,6 +368,7 @@ class Replayed:
             self._gate.earlier = known.wall_s - (now - self._began), known.cpu_s - (cpu - self._cpu_began)
             if self._limit is not None:
                 self._gate.deadline = now + self._limit - known.wall_s
+            self._gate.bring_news()
             if self._noise is not None and known.noise is not None:
                 self._noise.bit_generator.state = known.noise
             return known.answer

@@ -2,7 +2,7 @@
 
 The gate looks at the clock before each evaluation, and refuses it when the time is up. A run that does not call is
 ended from outside: it is made in a child process (a `Runner`, which may make run after run), whose gate writes its
-state into memory that it shares with the parent. An evaluation takes about three microseconds more.
+state into memory that it shares with the parent.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ class Watch:
         """Begin the search: the gate looks at the clock, counts can be seen, silence lasts `stall_limit` at most."""
         self.mirror.head[STALL] = stall_limit
         self.enter(Phase.SEARCH)
-        gate.refuse_after(float(self.mirror.head[DEADLINE]), self.mirror.publish)
+        gate.refuse_after(float(self.mirror.head[DEADLINE]), self.mirror.publish, memoryview(self.mirror.head))
 
 
 @final

@@ -131,7 +131,7 @@ def test_a_run_that_is_killed_keeps_its_counts_by_kind():
     gate = Evaluator(problems.make("sensor_zero"), 100)
     mirror = Mirror()
     mirror.show(gate)
-    gate.refuse_after(np.inf, mirror.publish)
+    gate.refuse_after(np.inf, mirror.publish, memoryview(mirror.head))
     gate.batch(np.ones((5, 3)))
     gate.residuals(np.ones(3))
     gate(np.ones(3))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibench.bench.gate.evaluator import Evaluator
-from calibench.optimizers.base import BudgetExhausted, Stop, TargetReached
+from calibench.optimizers.base import BudgetExhausted, Stop, TargetReached, TimeUp
 
 
 class Sphere:
@@ -310,3 +310,41 @@ def test_a_value_that_is_not_finite_hides_no_improvement_of_its_batch():
         gate.batch(np.zeros((len(values), 1)))
     assert gate.batch(np.zeros((len(values), 1))).tolist() == [9.0, math.inf, 5.0, math.inf, 7.0, math.inf, 4.0]
     assert (gate.best_value, gate.best_evaluation, gate.non_finite) == (4.0, 7, 12)
+
+
+def test_a_watcher_sees_each_call_and_whatever_else_has_changed_with_the_next_one():
+    published, count = [], [0.0]
+    gate = Evaluator(Sphere(), budget=1000)
+    gate.refuse_after(math.inf, lambda told, n: published.append((n, told.restarts, told.outside_evaluations)), count)
+    call = gate.single_call()
+    for n in range(1, 201):
+        call(np.full(3, 0.5 + n / 1000))
+        assert max(count[0], published[-1][0]) == n
+    assert len(published) < 100  # a call that changes nothing else writes one number
+    gate.restart()
+    call(np.ones(3))
+    assert published[-1] == (201, 1, None)
+    gate.note_outside(1)
+    call(np.ones(3))
+    assert published[-1] == (202, 1, 1)
+    gate.batch(np.ones((3, 3)))
+    call(np.ones(3))
+    assert published[-1][0] == 206
+
+
+def test_a_watched_run_keeps_its_budget_and_its_time():
+    gate = Evaluator(Scalar(), budget=150)
+    gate.refuse_after(math.inf, lambda _, n: None, [0.0])
+    for _ in range(150):
+        gate(gate.start)
+    with pytest.raises(BudgetExhausted):
+        gate(gate.start)
+    assert (gate.evaluations, gate.charged) == (150, 150)
+    late = Evaluator(Scalar(), budget=1000)
+    late.refuse_after(math.inf, lambda _, n: None, [0.0])
+    for _ in range(70):
+        late(late.start)
+    late.deadline = -math.inf
+    with pytest.raises(TimeUp):
+        late(late.start)
+    assert (late.evaluations, late.stopped) == (70, "timeout")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from calibench import problems
 from calibench.core import sources, user_file
 from calibench.core.registry import UnknownName
 from calibench.discrepancy.registries import machines
@@ -49,3 +50,16 @@ def test_an_unknown_name_beside_its_file_tells_how_the_classes_in_it_are_named(
         machines.options("scara")
     with pytest.raises(UnknownName, match=r"unknown machine 'broken'; choices: "):
         machines.options("broken")
+
+
+def test_a_name_is_looked_for_once_while_what_is_loaded_is_kept(tmp_path: Path) -> None:
+    file = tmp_path / "kept_name.py"
+    source = "import numpy as np\nclass Mine:\n    lower, upper, start = -np.ones(1), np.ones(1), np.zeros(1)\n"
+    file.write_text(f"{source}    def __call__(self, x):\n        return 1.0\n")
+    name = f"{file}:Mine"
+    first = problems.make(name)
+    file.unlink()
+    with user_file.as_loaded():
+        assert type(problems.make(name)) is type(first)
+    with pytest.raises(ValueError, match="there is no file"):
+        problems.make(name)
