@@ -12,10 +12,11 @@ Bootstrap and Edgeworth Expansion, 1992, section 3; Dolan and More, 2002 (profil
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import pairwise
+from hashlib import blake2b
+from itertools import chain
 from typing import Any, ClassVar, Self, final
 
 import numpy as np
@@ -28,15 +29,17 @@ from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, by_
 from calibench.bench.statistics.summary import chances, success_interval
 from calibench.bench.store.arrays import dictionary, index_in
 from calibench.bench.store.columns import PREFIXES, Array, Counts, Flags, floats, numbered
+from calibench.bench.store.hits import NEVER
 from calibench.core.options import suggest
 
 TARGET = ["quantity", "target"]
 _COUNTS = ("charged", "charged_after")
+_UNASKED = NEVER - 1  # a target that is none of the run's
 RESAMPLES = 999
 LEVEL = 0.95
 FEWEST = 3  # units; of fewer nothing can be said
 _SEED = (2008, 0x455254)
-_AT_ONCE = 4096  # targets, of which 999 resamples take some tens of megabytes
+_AT_ONCE = 1_000_000  # numbers, of units or resamples against targets: eight megabytes
 _BOUNDED = 1e6  # times ERT: an upper end beyond this means that the runs are too few for a bound
 _ENOUGH = 5  # instances: from so many on, instances are resampled instead of runs
 _CELL = [*CELL[:-1], "target_value"]  # the run's own target, beside the target that is looked at
@@ -55,9 +58,8 @@ _NEEDED = {
 class Runtimes:
     """The runs of one problem against its targets: `at` and `level` are their places in `all_runs` and `all_targets`.
 
-    `spent`, shape (runs,), is what each run was charged; of shape (runs, targets) `asked` tells which target is one of
-    the run's, `time` and `earliest` at which counts it was surely reached and may have been, infinite where it never
-    was, and `paid` what was spent until it was, or in vain.
+    `spent`, shape (runs,), is what each run was charged; of shape (runs, targets) `charged` and `after` are the counts
+    of `Hits`. What is computed of them has the same shape, and costs memory each time it is asked for.
     """
 
     all_runs: pd.DataFrame
@@ -65,61 +67,140 @@ class Runtimes:
     at: Counts
     level: Counts
     spent: Array
-    asked: Flags
-    time: Array
-    earliest: Array
-    paid: Array
+    charged: NDArray[Any]
+    after: NDArray[Any]
+
+    @property
+    def asked(self) -> Flags:
+        """Tell which target is one of the run's."""
+        return np.asarray(self.charged != _UNASKED)
+
+    @property
+    def time(self) -> Array:
+        """Return the counts at which each target was surely reached, infinite where it never was."""
+        return np.where(self.charged >= 0, self.charged, np.inf)
+
+    @property
+    def earliest(self) -> Array:
+        """Return the counts at which each target may have been reached, infinite where it never was."""
+        return np.where(self.after >= 0, self.after + 1.0, np.inf)
+
+    @property
+    def paid(self) -> Array:
+        """Return what was spent until each target was reached, or in vain."""
+        return np.where(self.charged >= 0, self.charged, np.where(self.asked, self.spent[:, None], 0.0))
+
+    def of(self, rows: Counts | Flags, columns: Counts | Flags | slice = slice(None)) -> Runtimes:
+        """Return these of the runs, and against some of the targets."""
+        charged, after = (counts[rows][:, columns] for counts in (self.charged, self.after))
+        some = {"at": self.at[rows], "level": self.level[columns], "spent": self.spent[rows]}
+        return replace(self, **some, charged=charged, after=after)
+
+
+@final
+@dataclass(frozen=True)
+class _Block:
+    """Runs one after the other that have the same targets: places in `Hits.ids`, shape (runs,), and `Hits.targets`,
+    shape (targets,); whole counts of shape (runs, targets), `NEVER` where a target was not reached."""
+
+    run: Counts
+    level: Counts
+    charged: NDArray[Any]
+    after: NDArray[Any]
 
 
 @final
 @dataclass(frozen=True)
 class Hits:
-    """Hits as numbers: `run` and `level`, shapes (hits,), are places in `ids` and `targets`; `charged` and `after` are
-    the counts at which a target was surely reached, and surely not yet; NaN: never."""
+    """Hits as numbers, each beside the others of its run: the counts at which a target was surely reached, and surely
+    not yet. In a study of 1e5 runs they are ten million, of which a table takes gigabytes."""
 
     COLUMNS: ClassVar = ["run_id", *TARGET, *_COUNTS]
 
     ids: pa.Array
     targets: pd.DataFrame  # columns of `TARGET`
-    run: Counts
-    level: Counts
-    charged: Array
-    after: Array
+    blocks: tuple[_Block, ...]
 
     @classmethod
-    def of(cls, table: pd.DataFrame | pa.Table) -> Self:
-        """Return the hits of a table with columns of `HITS_SCHEMA`."""
-        coded = {}
-        for name in ("run_id", "quantity"):
-            column = (
-                table[name] if isinstance(table, pa.Table) else pa.chunked_array([pa.array(table[name], pa.string())])
-            )
-            coded[name] = dictionary(column)
-        value, values = pd.factorize(floats(table["target"]))
-        levels = max(len(values), 1)
-        names, quantity = coded["quantity"]
-        level, different = pd.factorize(quantity * levels + value)
-        named = names.to_numpy(zero_copy_only=False)[different // levels]
-        targets = pd.DataFrame({"quantity": named, "target": values[different % levels] if len(values) else []})
-        return cls(coded["run_id"][0], targets, coded["run_id"][1], level, *(floats(table[name]) for name in _COUNTS))
+    def of(cls, *tables: pd.DataFrame | pa.Table) -> Self:
+        """Return the hits of tables with columns of `HITS_SCHEMA`."""
+        return cls.joined(tables)
 
-    def where(self, flags: Flags) -> Hits:
-        """Return the hits whose flag is true."""
-        if flags.all():
-            return self
-        return replace(self, **{name: getattr(self, name)[flags] for name in ("run", "level", "charged", "after")})
+    @classmethod
+    def joined(cls, tables: Iterable[pd.DataFrame | pa.Table]) -> Self:
+        """Return the hits of tables, one after the other: only one has to be there at a time."""
+        known: dict[tuple[str, float], int] = {}
+        ids: list[pa.Array] = []
+        blocks: list[_Block] = []
+        for table in tables:
+            coded = {}
+            for name in ("run_id", "quantity"):
+                column = (
+                    table[name]
+                    if isinstance(table, pa.Table)
+                    else pa.chunked_array([pa.array(table[name], pa.string())])
+                )
+                coded[name] = dictionary(column)
+            value, values = pd.factorize(floats(table["target"]))
+            names, quantity = coded["quantity"]
+            level, different = pd.factorize(quantity * max(len(values), 1) + value)
+            named = names.to_pylist()
+            pairs = [
+                (str(named[code // len(values)]), float(values[code % len(values)])) for code in different.tolist()
+            ]
+            place = np.array([known.setdefault(pair, len(known)) for pair in pairs], dtype=np.int64)
+            before = sum(map(len, ids))
+            ids.append(coded["run_id"][0])
+            counts = [_whole(floats(table[name])) for name in _COUNTS]
+            for begin, end, size in _alike(coded["run_id"][1], level):
+                run, charged, after = (values[begin:end].reshape(-1, size) for values in (coded["run_id"][1], *counts))
+                blocks.append(_Block(run[:, 0] + before, place[level[begin : begin + size]], charged, after))
+        return cls(
+            pa.concat_arrays(ids) if ids else pa.array([], pa.string()),
+            pd.DataFrame(list(known), columns=TARGET).astype({"quantity": str, "target": float}),
+            tuple(blocks),
+        )
 
     def of_quantity(self, name: str) -> Hits:
         """Return the hits of the targets of one quantity."""
-        return self.where((self.targets["quantity"] == name).to_numpy()[self.level])
+        chosen = (self.targets["quantity"] == name).to_numpy()
+        some = []
+        for b in self.blocks:
+            k = np.flatnonzero(chosen[b.level])
+            if len(k):  # one beside the other without a copy
+                k = slice(k[0], k[-1] + 1) if k[-1] - k[0] + 1 == len(k) else k
+                some.append(_Block(b.run, b.level[k], b.charged[:, k], b.after[:, k]))
+        return replace(self, blocks=tuple(some))
 
     def of_runs(self, run_ids: pd.Series) -> Hits:
         """Return the hits of some runs."""
-        return self.where(np.isin(self.ids.to_numpy(zero_copy_only=False), run_ids)[self.run])
+        chosen = np.isin(self.ids.to_numpy(zero_copy_only=False), run_ids)
+        parts = [(block, chosen[block.run]) for block in self.blocks]
+        some = [_Block(b.run[k], b.level, b.charged[k], b.after[k]) for b, k in parts if k.any()]
+        return replace(self, blocks=tuple(some))
 
     def different(self) -> pd.DataFrame:
         """Return the targets that some hit is of."""
-        return self.targets.iloc[np.flatnonzero(np.bincount(self.level, minlength=len(self.targets)))]
+        return self.targets.iloc[np.unique(np.concatenate([[], *(block.level for block in self.blocks)]).astype(int))]
+
+
+def _whole(counts: Array) -> NDArray[Any]:
+    """Return counts as whole numbers of few bytes, `NEVER` where there is none."""
+    kind = np.int32 if np.fmax.reduce(counts, initial=0.0) < np.iinfo(np.int32).max else np.int64
+    return np.where(np.isnan(counts), NEVER, counts).astype(kind)
+
+
+def _alike(run: Counts, level: Counts) -> Iterator[tuple[int, int, int]]:
+    """Yield where runs with the same levels in the same order begin and end, and how many levels they have."""
+    begins = np.flatnonzero(np.diff(run, prepend=-1))
+    sizes = np.diff(begins, append=len(run))
+    before = np.repeat(np.concatenate([[0], sizes[:-1]])[: len(sizes)], sizes)  # how many the run before has
+    as_before = level == level[np.maximum(np.arange(len(run)) - before, 0)]
+    same = np.diff(sizes, prepend=0) == 0
+    same &= np.logical_and.reduceat(as_before, begins) if len(begins) else same
+    first = np.flatnonzero(~same)
+    for k, end in zip(first.tolist(), [*begins[first[1:]].tolist(), len(run)], strict=True) if len(first) else ():
+        yield int(begins[k]), end, int(sizes[k])
 
 
 def _in_order(codes: Counts, most: int) -> tuple[Counts, Counts]:
@@ -136,36 +217,38 @@ def runtimes(hits: Hits | pd.DataFrame, runs: pd.DataFrame, instances: Sequence[
     hits = hits if isinstance(hits, Hits) else Hits.of(hits)
     rows = pooled(runs, instances)
     where = index_in(hits.ids, pa.array(rows["run_id"], pa.string())).to_numpy(zero_copy_only=False)
-    place = np.where(np.isnan(where.astype(float)), -1, where).astype(np.int64)[hits.run]
-    hits = hits.where(place >= 0)
-    seen, row = _in_order(place[place >= 0], len(rows))
+    row_of = np.where(np.isnan(where.astype(float)), -1, where).astype(np.int64)
+    found = [(block, row_of[block.run]) for block in hits.blocks]
+    found = [(block, row) for block, row in found if (row >= 0).any()]
+    seen = np.flatnonzero(np.bincount(np.concatenate([[0], *(row + 1 for _, row in found)]).astype(int))[1:])
     rows = rows.iloc[seen].reset_index(drop=True)
-    code, different = pd.factorize(hits.level)  # in the order in which they come
-    targets = hits.targets.iloc[different].reset_index(drop=True)
+    code: dict[int, int] = {}  # of each level, in the order in which they come
+    for block, _ in found:
+        for level in block.level.tolist():
+            code.setdefault(level, len(code))
+    targets = hits.targets.iloc[list(code)].reset_index(drop=True)
 
     spent = rows["charged"].to_numpy(dtype=float)
     problem = numbered(rows[name] for name in PROBLEM)
-    order = np.argsort(problem[row], kind="stable")
-    ends = np.searchsorted(problem[row][order], np.arange(problem.max() + 2 if len(problem) else 1))
-    for low, high in pairwise(ends.tolist()):
-        mine = order[low:high]
-        at, place = _in_order(row[mine], len(rows))
-        level, column = _in_order(code[mine], len(targets))
-        table, early = np.full((2, len(at), len(level)), np.nan)
-        table[place, column], early[place, column] = hits.charged[mine], hits.after[mine] + 1
-        asked = np.zeros(table.shape, dtype=bool)
-        asked[place, column] = True
-        yield Runtimes(
-            all_runs=rows,
-            all_targets=targets,
-            at=at,
-            level=level,
-            spent=spent[at],
-            asked=asked,
-            time=np.where(np.isnan(table), np.inf, table),
-            earliest=np.where(np.isnan(early), np.inf, early),
-            paid=np.where(np.isnan(table), np.where(asked, spent[at][:, None], 0.0), table),
-        )
+    pieces: dict[int, list[tuple[Counts, Counts, _Block, Counts]]] = {}  # of each problem
+    for block, row in found:
+        known = np.flatnonzero(row >= 0)
+        place = np.searchsorted(seen, row[known])
+        columns = np.array([code[level] for level in block.level.tolist()], dtype=np.int64)
+        for number in np.unique(problem[place]).tolist():
+            mine = problem[place] == number
+            pieces.setdefault(number, []).append((place[mine], columns, block, known[mine]))
+    for _, parts in sorted(pieces.items()):
+        at, row = _in_order(np.concatenate([place for place, *_ in parts]), len(rows))
+        level, column = _in_order(np.concatenate([columns for _, columns, *_ in parts]), len(targets))
+        kind = np.result_type(*(block.charged.dtype for *_, block, _ in parts))
+        charged, after = np.full((2, len(at), len(level)), _UNASKED, dtype=kind)
+        r = c = 0
+        for place, columns, block, chosen in parts:
+            here = np.ix_(row[r : r + len(place)], column[c : c + len(columns)])
+            charged[here], after[here] = block.charged[chosen], block.after[chosen]
+            r, c = r + len(place), c + len(columns)
+        yield Runtimes(rows, targets, at, level, spent[at], charged, after)
 
 
 def pooled(runs: pd.DataFrame, options: Sequence[str]) -> pd.DataFrame:
@@ -206,11 +289,12 @@ def ert(
     columns = [str(name) for name in runs.columns]
     swept = [name for name in columns if name.startswith(PREFIXES) and name.partition(".")[2] not in instances]
     needed = runs[[name for name in columns if name in _NEEDED or name in swept]]  # cutting few columns is cheap
-    whole = list(runtimes(hits, needed, instances))
-    if not whole:
+    whole = runtimes(hits, needed, instances)
+    first = next(whole, None)
+    if first is None:
         return pd.DataFrame(columns=[*_CELL, *swept, "dimension", *TARGET, *_NUMBERS])
-    rows, levels = whole[0].all_runs, whole[0].all_targets
-    column = _sums(whole, intervals)
+    rows, levels = first.all_runs, first.all_targets
+    column = _sums(rows, chain([first], whole), intervals)
     reached, counted, spent, chance = (column[name] for name in ("reached", "runs", "spent", "chance"))
     low, high = success_intervals(reached, counted)
     never, one = reached == 0, np.maximum(reached, 1)
@@ -239,54 +323,53 @@ def ert(
     return pd.DataFrame(joined)[[*_CELL, *swept, "dimension", *TARGET, *_NUMBERS]]
 
 
-def _sums(whole: Sequence[Runtimes], intervals: bool) -> dict[str, NDArray[Any]]:
+def _sums(runs: pd.DataFrame, whole: Iterable[Runtimes], intervals: bool) -> dict[str, NDArray[Any]]:
     """Return sums and intervals, problem by problem, in it cell by cell and there target by target."""
-    runs = whole[0].all_runs
     cells = by_cell(runs)
     number, chances_of = cells.number, chances(runs, cells)
     instances, repetition = pd.factorize(runs["instance"], sort=True)[0], runs["repetition"].to_numpy()
-    names = ("run", "level", "size", "runs", "chance", "reached", "spent", "least")
+    names = ("run", "level", "size", "runs", "chance", "reached", "spent", "least", "resampled")
     parts: dict[str, list[Any]] = {name: [] for name in names}
-    units: dict[int, list[tuple[int, Array, Array, str]]] = {}  # by their number: begin, what each paid and won, kind
-    begin_of_cell = 0
+    units: dict[int, list[_Units]] = {}  # by how many there are
+    ends: list[tuple[Counts, Array, Array]] = []
+    begin = 0
     for one in whole:
         cell, instance = pd.factorize(number[one.at])[0], instances[one.at]
         order = np.lexsort([repetition[one.at], instance, cell])  # in a cell the same for every method
-        begins = np.flatnonzero(np.diff(cell[order], prepend=-1))
-        count = np.diff(begins, append=len(order))
-        first, instance = one.at[order[begins]], instance[order]
-        won, paid = np.isfinite(one.time[order]), one.paid[order]
-        early, asked = np.where(won, one.earliest[order], paid), one.asked[order].astype(np.int64)
-        chance = chances_of[number[first]]
-        for begin, size, by_chance in zip(begins.tolist(), count.tolist(), chance.tolist(), strict=True):
-            if by_chance and intervals:
-                mine = slice(begin, begin + size)
-                spent, hit, kind = paid[mine], won[mine].astype(float), "runs"
-                starts = np.flatnonzero(np.diff(instance[mine], prepend=-1))
-                if len(starts) >= _ENOUGH:
-                    spent, hit, kind = np.add.reduceat(spent, starts), np.add.reduceat(hit, starts), "instances"
-                units.setdefault(len(spent), []).append((begin_of_cell, spent, hit, kind))
-            begin_of_cell += len(one.level)
-        for name, values in (("run", first), ("size", count), ("chance", chance)):
-            parts[name].append(np.repeat(values, len(one.level)))
-        parts["level"].append(np.tile(one.level, len(begins)))
-        for name, table in (("spent", paid), ("least", early), ("reached", won.astype(np.int64)), ("runs", asked)):
-            parts[name].append(np.add.reduceat(table, begins, axis=0).ravel())
+        for rows in np.split(order, np.flatnonzero(np.diff(cell[order])) + 1):
+            mine, starts = one.of(rows), np.flatnonzero(np.diff(instance[rows], prepend=-1))
+            won, paid, first = np.isfinite(mine.time), mine.paid, one.at[rows[0]]
+            chance, by_instance = bool(chances_of[number[first]]), len(starts) >= _ENOUGH
+            of_cell = {
+                "run": first, "level": one.level, "size": len(rows), "chance": chance, "spent": paid.sum(axis=0),
+                "least": np.where(won, mine.earliest, paid).sum(axis=0), "reached": won.sum(axis=0),
+                "runs": mine.asked.sum(axis=0), "resampled": "instances" if by_instance else "runs",
+            }  # fmt: skip
+            for name, values in of_cell.items():
+                parts[name].append(np.broadcast_to(values, len(one.level)))
+            if chance and intervals:
+                starts = starts if by_instance else np.arange(len(rows))
+                some = units.setdefault(len(starts), [])
+                some.append((begin, np.add.reduceat(paid, starts), np.add.reduceat(won.astype(float), starts)))
+                if len(some) * len(one.level) * max(len(starts), RESAMPLES) > _AT_ONCE:
+                    ends.append(_ends(units.pop(len(starts))))
+            begin += len(one.level)
     column = {name: np.concatenate(values) for name, values in parts.items()}
-
-    low, high = np.full((2, begin_of_cell), np.nan)
-    resampled = np.full(begin_of_cell, "", dtype=object)
-    for alike in units.values():  # cells of as many units share their draws, and are resampled at once
-        paid, won = (np.concatenate([unit[k] for unit in alike], axis=1) for k in (1, 2))
-        place = np.concatenate([begin + np.arange(spent.shape[1]) for begin, spent, _, _ in alike])
-        resampled[place] = np.repeat([kind for *_, kind in alike], [spent.shape[1] for _, spent, _, _ in alike])
-        for begin in range(0, len(place), _AT_ONCE):
-            some = slice(begin, begin + _AT_ONCE)
-            low[place[some]], high[place[some]] = ert_interval(paid[:, some], won[:, some])
+    low, high = np.full((2, begin), np.nan)
+    for place, *both in [*ends, *map(_ends, units.values())]:
+        low[place], high[place] = both
     low[column["runs"] < column["size"]] = high[column["runs"] < column["size"]] = np.nan
-    column |= {"low": low, "high": high, "resampled": resampled}
     some_asked = column["runs"] > 0
-    return {name: values[some_asked] for name, values in column.items()}
+    return {name: values[some_asked] for name, values in (column | {"low": low, "high": high}).items()}
+
+
+_Units = tuple[int, Array, Array]  # where the targets of a cell begin, what each unit paid and how often it arrived
+
+
+def _ends(alike: Sequence[_Units]) -> tuple[Counts, Array, Array]:
+    """Return the places and the ends of the intervals of cells of as many units, which share their draws."""
+    place = np.concatenate([begin + np.arange(paid.shape[1]) for begin, paid, _ in alike])
+    return place, *ert_interval(*(np.concatenate([unit[k] for unit in alike], axis=1) for k in (1, 2)))
 
 
 def success_intervals(successes: Counts, counts: Counts) -> tuple[Array, Array]:
@@ -332,7 +415,7 @@ def ecdf(
             problems[group] = problems.get(group, 0) + 1
             for number in dict.fromkeys(method_of[one.at].tolist()):
                 mine = np.flatnonzero(method_of[one.at] == number)
-                times = np.sort(one.time[mine[:, None], np.flatnonzero(names == quantity)].ravel())
+                times = np.sort(one.of(mine, names == quantity).time.ravel())
                 key = tuple(np.nan if part != part else part for part in keys_of_methods[number])
                 share = np.searchsorted(times, cost, side="right") / len(times)
                 shares.setdefault(group, {}).setdefault(key, {})[place] = share
@@ -364,10 +447,13 @@ def ert_interval(paid: Array, won: Array) -> tuple[Array, Array]:
     some = np.flatnonzero(won.sum(axis=0) > 0)
     if units < FEWEST or not len(some):
         return low, high
-    columns, where = _different_columns(np.concatenate([paid[:, some], won[:, some]]))
-    p, w = columns[:units], columns[units:].astype(float)
-    ratio, error = _log_ratio(np.ones((1, units)), p, w)
-    ratios, errors = _log_ratio(weights(units), p, w)
+    columns, where = _different_columns(paid, won, some)
+    p, w = paid[:, columns], won[:, columns].astype(float)
+    products = p, w, p**2, p * w, w**2
+    ratio, error = _log_ratio(np.ones((1, units)), products)
+    ratios, errors = np.empty((2, RESAMPLES, len(columns)))
+    for drawn in blocks(units):
+        ratios[drawn], errors[drawn] = _log_ratio(weights(units)[drawn].astype(float), products)
     with np.errstate(divide="ignore", invalid="ignore"):
         t = (ratios - ratio) / np.where(errors > 0, errors, error)  # one of equal units has the spread of all
     t = np.where(np.isposinf(ratios), np.inf, np.where(np.isnan(t), 0.0, t))  # one without a hit
@@ -383,32 +469,47 @@ def ert_interval(paid: Array, won: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def _different_columns(table: Array) -> tuple[Array, Counts]:
-    """Return the different columns in order, and the place of each column among them."""
+def _different_columns(paid: Array, won: Array, some: Counts) -> tuple[Counts, Counts]:
+    """Return those of `some` columns that differ in what was paid or won, and the place of each among them."""
     seen: dict[bytes, int] = {}
-    place = [seen.setdefault(column.tobytes(), len(seen)) for column in table.T]
-    columns = np.array([np.frombuffer(column) for column in seen]).T
-    ordered, where = np.unique(columns, axis=1, return_inverse=True)  # of all columns it would sort long rows
-    return ordered, where.ravel()[place]
+    columns, where = [], []
+    for column in some.tolist():
+        key = blake2b(paid[:, column].tobytes() + won[:, column].tobytes()).digest()
+        if seen.setdefault(key, len(seen)) == len(columns):
+            columns.append(column)
+        where.append(seen[key])
+    return np.array(columns), np.array(where)
 
 
-def _log_ratio(weight: Array, paid: Array, won: Array) -> tuple[Array, Array]:
-    """Return log ERT and its standard error in each resample, shapes (resamples, targets); infinite without a hit."""
-    n = paid.shape[0]
-    a, k = weight @ paid, weight @ won
+def _log_ratio(weight: Array, products: Sequence[Array]) -> tuple[Array, Array]:
+    """Return log ERT and its standard error in each resample, shapes (resamples, targets); infinite without a hit.
+
+    `products` are what was paid and won, and their products: paid**2, paid * won, won**2.
+    """
+    n = weight.shape[1]
+    a, k, a_a, a_k, k_k = (weight @ values for values in products)
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = weight @ paid**2 / a**2 - 2 * (weight @ (paid * won)) / (a * k) + weight @ won**2 / k**2
+        variance = a_a / a**2 - 2 * a_k / (a * k) + k_k / k**2
         ratio = np.where(k > 0, np.log(a / k), np.inf)
     spread = np.where(variance > 1e-14, variance, 0.0)  # what is left of equal units by rounding is none
     return ratio, np.sqrt(spread * n / (n - 1))
 
 
 @cache
-def weights(units: int) -> Array:
-    """Return how often each unit is drawn in each resample, shape (RESAMPLES, units)."""
+def weights(units: int) -> NDArray[np.uint8]:
+    """Return how often each unit is drawn in each resample, shape (RESAMPLES, units): some times at most."""
     rng = np.random.default_rng(np.random.SeedSequence([*_SEED, units]))
-    drawn: Array = rng.multinomial(units, np.full(units, 1 / units), size=RESAMPLES).astype(float)
+    drawn = np.empty((RESAMPLES, units), dtype=np.uint8)
+    for some in blocks(units):
+        drawn[some] = rng.multinomial(units, np.full(units, 1 / units), size=len(drawn[some]))
     return drawn
+
+
+def blocks(units: int) -> Iterator[slice]:
+    """Yield the resamples in blocks: as numbers, those of 25 000 units would take 200 MB at once."""
+    size = max(8, _AT_ONCE // units // 8 * 8)  # in eights, so that none is summed in another order
+    for begin in range(0, RESAMPLES, size):
+        yield slice(begin, min(begin + size, RESAMPLES))
 
 
 def performance_profile(table: pd.DataFrame) -> pd.DataFrame:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from calibench import optimizers, problems
-from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, by_cell
 from calibench.bench.statistics.summary import (
     MOST_OPTIONS,
     method_name,
@@ -117,14 +117,16 @@ def settings_that_vary(mine: pd.DataFrame) -> list[str]:
 
 def method_labels(table: pd.DataFrame) -> pd.Series:
     """Return what each row's method is called, with start, budget and target where it has several on one problem."""
-    labels = method_names(table)
-    few = table[[name for name in CELL if name in table]]  # few columns are cheap to cut
-    for _, mine in few.groupby(METHOD, sort=False):
-        columns = settings_that_vary(mine)
-        for key, same in mine.groupby(columns, dropna=False) if columns else ():
-            texts = [setting_text(column, value) for column, value in zip(columns, key, strict=True)]
+    columns = [name for name in CELL if name in table]
+    cells = by_cell(table, columns)
+    first = table[columns].iloc[cells.first].reset_index(drop=True)  # all that names hang on
+    labels = method_names(first)
+    for _, mine in first.groupby(METHOD, sort=False):
+        vary = settings_that_vary(mine)
+        for key, same in mine.groupby(vary, dropna=False) if vary else ():
+            texts = [setting_text(column, value) for column, value in zip(vary, key, strict=True)]
             labels.loc[same.index] = [", ".join([name, *texts]) for name in labels.loc[same.index]]
-    return labels
+    return labels.take(cells.number).set_axis(table.index)
 
 
 def setting_text(column: str, value: Any) -> str:

@@ -16,6 +16,7 @@ from typing import Any, Literal, final
 
 import numpy as np
 import pandas as pd
+from scipy.special import ndtr
 
 from calibench import optimizers, problems
 from calibench.bench.provenance.run_id import canonical, chosen_options
@@ -30,6 +31,7 @@ Test = Literal["signed-rank", "Mann-Whitney", "sign", "equal", "fact", "none"]
 LEVEL = 0.05
 _MOST_PAIRS = 60  # whose exchanges are all counted
 _MOST_RUNS = 80  # of both sides, whose exchanges are all counted
+_FEW = 8  # runs of a side, so few that the sum of their ranks is not yet normal
 
 
 @final
@@ -263,12 +265,12 @@ def signed_rank_tails(difference: Array) -> tuple[float, float]:
     apart = difference[difference != 0]
     if not apart.size:
         return 1.0, 1.0
-    if len(apart) > _MOST_PAIRS:
-        from scipy.stats import wilcoxon
-
-        above, below = (wilcoxon(apart, method="approx", alternative=way).pvalue for way in ("greater", "less"))
-        return float(above), float(below)
-    twice = np.rint(2 * mean_ranks(np.abs(apart))).astype(int)
+    ranks = mean_ranks(np.abs(apart))
+    if (n := len(apart)) > _MOST_PAIRS:
+        error = np.sqrt((float(n * (n + 1) * (2 * n + 1)) - _ties(ranks) / 2) / 24)
+        z = (ranks[apart > 0].sum() - n * (n + 1) / 4) / error
+        return float(ndtr(-z)), float(ndtr(z))
+    twice = np.rint(2 * ranks).astype(int)
     seen, whole = int(twice[apart > 0].sum()), int(twice.sum())
     ways = np.ones(1)
     for rank in twice.tolist():
@@ -281,22 +283,33 @@ def rank_sum_tails(first: Array, second: Array) -> tuple[float, float]:
 
     Exact, ties and all: the number of ways to choose k of the ranks with sum s, rank by rank.
     """
-    n = len(first)
-    both = np.concatenate([first, second])
-    if len(np.unique(both)) == 1:
+    n, m = len(first), len(second)
+    ranks = mean_ranks(np.concatenate([first, second]))
+    if len(np.unique(ranks)) == 1:
         return 1.0, 1.0
-    if len(both) > _MOST_RUNS:
-        from scipy.stats import mannwhitneyu
+    if n + m > _MOST_RUNS and min(n, m) <= _FEW:
+        from scipy.stats import mannwhitneyu  # exact where no two are equal; it takes half a second to load
 
         below, above = (mannwhitneyu(first, second, alternative=way).pvalue for way in ("less", "greater"))
         return float(below), float(above)
-    twice = np.rint(2 * mean_ranks(both)).astype(int)
+    if n + m > _MOST_RUNS:
+        ahead = ranks[:n].sum() - n * (n + 1) / 2
+        error = np.sqrt(n * m / 12 * ((n + m + 1) - _ties(ranks) / ((n + m) * (n + m - 1))))
+        below, above = (ndtr(-(more - n * m / 2 - 0.5) / error) for more in (n * m - ahead, ahead))
+        return float(below), float(above)
+    twice = np.rint(2 * ranks).astype(int)
     ways = np.zeros((n + 1, int(np.sort(twice)[-n:].sum()) + 1))
     ways[0, 0] = 1.0
     for rank in twice.tolist():
         ways[1:, rank:] += ways[:-1, : ways.shape[1] - rank].copy()
     share, seen = ways[n] / ways[n].sum(), int(twice[:n].sum())
     return min(1.0, float(share[: seen + 1].sum())), min(1.0, float(share[seen:].sum()))  # 1: by rounding
+
+
+def _ties(ranks: Array) -> float:
+    """Return the sum of t**3 - t over groups of t equal ranks, by which ties narrow the distribution of a sum."""
+    t = np.unique(ranks, return_counts=True)[1].astype(float)
+    return float((t**3 - t).sum())
 
 
 def beside_fixed(fixed: Array, drawn: Array) -> Array:

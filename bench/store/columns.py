@@ -103,7 +103,8 @@ def name_rows(table: pd.DataFrame, columns: Sequence[str], names_of: Callable[[l
     number = numbered(table[name] for name in columns)
     different = table[[*columns]].iloc[np.unique(number, return_index=True)[1]]
     names = np.array([*names_of([*zip(*(plain(different[name]) for name in columns), strict=True)])], dtype=object)
-    return pd.Series(names[number] if len(number) else [], index=table.index, dtype=str)
+    text: Any = pd.StringDtype("python", na_value=np.nan)  # held by reference: cheap to cut and to list
+    return pd.Series(names[number] if len(number) else [], index=table.index, dtype=text)
 
 
 _KINDS = (("prob.", "problem", "problem_options"), ("opt.", "optimizer", "optimizer_options"))

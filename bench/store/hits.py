@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from calibench.bench.execution.answer import PREFIX, offered
 from calibench.bench.store.arrays import Array, Counts, Flags, Lists, index_in, lists_of, mask_of, numbers
-from calibench.bench.store.columns import floats, numbered
+from calibench.bench.store.columns import columns_of, floats, known, numbered, plain, true
 from calibench.bench.store.schema import HITS_SCHEMA, RUNS_SCHEMA, to_pandas
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ NEEDED = (
     "judged_evaluations", "inside_box",
 )  # fmt: skip  # columns of runs besides those that quantities name
 _LISTS = ("targets", "hits", "hits_charged")
-_CHUNK = 2_500  # runs at a time
+_CHUNK = 1_000  # runs at a time, of which there may be a hundred times as many rows
 _COUNTS = ("evaluations", "charged", "evaluations_after", "charged_after")  # of crossings, along their first axis
 
 
@@ -107,12 +107,12 @@ def declared_levels(runs: pd.DataFrame) -> pd.DataFrame:
     import pandas as pd
 
     number, targets = numbered(runs[name] for name in PROBLEM), lists_of(runs["targets"])
-    level = np.concatenate([targets.flat, floats(runs["target"])])
-    pairs = np.column_stack([np.concatenate([number[targets.row], number]), level])[~np.isnan(level)]
+    place, different = pd.factorize(np.concatenate([targets.flat, floats(runs["target"])]))  # NaN is -1
+    problem = np.concatenate([number[targets.row], number])
     keys = [*runs[PROBLEM].iloc[np.unique(number, return_index=True)[1]].itertuples(index=False, name=None)]
     known: dict[tuple[Any, ...], set[float]] = {key: set() for key in keys}
-    for problem, value in np.unique(pairs, axis=0).tolist():
-        known[keys[int(problem)]].add(value)
+    for pair in pd.unique(problem[place >= 0] * len(different) + place[place >= 0]).tolist():
+        known[keys[pair // len(different)]].add(float(different[pair % len(different)]))
     rows = [(*key, "value", level, level) for key, levels in known.items() for level in sorted(levels, reverse=True)]
     return pd.DataFrame(rows, columns=[*PROBLEM, "quantity", "target", "level"])
 
@@ -130,7 +130,7 @@ def hit_tables(rows: pa.Table, traces: Iterable[pa.Table], levels: pd.DataFrame)
         inside = named["inside"].to_numpy(dtype=bool) if "inside" in named else np.zeros(len(named), dtype=bool)
         new = (names[1:] != names[:-1]) | (np.diff(problem[order]) != 0)
         begins = np.flatnonzero(np.concatenate([[True], new]))
-        keys = named[PROBLEM].iloc[begins].itertuples(index=False, name=None)
+        keys = zip(*(plain(named[name].iloc[begins]) for name in PROBLEM), strict=True)
         for key, low, high in zip(keys, begins.tolist(), [*begins[1:].tolist(), len(named)], strict=True):
             one = _Quantity(str(names[low]), target[low:high], level[low:high], bool(inside[low]))
             by_problem.setdefault(key, []).append(one)
@@ -140,12 +140,12 @@ def hit_tables(rows: pa.Table, traces: Iterable[pa.Table], levels: pd.DataFrame)
     begin = 0
     for batch in traces:
         place = index_in(batch["run_id"], ids)
-        known = batch.append_column("_row", place).filter(place.is_valid())
-        if not len(known):
+        here = batch.append_column("_row", place).filter(place.is_valid())
+        if not len(here):
             continue
-        held.append(known)
-        end = int(known["_row"][-1].as_py())  # of this run there may be more to come
-        if end - begin >= _CHUNK // 4:
+        held.append(here)
+        end = int(here["_row"][-1].as_py())  # of this run there may be more to come
+        if end - begin >= _CHUNK:
             whole = pa.concat_tables(held)
             done = numbers(whole["_row"]) < end
             for chunk, points in _cut(rows, whole.filter(mask_of(done)), begin, end):
@@ -172,24 +172,24 @@ _Runs = Mapping[str, NDArray[Any]]  # columns of some runs as arrays: those of a
 
 def _hits(chunk: pa.Table, points: Points, by_problem: Mapping[Any, Sequence[_Quantity]]) -> pa.Table:
     """Return the rows of all problems as one table, in the order of the runs."""
-    frame = to_pandas(chunk.drop_columns(list(_LISTS)))
-    frame = offered(frame) if "merit" in frame else frame
     quantities = {one.name for levels in by_problem.values() for one in levels}
-    floats = {name for name in ("best_value", "judged_value", "wall_s", *quantities) if name in frame}
+    figures = offered(to_pandas(chunk.select(["merit"]))) if "merit" in chunk.column_names else {}
+    columns = {**columns_of(chunk), **{name: figures[name] for name in figures if name in quantities}}
+    measured = {name for name in ("best_value", "judged_value", "wall_s", *quantities) if name in columns}
     runs: _Runs = {
-        **{name: frame[name].to_numpy(dtype=float, na_value=np.nan) for name in floats},
-        **{name: frame[name].to_numpy(dtype=np.int64) for name in ("best_evaluation", "evaluations")},
-        "noisy": frame["judged_evaluations"].notna().to_numpy(),
-        "ours": frame["code_digest"].notna().to_numpy(),
-        "outside": ~frame["inside_box"].fillna(False).to_numpy(dtype=bool),
-        "lost": (frame["status"] == "failed").to_numpy(dtype=bool),
-        "derivatives": frame["jacobian_evaluations"].fillna(0).to_numpy() != 0,  # imported rows do not say
+        **{name: floats(columns[name]) for name in measured},
+        **{name: numbers(columns[name]) for name in ("best_evaluation", "evaluations")},
+        "noisy": known(columns["judged_evaluations"]),
+        "ours": known(columns["code_digest"]),
+        "outside": ~true(columns["inside_box"]),
+        "lost": np.array([status == "failed" for status in plain(columns["status"])], dtype=bool),
+        "derivatives": numbers(columns["jacobian_evaluations"]) != 0,  # imported rows do not say
     }
     lists = [lists_of(chunk[name]) for name in _LISTS]
-    problem = frame.groupby(PROBLEM, sort=False, dropna=False).ngroup().to_numpy()
+    problem = numbered(columns[name] for name in PROBLEM)
     order = np.argsort(problem, kind="stable")
     begins = np.flatnonzero(np.diff(problem[order], prepend=-1))
-    keys = frame[PROBLEM].iloc[order[begins]].itertuples(index=False, name=None)
+    keys = zip(*(plain(columns[name].take(pa.array(order[begins]))) for name in PROBLEM), strict=True)
     first = np.cumsum(points.counts) - points.counts
     parts = []  # of each problem and quantity: the runs, targets, places of the names, and crossings
     names: dict[str, int] = {}
@@ -211,17 +211,18 @@ def _hits(chunk: pa.Table, points: Points, by_problem: Mapping[Any, Sequence[_Qu
     if not parts:
         return HITS_SCHEMA.empty_table()
     run, target, quantity, counts = (np.concatenate(values, axis=-1) for values in zip(*parts, strict=True))
-    order = np.argsort(run, kind="stable")
-    run, target, quantity, counts = run[order], target[order], quantity[order], counts[:, order]
+    if len(parts) > 1:
+        order = np.argsort(run, kind="stable")
+        run, target, quantity, counts = run[order], target[order], quantity[order], counts[:, order]
     never = counts[0] == NEVER
     at_the_end = ~never & (counts[0] - counts[2] == 1) & (counts[0] == runs["evaluations"][run])
-    columns = {
-        "run_id": pa.array(frame["run_id"].to_numpy(dtype=object), pa.string()).take(pa.array(run)),
+    filled = {
+        "run_id": chunk["run_id"].combine_chunks().take(pa.array(run)),
         "quantity": pa.array(list(names), pa.string()).take(pa.array(quantity)),
         "target": pa.array(target),
         "seconds": pa.array(runs["wall_s"][run], mask=~at_the_end),
     } | {name: pa.array(values, mask=never) for name, values in zip(_COUNTS, counts, strict=True)}
-    return pa.table([columns[name] for name in HITS_SCHEMA.names], schema=HITS_SCHEMA)
+    return pa.table([filled[name] for name in HITS_SCHEMA.names], schema=HITS_SCHEMA)
 
 
 def _crossed(runs: _Runs, points: Points, levels: Sequence[_Quantity], lists: Sequence[Lists], at: Counts) -> Counts:
@@ -247,8 +248,8 @@ def _crossed(runs: _Runs, points: Points, levels: Sequence[_Quantity], lists: Se
             easier, harder = listed >= one.level[:, None], listed <= one.level[:, None]  # (levels, declared)
             next_harder = np.argmax(harder, axis=1), harder.any(axis=1)  # which, and whether there is one
             next_easier = len(listed) - 1 - np.argmax(easier[:, ::-1], axis=1), easier.any(axis=1)
-            for time, after, known in zip(some[:2], some[2:], hits, strict=True):
-                of_harder, of_easier = (np.where(yes, known[:, k], NEVER) for k, yes in (next_harder, next_easier))
+            for time, after, hit in zip(some[:2], some[2:], hits, strict=True):
+                of_harder, of_easier = (np.where(yes, hit[:, k], NEVER) for k, yes in (next_harder, next_easier))
                 sooner = (of_harder != NEVER) & ((time == NEVER) | (of_harder < time))
                 time[sooner] = of_harder[sooner]
                 after[sooner] = np.minimum(np.where(after[sooner] == NEVER, 0, after[sooner]), of_harder[sooner] - 1)

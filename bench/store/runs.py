@@ -113,7 +113,7 @@ def _wait(lock: BaseFileLock, folder: Path, soon: float, at_most: float) -> Base
 
 _BEGUN = {FOLDER, LOCK, SOFT_LOCK, HOLDER}  # what may stand in a folder before its manifest
 _UNDER_LOCK = ("manifest.json", RUNS, TRACES, PIECE)  # files that only who holds the lock writes
-_POINTS = 1 << 18  # points of traces that are read at a time
+_POINTS = 1 << 15  # points of traces that are read at a time
 _AT_ONCE = 10_000  # runs that are merged at a time
 _OF_THE_PLACE = ("study", "wall_s", "cpu_s")
 _COMPARED = [column.name for column in COLUMNS if column.group != "origin" and column.name not in _OF_THE_PLACE]

@@ -139,7 +139,7 @@ class Tables:
         if file is None:
             return empty_table(schema if columns is None else pa.schema([schema.field(column) for column in columns]))
         try:
-            return in_schema(file.read(columns=list(columns or schema.names)), schema, columns)
+            return in_schema(file.read(list(columns or schema.names), use_threads=False), schema, columns)
         except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
             raise self._unreadable(self.folder / name, error) from None
 

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from itertools import pairwise
 from typing import Any, final
 
 import numpy as np
@@ -27,7 +28,7 @@ from calibench.bench.statistics.names import method_labels
 from calibench.bench.statistics.optimum import Optimum
 from calibench.bench.statistics.ranking import methods_in_order
 from calibench.bench.statistics.summary import QUARTILES, method_names, option_text, quantiles
-from calibench.bench.store.arrays import index_in
+from calibench.bench.store.arrays import index_in, numbers as numbers_of
 from calibench.bench.store.columns import parts
 
 Array = NDArray[np.float64]
@@ -87,16 +88,14 @@ def explored(
     at = _grid(float(runs["charged"].max()), _CURVES // (3 * count), 90)
     costs = _grid(float(runs["charged"].max()), _SHARES // (2 * count), 120)
     curves: list[Any] = [None] * count
-    panel = traces["run_id"].map(dict(zip(runs["run_id"], runs["panel"], strict=True)))
-    traces_of: dict[Any, pd.DataFrame] = dict(iter(traces.groupby(panel.to_numpy(), sort=False)))
     by_panel = by_number(panel_of)
     cells_of: list[list[int]] = []
     short = runs[["run_id", "cell"]]
-    for i in range(len(panels)):
+    for i, traced in enumerate(traces_of(traces, [panel.runs for panel in panels])):
         mine = short.iloc[by_panel.rows(i)].reset_index(drop=True)
         counts: dict[Any, int] = mine["cell"].value_counts().to_dict()
         cells_of.append(list(counts))
-        for cell, quartiles in bands(mine, traces_of.get(i, traces.iloc[:0]), at).items():
+        for cell, quartiles in bands(mine, traced, at).items():
             band = panels[i].optimum.above(np.where(np.isinf(quartiles), np.nan, quartiles))
             curves[cell] = [_row(band[k]) for k in ((1, 0, 2) if counts[cell] > 1 else (1,))]  # median, quartiles
     goals = dict(zip(numbers["cell"].tolist(), numbers["goal"].tolist(), strict=True))
@@ -247,9 +246,8 @@ def reached_targets(runs: pd.DataFrame, hits: Hits, goals: Mapping[int, float], 
         cell_of, names = one.all_runs["cell"].to_numpy()[one.at], one.all_targets["quantity"].to_numpy()[one.level]
         for quantity in dict.fromkeys(names.tolist()):
             whole = shares.setdefault(str(quantity), np.full((cells, len(costs)), np.nan))
-            times = one.time[:, names == quantity]
             for cell in dict.fromkeys(cell_of.tolist()):
-                mine = np.sort(times[cell_of == cell].ravel())
+                mine = np.sort(one.of(cell_of == cell, names == quantity).time.ravel())
                 whole[cell] = np.searchsorted(mine, costs, side="right") / len(mine)
     tables = []
     value = table[table["quantity"] == "value"]
@@ -306,6 +304,17 @@ def bands(runs: pd.DataFrame, traces: pd.DataFrame, at: Array) -> Mapping[int, A
             band[:, whole] = quantiles(stack[:, whole], QUARTILES)
         bands[int(cell)] = band
     return bands
+
+
+def traces_of(traces: pd.DataFrame, panels: Sequence[pd.DataFrame]) -> list[pd.DataFrame]:
+    """Return the traces of the runs of each of `panels`."""
+    ids = pa.chunked_array([pa.array(runs["run_id"], pa.string()) for runs in panels], pa.string())
+    row = index_in(pa.array(traces["run_id"], pa.string()), ids.combine_chunks())
+    panel_of = np.repeat(np.arange(len(panels) + 1), [*map(len, panels), 1])  # the last: of no panel
+    panel = panel_of[numbers_of(row, len(ids))]
+    order = np.argsort(panel, kind="stable")
+    ends = np.searchsorted(panel[order], np.arange(len(panels) + 1))
+    return [traces.iloc[order[low:high]] for low, high in pairwise(ends.tolist())]
 
 
 def groups_of(runs: pd.DataFrame) -> pd.Series:

@@ -7,6 +7,7 @@ Demsar, J. Machine Learning Research 7 (2006), figure 1.
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import islice
 from typing import Any, Literal
 
 import numpy as np
@@ -20,9 +21,9 @@ from numpy.typing import NDArray
 
 from calibench.bench.report.shared.drawing import COLOURS, STYLE, Drawing, entitle, figure_of, look_of, put_legend
 from calibench.bench.report.study.additions import Additions, Mark
-from calibench.bench.report.study.explored import bands
+from calibench.bench.report.study.explored import bands, traces_of
 from calibench.bench.statistics import ranking, summary as stats, tables
-from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, TASK
+from calibench.bench.statistics.cells import CELL, METHOD, PROBLEM, SETTING, TASK, by_cell
 from calibench.bench.statistics.fixed_target import Hits, ecdf, ert, performance_profile
 from calibench.bench.statistics.names import in_order, method_labels, problem_titles, settings_that_vary
 from calibench.bench.statistics.optimum import Optimum, optimum_of
@@ -44,6 +45,11 @@ _NAMED = 12  # methods that get a colour; the others are a grey background
 _QUANTITY = "gap"
 _DIAGRAM_LETTER = 0.07  # inches of a letter of a name
 _ECDF = ("run_id", *CELL, "charged", LOOK)  # columns that a drawing of shares needs: few are cheap to cut
+UNUSED = [
+    "best_x", "at_bound", "parameter_names", "parameter_values", "parameter_units", "parameter_starts",
+    "parameter_truths", "hits", "error", "error_type", "traceback", "versions", "platform", "git_commit", "git_dirty",
+    "code_digest", "library", "library_version", "seed",
+]  # fmt: skip  # columns of which no problem says anything: thousands of slices, and digests, of them are dear
 _LEAST_P = 1e-300  # p below it is rounding
 _TICK = 0.25  # inches between two numbers of the scale, at least
 FIELD_STYLE: Any = {"axes.grid": False}
@@ -65,15 +71,10 @@ def drawable(
     ranked: Ranked | None = None,
 ) -> Iterator[tuple[str, Drawable]]:  # fmt: skip
     """Yield (name, how it is drawn) of every figure that these results can fill, of the first `problems` at most."""
-    panels = panels_of(runs)
-    of_run = {run_id: i for i, mine in enumerate(panels.values()) for run_id in mine["run_id"]}
-    by_panel = traces.groupby(traces["run_id"].map(of_run).to_numpy(), sort=False)
-    traces_of: dict[Any, pd.DataFrame] = dict(iter(by_panel))
-    for i, (title, group) in enumerate(panels.items()):
-        if problems is not None and i >= problems:
-            break
+    panels = dict(islice(panels_of(runs.drop(columns=UNUSED, errors="ignore")).items(), problems))
+    for (title, group), mine in zip(panels.items(), traces_of(traces, [*panels.values()]), strict=True):
         label = file_name(title)
-        yield f"convergence_{label}", partial(convergence, group, traces_of.get(i, traces.iloc[:0]), title=title)
+        yield f"convergence_{label}", partial(convergence, group, mine, title=title)
         if lists_of(group["targets"]).count.all():
             marks = [mark for addition in additions for mark in addition.marks(group)]
             yield f"target_{label}", partial(target_chart, group, title=title, marks=marks)
@@ -140,7 +141,7 @@ def convergence_bands(runs: pd.DataFrame, traces: pd.DataFrame) -> pd.DataFrame:
     at = np.unique(np.round(np.geomspace(1, max(10.0, float(runs["charged"].max())), 240)))
     methods = list(dict.fromkeys(runs["method"]))
     quartiles = bands(runs.assign(cell=runs["method"].map(methods.index)).reset_index(drop=True), traces, at)
-    begun = set(traces["run_id"])
+    begun = set(traces["run_id"].unique())
     drawn = [pd.DataFrame(columns=["method", "charged", "q1", "median", "q3", "runs"])]
     for i, method in enumerate(methods):
         ids = runs.loc[runs["method"] == method, "run_id"]
@@ -381,7 +382,7 @@ def file_name(title: str) -> str:
 def ecdf_figures(runs: pd.DataFrame, hits: Hits, groups: pd.Series) -> Iterator[tuple[str, str, Drawable]]:
     """Yield (name, caption, how it is drawn) of the whole study and of each of several `groups`, by index of `runs`."""
     targets = hits.of_quantity(_QUANTITY)
-    if not len(targets.run):
+    if not targets.blocks:
         return
     runs = runs[[name for name in _ECDF if name in runs]]
     total = len(runs[PROBLEM].drop_duplicates())
@@ -418,7 +419,8 @@ def ecdf_of(runs: pd.DataFrame, hits: Hits | pd.DataFrame) -> pd.DataFrame:
             if column not in vary:
                 runs.loc[mine.index, column] = mine[column].iloc[0]
     numbers = ecdf(hits, runs)
-    called = runs[[*METHOD, *SETTING]].assign(method=method_labels(runs)).drop_duplicates()
+    called = runs.iloc[by_cell(runs).first]
+    called = called[[*METHOD, *SETTING]].assign(method=method_labels(called)).drop_duplicates()
     called = called.rename(columns={"target": "target_value"})
     numbers = numbers.merge(called, on=[*METHOD, "start", "budget", "target_value"], how="left")
     return numbers.assign(share=np.asarray(numbers["share"], dtype=float))

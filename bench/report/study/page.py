@@ -40,11 +40,6 @@ _TABLED = 1500  # cells up to which tables are inside as text; of more the scrip
 _ROOM = 1_300_000  # characters that drawings may take in all; the others are linked
 _LARGEST = 2_900_000  # characters of a page, where leaving drawings out can make it so
 _BROAD = 620.0  # points from which on a drawing scrolls on a small screen rather than shrink
-_UNUSED = [
-    "best_x", "at_bound", "parameter_names", "parameter_values", "parameter_units", "parameter_starts",
-    "parameter_truths", "hits", "hits_charged", "error", "error_type", "traceback", "versions", "platform",
-    "git_commit", "git_dirty", "code_digest", "library", "library_version", "seed",
-]  # fmt: skip  # columns of which the section of a problem says nothing, and of which thousands of slices are dear
 
 
 @final
@@ -73,7 +68,7 @@ class StudyPage:
         costs: Sequence[Mapping[str, Any]] = list(self.manifest.get("costs", []))
         by_problem = {key_of_costs(record): record for record in costs}
         names = stats.method_names(runs)
-        groups = problems_of(runs.drop(columns=_UNUSED, errors="ignore"))
+        groups = problems_of(runs.drop(columns=figures.UNUSED, errors="ignore"))
         cells = stats.summary(runs, costs) if self.summary.empty else self.summary
         panels: list[Panel] = []
         sections = []

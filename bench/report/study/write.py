@@ -14,6 +14,7 @@ from typing import final
 
 import pandas as pd
 
+from calibench.bench.execution.answer import offered
 from calibench.bench.report.shared.drawing import Drawings
 from calibench.bench.report.shared.kept import Kept, State, code, files_named, state_of, state_of_file
 from calibench.bench.report.study import figures
@@ -29,6 +30,7 @@ from calibench.bench.statistics.targets import levels_of, with_lowest_seen
 from calibench.bench.store.atomic_file import write_whole
 from calibench.bench.store.manifest import StoreError
 from calibench.bench.store.runs import ResultStore
+from calibench.bench.store.schema import RUNS_SCHEMA
 from calibench.bench.store.tables import parquet_file
 from calibench.bench.sweep.studies import study_preset
 from calibench.core.words import print_plain as print, printable
@@ -41,6 +43,10 @@ _DRAWN = 12  # problems with drawings as files: the page draws every problem, an
 _FEW = 2  # of a study of more than `_MANY` problems, of which a dozen drawings show no more than these
 _MANY = 100
 _GROUPS = 12  # drawings of groups
+_UNREAD = {
+    "best_x", "at_bound", "hits", "traceback", "seed", "library", "library_version", "schema_version", "non_finite",
+    "non_finite_slopes", "tampering", "process_changes",
+}  # fmt: skip  # columns of which a report says nothing
 
 
 @final
@@ -57,7 +63,8 @@ class FinishedRuns:
 
 def finished_runs(store: ResultStore) -> FinishedRuns:
     """Return what a report is made of. Raises `StoreError` without runs."""
-    files, runs, traces = state_of(store.folder), store.runs(), store.traces()
+    columns = [name for name in RUNS_SCHEMA.names if name not in _UNREAD]
+    files, runs, traces = state_of(store.folder), offered(store.runs(columns)), store.traces()
     if runs.empty:
         raise StoreError(f"{store.folder}: holds no finished run yet")
     named = files_named([*runs["problem_options"].unique(), *runs["optimizer_options"].unique()])
@@ -79,7 +86,8 @@ def write_report(
     manifest, kept = store.manifest(), Kept.read(store.folder)
     tell(1, _STEPS, "when each run reached each target")
     written = [store.write_hits(levels_of(runs))]
-    hits = Hits.of(parquet_file(written[0], as_codes=("run_id", "quantity")).read(Hits.COLUMNS))
+    file = parquet_file(written[0], as_codes=("run_id", "quantity"))
+    hits = Hits.joined(file.read_row_group(i, Hits.COLUMNS) for i in range(file.num_row_groups))
     tell(2, _STEPS, "the tables")
     drawn = with_looks(runs, summary)
     together = list(ecdf_figures(drawn, hits, groups_of(runs)))[:_GROUPS]
