@@ -44,37 +44,25 @@ def load_kernels(specs: Iterable[Spec], fork: bool = True, compiling: Callable[[
             beside.setdefault(_word(problem), []).append(_word(method))
         needed = {word: _needed(part) for word, part in parts.items()}
         _LOADED.update((needed[problem], needed[method]) for problem, methods in beside.items() for method in methods)
-        if fork:
-            # each module's parts in a process of their own; this one then loads what they have kept
-            new = {word: parts[word] for word in unseen(parts) if is_own(*parts[word][:2])}
-            by_module: dict[str, list[Part]] = {}
-            for registry, name, options in new.values():
-                module = str(registry.factory(name).__module__)
-                by_module.setdefault(module, []).append((registry, name, options))
-            if len(by_module) > 1:
-                if any(extra_of(registry.factory(name), "compile") for registry, name, _ in new.values()):
-                    tell_compiling()
-                with suppress(ProcessDied):  # compiled here, then
-                    at_once([partial(_compile, some) for some in by_module.values()])
-            seen(new)
         made: dict[str, Any] = {}
-        for word, (registry, name, options) in sorted(parts.items()):  # optimisers first
+        for word, (registry, name, options) in parts.items():
             with suppress(Exception):  # the rows of its runs will have the error
-                part: Any = registry.make(name, **options) if is_own(registry, name) else None
-                made[word] = part
-                if registry is optimizers.registry and (part is None or not stays_inside(part)):
+                made[word] = registry.make(name, **options) if is_own(registry, name) else None
+        if fork:
+            _compile_new(parts, made)
+        for word, part in sorted(made.items()):  # optimisers first
+            with suppress(Exception):  # as above
+                of_methods = parts[word][0] is optimizers.registry
+                if of_methods and (part is None or not stays_inside(part)):
                     looks()
                 if part is None:
                     continue
                 digest_of(part)
-                if registry is optimizers.registry:
-                    if extra_of(part, "compile"):
-                        part.compile()
-                    continue
-                compile_problem(part, *(made.get(method) for method in beside[word]))
-                Evaluator(part, 1).close()  # it loads what looks through a batch
-                if extra_of(part, "merit"):
-                    part.merit(part.start)
+                if not of_methods:
+                    compile_problem(part, *(made.get(method) for method in beside[word]))
+                    _load_around(part)
+                elif extra_of(part, "compile"):
+                    part.compile()
         gate_digest()
         provenance()
         if not all(is_own(registry, name) for registry, name, _ in parts.values()):
@@ -109,12 +97,36 @@ def _needed(part: Part) -> str:
     return _word(part) if is_own(registry, name) else "" if ":" in name else name
 
 
-def _compile(parts: Sequence[Part]) -> None:
-    for registry, name, options in parts:
+def _compile_new(parts: Mapping[str, Part], made: Mapping[str, Any]) -> None:
+    """Compile whole what no process has compiled yet: each module's parts in a process of their own, which keeps it."""
+    new = [word for word in unseen(parts) if made.get(word) is not None]
+    by_module: dict[str, list[Any]] = {}
+    for word in new:
+        registry, name, _ = parts[word]
+        by_module.setdefault(str(registry.factory(name).__module__), []).append(made[word])
+    if len(by_module) > 1:
+        if any(extra_of(made[word], "compile") for word in new):
+            tell_compiling()
+            load_compiler()  # once for all of them
+        with suppress(ProcessDied):  # compiled here, then
+            at_once([partial(_compile, some) for some in by_module.values()])
+    seen(new)
+
+
+def _compile(parts: Sequence[Any]) -> None:
+    for part in parts:
         with suppress(Exception):  # the rows of its runs will have the error
-            made: Any = registry.make(name, **options)
-            if extra_of(made, "compile"):
-                made.compile()
+            if extra_of(part, "compile"):
+                part.compile()
+            if hasattr(part, "start"):
+                _load_around(part)
+
+
+def _load_around(problem: Any) -> None:
+    """Load what runs need beside the calls of a problem: what looks through a batch, and what judges the answer."""
+    Evaluator(problem, 1).close()
+    if extra_of(problem, "merit"):
+        problem.merit(problem.start)
 
 
 def is_own(registry: Registry[Any], name: str) -> bool:

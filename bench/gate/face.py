@@ -179,4 +179,6 @@ def looks() -> tuple[Any, Any]:
     from calibench.bench.gate._scan_kernels import is_outside, outside_of
     from calibench.core.compilation.compiled import exact
 
-    return exact(is_outside, 1, 2), exact(outside_of, 2, 2)
+    one, many, box = exact(is_outside, 1, 2), exact(outside_of, 2, 2), np.zeros((2, 1))
+    one(box[0], box), many(box, box)
+    return one, many

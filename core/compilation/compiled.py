@@ -39,18 +39,23 @@ def part() -> Callable[[F], F]:
 
 @cache
 def exact(kernel: Any, *dimensions: int) -> Any:
-    """Compile `kernel`, and let it take nothing but float64 arrays of these numbers of dimensions.
+    """Let `kernel` take nothing but float64 arrays of these numbers of dimensions; its first call compiles it.
 
     They must lie in C order, writable or not; `kernel` does not write to them. Anything else is a `TypeError`, and no
     new compilation: so a caller can hand over what it got, and look at it only if it is refused.
     """
     if not hasattr(kernel, "py_func"):
         return _Interpreted(kernel, dimensions)
-    import numba
 
-    # one compilation: numba hands a writable array to what takes one that is not
-    kernel.compile(tuple(numba.types.Array(numba.float64, d, "C", readonly=True) for d in dimensions))
-    kernel.disable_compile()
+    def compile_once(*_arrays: Any) -> Any:
+        import numba
+
+        # one compilation: numba hands a writable array to what takes one that is not
+        kernel.compile(tuple(numba.types.Array(numba.float64, d, "C", readonly=True) for d in dimensions))
+        kernel.disable_compile()
+        return kernel  # numba calls it with the same arguments
+
+    kernel._compile_for_args = compile_once  # numba calls it where nothing is compiled for some arguments
     return kernel
 
 
@@ -111,13 +116,13 @@ def _compiling(**more: bool) -> Callable[[F], F]:
     settings.CACHE_DIR = str(cache_folder())
     if settings.CPU_FEATURES is None and settings.CPU_NAME is None and settings.ENABLE_AVX:
         settings.CPU_FEATURES = _full_width()
-    from calibench.core.compilation.loading import close, keep
+    from calibench.core.compilation.loading import close, keep, without_literals
 
     compile_: Any = numba.njit
     decorate = compile_(error_model="numpy", no_cfunc_wrapper=True, **more)  # nobody calls it from C
 
     def compiled(function: F) -> F:
-        kept = keep(decorate(function))
+        kept = keep(without_literals(decorate(function)))
         return cast(F, close(kept) if more else kept)
 
     return compiled

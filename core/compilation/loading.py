@@ -11,6 +11,7 @@ from typing import Any, final
 from llvmlite.binding import add_symbol
 from numba.core.caching import FunctionCache
 from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
+from numba.core.types import unliteral
 
 from calibench.core.compilation.compiled import tell_compiling
 
@@ -52,6 +53,18 @@ def keep(function: Any) -> Any:
     if hasattr(function, "py_func"):  # else it is interpreted
         kept: Any = KernelCache
         function._cache = kept(function.py_func)  # what its `enable_caching` does; it offers no choice of cache
+    return function
+
+
+def without_literals(function: Any) -> Any:
+    """Let a kernel that calls `function` with a constant use what is compiled for any number of that type."""
+    if hasattr(function, "py_func"):
+        template_of = function.get_call_template
+
+        def plain(args: Any, named: Any) -> Any:
+            return template_of(tuple(map(unliteral, args)), {name: unliteral(kind) for name, kind in named.items()})
+
+        function.get_call_template = plain
     return function
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, ClassVar, Literal, final
 
 import numpy as np
@@ -250,8 +250,7 @@ REFUSED = (TypeError, ValueError)
 class ExactCalls:
     """``cost(x, packed)``, ``batch(points, packed)`` and ``batch_below(points, limits, packed, screen)``.
 
-    Each is compiled at its first call, as making a problem must not wait for the compiler, and stands ready in its
-    slot from then on: a call costs no more than the look at that slot.
+    Each is compiled at its first call, as making a problem must not wait for the compiler.
     """
 
     __slots__ = ("batch", "batch_below", "cost", "packed", "screen")
@@ -265,11 +264,8 @@ class ExactCalls:
         from calibench.problems.planar import _closed_loop_kernels as kernels
 
         self.packed, self.screen = packed, kernels.screen(packed)
-        self.cost = partial(self._first, "cost", kernels.cost, (1, 2))
-        self.batch = partial(self._first, "batch", kernels.batch, (2, 2))
-        self.batch_below = partial(self._first, "batch_below", kernels.batch_below, (2, 1, 2, 2))
-
-    def _first(self, slot: str, kernel: Any, dimensions: tuple[int, ...], *arrays: Array) -> Any:
-        ready = exact(kernel, *dimensions)
-        setattr(self, slot, ready)
-        return ready(*arrays)
+        self.cost = exact(kernels.cost, 1, 2)
+        self.batch = exact(kernels.batch, 2, 2)
+        self.batch_below = exact(kernels.batch_below, 2, 1, 2, 2)
+        for kernel in (kernels.residuals, kernels.jacobian, kernels.positions):
+            exact(kernel, 1, 2)  # with the types of `cost`, so that they share their parts
